@@ -45,6 +45,11 @@ def moment(time_s: float) -> str:
     return f"{time_s:.6g}" if abs(time_s) < 1e4 else f"{time_s:.2f}".rstrip("0").rstrip(".")
 
 
+def counted(count: int, noun: str) -> str:
+    """A number of things, in words."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
 def suggestion(word: object, valid: list[str]) -> str:
     """Suggests a close valid word ('; did you mean ...?'), or lists the valid words."""
     close = difflib.get_close_matches(str(word), valid, n=1)

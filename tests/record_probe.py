@@ -170,16 +170,17 @@ def px4_topics(one: Flight, faster: int = 1) -> dict[str, tuple[Array, dict[str,
 # ------------------------------------------------------------------------------------------ bags
 
 
-def write_bag(path: Path, one: Flight, kind: str) -> Path:
+def write_bag(path: Path, one: Flight, kind: str, packed: str = "") -> Path:
     """Writes a bag by rosbags: an Imu with header, and the commands as an array without one.
 
     Args:
         path: of a .bag, or a folder.
         one: the flight.
         kind: "ros1", "sqlite3" or "mcap".
+        packed: of ROS 2, what is compressed: "FILE", "MESSAGE", "STORAGE" or nothing.
     """
     from rosbags.rosbag1 import Writer as Writer1  # noqa: PLC0415 (an extra)
-    from rosbags.rosbag2 import StoragePlugin  # noqa: PLC0415
+    from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin  # noqa: PLC0415
     from rosbags.rosbag2 import Writer as Writer2  # noqa: PLC0415
     from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
 
@@ -192,6 +193,8 @@ def write_bag(path: Path, one: Flight, kind: str) -> Path:
     layout = types["std_msgs/msg/MultiArrayLayout"]([], 0)
     pack = store.serialize_ros1 if ros1 else store.serialize_cdr
     writer: Any = Writer1(path) if ros1 else Writer2(path, version=9, storage_plugin=StoragePlugin[kind.upper()])
+    if packed:
+        writer.set_compression(CompressionMode[packed], CompressionFormat.ZSTD)
     change = np.diff(one.velocities, axis=0, prepend=one.velocities[:1]) / one.vehicle.sample_period_s
     with writer:
         to_imu = writer.add_connection("/imu", imu.__msgtype__, typestore=store)

@@ -17,7 +17,7 @@ from massprop_drake.inputs.yaml import Document, to_yaml
 from massprop_drake.records import mapping
 from massprop_drake.records.proposal import ROWS, Proposal, propose
 from massprop_drake.records.px4 import vehicle_of
-from massprop_drake.records.recording import open_recording
+from massprop_drake.records.recording import Recording, open_recording
 from massprop_drake.results.folder import require_file, write_file
 from massprop_drake.telemetry.reader import Reader
 
@@ -55,7 +55,7 @@ def propose_map(record: str, vehicle: Vehicle, out: Path | None, how: How) -> No
         document = Document(text, "the proposed map")
         by = validated(RecordMap, document.data, document)
         understood = mapping.mapped(open_recording(record, by, ROWS), by, vehicle, document.source)
-    _shown(found, understood, how)
+    _shown(found, understood, how, recording)
     if found.lacking:
         raise InputError(*(f"{recording.source}: {one}" for one in found.lacking))
 
@@ -63,8 +63,9 @@ def propose_map(record: str, vehicle: Vehicle, out: Path | None, how: How) -> No
 def show_map(record: str, file: Path, vehicle: Vehicle, how: How) -> None:
     """Shows the first rows as the map of a file understands them."""
     by = load_map(file)
-    understood = mapping.mapped(open_recording(record, by, ROWS), by, vehicle, str(file))
-    _shown(Proposal(by.model_dump(mode="json"), [], [], []), understood, how)
+    recording = open_recording(record, by, ROWS)
+    understood = mapping.mapped(recording, by, vehicle, str(file))
+    _shown(Proposal(by.model_dump(mode="json"), [], [], []), understood, how, recording)
 
 
 def make_vehicle(
@@ -134,15 +135,18 @@ def _comment(text: str) -> list[str]:
     return [*lines, line]
 
 
-def _shown(found: Proposal, understood: mapping.Mapped | None, how: How) -> None:
-    """Prints a map's first rows, or all of it as JSON."""
+def _shown(found: Proposal, understood: mapping.Mapped | None, how: How, recording: Recording) -> None:
+    """Prints a map's first rows, or all of it as JSON, and what is to be known of the record."""
     rows = [] if understood is None else mapping.preview(understood)
-    notes = [] if understood is None else [*understood.notes, *_refusals(understood)]
+    of_rows = () if understood is None else (*understood.notes, *_refusals(understood))
+    losses = [f"{one.kind}: {one.text}" for one in recording.losses]
+    notes = list(dict.fromkeys([*losses, *recording.notes, *of_rows]))
     if how.as_json:
         said = {"reasons": found.reasons, "lacking": found.lacking, "left_out": found.left_out}
         show.as_json({"map": found.data, **said, "rows": rows, "notes": notes})
-    elif not how.quiet and understood is not None:
-        show.Terminal(120).print(_table(understood, rows))
+    elif not how.quiet:
+        if understood is not None:
+            show.Terminal(120).print(_table(understood, rows))
         for sentence in notes:
             note(f"warning: {sentence}")
 

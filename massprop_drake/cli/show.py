@@ -166,6 +166,8 @@ def estimated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
     quality = results.data_quality or {}
     title = f"{results.provenance.telemetry}: {results.vehicle}, {results.duration_s:g} s"
     _print_parameters(console, title, results, vehicle, truth=False)
+    for loss in results.completeness_detail:
+        console.say((f"{results.completeness}:", "bold yellow"), f"{'':{13 - len(results.completeness) - 1}}{loss}")
     for warning in quality["warnings"]:
         console.say(("warning:", "bold yellow"), f"     {warning}")
     console.say(_consistency(results.consistency))
@@ -461,13 +463,15 @@ def about_telemetry(found: Mapping[str, Any], whose: Vehicle | None) -> str:
     period = "" if found["period_s"] is None else f", {found['period_s']:.6g} s apart"
     parts = [f"telemetry{'' if whose is None else f' of {whose.name}'}, {found['rows']} rows{period}"]
     parts[0] += f", from {moment(found['first_s'])} to {moment(found['last_s'])} s"
-    for key, words in (("gaps", "gaps"), ("late", "rows whose time does not go on"), ("ragged", "rows cut short")):
+    for key, words in (("gaps", "gaps"), ("late", "rows whose time does not go on")):
         if found[key]:
             parts.append(f"{found[key]} {words}")
     if found["unknown"]:
         parts.append(f"columns not used: {', '.join(found['unknown'][:5])}{', ...' if found['unknown'][5:] else ''}")
     if found["absent"]:
         parts.append(f"no readings of {', '.join(found['absent'])}")
+    if found["completeness_detail"]:
+        parts.append(f"{found['completeness']}: {'; '.join(found['completeness_detail'])}")
     return "; ".join(parts)
 
 

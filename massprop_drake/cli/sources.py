@@ -35,6 +35,7 @@ from massprop_drake.results.folder import Place
 from massprop_drake.results.run import Run
 from massprop_drake.telemetry.reader import check as check_telemetry
 from massprop_drake.telemetry.reader import vehicle_scenario
+from massprop_drake.telemetry.tables import require_file
 
 _TELEMETRY = (".csv", ".tsv", ".parquet", ".pq")  # endings of telemetry files
 
@@ -145,6 +146,7 @@ class Described(NamedTuple):
 
 def checked(name: str, whose: Vehicle | None) -> Vehicle | Scenario | CampaignSpec | Described:
     """Reads a file and returns what it holds, telemetry and maps in words; raises InputError for a bad one."""
+    require_file(Path(name))
     if Path(name).suffix.lower() in _TELEMETRY:
         found = check_telemetry(Path(name), whose)
         return Described(show.about_telemetry(found, whose), found["notes"])

@@ -87,7 +87,7 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
         "unconfirmed": [unconfirmed.in_words(one) for one in results.unconfirmed],
         "untested": [f"{', '.join(one.jets)}: {one.reason}" for one in results.untested],
         "autopilot": _autopilot(run),
-        "quality": _quality(results.data_quality or {}),
+        "quality": _quality(results),
         "scenario": yaml_text(scenario),
         "replay": replay,
     }
@@ -149,9 +149,17 @@ def _verdict(run: Run) -> list[dict[str, Any]]:
         say(None, f"Suspected and not confirmed: {len(results.unconfirmed)}{jets}; see below.")
     if results.impossible:
         say(False, f"{results.impossible[0].upper()}{results.impossible[1:]}.")
-    for warning in (results.data_quality or {}).get("warnings", []):
-        say(False, warning)
+    for text in _of_the_record(results):
+        say(False, text)
     return sentences
+
+
+def _of_the_record(results: Summary) -> Iterator[str]:
+    """What the verdict says of a record: whether it is whole, and its warnings."""
+    if results.completeness_detail:
+        first, *others = results.completeness_detail
+        yield f"The record is {results.completeness}: {first}{f', and {len(others)} more' if others else ''}."
+    yield from (results.data_quality or {}).get("warnings", [])
 
 
 def _of_failures(results: Summary, units: Mapping[str, str]) -> Iterator[tuple[bool, str]]:
@@ -288,10 +296,14 @@ def _against(found: Against) -> dict[str, Any]:
     }
 
 
-def _quality(quality: Mapping[str, Any]) -> list[tuple[str, str]]:
+def _quality(results: Summary) -> list[tuple[str, str]]:
     """Formats the findings about a record as rows of heading and text; empty ones are left out."""
-    rows = []
-    for key, value in quality.items():
+    if results.data_quality is None:
+        return []
+    rows: list[tuple[str, str]] = [
+        (results.completeness, one) for one in results.completeness_detail or ("all of the record was read",)
+    ]
+    for key, value in results.data_quality.items():
         heading = key.replace("_", " ")
         if key == "warnings":  # they are in the verdict
             continue

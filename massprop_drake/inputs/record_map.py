@@ -64,6 +64,8 @@ _NAMING = {
     "heading",
     "position",
 }  # keys of columns
+_LARGEST = 1e12  # number of any meaning, whatever its unit, as of telemetry
+_FARTHEST_S = 1e10  # s, three hundred years, by which no clock is behind another
 _ROTATION_TOLERANCE = 1e-3  # of the products of a rotation's columns, as printed matrices have them
 
 
@@ -96,7 +98,11 @@ class RecordTime(Model):
     )
     fraction_unit: TimeUnit = described("ns", "its unit")
     offset_s: Real = described(
-        0.0, "added to every stamp: by so much this clock is behind that of the rows at the first of them", "s"
+        0.0,
+        "added to every stamp: by so much this clock is behind that of the rows at the first of them",
+        "s",
+        ge=-_FARTHEST_S,
+        le=_FARTHEST_S,
     )
     drift: Real = described(
         0.0, "by which this clock gains: intervals are divided by 1 + drift; 1e-5 is 10 ppm", "-", gt=-0.5, lt=0.5
@@ -165,7 +171,8 @@ class _Vector(_Sampled):
             if self.axes != ("x", "y", "z"):
                 raise ValueError("give either axes or rotation, not both")
             matrix = np.array(self.rotation)
-            if np.abs(matrix @ matrix.T - np.eye(3)).max() > _ROTATION_TOLERANCE:
+            turns = np.abs(matrix).max() <= 1.0 + _ROTATION_TOLERANCE
+            if not turns or np.abs(matrix @ matrix.T - np.eye(3)).max() > _ROTATION_TOLERANCE:
                 raise ValueError("rotation: its rows must be at right angles and of length 1")
         return self
 
@@ -303,13 +310,22 @@ class CommandMap(_Sampled):
         "1", "1: a number between `off` and `on`; of time, such as ms: how long the jet is on"
     )
     off: Real = described(
-        0.0, "value that means closed; beyond one that is not 0, as of pulse widths, a jet is closed, too"
+        0.0,
+        "value that means closed; beyond one that is not 0, as of pulse widths, a jet is closed, too",
+        ge=-_LARGEST,
+        le=_LARGEST,
     )
     on: Real | None = described(
-        None, "value that means open all the time; null: 1, of an on-time the vehicle's sample period"
+        None,
+        "value that means open all the time; null: 1, of an on-time the vehicle's sample period",
+        ge=-_LARGEST,
+        le=_LARGEST,
     )
     threshold: Real | None = described(
-        None, "share of the way from `off` to `on` from which a jet counts as open, below it as closed; null: a share"
+        None,
+        "share of the way from `off` to `on` from which a jet counts as open, below it as closed; null: a share",
+        gt=0.0,
+        le=1.0,
     )
     acts: Literal["from_row", "until_row"] = described(
         "from_row", "until_row: a row's command was in force until the row, since the row before"
@@ -381,7 +397,7 @@ class RecordMap(Model):
     known_torque: ForceMap | None = described(None, "its torque about the vehicle origin")
     csv: CsvForm = described(CsvForm(), "of a text file")
     cut_off: Literal["refuse", "accept"] = described(
-        "refuse", "what to do with a ULog that ends within a message, as after a loss of power"
+        "accept", "what to do with a record that is cut off or damaged; accept: it is read as far as it is valid"
     )
 
     @model_validator(mode="after")

@@ -1,16 +1,20 @@
-"""Bags of ROS 1 and ROS 2, SQLite or MCAP, through rosbags."""
+"""Bags of ROS 1 and ROS 2: their messages, whose types rosbags knows, as columns."""
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from tempfile import TemporaryDirectory
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.errors import InputError
+from massprop_drake.errors import InputError, counted
 from massprop_drake.inputs.record_map import RecordMap
 from massprop_drake.records.recording import (
     MOST_ELEMENTS,
@@ -22,6 +26,8 @@ from massprop_drake.records.recording import (
     needs,
     spread,
 )
+from massprop_drake.records.storage import Channel, Message, Storage, unpack_file, zstd
+from massprop_drake.telemetry.tables import Loss
 
 _NANO = 1e-9
 _HEAVY = (
@@ -34,7 +40,7 @@ _HEAVY = (
     "Marker",
     "MarkerArray",
 )
-# what reading a damaged file ends in, beside the library's own errors
+# what reading a damaged message ends in, beside the library's own errors
 _DAMAGED = (
     struct.error,
     ArithmeticError,
@@ -49,13 +55,17 @@ _DAMAGED = (
     ValueError,
 )
 _DEEPEST = 6  # levels of messages in messages
+_METADATA = "metadata.yaml"
+_PACKED = (".zst", ".zstd")
+_LEAST_NS = 1000  # by which a record ends before the recorder's last message, ns; doubles round to a quarter of it
 
 
 def read(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
     """Reads a bag; a field of a message is a column, `angular_velocity.x`, an element of an array `data[0]`.
 
     Stamps are those of the messages' headers, or where there are none those at which they were recorded. They count
-    from the bag's first message: a double has no room for nanoseconds since 1970.
+    from the bag's first message: a double has no room for nanoseconds since 1970. Topics that cannot be read are named
+    in the notes, unless the map names them.
 
     Args:
         path: of a .bag, .mcap or .db3 file, or the folder of a ROS 2 bag.
@@ -63,43 +73,258 @@ def read(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
         rows: so many messages at the most of each topic.
 
     Raises:
-        InputError: when rosbags is not installed, or the bag cannot be read.
+        InputError: when rosbags is not installed, the file is no bag, or a topic of the map cannot be read.
     """
     try:
-        import apsw  # noqa: PLC0415 (of rosbags)
-        from rosbags.highlevel import AnyReader, AnyReaderError  # noqa: PLC0415 (an extra)
-        from rosbags.rosbag1 import ReaderError as Reader1Error  # noqa: PLC0415
-        from rosbags.rosbag2 import ReaderError as Reader2Error  # noqa: PLC0415
-        from rosbags.serde import SerdeError  # noqa: PLC0415
-        from rosbags.typesys import Stores, TypesysError, get_typestore  # noqa: PLC0415
+        types = _Types()
     except ImportError:
         raise needs(path, "rosbags", "rosbag", "a bag") from None
-    own = (AnyReaderError, Reader1Error, Reader2Error, SerdeError, TypesysError, apsw.Error)
-    try:
-        with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
-            types = {one.topic: one.msgtype for one in reader.connections}
-            if by is None:
-                chosen = [one for one in reader.connections if one.msgtype.rpartition("/")[2] not in _HEAVY]
-            else:
-                chosen = [one for one in reader.connections if one.topic in by.topics]
-            gathered: dict[str, _Gathered] = {}
-            for connection, stamp, raw in reader.messages(chosen) if chosen else ():
-                topic = gathered.setdefault(connection.topic, _Gathered())
-                if rows is None or len(topic.stamps) < rows:
-                    topic.add(stamp, reader.deserialize(raw, connection.msgtype))
-            origin = reader.start_time
-    except (*own, *_DAMAGED) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{path}: not a bag that can be read whole: {_words(error)}{_remedy(path)}") from None
-    for name in () if by is None else sorted(by.topics - set(types)):
-        raise missing_topic(str(path), name, list(types))
-    if by is not None:  # those without a message, too, or it would be said that there is no such topic
-        gathered |= {name: _Gathered() for name in by.topics & set(types) - set(gathered)}
-    topics = {name: found.topic(f"{path}, {name}", origin) for name, found in gathered.items()}
-    notes = (f"{path}: times count from the bag's first message, {origin * _NANO:.3f} s of its clock",)
+    bag = _Bag(path)
+    gathered: dict[str, _Gathered] = {}
+    named: dict[str, str] = {}  # type of each topic
+
+    def is_wanted(channel: Channel) -> bool:
+        if by is not None:
+            return channel.topic in by.topics
+        return channel.msgtype.rpartition("/")[2] not in _HEAVY
+
+    for message in bag.messages(is_wanted):
+        channel = message.channel
+        named.setdefault(channel.topic, channel.msgtype)
+        if is_wanted(channel):
+            topic = gathered.setdefault(channel.topic, _Gathered())
+            if rows is None or topic.seen < rows:
+                topic.add(message, types)
+    named = {one.topic: one.msgtype for one in bag.channels} | named
+    if by is not None:
+        for name in sorted(by.topics - set(named)):
+            raise missing_topic(str(path), name, list(named), bag.losses)
+        gathered |= {name: _Gathered() for name in by.topics - set(gathered)}  # it is there, without a message
+    losses, notes = [*bag.losses, *bag.differences()], list(bag.notes)
+    for name, found in gathered.items():
+        if found.unread and not found.fields:
+            if by is not None:
+                raise InputError(f"{path}: topic {name}, of type {named[name]}, cannot be read: {found.reason}")
+            notes.append(f"{path}: topic {name}, of type {named[name]}, is left out: {found.reason}")
+        elif found.unread:
+            left_out = f"{counted(found.unread, 'message')} of {name} cannot be read, and left out: {found.reason}"
+            losses.append(Loss("damaged", f"{path}: {left_out}"))
+    origin = bag.first_ns
+    topics = {name: found.topic(f"{path}, {name}", origin) for name, found in gathered.items() if found.readable}
+    if origin is not None:
+        notes.append(f"{path}: times count from the bag's first message, {origin * _NANO:.3f} s of its clock")
     kind = "ros1" if path.suffix.lower() == ".bag" else "ros2"
-    return Recording(str(path), kind, topics, notes=notes, sha256=digest(path), types=types)
+    return Recording(
+        str(path), kind, topics, notes=tuple(notes), sha256=digest(path), types=named, losses=tuple(losses)
+    )
+
+
+class _Stated(NamedTuple):
+    """What the recorder wrote of a bag in its metadata.
+
+    Attributes:
+        files: names of its files, in order; empty: it says nothing.
+        counts: messages by topic, of the whole bag.
+        by_file: messages of each file by its name.
+        end_ns: time of the last message, ns; None: not known.
+        packs: each message is compressed by zstd.
+    """
+
+    files: tuple[str, ...] = ()
+    counts: Mapping[str, int] = MappingProxyType({})
+    by_file: Mapping[str, int] = MappingProxyType({})
+    end_ns: int | None = None
+    packs: bool = False
+
+    @staticmethod
+    def of(folder: Path) -> _Stated:
+        """Reads the metadata beside the files of a bag; raises ValueError where it is damaged."""
+        from ruamel.yaml import YAML  # noqa: PLC0415
+        from ruamel.yaml.error import YAMLError  # noqa: PLC0415
+
+        try:
+            text = (folder / _METADATA).read_text(encoding="utf-8")
+        except OSError:
+            return _Stated()
+        try:
+            about = YAML(typ="safe").load(text)["rosbag2_bagfile_information"]
+            counts = {one["topic_metadata"]["name"]: one["message_count"] for one in about["topics_with_message_count"]}
+            by_file = {Path(one["path"]).name: one["message_count"] for one in about.get("files") or []}
+            end_ns = about["starting_time"]["nanoseconds_since_epoch"] + about["duration"]["nanoseconds"]
+            files = tuple(Path(one).name for one in about["relative_file_paths"])
+            packs = str(about.get("compression_mode") or "").lower() == "message"
+            return _Stated(files, counts, by_file, int(end_ns), packs)
+        except (YAMLError, *_DAMAGED) as error:
+            raise ValueError(_words(error)) from None
+
+
+class _Bag:
+    """The storage files of a bag, and what is lost of them.
+
+    Attributes:
+        channels: all that its files have.
+        losses: what could not be read; whole once all messages have been.
+        notes: what is to be known besides.
+        first_ns, last_ns: times of its first and last message, ns; None: it has none.
+    """
+
+    def __init__(self, path: Path):
+        self._path = path
+        self.channels: list[Channel] = []
+        self.losses: list[Loss] = []
+        self.notes: list[str] = []
+        self.first_ns: int | None = None
+        self.last_ns: int | None = None
+        self._read: Counter[str] = Counter()
+        self._counts: Counter[str] = Counter()  # by the files themselves
+        folder = path if path.is_dir() else path.parent
+        self._stated, self._files = _Stated(), [path]
+        if path.suffix.lower() == ".bag" and not path.is_dir():
+            return
+        try:
+            self._stated = _Stated.of(folder)
+        except ValueError as error:
+            self.losses.append(Loss("damaged", f"{folder / _METADATA}: cannot be read: {error}"))
+        if path.is_dir():
+            self._files = self._of_the_folder()
+
+    def _of_the_folder(self) -> list[Path]:
+        """The files of a folder, as its metadata name them, or else all that are there."""
+        there = sorted(one for one in self._path.iterdir() if _ending(one) in (".db3", ".mcap"))
+        if not self._stated.files:
+            if not self.losses:
+                self.losses.append(
+                    Loss("truncated", f"{self._path}: has no {_METADATA}: the recorder did not finish it")
+                )
+            return there
+        for name in self._stated.files:
+            if not (self._path / name).is_file():
+                what = f", of {counted(self._stated.by_file[name], 'message')}" if name in self._stated.by_file else ""
+                self.losses.append(Loss("damaged", f"{self._path / name}: is not there{what}"))
+        for one in there:
+            if one.name not in self._stated.files:
+                self.notes.append(f"{one}: is not read: {_METADATA} does not name it")
+        found = [self._path / name for name in self._stated.files if (self._path / name).is_file()]
+        if not found:
+            raise InputError(f"{self._path}: none of the files that its {_METADATA} names is there")
+        return found
+
+    def messages(self, wanted: Callable[[Channel], bool]) -> Iterator[Message]:
+        """Yields the messages of all files, those of topics that are not wanted without data."""
+        with ExitStack() as stack:
+            for path in self._files:
+                file = path
+                if path.suffix.lower() in _PACKED:
+                    file = Path(stack.enter_context(TemporaryDirectory(prefix="massprop-")), path.stem)
+                    lost = unpack_file(path, file)
+                    self.losses += [lost] if lost is not None else []
+                storage = Storage(file, str(path))
+                try:
+                    for message in storage.messages(wanted):
+                        self._read[message.channel.topic] += 1
+                        stamp = message.stamp_ns
+                        self.first_ns = stamp if self.first_ns is None else min(self.first_ns, stamp)
+                        self.last_ns = stamp if self.last_ns is None else max(self.last_ns, stamp)
+                        yield self._unpacked(message) if self._stated.packs and message.data else message
+                except InputError as error:
+                    if len(self._files) == 1:
+                        raise
+                    self.losses.append(Loss("damaged", str(error)))
+                self.channels += storage.channels.values()
+                self.losses += storage.losses
+                self._counts += storage.stated
+
+    @staticmethod
+    def _unpacked(message: Message) -> Message:
+        """The message itself, of which the bag compressed each; what is damaged stays as it is, and is no message."""
+        try:
+            return message._replace(data=zstd().decompress(message.data))
+        except (zstd().ZstdError, EOFError):
+            return message
+
+    def differences(self) -> Iterator[Loss]:
+        """Compares the messages that were read with those that the recorder counted."""
+        stated, who = self._stated.counts, str(self._path / _METADATA)
+        if not (stated and self._path.is_dir()):
+            stated, who = self._counts, f"{self._path}: its recorder"
+            yield from self._difference_of_one()
+        less = {name: count for name, count in stated.items() if self._read[name] < count}
+        if less:
+            early = self._stated.end_ns is not None and (self.last_ns or 0) < self._stated.end_ns - _LEAST_NS
+            each = ", ".join(f"{name} {self._read[name]} of {count}" for name, count in less.items())
+            said = f"{who} counted {sum(stated.values())} messages, {self._read.total()} were read: {each}"
+            yield Loss("truncated" if early else "damaged", said)
+        for name, count in stated.items():
+            if self._read[name] > count:
+                self.notes.append(f"{who} counted {count} messages of {name}, {self._read[name]} were read")
+
+    def _difference_of_one(self) -> Iterator[Loss]:
+        """Compares the messages of a file that was named without its folder with what the metadata beside it say."""
+        total, read = self._stated.by_file.get(self._path.name), self._read.total()
+        if total is not None and read < total and not self._path.is_dir():
+            metadata = self._path.parent / _METADATA
+            yield Loss("truncated", f"{metadata} counted {total} messages in {self._path.name}, {read} were read")
+
+
+def _ending(path: Path) -> str:
+    """The ending of a file, that of its content where it is compressed."""
+    return Path(path.stem).suffix.lower() if path.suffix.lower() in _PACKED else path.suffix.lower()
+
+
+class _Types:
+    """The types of messages, each with the definition that its bag has, or else as ROS 2 has it."""
+
+    def __init__(self) -> None:
+        from rosbags.serde import SerdeError  # noqa: PLC0415 (an extra)
+        from rosbags.typesys import Stores, TypesysError, get_typestore  # noqa: PLC0415
+
+        self._errors = (SerdeError, TypesysError, *_DAMAGED)
+        self._empty: Callable[[], Any] = lambda: get_typestore(Stores.EMPTY)
+        self._usual: Any = get_typestore(Stores.LATEST)
+        self._by_channel: dict[Channel, Callable[[bytes], Any] | str] = {}
+
+    def message(self, channel: Channel, data: bytes) -> Any:
+        """A message; raises ValueError, which says why, where it cannot be read."""
+        if channel not in self._by_channel:
+            try:
+                self._by_channel[channel] = self._reader(channel)
+            except self._errors as error:
+                self._by_channel[channel] = _words(error)
+        found = self._by_channel[channel]
+        if isinstance(found, str):
+            raise ValueError(found)
+        try:
+            return found(data)
+        except self._errors as error:
+            raise ValueError(_words(error)) from None
+
+    def _reader(self, channel: Channel) -> Callable[[bytes], Any]:
+        from rosbags.typesys import get_types_from_idl, get_types_from_msg  # noqa: PLC0415 (an extra)
+
+        if channel.encoding not in ("cdr", "ros1"):
+            raise ValueError(f"its messages are written as {channel.encoding!r}, and cdr and ros1 are known")
+        name, store = channel.msgtype, self._usual
+        if channel.definition:
+            store = self._empty()
+            if channel.language in ("ros2msg", "ros1msg"):
+                store.register(get_types_from_msg(channel.definition, name))
+            else:
+                for part in _idl(channel.definition):
+                    store.register(get_types_from_idl(part))
+        elif name not in store.fielddefs:
+            raise ValueError("its type is not defined in the bag, and none of ROS 2's own")
+        elif channel.digest.startswith("RIHS01") and store.hash_rihs01(name) != channel.digest:
+            raise ValueError("its type is not defined in the bag, and another one than ROS 2 has by this name")
+        read = store.deserialize_ros1 if channel.encoding == "ros1" else store.deserialize_cdr
+        return lambda data: read(data, name)
+
+
+def _idl(definition: str) -> list[str]:
+    """The parts of a definition in IDL."""
+    rule = "=" * 80 + "\n"
+    if not definition.startswith(f"{rule}IDL: "):
+        return [definition]
+    return [part.partition("\n")[2] for part in definition.split(rule)[1:]]
 
 
 class _Gathered:
@@ -109,24 +334,44 @@ class _Gathered:
         self.stamps: list[int] = []
         self.own: list[int] = []  # of the headers
         self.fields: list[dict[str, Any]] = []
+        self.unread, self.reason = 0, ""  # messages that cannot be read, and why the first cannot
 
-    def add(self, stamp: int, message: Any) -> None:
-        """Takes in a message, and the time at which it was recorded, ns."""
-        self.stamps.append(stamp)
+    @property
+    def seen(self) -> int:
+        """Number of messages, those that cannot be read among them."""
+        return len(self.stamps) + self.unread
+
+    @property
+    def readable(self) -> bool:
+        """Whether there are messages that can be read, or none at all."""
+        return bool(self.stamps) or not self.unread
+
+    def add(self, recorded: Message, types: _Types) -> None:
+        """Takes in a message."""
+        try:
+            message = types.message(recorded.channel, recorded.data)
+        except ValueError as error:
+            self.unread, self.reason = self.unread + 1, self.reason or str(error)
+            return
+        self.stamps.append(recorded.stamp_ns)
         header = getattr(message, "header", None)
         if header is not None and hasattr(header, "stamp"):
             self.own.append(header.stamp.sec * 1_000_000_000 + header.stamp.nanosec)
         self.fields.append(dict(_flat(message)))
 
-    def topic(self, source: str, origin: int) -> Topic:
-        """The columns."""
+    def topic(self, source: str, origin: int | None) -> Topic:
+        """The columns, in the order in which messages were recorded."""
+        order = np.argsort(self.stamps, kind="stable")
+        if (np.diff(order) < 0).any():
+            self.stamps, self.fields = [self.stamps[one] for one in order], [self.fields[one] for one in order]
+            self.own = [self.own[one] for one in order] if len(self.own) == len(order) else self.own
         headed = len(self.own) == len(self.stamps) and any(self.own)
         stamps: NDArray[np.int64] = np.array(self.own if headed else self.stamps, dtype=np.int64)
         names = dict.fromkeys(name for fields in self.fields for name in fields)
         columns: dict[str, Column] = {}
         for name in names:
             columns |= _column(name, [fields.get(name) for fields in self.fields])
-        return Topic(source, columns, np.multiply(stamps - origin, _NANO))
+        return Topic(source, columns, np.multiply(stamps - (origin or 0), _NANO))
 
 
 def _flat(message: Any, before: str = "", depth: int = 0) -> Iterator[tuple[str, Any]]:
@@ -160,8 +405,3 @@ def _column(name: str, values: list[Any]) -> dict[str, Column]:
 def _words(error: BaseException) -> str:
     text = str(error.args[0]) if error.args else ""
     return ((text or type(error).__name__).splitlines() or [""])[0].rstrip(".")
-
-
-def _remedy(path: Path) -> str:
-    remedies = {".bag": "; `rosbag reindex` mends one that was cut off", ".mcap": "; `mcap recover` mends such a file"}
-    return remedies.get(path.suffix.lower(), "")

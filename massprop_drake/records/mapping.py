@@ -32,7 +32,7 @@ from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.records.recording import Recording, Topic
 from massprop_drake.signals import AXES
 from massprop_drake.telemetry.reader import JITTER, WRENCH
-from massprop_drake.telemetry.tables import Block, Ragged
+from massprop_drake.telemetry.tables import LARGEST, Block, Loss, Ragged, require_meaningful
 
 Array = NDArray[np.float64]
 Places = NDArray[np.int64]
@@ -222,6 +222,11 @@ class _Mapping:
         if places.size < logged.size:
             self.notes.append(f"{topic.source}: {logged.size - places.size} rows left out that have no time")
         found = logged[places]
+        if (wild := np.abs(found) > LARGEST).any():
+            at = int(np.argmax(wild))
+            raise InputError(
+                f"{topic.where(int(places[at]))}: its time, {found[at]:g} s, is too large to mean anything"
+            )
         backward = np.flatnonzero(np.diff(found) < -_SAME_S)
         if backward.size:
             at = int(backward[0])
@@ -607,6 +612,7 @@ class MappedTable:
         place: what rows are counted in.
         ragged: rows that were left out.
         notes: what is to be known, a sentence each.
+        losses: what could not be read of the record.
     """
 
     def __init__(self, header: list[str], values: Array, lines: Places, record: Mapped, notes: list[str]):
@@ -615,6 +621,7 @@ class MappedTable:
         self._values, self._lines, self._recording = values, lines, record.recording
         self.place = record.recording.topic(record.by.topic_of(record.by.sensors[record.by.row_sensor])).place
         self.ragged: Ragged = record.recording.ragged
+        self.losses: Sequence[Loss] = record.recording.losses
         self._read = 0
 
     @property
@@ -627,7 +634,9 @@ class MappedTable:
         for start in range(0, len(self._lines), 1024):
             part = slice(start, start + 1024)
             self._read = min(start + 1024, len(self._lines))
-            yield Block(self._lines[part], self._values[part][:, wanted])
+            block = Block(self._lines[part], self._values[part][:, wanted])
+            require_meaningful(block, [self.header[column] for column in wanted], self.source, self.place)
+            yield block
 
     def sha256(self) -> str:
         """SHA-256 of the file, hexadecimal."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import zlib
 from collections import Counter
 from collections.abc import Iterator
@@ -10,9 +11,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from massprop_drake.errors import InputError
+from massprop_drake.errors import InputError, counted
 from massprop_drake.inputs.record_map import RecordMap
-from massprop_drake.records.recording import MOST_ELEMENTS, Column, Recording, Topic, digest, needs
+from massprop_drake.records.recording import MOST_ELEMENTS, Column, Recording, Topic, digest, needs, plainly
+from massprop_drake.telemetry.tables import Loss
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _HEADER, _MATRIX, _COMPRESSED = 128, 14, 15  # length of the header, and types of variables, to version 7
@@ -25,6 +27,7 @@ _DAMAGED = (
     NotImplementedError,
     EOFError,
     MemoryError,
+    RuntimeError,
     NameError,  # a slip of scipy's own, on damaged texts
 )
 _SIGNATURE_AT = (0, 512)  # a .mat file of version 7.3 has a header of its own before it
@@ -43,62 +46,89 @@ def read(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
             start = file.read(520)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    losses: list[Loss] = []
     hdf = any(start[at:].startswith(_SIGNATURE) for at in _SIGNATURE_AT)
-    content = _hdf(path) if hdf else _classic(path)
-    topics, notes = {}, []
+    if not hdf and start.startswith(b"MATLAB 7.3"):
+        raise InputError(f"{path}: not a .mat file that can be read: it is cut off")
+    content = _hdf(path, losses) if hdf else _classic(path, losses)
+    topics, left_out = {}, []
     for name, variables in _by_topic(content).items():
-        columns, left_out = _columns(variables, rows)
+        columns, others = _columns(variables, rows)
         if columns:
             topics[name] = Topic(f"{path}{f', {name}' if name else ''}", columns)
-        if left_out:
-            shown = f"{', '.join(left_out[:5])}{', ...' if left_out[5:] else ''}"
-            notes.append(f"{topics[name].source if name in topics else path}: not of its length: {shown}")
-    if by is not None:
-        notes = []  # what a map does not name is not wanted
-    return Recording(str(path), "mat", topics, notes=tuple(notes), sha256=digest(path))
+        left_out += [f"{name}.{other}" if name else other for other in others]
+    if not topics:
+        reasons = f": {', '.join(left_out)}" if left_out else ""
+        raise InputError(*(one.text for one in losses), f"{path}: has no variable that gives columns{reasons}")
+    # of a map all that it does not name is not wanted
+    notes = (f"{path}: left out: {', '.join(left_out)}",) if left_out and by is None else ()
+    return Recording(str(path), "mat", topics, notes=notes, sha256=digest(path), losses=tuple(losses))
 
 
-def _classic(path: Path) -> dict[str, Any]:
+def _classic(path: Path, losses: list[Loss]) -> dict[str, Any]:
+    """The variables of a file up to version 7, each by itself, so that damaged ones can be left out."""
     from scipy.io import loadmat  # noqa: PLC0415 (slow to load)
     from scipy.io.matlab import MatReadError  # noqa: PLC0415
 
-    _require_whole(path)
-    try:
-        found = loadmat(path, simplify_cells=True)
-    except (MatReadError, zlib.error, *_DAMAGED) as error:
-        raise InputError(f"{path}: not a .mat file that can be read: {_first_line(error)}") from None
+    found: dict[str, Any] = {}
+    for begin, part in _variables(path, losses):
+        try:
+            found |= loadmat(io.BytesIO(part), simplify_cells=True)
+        except (MatReadError, zlib.error, *_DAMAGED) as error:
+            if not begin:
+                raise InputError(f"{path}: not a .mat file that can be read: {_first_line(error)}") from None
+            what = f"the variable that begins at byte {begin} is damaged, and left out"
+            losses.append(Loss("damaged", f"{path}: {what}: {_first_line(error)}"))
     return {name: value for name, value in found.items() if not name.startswith("__")}
 
 
-def _require_whole(path: Path) -> None:
-    """Walks the variables of a file of versions 5 to 7: scipy's compiled reader is not safe from damaged lengths.
+def _variables(path: Path, losses: list[Loss]) -> Iterator[tuple[int, bytes]]:
+    """Files of one variable each, with its place in the whole; of version 4, which has no lengths, the whole file at 0.
 
-    Raises:
-        InputError: when a variable does not end within the file, or is none.
+    scipy's compiled reader is not safe from damaged lengths, so that no variable reaches it that is not whole.
     """
     content = path.read_bytes()
     if not content.startswith(b"MATLAB 5"):
-        return  # version 4 has no such header, and what is no .mat file is told by the reader
+        yield 0, content  # what is no .mat file is told by the reader
+        return
     order: Literal["little", "big"] = "big" if content[126:128] == b"MI" else "little"
     place = _HEADER
     while place < len(content):
         tag = content[place : place + 8]
         kind, size = int.from_bytes(tag[:4], order), int.from_bytes(tag[4:], order)
-        place += len(tag) + size
-        if len(tag) < 8 or kind not in (_MATRIX, _COMPRESSED) or place > len(content):
-            raise InputError(f"{path}: not a .mat file that can be read: it is damaged or cut off")
+        end = place + 8 + size
+        if len(tag) == 8 and kind not in (_MATRIX, _COMPRESSED):
+            losses.append(Loss("damaged", f"{path}: is damaged from byte {place} on, and not read further"))
+            return
+        if end > len(content):
+            short = counted(end - len(content), "byte")
+            losses.append(Loss("truncated", f"{path}: is cut off: it ends within a variable, {short} short"))
+            return
+        yield place, content[:_HEADER] + content[place:end]
+        place = end
+    if len(content) <= _HEADER:
+        losses.append(Loss("truncated", f"{path}: is cut off: it has no variable"))
 
 
-def _hdf(path: Path) -> dict[str, Any]:
+def _hdf(path: Path, losses: list[Loss]) -> dict[str, Any]:
     try:
         import h5py  # noqa: PLC0415 (an extra)
     except ImportError:
         raise needs(path, "h5py", "mat", "a .mat file of version 7.3") from None
+    found = {}
     try:
         with h5py.File(path, "r") as file:
-            return {name: _of_hdf(h5py, file, item) for name, item in file.items() if not name.startswith("#")}
-    except (OSError, ValueError, RuntimeError, KeyError, MemoryError, TypeError) as error:
-        raise InputError(f"{path}: not a .mat file that can be read: {_first_line(error)}") from None
+            for name in [one for one in file if not one.startswith("#")]:
+                try:
+                    found[name] = _of_hdf(h5py, file, file[name])
+                except _DAMAGED as error:
+                    losses.append(Loss("damaged", f"{path}: {name} is damaged, and left out: {_first_line(error)}"))
+    except _DAMAGED as error:
+        reason = _first_line(error)
+        if "truncated file" in reason:
+            reason = "it is cut off, and HDF5 gives nothing of such a file"
+        raise InputError(f"{path}: not a .mat file that can be read: {reason}") from None
+    return found
 
 
 def _of_hdf(h5py: Any, file: Any, item: Any) -> Any:
@@ -121,14 +151,28 @@ def _of_hdf(h5py: Any, file: Any, item: Any) -> Any:
 
 
 def _by_topic(content: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """Variables at the top, of topic "", and those of each structure."""
+    """Variables at the top, of topic "", and those of each structure, or array of structures of a row each."""
     topics: dict[str, dict[str, Any]] = {"": {}}
     for name, value in content.items():
         if isinstance(value, dict):
             topics[name] = dict(_flat(value))
+        elif (rows := _structures(value)) is not None:
+            topics[name] = {key: np.array([row[key] for row in rows]) for key in rows[0]}
         else:
             topics[""][name] = value
     return topics
+
+
+def _structures(value: Any) -> list[dict[str, Any]] | None:
+    """The structures of an array of them, whose fields are single numbers; None where it is another one."""
+    rows = list(value.ravel()) if isinstance(value, np.ndarray) else value if isinstance(value, list) else []
+    if not rows or not all(isinstance(row, dict) and row.keys() == rows[0].keys() for row in rows):
+        return None
+    return rows if all(np.ndim(one) == 0 and _is_numeric(one) for row in rows for one in row.values()) else None
+
+
+def _is_numeric(value: Any) -> bool:
+    return np.asarray(value).dtype.kind in "biuf"
 
 
 def _flat(fields: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
@@ -140,28 +184,56 @@ def _flat(fields: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any]]
 
 
 def _columns(variables: dict[str, Any], rows: int | None) -> tuple[dict[str, Column], list[str]]:
-    """The columns of the commonest length, and the names of what has another."""
-    arrays = {name: _tall(np.asarray(value)) for name, value in variables.items() if not isinstance(value, str)}
-    lengths = Counter(len(one) for one in arrays.values() if one.ndim and len(one) > 1)
-    if not lengths:
-        return {}, []
-    length = max(lengths, key=lambda one: (lengths[one], one))
-    arrays = {name: value if value.ndim < 2 or len(value) == length else value.T for name, value in arrays.items()}
+    """The columns of the commonest length, and what is left out, with the reason: all but single values and text."""
+    arrays = {name: _tall(_as_array(value)) for name, value in variables.items() if not isinstance(value, str)}
+    lengths = Counter(len(one) for one in arrays.values() if one.ndim and len(one) > 1 and _is_table(one))
+    length = max(lengths, key=lambda one: (lengths[one], one), default=0)
     columns: dict[str, Column] = {}
+    left_out = []
     for name, value in arrays.items():
-        if not value.ndim or len(value) != length or value.ndim > 2:
+        tall = value.T if value.ndim == 2 and len(value) != length else value
+        if not value.ndim and value.dtype != object:
             continue
-        if value.ndim == 2:
-            if value.shape[1] <= MOST_ELEMENTS:
-                columns |= {f"{name}[{index}]": value[:rows, index] for index in range(value.shape[1])}
-        elif value.dtype == object:
-            columns[name] = np.array([_cell(one) for one in value[:rows]], dtype=object)
-        elif value.dtype.kind in "biuf":
-            columns[name] = value[:rows]
-        elif value.dtype.kind == "U":
-            columns[name] = value[:rows].astype(object)
-    left_out = [name for name, value in arrays.items() if value.ndim and len(value) > 1 and len(value) != length]
+        if not _is_table(value):
+            left_out.append(f"{name} ({_kind(value)})")
+        elif len(tall) != length or tall.ndim > 2:
+            shape = " x ".join(map(str, value.shape))
+            left_out += [f"{name} (of {shape} values)"] if value.size > 1 else []
+        elif tall.ndim == 2 and tall.shape[1] > MOST_ELEMENTS:
+            left_out.append(f"{name} (of more than {MOST_ELEMENTS} columns)")
+        elif tall.ndim == 2:
+            columns |= {f"{name}[{index}]": tall[:rows, index] for index in range(tall.shape[1])}
+        elif tall.dtype == object:
+            columns[name] = _cells(tall[:rows])
+        else:
+            columns[name] = tall[:rows] if tall.dtype.kind in "biuf" else tall[:rows].astype(object)
     return columns, left_out
+
+
+def _as_array(value: Any) -> Any:
+    """A variable as an array; one of objects where its parts have unlike shapes."""
+    try:
+        return np.asarray(value)
+    except ValueError:
+        found = np.empty(len(value), dtype=object)
+        found[:] = list(value)
+        return found
+
+
+def _is_table(value: Any) -> bool:
+    """Whether an array has numbers, text, or cells with either."""
+    if value.dtype != object:
+        return value.dtype.kind in "biufU"
+    return value.ndim == 1 and all(_as_array(one).dtype.kind in "biufU" for one in value)
+
+
+def _kind(value: Any) -> str:
+    """The reason for which an array gives no columns."""
+    if value.dtype == object and any(isinstance(one, dict) for one in value.ravel()):
+        return "structures"
+    if value.dtype == object and value.ndim:
+        return "cells in cells" if value.ndim == 1 else "cells in rows and columns"
+    return "complex numbers" if value.dtype.kind == "c" else "objects"
 
 
 def _tall(value: Any) -> Any:
@@ -169,11 +241,12 @@ def _tall(value: Any) -> Any:
     return value.squeeze() if value.ndim > 1 and 1 in value.shape else value
 
 
-def _cell(value: Any) -> str:
-    """A cell as text: names as they are, arrays of numbers with blanks between them."""
-    if isinstance(value, str):
-        return value
-    return " ".join(f"{one:g}" for one in np.asarray(value, dtype=float).ravel())
+def _cells(values: Any) -> Column:
+    """A column of cells: numbers if each has one, else text, arrays of numbers with blanks between them."""
+    cells = [np.ravel(one) for one in values]
+    if all(one.size == 1 and _is_numeric(one) for one in cells):
+        return np.array([float(one[0]) for one in cells])
+    return np.array([" ".join(map(plainly, one)) for one in cells], object)
 
 
 def _first_line(error: Exception) -> str:

@@ -19,12 +19,23 @@ from massprop_drake.errors import InputError, require_text, suggestion
 from massprop_drake.inputs.record_map import CsvForm, RecordMap
 from massprop_drake.inputs.units import parsed
 from massprop_drake.inputs.yaml import exists
-from massprop_drake.telemetry.tables import MISSING, Ragged, require_regular
+from massprop_drake.telemetry.tables import (
+    MISSING,
+    Ending,
+    Loss,
+    Ragged,
+    open_parquet,
+    parquet_batches,
+    require_file,
+    require_regular,
+    text_lines,
+)
 
 Array = NDArray[np.float64]
 Column = NDArray[Any]
 
 MOST_ELEMENTS = 64  # of an array that become columns: an image has more, a vehicle's jets fewer
+_MOST_COLUMNS = 4096  # of a table for which a map can be proposed: a budget of seconds
 _LOOKED_AT = 100  # lines of text by which its form is told
 _LOOKED_ACROSS = 200  # cells of such a line that are looked at
 _CHUNK = 4096  # rows of text that are turned into numbers at once
@@ -133,6 +144,7 @@ class Recording:
         types: of a bag's topics, by name.
         ragged: rows of a text file that were left out.
         form: how a text file is written.
+        losses: what could not be read.
     """
 
     source: str
@@ -144,11 +156,12 @@ class Recording:
     types: Mapping[str, str] = field(default_factory=dict)
     ragged: Ragged = field(default_factory=Ragged)
     form: CsvForm = field(default_factory=CsvForm)
+    losses: tuple[Loss, ...] = ()
 
     def topic(self, name: str) -> Topic:
         """A topic; raises InputError where there is none of that name."""
         if name not in self.topics:
-            raise missing_topic(self.source, name, list(self.topics))
+            raise missing_topic(self.source, name, list(self.topics), self.losses)
         return self.topics[name]
 
 
@@ -213,15 +226,21 @@ def open_recording(path: str | Path, by: RecordMap | None = None, rows: int | No
     if not exists(path):
         raise InputError(f"{path}: no such file")
     ending = path.suffix.lower()
-    if path.is_dir() and not (path / "metadata.yaml").is_file():
-        raise InputError(f"{path}: is a folder, and no ROS 2 bag, which has a metadata.yaml")
+    if path.is_dir() and not _has_a_bag(path):
+        raise InputError(f"{path}: is a folder, and no ROS 2 bag, which has files .db3 or .mcap")
     reader = _READERS.get("" if path.is_dir() else ending)
     if reader is None:
         known = ", ".join(sorted(one for one in _READERS if one))
         raise InputError(f"{path}: '{ending}' is no ending of a record that is known; known are {known}")
+    require_file(path)
     found = reader(path, by, rows)
+    if by is not None and by.cut_off == "refuse" and found.losses:
+        raise InputError(*(f"{one.text}; the map has `cut_off: refuse`" for one in found.losses))
     if not any(topic.rows for topic in found.topics.values()):
-        raise InputError(f"{path}: is empty: it has no row of data")
+        nothing = "has no row of data"
+        if found.losses:
+            raise InputError(*(f"{one.text}; it {nothing} that can be read" for one in found.losses))
+        raise InputError(f"{path}: is empty: it {nothing}")
     return found
 
 
@@ -231,9 +250,11 @@ def require_table(path: str | Path) -> None:
     Raises:
         InputError: for a file of another program's, which says what it is and, where it is damaged, how.
     """
-    kind = _FOREIGN.get(Path(path).suffix.lower())
-    if kind is None or not exists(Path(path)):
+    path = Path(path)
+    kind = "a ROS bag" if _has_a_bag(path) else _FOREIGN.get(path.suffix.lower())
+    if kind is None or not exists(path):
         return
+    require_file(path)
     try:
         open_recording(path, None, 1)
     except InputError as error:
@@ -241,14 +262,23 @@ def require_table(path: str | Path) -> None:
     raise InputError(f"{path}: is {kind}, and needs a map (--map) of what is in it; 'massprop map' proposes one")
 
 
-def missing_topic(source: str, name: str, known: list[str]) -> InputError:
-    """The error for a topic that a recording does not have."""
+def _has_a_bag(path: Path) -> bool:
+    """Whether a path is a folder with the files of a bag of ROS 2."""
+    try:
+        return path.is_dir() and any({".db3", ".mcap"} & set(one.suffixes) for one in path.iterdir())
+    except (OSError, ValueError):
+        return False
+
+
+def missing_topic(source: str, name: str, known: list[str], losses: Sequence[Loss] = ()) -> InputError:
+    """The error for a topic that a recording does not have, or lost."""
     if not name:
         shown = ", ".join(known[:10]) + (", ..." if known[10:] else "")
         return InputError(f"{source}: has topics, and the map names none: give `topic`, one of {shown}")
     if known == [""]:
         return InputError(f"{source}: is a table without topics, and the map names topic '{name}'")
-    return InputError(f"{source}: no topic '{name}'{suggestion(name, known)}")
+    lost = f"; besides, {losses[0].text}" if losses else ""
+    return InputError(f"{source}: no topic '{name}'{suggestion(name, known)}{lost}")
 
 
 def needs(path: Path, package: str, extra: str, what: str) -> InputError:
@@ -272,10 +302,11 @@ def digest(path: Path) -> str:
 
 def _csv(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
     as_text = set() if by is None or by.commands.listed is None else {by.commands.listed.column}
+    losses: list[Loss] = []
     try:
         form, units = _form_of(path) if by is None else (by.csv, [])
         with path.open(encoding="utf-8-sig", newline="") as file:
-            numbered = _plain_lines(file, form)
+            numbered = _plain_lines(file, form, losses)
             where = _Where()
             lined = where.watched(numbered)
             named = next(lined, "")
@@ -285,7 +316,10 @@ def _csv(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
                 header[0] = marked
             cells = csv.reader(lined, delimiter=form.separator, strict=True)
             _require_names(header, form, f"{path}, line {where.line}")
-            wanted = [name for name in header if name and (by is None or name in by.columns)]
+            if by is None:
+                _require_few(path, header)
+            read = set(header) if by is None else by.columns
+            wanted = [name for name in header if name and name in read]
             columns, lines, ragged = _gathered(cells, header, wanted, (form, as_text, rows, where))
     except UnicodeDecodeError:
         raise InputError(f"{path}: not a text file in UTF-8; expected a table of separated values") from None
@@ -294,10 +328,34 @@ def _csv(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     require_regular(ragged, str(path), len(lines), len(header))
-    unread = tuple(name for name in header if name and name not in wanted)
-    named_units = dict(zip(header, map(unit_in, units), strict=False))
-    topic = Topic(str(path), columns, None, "line", lines, unread, named_units)
-    return Recording(str(path), "table", {"": topic}, sha256=digest(path), ragged=ragged, form=form)
+    topic = Topic(
+        str(path),
+        columns,
+        None,
+        "line",
+        lines,
+        _besides(header, wanted),
+        dict(zip(header, map(unit_in, units), strict=False)),
+    )
+    losses += ragged.losses(str(path))
+    return Recording(
+        str(path), "table", {"": topic}, sha256=digest(path), ragged=ragged, form=form, losses=tuple(losses)
+    )
+
+
+def _besides(every: Sequence[str], wanted: Sequence[str]) -> tuple[str, ...]:
+    """The named columns that are not wanted."""
+    known = set(wanted)
+    return tuple(name for name in every if name and name not in known)
+
+
+def _require_few(path: Path, names: Sequence[str]) -> None:
+    """Requires that a table has no more columns than a map can be proposed for."""
+    if len(names) > _MOST_COLUMNS:
+        raise InputError(
+            f"{path}: has {len(names)} columns, and a map is proposed for at most {_MOST_COLUMNS}; write the map "
+            "(docs/records.md), of which the columns it names are read, or keep those of sensors and jets"
+        )
 
 
 _SEPARATORS = (",", ";", "\t", " ")  # the likelier first; a blank is any run of blanks and tabs
@@ -380,30 +438,35 @@ def unit_in(text: str) -> str:
 
 
 class _Where:
-    """The line that is being read."""
+    """The line that is being read.
+
+    Attributes:
+        line: its number.
+        unended: whether it has no end, as the last of a file may.
+    """
 
     def __init__(self) -> None:
         self.line = 0
+        self.unended = False
 
     def watched(self, numbered: Iterator[tuple[int, str]]) -> Iterator[str]:
         for self.line, text in numbered:
+            self.unended = text[-1] not in "\r\n"
             yield text
 
 
-def _plain_lines(file: Any, form: CsvForm) -> Iterator[tuple[int, str]]:
+def _plain_lines(file: Any, form: CsvForm, losses: list[Loss]) -> Iterator[tuple[int, str]]:
     """The lines of names and rows, with their numbers.
 
     The names are in the first line that is no comment, or, where that is a row already, in the first comment.
     """
     seen, commented = 0, None
-    for number, line in enumerate(file, 1):
+    for number, line in text_lines(file, file.name, losses):
         if number <= form.skip or not line.strip():
             continue
         if form.comment and line.startswith(form.comment):
             commented = commented or (number, line)
             continue
-        if "\0" in line:
-            raise InputError(f"{file.name}, line {number}: holds a NUL byte; expected text in UTF-8")
         seen += 1
         if seen == 1 and commented and any(map(_is_value, _cells(line, form.separator))):
             yield commented
@@ -422,7 +485,7 @@ def _require_names(header: list[str], form: CsvForm, where: str) -> None:
             )
     if all(_is_number(name) for name in header if name):
         raise InputError(f"{where}: has numbers; expected a line of column names")
-    twice = next((name for name in header if name and header.count(name) > 1), None)
+    twice = next((name for name, count in Counter(header).items() if name and count > 1), None)
     if twice is not None:
         raise InputError(f"{where}: column '{twice}' appears twice; keep one of them")
 
@@ -435,22 +498,36 @@ def _gathered(
 ) -> tuple[dict[str, Column], NDArray[np.int64], Ragged]:
     """The wanted columns, the line of each row, and the rows that have another number of cells."""
     form, as_text, most, where = how
-    places = [header.index(name) for name in wanted]
+    place_of = {name: place for place, name in reversed(list(enumerate(header)))}
+    places = [place_of[name] for name in wanted]
     pieces: list[list[Column]] = [[] for _ in wanted]
     held: list[list[str]] = [[] for _ in wanted]
     lines: list[int] = []
-    ragged = Ragged()
+    ragged, ending = Ragged(), Ending()
 
     def settle() -> None:
         for name, piece, column in zip(wanted, pieces, held, strict=True):
             piece.append(_as_numbers(column, form.decimal) if name not in as_text else np.array(column, dtype=object))
             column.clear()
 
-    for row in cells:
-        ragged.last_incomplete = len(row) != len(header)
-        if ragged.last_incomplete:
+    def numeric() -> bool:
+        """Whether the last column, of names that are wanted, has numbers so far."""
+        if header[-1] not in wanted or header[-1] in as_text:
+            return False
+        above = held[wanted.index(header[-1])]
+        return above != [] and all(_is_number(one.replace(form.decimal, ".")) for one in above)
+
+    for row in _whole(cells, where):
+        cut = (
+            where.unended
+            and len(row) == len(header)
+            and ending.is_cut(row[-1].replace(form.decimal, "."), number=numeric())
+        )
+        ragged.last_incomplete = cut or len(row) < len(header)
+        if cut or len(row) != len(header):
             ragged.add(where.line)
             continue
+        ending.saw(row[-1])
         for place, column in zip(places, held, strict=True):
             column.append(row[place])
         lines.append(where.line)
@@ -460,6 +537,16 @@ def _gathered(
             break
     settle()
     return {name: _joined(piece) for name, piece in zip(wanted, pieces, strict=True)}, np.array(lines, np.int64), ragged
+
+
+def _whole(cells: Iterator[list[str]], where: _Where) -> Iterator[list[str]]:
+    """The cells of each row; one that ends within quotes, with the file, has none."""
+    try:
+        yield from cells
+    except csv.Error:
+        if not where.unended:
+            raise
+        yield []
 
 
 def _as_numbers(cells: list[str], decimal: str) -> Column:
@@ -484,32 +571,35 @@ def _joined(pieces: Sequence[Column]) -> Column:
 
 
 def _parquet(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
+    pyarrow, file = open_parquet(path)
+    every = names = file.schema_arrow.names
+    if by is None:
+        _require_few(path, every)
+    else:
+        read = {name.partition("[")[0] for name in by.columns} | by.columns
+        names = [name for name in names if name in read]
+    losses: list[Loss] = []
+    places: list[NDArray[np.int64]] = []
+    batches = []
+    for first, batch in parquet_batches(file, names, _CHUNK, str(path), losses):
+        batches.append(batch)
+        places.append(np.arange(first + 1, first + 1 + batch.num_rows))
+        if rows is not None and sum(map(len, places)) >= rows:
+            break
     try:
-        import pyarrow  # noqa: PLC0415 (an extra, and slow to load)
-        from pyarrow import parquet  # noqa: PLC0415
-    except ImportError:
-        raise needs(path, "pyarrow", "parquet", "Parquet") from None
-    try:
-        file = parquet.ParquetFile(path)
-        every = names = file.schema_arrow.names
-        if by is not None:
-            names = [
-                name for name in names if name in by.columns or any(one.startswith(f"{name}[") for one in by.columns)
-            ]
-        table = file.read(columns=names)
-        if rows is not None:
-            table = table.slice(0, rows)
+        schema = file.schema_arrow
+        table = pyarrow.Table.from_batches(batches, pyarrow.schema([schema.field(name) for name in names]))
+        table = table.slice(0, rows)
         columns: dict[str, Column] = {}
         for name in names:
             columns |= _arrow_column(pyarrow, name, table.column(name))
         notes = _from_the_first(columns)
     except (OSError, ValueError, pyarrow.ArrowException) as error:
-        if isinstance(error, InputError):
-            raise
-        first = (str(error).splitlines() or [type(error).__name__])[0]
-        raise InputError(f"{path}: not a Parquet file that can be read: {first}") from None
-    topic = Topic(str(path), columns, unread=tuple(name for name in every if name not in names))
-    return Recording(str(path), "table", {"": topic}, notes=notes, sha256=digest(path))
+        first_line = (str(error).splitlines() or [type(error).__name__])[0]
+        raise InputError(f"{path}: not a Parquet file that can be read: {first_line}") from None
+    lines = np.concatenate([*places, np.empty(0, np.int64)])[: table.num_rows]
+    topic = Topic(str(path), columns, lines=lines, unread=_besides(every, names))
+    return Recording(str(path), "table", {"": topic}, notes=notes, sha256=digest(path), losses=tuple(losses))
 
 
 def _from_the_first(columns: dict[str, Column]) -> tuple[str, ...]:
@@ -548,16 +638,16 @@ def spread(name: str, values: Sequence[Sequence[Any] | None]) -> dict[str, Colum
     longest = max(map(len, lists), default=0)
     found: dict[str, Column] = {}
     if any(len(one) != longest for one in lists) or not longest:
-        found[name] = np.array([" ".join(map(_plainly, one)) for one in lists], dtype=object)
+        found[name] = np.array([" ".join(map(plainly, one)) for one in lists], dtype=object)
     if longest <= MOST_ELEMENTS and not any(isinstance(item, str) for one in lists for item in one):
         for index in range(longest):
             found[f"{name}[{index}]"] = np.array([one[index] if index < len(one) else np.nan for one in lists], float)
     elif name not in found and longest <= MOST_ELEMENTS:
-        found[name] = np.array([" ".join(map(_plainly, one)) for one in lists], dtype=object)
+        found[name] = np.array([" ".join(map(plainly, one)) for one in lists], dtype=object)
     return found
 
 
-def _plainly(item: Any) -> str:
+def plainly(item: Any) -> str:
     """An item of a list as it is compared with names: whole numbers without a point."""
     if isinstance(item, (float, np.floating)) and float(item).is_integer():
         return str(int(item))

@@ -5,17 +5,20 @@ from __future__ import annotations
 import contextlib
 import io
 import struct
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from massprop_drake.errors import InputError
+from massprop_drake.errors import InputError, counted
 from massprop_drake.inputs.record_map import RecordMap
 from massprop_drake.records.recording import Column, Recording, Topic, digest, missing_topic, needs
+from massprop_drake.telemetry.tables import Loss
 
 _MAGIC, _HEADER = b"ULog\x01\x12\x35", 16  # first bytes, and length of the file's header
 _DAMAGED = (ValueError, KeyError, IndexError, TypeError, OverflowError, MemoryError, RecursionError, OSError)
+_LONGEST = 10_000  # bytes of a message; pyulog takes a longer one for damaged
 _MESSAGE = struct.Struct("<HB")  # size and type before each message
 
 
@@ -28,7 +31,7 @@ def read(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
         rows: so many at the most of each topic.
 
     Raises:
-        InputError: when pyulog is not installed, or the file is no ULog, or ends within a message.
+        InputError: when pyulog is not installed, or the file is no ULog.
     """
     try:
         from pyulog import ULog  # noqa: PLC0415 (an extra)
@@ -36,11 +39,6 @@ def read(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
     except ImportError:
         raise needs(path, "pyulog", "ulog", "ULog") from None
     cut = _cut_off(path)
-    if cut and (by is None or by.cut_off == "refuse"):
-        raise InputError(
-            f"{path}: is cut off: it ends within a message, {cut} bytes short; get the whole file, or take what is "
-            "there with `cut_off: accept` in the map"
-        )
     wanted = None if by is None else sorted({name.partition("/")[0] for name in by.topics})
     said = io.StringIO()  # pyulog prints what it thinks of the file
     try:
@@ -66,25 +64,30 @@ def read(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
         "ulog",
         topics,
         {name: float(value) for name, value in parameters.items() if isinstance(value, (int, float))},
-        tuple(_notes(path, log, cut)),
-        digest(path),
+        sha256=digest(path),
+        losses=tuple(_losses(path, log, cut)),
     )
 
 
-def _notes(path: Path, log: Any, cut: int) -> list[str]:
-    notes = []
-    if cut:
-        notes.append(f"{path} is cut off within a message, the last one left out")
+def _losses(path: Path, log: Any, cut: tuple[int, int]) -> Iterator[Loss]:
+    """The parts of a log that are missing, given where its last message begins and how much that lacks, bytes."""
+    place, lacking = cut
     if log.file_corruption:
-        notes.append(f"{path} is damaged in places, which are left out")
+        yield Loss("damaged", f"{path}: is damaged in places, which are left out")
+    elif lacking > _LONGEST:
+        yield Loss("damaged", f"{path}: is damaged from byte {place} on, and not read further")
+    elif lacking:
+        short = counted(lacking, "byte")
+        yield Loss("truncated", f"{path}: is cut off: it ends within a message, {short} short, which is left out")
     if log.dropouts:
         total = sum(one.duration for one in log.dropouts)
-        notes.append(f"{path}: the logger dropped data {len(log.dropouts)} times, {total} ms in all")
-    return notes
+        yield Loss(
+            "damaged", f"{path}: the logger dropped data {counted(len(log.dropouts), 'time')}, {total} ms in all"
+        )
 
 
-def _cut_off(path: Path) -> int:
-    """By how many bytes a file ends too early for its last message; 0: it is whole.
+def _cut_off(path: Path) -> tuple[int, int]:
+    """Where a file's last message begins, and by how many bytes the file ends too early for it; 0: it is whole.
 
     Raises:
         InputError: when it does not begin as a ULog does.
@@ -97,10 +100,9 @@ def _cut_off(path: Path) -> int:
         raise InputError(f"{path}: is empty: it has no row of data")
     if not content.startswith(_MAGIC) or len(content) < _HEADER:
         raise InputError(f"{path}: not a ULog: it does not begin as one")
-    place, size = _HEADER, len(content)
+    begin, place, size = 0, _HEADER, len(content)
     while place < size:
-        if place + _MESSAGE.size > size:
-            return place + _MESSAGE.size - size
-        length, _ = _MESSAGE.unpack_from(content, place)
-        place += _MESSAGE.size + length
-    return place - size
+        begin, place = place, place + _MESSAGE.size
+        if place <= size:
+            place += _MESSAGE.unpack_from(content, begin)[0]
+    return begin, place - size

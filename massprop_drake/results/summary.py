@@ -30,6 +30,7 @@ from massprop_drake.results.parts import Ended, Parts
 from massprop_drake.results.spool import Spool, blocks
 from massprop_drake.results.unconfirmed import UnconfirmedRecord, UntestedRecord
 from massprop_drake.signals import SYMBOLS
+from massprop_drake.telemetry.tables import Completeness, Loss, completeness
 
 Array = NDArray[np.float64]
 
@@ -171,6 +172,8 @@ class Summary:
         against: a record beside a simulation of its commands; None: there is none.
         ended: where and why the run ended before its scenario or record does; None: it did not.
         missing: parts that could not be made, each with the reason.
+        completeness: of a record; a simulated run is complete.
+        completeness_detail: what could not be read of it, and how much, a sentence each.
     """
 
     version: str
@@ -199,6 +202,8 @@ class Summary:
     against: Against | None = None
     ended: Ended | None = None
     missing: tuple[str, ...] = ()
+    completeness: Completeness = "complete"
+    completeness_detail: tuple[str, ...] = ()
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -247,6 +252,8 @@ class Summary:
             "units": self.units,
             "seed": self.seed,
             "duration_s": self.duration_s,
+            "completeness": self.completeness,
+            "completeness_detail": list(self.completeness_detail),
             "estimates": by_name(self.estimates),
             "standard_deviations": by_name(self.standard_deviations),
             "covariance": null_for_nan(self.covariance),
@@ -331,6 +338,8 @@ class Summary:
             against=read.against,
             ended=read.ended,
             missing=read.missing,
+            completeness=read.completeness,
+            completeness_detail=read.completeness_detail,
         )
 
 
@@ -406,6 +415,8 @@ class SummaryFile(_Stored):
     against: Annotated[Against, _known_to(Against)] | None = None
     ended: Annotated[Ended, _known_to(Ended)] | None = None
     missing: tuple[Text, ...] = ()
+    completeness: Completeness = "complete"
+    completeness_detail: tuple[Text, ...] = ()
 
     @field_validator("data_quality")
     @classmethod
@@ -546,6 +557,7 @@ def composed(
     telemetry_sha256: str | None = None,
     data_quality: Mapping[str, Any] | None = None,
     injected: tuple[InjectedRecord, ...] | None = None,
+    losses: Sequence[Loss] = (),
 ) -> Summary:
     """Makes a summary from its parts, and adds what follows from them.
 
@@ -561,6 +573,7 @@ def composed(
         consistency, autopilot, timing: taken as they are.
         telemetry, telemetry_sha256, data_quality: of a record, its name, its digest and what it is worth.
         injected: of a simulated run, what became of its failures and jumps.
+        losses: what could not be read of a record.
     """
     vehicle = scenario.vehicle_data
     known = params.known_parameters(scenario)
@@ -598,6 +611,8 @@ def composed(
         events=found.events,
         unconfirmed=found.unconfirmed,
         untested=found.untested,
+        completeness=completeness(losses),
+        completeness_detail=tuple(one.text for one in losses),
     )
 
 

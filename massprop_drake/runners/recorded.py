@@ -323,6 +323,7 @@ class _Estimation:
             telemetry="standard input" if str(telemetry) == "-" else Path(telemetry).name,
             telemetry_sha256=parts.make("digest of the record", reader.sha256, None),
             data_quality=quality,
+            losses=reader.losses,
         )
 
     def _judged_quality(self, reader: Reader, failed_s: float) -> dict[str, Any]:

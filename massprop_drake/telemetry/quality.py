@@ -690,7 +690,7 @@ class QualityReport:
 
     def _about_rows(self, quality: dict[str, Any]) -> list[str]:
         found = []
-        gaps, ragged = quality["gaps"], quality["ragged"]
+        gaps = quality["gaps"]
         if gaps["count"]:
             first = gaps["first"][0]
             found.append(
@@ -712,10 +712,6 @@ class QualityReport:
             found.append(f"{_times(late, 'row')} left out whose time does not go on")
         if quality["without_time"]:
             found.append(f"{_times(quality['without_time'], 'row')} left out that have no time")
-        if ragged["count"]:
-            only_last = ragged["last_row_incomplete"] and ragged["count"] == 1
-            what = "the last row is incomplete" if only_last else f"the first in line {ragged['first_line']}"
-            found.append(f"{_times(ragged['count'], 'row')} left out with a wrong number of cells, {what}")
         for name, meant in quality["unknown_columns"].items():
             if meant is not None:
                 found.append(f"column '{name}' is not used; is '{meant}' meant?")

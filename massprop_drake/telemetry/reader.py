@@ -11,7 +11,7 @@ import difflib
 import math
 import re
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
@@ -23,7 +23,7 @@ from massprop_drake.inputs.scenario import Scenario, filter_of, resolved, set_fi
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.signals import AXES
 from massprop_drake.telemetry.command_scales import doubt_about, hint_about
-from massprop_drake.telemetry.tables import Block, CsvTable, Table, open_table
+from massprop_drake.telemetry.tables import Block, CsvTable, Loss, Table, completeness, open_table
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -268,6 +268,11 @@ class Reader:
         """How many rows had the wrong number of cells, the line of the first, and whether the last was cut off."""
         found = self._table.ragged
         return found.count, found.first_line, found.last_incomplete
+
+    @property
+    def losses(self) -> Sequence[Loss]:
+        """What could not be read of the record; all of it once it has been read."""
+        return self._table.losses
 
     def sha256(self) -> str:
         """SHA-256 of the record, hexadecimal; valid once it has been read."""
@@ -594,7 +599,8 @@ def check(path: Path, vehicle: Vehicle | None = None, gyro: str | None = None) -
 
     Returns:
         rows, first_s, last_s, period_s, gaps, jitter, late (rows left out because time did not go on),
-        ragged, unknown columns, absent packages, notes (what may be meant otherwise, a sentence each).
+        unknown columns, absent packages, notes (what may be meant otherwise, a sentence each), completeness,
+        completeness_detail (what could not be read, a sentence each).
 
     Raises:
         InputError: when the record cannot be used.
@@ -613,10 +619,11 @@ def check(path: Path, vehicle: Vehicle | None = None, gyro: str | None = None) -
         "gaps": record.gaps,
         "jitter": record.jitter,
         "late": record.duplicates + record.backward,
-        "ragged": reader.ragged[0],
         "unknown": list(record.unknown),
         "absent": record.absent,
         "notes": record.notes,
+        "completeness": completeness(reader.losses),
+        "completeness_detail": [one.text for one in reader.losses],
     }
 
 
@@ -626,8 +633,8 @@ def _check_structure(path: Path) -> dict[str, Any]:
         if "time_s" not in table.header:
             hint = _meant("time_s", table.header)
             raise InputError(f"{path}: no column time_s{hint}; telemetry has the time of each row, in seconds")
-        names = [name for name in table.header if name]
-        wanted = [table.header.index(name) for name in ("time_s", *(name for name in names if name != "time_s"))]
+        time = table.header.index("time_s")
+        wanted = [time, *(place for place, name in enumerate(table.header) if name and place != time)]
         parts = []
         for block in table.blocks(wanted):
             parts.append(block.values[:, 0])
@@ -650,8 +657,9 @@ def _check_structure(path: Path) -> dict[str, Any]:
         "gaps": int(gaps.sum()),
         "jitter": int((off[~gaps] > _EXACT * (period or 0.0)).sum()),
         "late": int((steps <= 0.0).sum()),
-        "ragged": table.ragged.count,
         "unknown": [],
         "absent": [],
         "notes": [],
+        "completeness": completeness(table.losses),
+        "completeness_detail": [one.text for one in table.losses],
     }

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import hashlib
 import io
 import math
 import os
 import re
+import stat
 from array import array
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain
 from operator import itemgetter
 from pathlib import Path
-from typing import IO, Any, NamedTuple, Protocol
+from typing import IO, Any, Literal, NamedTuple, Protocol, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.errors import InputError, require_text
+from massprop_drake.errors import InputError, counted, require_text
 
 Array = NDArray[np.float64]
 
@@ -26,6 +28,7 @@ MISSING = {"", "nan", "null", "n/a", "na", "-"}  # cells that say that there is 
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _LONGEST_LINE = 1_000_000  # characters; a row of a thousand columns has some 20 000
 LARGEST = 1e12  # number of any meaning, whatever its unit
+_PARQUET = b"PAR1"  # first and last bytes
 _FEW_RAGGED, _RAGGED_SHARE = 10, 0.01  # rows of a wrong length that a file may have: so many, or this share
 
 
@@ -41,24 +44,128 @@ class Block(NamedTuple):
     values: Array
 
 
+Completeness = Literal["complete", "truncated", "damaged"]
+
+
+class Loss(NamedTuple):
+    """Part of a record that could not be read.
+
+    Attributes:
+        kind: "truncated", its end is missing; "damaged", something else is.
+        text: what is missing, and how much of it where that is known.
+    """
+
+    kind: Literal["truncated", "damaged"]
+    text: str
+
+
+def completeness(losses: Iterable[Loss]) -> Completeness:
+    """Completeness of a record, by the gravest of its losses."""
+    kinds = {one.kind for one in losses}
+    if "damaged" in kinds:
+        return "damaged"
+    return "truncated" if kinds else "complete"
+
+
 class Ragged:
     """Counts the rows left out because their number of cells is wrong.
 
     Attributes:
         count: of all.
         first_line: of the first; 0: none.
-        last_incomplete: whether the last row of the file was one.
+        last_line: of the last; likewise.
+        last_incomplete: whether the last row of the file was one, and had too few.
     """
 
     def __init__(self) -> None:
         self.count = 0
-        self.first_line = 0
+        self.first_line = self.last_line = 0
         self.last_incomplete = False
 
     def add(self, line: int) -> None:
         """Counts a row, given its line."""
-        self.first_line = self.first_line or line
+        self.first_line, self.last_line = self.first_line or line, line
         self.count += 1
+
+    def losses(self, source: str) -> list[Loss]:
+        """The rows that are lost of a table, given what to call it."""
+        found, before = [], self.count - self.last_incomplete
+        if before:
+            what = f"{counted(before, 'row')} left out with a wrong number of cells"
+            found.append(Loss("damaged", f"{source}: {what}, the first in line {self.first_line}"))
+        if self.last_incomplete:
+            found.append(Loss("truncated", f"{source}: is cut off within line {self.last_line}, which is left out"))
+        return found
+
+
+class Ending:
+    """Tells whether the last line of a text file was cut off: what ends without an end of line may be.
+
+    A last cell is held for cut where it is shorter than every other one of its column, or no number while the column
+    has numbers.
+    """
+
+    def __init__(self) -> None:
+        self._shortest = _LONGEST_LINE
+
+    def saw(self, cell: str) -> None:
+        """Takes in the last cell of a whole row."""
+        self._shortest = min(self._shortest, len(cell))
+
+    def is_cut(self, cell: str, *, number: bool) -> bool:
+        """Whether the last cell of a line without an end is cut off.
+
+        Args:
+            cell: as it stands.
+            number: whether its column has numbers.
+        """
+        text = cell.strip()
+        broken = number and text.lower() not in MISSING and not _NUMBER.fullmatch(text)
+        return broken or 0 < len(cell) < self._shortest
+
+
+def text_lines(text: TextIO, source: str, losses: list[Loss]) -> Iterator[tuple[int, str]]:
+    """Yields the lines of a text file with their numbers; zeros at its end, as a loss of power leaves them, are lost.
+
+    Args:
+        text: the file.
+        source: what to call it in messages.
+        losses: takes in what is lost.
+
+    Raises:
+        InputError: for what is no text in UTF-8, or longer than a row of telemetry can be.
+    """
+    number = 0
+    while True:
+        number += 1
+        try:
+            line = text.readline(_LONGEST_LINE)
+            if "\0" in line:
+                head = line[: line.index("\0")]
+                if number == 1 or not _are_zeros(line[len(head) :], text):
+                    raise InputError(f"{source}, line {number}: holds a NUL byte; expected text in UTF-8")
+                losses.append(Loss("truncated", f"{source}: has nothing but zeros from line {number} on"))
+                line = head
+        except UnicodeDecodeError:
+            raise InputError(
+                f"{source}: not a text file in UTF-8 from line {number} on; expected a table of separated values"
+            ) from None
+        except OSError as error:
+            raise InputError(_unreadable(source, error)) from None
+        if not line:
+            return
+        if len(line) >= _LONGEST_LINE:
+            raise InputError(f"{source}, line {number}: is longer than a row of telemetry can be")
+        yield number, line
+
+
+def _are_zeros(begin: str, text: TextIO) -> bool:
+    """Whether a text and all that follows in a file are zeros."""
+    while begin:
+        if begin.strip("\0"):
+            return False
+        begin = text.read(1 << 16)
+    return True
 
 
 class Table(Protocol):
@@ -75,6 +182,10 @@ class Table(Protocol):
     header: list[str]
     place: str
     ragged: Ragged
+
+    @property
+    def losses(self) -> Sequence[Loss]:
+        """What could not be read; all of it once the table has been read."""
 
     @property
     def notes(self) -> Sequence[str]:
@@ -104,6 +215,7 @@ def open_table(path: Path, *, rows_per_block: int = 1024) -> Table:
     require_text(str(path))
     if path.is_dir():
         raise InputError(f"{path}: is a folder; name a telemetry file, such as telemetry.csv")
+    require_file(path)
     try:
         if path.suffix.lower() in (".parquet", ".pq"):
             return ParquetTable(path, rows_per_block)
@@ -115,6 +227,21 @@ def open_table(path: Path, *, rows_per_block: int = 1024) -> Table:
     except BaseException:
         binary.close()
         raise
+
+
+def require_file(path: Path) -> None:
+    """Requires that what is at a path is a file or a folder: a pipe may never begin, and a device never end.
+
+    Raises:
+        InputError: when it is there, and neither.
+    """
+    try:
+        kind = path.stat().st_mode
+    except (OSError, ValueError):  # told when it is opened
+        return
+    if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
+        what = "a pipe" if stat.S_ISFIFO(kind) else "a socket" if stat.S_ISSOCK(kind) else "a device"
+        raise InputError(f"{path}: is {what}, not a file; rows of telemetry are read from standard input, as '-'")
 
 
 def _unreadable(path: object, error: Exception) -> str:
@@ -171,6 +298,8 @@ class CsvTable:
         self._watched = _Watched(binary)
         self._suspicious = False  # whether the last line may hold what `float` takes, but a cell must not
         self._line = 0
+        self._unended = False  # whether the last line has no end
+        self._zeros: list[Loss] = []
         self.ragged = Ragged()
         self._text = self._lines()
         self.header = self._read_header()
@@ -179,6 +308,11 @@ class CsvTable:
     def done(self) -> float:
         """The fraction of the file read so far."""
         return self._watched.count / self._size if self._size else 0.0
+
+    @property
+    def losses(self) -> Sequence[Loss]:
+        """What could not be read so far."""
+        return [*self._zeros, *self.ragged.losses(self.source)]
 
     def sha256(self) -> str:
         """SHA-256 of the bytes read so far, hexadecimal."""
@@ -190,24 +324,10 @@ class CsvTable:
 
     def _lines(self) -> Iterator[str]:
         text = io.TextIOWrapper(io.BufferedReader(self._watched, 1 << 16), encoding="utf-8-sig", newline="")
-        while True:
-            try:
-                line = text.readline(_LONGEST_LINE)
-            except UnicodeDecodeError:
-                raise InputError(
-                    f"{self.source}: not a text file in UTF-8 from line {self._line + 1} on; "
-                    "expected comma-separated values"
-                ) from None
-            except OSError as error:
-                raise InputError(_unreadable(self.source, error)) from None
-            if not line:
-                return
-            self._line += 1
-            if "\0" in line:
-                raise InputError(f"{self.source}, line {self._line}: holds a NUL byte; expected text in UTF-8")
-            if len(line) >= _LONGEST_LINE:
-                raise InputError(f"{self.source}, line {self._line}: is longer than a row of telemetry can be")
+        for number, line in text_lines(text, self.source, self._zeros):
+            self._line = number
             self._suspicious = "_" in line
+            self._unended = line[-1] not in "\r\n"
             yield line
 
     def _rows(self) -> Iterator[list[str]]:
@@ -221,7 +341,9 @@ class CsvTable:
                     cells = line.rstrip("\r\n")
                     yield cells.split(",") if cells else []
         except csv.Error as error:
-            raise InputError(f"{self.source}, line {self._line}: not comma-separated values: {error}") from None
+            if not self._unended:
+                raise InputError(f"{self.source}, line {self._line}: not comma-separated values: {error}") from None
+            yield [""] * (len(self.header) - 1)  # it ends within quotes
 
     def _read_header(self) -> list[str]:
         row = next((row for row in self._rows() if row), None)
@@ -245,7 +367,8 @@ class CsvTable:
             InputError: when a cell is neither a number nor missing, or too many rows have a wrong length.
         """
         width = len(self.header)
-        pick = _picker(wanted, width)
+        pick, ending = _picker(wanted, width), Ending()
+        numeric = width - 1 in wanted
         lines: list[int] = []
         values = array("d")
         good, pending = 0, 0  # rows taken; line of a ragged row that may be the last
@@ -254,11 +377,13 @@ class CsvTable:
                 continue
             if pending:
                 self.ragged.add(pending)
+                self.ragged.last_incomplete = False
                 self._require_regular(good)
                 pending = 0
-            if len(row) != width:
-                pending = self._line
+            if len(row) != width or (self._unended and ending.is_cut(row[-1], number=numeric)):
+                pending, self.ragged.last_incomplete = self._line, len(row) <= width
                 continue
+            ending.saw(row[-1])
             cells = pick(row)
             try:
                 values.extend(map(float, self._strictly(cells, wanted) if self._suspicious else cells))
@@ -274,7 +399,6 @@ class CsvTable:
             yield self._block(lines, values, wanted)
         if pending:
             self.ragged.add(pending)
-            self.ragged.last_incomplete = True
         self._require_regular(good, at_end=True)
 
     def _strictly(self, cells: Sequence[str], wanted: list[int]) -> list[float]:
@@ -296,7 +420,7 @@ class CsvTable:
 
     def _block(self, lines: list[int], values: array[float], wanted: list[int]) -> Block:
         block = Block(np.array(lines), np.frombuffer(values).reshape(len(lines), len(wanted)))
-        _require_finite(block, [self.header[column] for column in wanted], self.source, self.place)
+        require_meaningful(block, [self.header[column] for column in wanted], self.source, self.place)
         return block
 
     def _require_regular(self, good: int, *, at_end: bool = False) -> None:
@@ -342,7 +466,15 @@ def _infinite(where: str, column: str) -> str:
     return f"{where}, column {column}: is infinite; leave the cell empty where there is no value"
 
 
-def _require_finite(block: Block, columns: list[str], source: str, place: str) -> None:
+def require_meaningful(block: Block, columns: Sequence[str], source: str, place: str) -> None:
+    """Requires that all values of a block are finite and of some meaning; raises InputError with the place of another.
+
+    Args:
+        block: of a table.
+        columns: names of its columns.
+        source: what to call the table in messages.
+        place: what its rows are counted in.
+    """
     wrong = np.abs(block.values) > LARGEST  # NaN is not
     if wrong.any():
         row, column = np.argwhere(wrong)[0]
@@ -371,26 +503,15 @@ class ParquetTable:
     notes: Sequence[str] = ()
 
     def __init__(self, path: Path, rows_per_block: int):
-        try:
-            import pyarrow  # noqa: PLC0415 (an extra, and slow to load)
-            from pyarrow import parquet  # noqa: PLC0415
-        except ImportError:
-            raise InputError(
-                f"{path}: reading Parquet needs pyarrow: pip install 'massprop-drake[parquet]', or give CSV"
-            ) from None
-        self._arrow = pyarrow
+        self._arrow, self._file = open_parquet(path)
         self._path = path
         self.source = str(path)
         self._rows_per_block = rows_per_block
         self.ragged = Ragged()
+        self.losses: list[Loss] = []
         self._read = 0
-        try:
-            # neither whole row groups nor the whole file are kept in memory
-            self._file = parquet.ParquetFile(path, buffer_size=1 << 20, pre_buffer=False)
-            self.header = list(self._file.schema_arrow.names)
-            self._rows = self._file.metadata.num_rows
-        except (OSError, ValueError, pyarrow.ArrowException) as error:
-            raise InputError(f"{path}: not a Parquet file that can be read: {_first_line(error)}") from None
+        self.header = list(self._file.schema_arrow.names)
+        self._rows = self._file.metadata.num_rows
         _require_unique(self.header, str(path))
 
     @property
@@ -415,29 +536,88 @@ class ParquetTable:
         """
         arrow = self._arrow
         names = [self.header[column] for column in wanted]
+        schema = self._file.schema_arrow  # made anew each time that it is asked for
         for name in names:
-            kind = self._file.schema_arrow.field(name).type
+            kind = schema.field(name).type
             number = arrow.types.is_integer(kind) or arrow.types.is_floating(kind) or arrow.types.is_boolean(kind)
             if not (number or arrow.types.is_decimal(kind) or arrow.types.is_null(kind)):
                 raise InputError(f"{self._path}, column {name}: holds {kind}; expected numbers")
-        try:
-            for batch in self._file.iter_batches(batch_size=self._rows_per_block, columns=names):
-                columns = [self._numbers(batch.column(name)) for name in names]
-                lines = self._read + 1 + np.arange(batch.num_rows)
-                self._read += batch.num_rows
-                block = Block(lines, np.column_stack(columns))
-                _require_finite(block, names, str(self._path), self.place)
-                yield block
-        except (OSError, ValueError, arrow.ArrowException) as error:
-            if isinstance(error, InputError):
-                raise
-            raise InputError(f"{self._path}: cannot be read: {_first_line(error)}") from None
+        for first, batch in parquet_batches(self._file, names, self._rows_per_block, self.source, self.losses):
+            columns = [self._numbers(batch.column(name)) for name in names]
+            self._read = first + batch.num_rows
+            block = Block(first + 1 + np.arange(batch.num_rows), np.column_stack(columns))
+            require_meaningful(block, names, str(self._path), self.place)
+            yield block
 
     def _numbers(self, column: Any) -> Array:
         if self._arrow.types.is_boolean(column.type):
             column = column.cast(self._arrow.int8())
         values: Array = column.cast(self._arrow.float64()).to_numpy(zero_copy_only=False)
         return np.array(values, dtype=float)
+
+
+def open_parquet(path: Path) -> tuple[Any, Any]:
+    """The module pyarrow, and a Parquet file that it has opened.
+
+    Raises:
+        InputError: when pyarrow is not installed, or the file is no Parquet file.
+    """
+    try:
+        import pyarrow  # noqa: PLC0415 (an extra, and slow to load)
+        from pyarrow import parquet  # noqa: PLC0415
+    except ImportError:
+        raise InputError(
+            f"{path}: reading Parquet needs pyarrow: pip install 'massprop-drake[parquet]', or give CSV"
+        ) from None
+    try:
+        # neither whole row groups nor the whole file are kept in memory
+        file = parquet.ParquetFile(path, buffer_size=1 << 20, pre_buffer=False, page_checksum_verification=True)
+        file.schema_arrow.names  # noqa: B018 (a damaged schema is told here)
+    except (OSError, ValueError, pyarrow.ArrowException) as error:
+        reason = _first_line(error)
+        with contextlib.suppress(OSError), path.open("rb") as bytes_of:
+            begin, size = bytes_of.read(4), bytes_of.seek(0, os.SEEK_END)
+            bytes_of.seek(max(size - 4, 0))
+            if begin == _PARQUET != bytes_of.read(4):
+                reason = "it is cut off: its end is missing, which says where its columns are"
+        raise InputError(f"{path}: not a Parquet file that can be read: {reason}") from None
+    return pyarrow, file
+
+
+def parquet_batches(
+    file: Any, names: Sequence[str], rows: int, source: str, losses: list[Loss]
+) -> Iterator[tuple[int, Any]]:
+    """Yields a Parquet file's rows in batches, each after the number of rows before it; what is damaged is left out.
+
+    Args:
+        file: opened by pyarrow.
+        names: of the columns.
+        rows: of a batch, at the most.
+        source: what to call the file in messages.
+        losses: takes in what is lost.
+
+    Raises:
+        InputError: when none of its rows can be read.
+    """
+    import pyarrow  # noqa: PLC0415 (slow to load)
+
+    begin, lost, reason = 0, 0, ""
+    for group in range(file.metadata.num_row_groups):
+        place, begin = begin, begin + file.metadata.row_group(group).num_rows
+        try:
+            for batch in file.iter_batches(batch_size=rows, row_groups=[group], columns=list(names)):
+                yield place, batch
+                place += batch.num_rows
+        except (OSError, ValueError, pyarrow.ArrowException) as error:
+            if isinstance(error, InputError):
+                raise
+            lost, reason = lost + begin - place, _first_line(error)
+            losses.append(Loss("damaged", f"{source}: rows {place + 1} to {begin} are damaged, and left out: {reason}"))
+    if lost and lost == begin:
+        raise InputError(f"{source}: none of its {counted(lost, 'row')} can be read: {reason}")
+    if file.metadata.num_rows != begin:
+        stated = counted(file.metadata.num_rows, "row")
+        losses.append(Loss("damaged", f"{source}: says that it has {stated}, and has {begin}"))
 
 
 def _first_line(error: Exception) -> str:

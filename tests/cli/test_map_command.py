@@ -183,7 +183,7 @@ def test_bad_input_is_one_message(massprop: Massprop, one: Flight, tmp_path: Pat
 
 
 @pytest.mark.parametrize("kind", ["ulog", "ros1", "mcap"])
-def test_logs_that_are_cut_off_are_one_message(kind: str, massprop: Massprop, one: Flight, tmp_path: Path) -> None:
+def test_a_map_of_a_log_that_is_cut_off_says_so(kind: str, massprop: Massprop, one: Flight, tmp_path: Path) -> None:
     if kind == "ulog":
         pytest.importorskip("pyulog")
         path = write_ulog(tmp_path / "log.ulg", px4_topics(one), {})
@@ -193,8 +193,8 @@ def test_logs_that_are_cut_off_are_one_message(kind: str, massprop: Massprop, on
         path = tmp_path / "log.bag" if kind == "ros1" else tmp_path / "log" / "log.mcap"
     path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])
     done = massprop("map", path, *FREE_FLYER)
-    assert (done.status, done.out, done.err.count("\n")) == (2, "", 1)
-    assert str(path) in done.err
+    assert (done.status, done.out[:10]) == (0, "# Proposed")
+    assert f"massprop: warning: truncated: {path}: is cut off: it ends" in done.err
 
 
 @pytest.mark.parametrize(

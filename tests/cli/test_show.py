@@ -246,18 +246,20 @@ RECORD: dict[str, Any] = {
     "last_s": 5.9,
     "gaps": 0,
     "late": 0,
-    "ragged": 0,
     "unknown": [],
     "absent": [],
+    "completeness": "complete",
+    "completeness_detail": [],
 }
 
 
 def test_a_good_record_is_described(orbiter: Vehicle) -> None:
     assert show.about_telemetry(RECORD, None) == "telemetry, 60 rows, 0.1 s apart, from 0 to 5.9 s"
-    found = {**RECORD, "period_s": None, "gaps": 2, "ragged": 1, "unknown": list("abcdef"), "absent": ["acc2"]}
+    lost = {"completeness": "truncated", "completeness_detail": ["log.csv: is cut off within line 61"]}
+    found = {**RECORD, **lost, "period_s": None, "gaps": 2, "unknown": list("abcdef"), "absent": ["acc2"]}
     assert show.about_telemetry(found, orbiter) == (
-        "telemetry of orbiter, 60 rows, from 0 to 5.9 s; 2 gaps; 1 rows cut short; "
-        "columns not used: a, b, c, d, e, ...; no readings of acc2"
+        "telemetry of orbiter, 60 rows, from 0 to 5.9 s; 2 gaps; "
+        "columns not used: a, b, c, d, e, ...; no readings of acc2; truncated: log.csv: is cut off within line 61"
     )
 
 

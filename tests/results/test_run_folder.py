@@ -83,6 +83,8 @@ SUMMARY: dict[str, Any] = {
     "units": str,
     "seed": int,
     "duration_s": float,
+    "completeness": str,
+    "completeness_detail": list,
     "estimates": PROPERTIES,
     "standard_deviations": PROPERTIES,
     "covariance": (10, (10, NUMBER)),

@@ -180,5 +180,5 @@ def test_every_field_of_the_wrong_type_is_read_or_refused_by_its_name(folder: Pa
         {"time_s"}
         if nasty == -1e300
         else {"states", "detections", "events", "unconfirmed", "untested", "commanded", "injected"}
-        | {"identifiability", "command"}
+        | {"identifiability", "command", "completeness_detail"}
     )

@@ -1,0 +1,497 @@
+"""Storage of bags: messages as SQLite, MCAP and ROS 1 files hold them, as far as a file is valid.
+
+Nothing here relies on an index, since a recorder that was stopped has written none. The layouts are those of
+mcap.dev/spec, wiki.ros.org/Bags/Format/2.0, and of rosbag2's tables.
+"""
+
+from __future__ import annotations
+
+import bz2
+import contextlib
+import mmap
+import re
+import shutil
+import sqlite3
+import struct
+import sys
+import zlib
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+from massprop_drake.errors import InputError, counted
+from massprop_drake.telemetry.tables import Loss
+
+_MCAP, _ROS1, _SQLITE = b"\x89MCAP0\r\n", b"#ROSBAG V2.0\n", b"SQLite format 3\0"
+_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _CHUNK_INDEX, _STATISTICS = 0x03, 0x04, 0x05, 0x06, 0x08, 0x0B  # of MCAP
+_DATA_END, _END = 0x0F, 0x02  # likewise
+_NANO = 1e-9
+_FOOTER = 37  # bytes of an MCAP file's last record and its closing mark
+_BESIDE = ("-wal", "-journal")  # what SQLite has not yet written into the database, by the ending of its name
+_PIECE = 1 << 20  # bytes that are unpacked at once
+_DAMAGED = (struct.error, UnicodeDecodeError, ValueError, LookupError, OSError, RuntimeError, EOFError, zlib.error)
+
+
+class Channel(NamedTuple):
+    """A topic of a storage file, and how its messages are written.
+
+    Attributes:
+        topic: its name.
+        msgtype: of its messages.
+        encoding: of its messages, such as "cdr" or "ros1".
+        language: of the definition, such as "ros2msg"; "": there is none.
+        definition: of the type.
+        digest: of the definition that the recorder had; "": not stored.
+    """
+
+    topic: str
+    msgtype: str
+    encoding: str
+    language: str = ""
+    definition: str = ""
+    digest: str = ""
+
+
+class Message(NamedTuple):
+    """A message as it was recorded.
+
+    Attributes:
+        channel: its topic, and how it is written.
+        stamp_ns: time at which it was recorded, ns.
+        data: as written; empty for a topic that is not wanted.
+    """
+
+    channel: Channel
+    stamp_ns: int
+    data: bytes
+
+
+class Storage:
+    """A storage file that is read.
+
+    Args:
+        path: of the file.
+        name: of the file in messages.
+
+    Attributes:
+        channels: all that it has, by number; whole once its messages have been read.
+        stated: number of messages that the recorder counted, by topic; empty: it did not.
+        losses: what could not be read; likewise.
+    """
+
+    def __init__(self, path: Path, name: str):
+        self.path, self.name = path, name
+        self.channels: dict[int, Channel] = {}
+        self.stated: Counter[str] = Counter()
+        self.losses: list[Loss] = []
+
+    def messages(self, wanted: Callable[[Channel], bool]) -> Iterator[Message]:
+        """Yields all messages in the order of the file, those of topics that are not wanted without data.
+
+        Raises:
+            InputError: when the file is none of its kind.
+        """
+        read = {".db3": self._sqlite, ".mcap": self._mcap, ".bag": self._ros1}[self.path.suffix.lower()]
+        try:
+            yield from read(wanted)
+        except OSError as error:
+            raise InputError(f"{self.name}: cannot be read: {error.strerror or error}") from None
+
+    def _lost(self, kind: Any, text: str) -> None:
+        loss = Loss(kind, f"{self.name}: {text}")
+        if loss not in self.losses[-1:]:
+            self.losses.append(loss)
+
+    def _content(self, begins: bytes, what: str) -> memoryview:
+        """The bytes of the file, which must begin as its kind does."""
+        with self.path.open("rb") as file:
+            start = file.read(len(begins))
+            if not start:
+                raise InputError(f"{self.name}: is empty: it has no row of data")
+            if start != begins:
+                raise InputError(f"{self.name}: not {what}: it does not begin as one")
+            return memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
+
+    # -------------------------------------------------------------------------------------- MCAP
+
+    def _mcap(self, wanted: Callable[[Channel], bool]) -> Iterator[Message]:
+        content = self._content(_MCAP, "an MCAP file")
+        chunks, schemas = list[int](), dict[int, tuple[str, str, str]]()
+        whole = len(content) > 2 * _FOOTER and content[-8:] == _MCAP
+        if whole:  # the summary has all channels and counts; without it they come along the way
+            chunks = self._mcap_summary(content, schemas)
+        place = len(_MCAP)
+        while True:
+            for op, body in _mcap_records(content, place, len(content)):
+                place += 9 + len(body)
+                if op in (_DATA_END, _END):
+                    checksum = int.from_bytes(body[:4], "little") if op == _DATA_END else 0
+                    if checksum and not self.losses and zlib.crc32(content[: place - 9 - len(body)]) != checksum:
+                        self._lost("damaged", "its checksum is another: something in it has changed")
+                    if not whole:
+                        self._lost("truncated", "is cut off within the summary at its end; all messages are there")
+                    return
+                if op == _CHUNK:
+                    yield from self._mcap_chunk(body, wanted, schemas)
+                else:
+                    yield from self._mcap_record(op, body, wanted, schemas)
+            if not whole:
+                self._lost("truncated", f"is cut off: it ends at byte {len(content)}, without the summary at its end")
+                if content[place : place + 1] == bytes([_CHUNK]):
+                    yield from self._mcap_chunk(content[place + 9 :], wanted, schemas, cut=True)
+                return
+            following = min((one for one in chunks if one > place), default=len(content))
+            self._lost("damaged", f"bytes {place} to {following} are damaged, and left out")
+            place = following
+            if place == len(content):
+                return
+
+    def _mcap_summary(self, content: memoryview, schemas: dict[int, tuple[str, str, str]]) -> list[int]:
+        """Takes in the channels and counts of the summary; where chunks begin."""
+        chunks = []
+        begin = int.from_bytes(content[-28:-20], "little")
+        try:
+            for op, body in _mcap_records(content, begin, len(content) - 8) if begin else ():
+                self._mcap_described(op, body, schemas)
+                if op == _CHUNK_INDEX:
+                    chunks.append(int.from_bytes(body[16:24], "little"))
+                elif op == _STATISTICS:
+                    counts = body[46 : 46 + int.from_bytes(body[42:46], "little")]
+                    for number, count in struct.iter_unpack("<HQ", counts):
+                        if number in self.channels:
+                            self.stated[self.channels[number].topic] += count
+        except _DAMAGED:
+            self._lost("damaged", "its summary is damaged")
+        return chunks
+
+    def _mcap_described(self, op: int, body: memoryview, schemas: dict[int, tuple[str, str, str]]) -> None:
+        """Takes in a schema or a channel."""
+        if op == _SCHEMA:
+            number = int.from_bytes(body[:2], "little")
+            name, place = _text(body, 2)
+            language, place = _text(body, place)
+            schemas[number] = name, language, _text(body, place)[0]
+        elif op == _CHANNEL:
+            number, schema = struct.unpack_from("<HH", body)
+            topic, place = _text(body, 4)
+            encoding, _ = _text(body, place)
+            msgtype, language, definition = schemas.get(schema, ("of no type", "", ""))
+            self.channels[number] = Channel(topic, _in_ros2(msgtype), encoding, language, definition)
+
+    def _mcap_record(
+        self, op: int, body: memoryview, wanted: Callable[[Channel], bool], schemas: dict[int, tuple[str, str, str]]
+    ) -> Iterator[Message]:
+        try:
+            self._mcap_described(op, body, schemas)
+            if op != _MESSAGE:
+                return
+            number, _, stamp = struct.unpack_from("<HIQ", body)
+            channel = self.channels[number]
+        except _DAMAGED:
+            self._lost("damaged", "a record is damaged, and left out")
+            return
+        yield Message(channel, stamp, body[22:].tobytes() if wanted(channel) else b"")
+
+    def _mcap_chunk(
+        self,
+        body: memoryview,
+        wanted: Callable[[Channel], bool],
+        schemas: dict[int, tuple[str, str, str]],
+        *,
+        cut: bool = False,
+    ) -> Iterator[Message]:
+        """Messages of a chunk; of one that is cut off those that are there."""
+        where = "a chunk is"
+        try:
+            start, end, size, checksum = struct.unpack_from("<QQQI", body)
+            where = f"messages between {_NANO * start:.3f} and {_NANO * end:.3f} s are"
+            compression, place = _text(body, 28)
+            data = unpacked(body[place + 8 :][: int.from_bytes(body[place : place + 8], "little")], compression)
+            if not cut and (len(data) != size or (checksum and zlib.crc32(data) != checksum)):
+                raise ValueError("its checksum is another")
+            for op, record in _mcap_records(memoryview(data), 0, len(data), strict=not cut):
+                yield from self._mcap_record(op, record, wanted, schemas)
+        except _DAMAGED as error:
+            if not cut:
+                self._lost("damaged", f"{where} damaged, and left out: {error}")
+
+    # -------------------------------------------------------------------------------------- ROS 1
+
+    def _ros1(self, wanted: Callable[[Channel], bool]) -> Iterator[Message]:
+        content = self._content(_ROS1, "a bag of ROS 1")
+        header, _ = next(_ros1_records(content, len(_ROS1)), (_Header({}, 0, 0), b""))
+        if header.fields.get("encryptor"):
+            raise InputError(f"{self.name}: is encrypted")
+        index = int.from_bytes(header.fields.get("index_pos", b""), "little")
+        whole = 0 < index <= len(content)
+        chunks = self._ros1_index(content[index:], wanted) if whole else []
+        place, end = len(_ROS1), index if whole else len(content)
+        while True:
+            for header, data in _ros1_records(content[:end], place):
+                place += header.size + len(data)
+                try:
+                    if header.op == 5:
+                        inner = unpacked(data, header.fields["compression"].decode())
+                        if len(inner) != header.number("size", "<I"):
+                            raise ValueError("a chunk is not whole")
+                        yield from self._ros1_inner(inner, wanted, strict=True)
+                    else:
+                        yield from self._ros1_record(header, data, wanted)
+                except _DAMAGED:
+                    self._lost("damaged", f"the record that ends at byte {place} is damaged, and left out")
+            if place == end and whole:
+                return
+            if not whole:
+                cut = f"is cut off: it ends at byte {end}" if place < end or index else "was not finished"
+                self._lost("truncated", f"{cut}, without the index at its end")
+                with contextlib.suppress(*_DAMAGED):
+                    header = _Header.read(content, place)
+                    if header.op == 5:
+                        inner = unpacked(content[place + header.size :], header.fields["compression"].decode())
+                        yield from self._ros1_inner(inner, wanted, strict=False)
+                return
+            following = min((one for one in chunks if one > place), default=end)
+            self._lost("damaged", f"bytes {place} to {following} are damaged, and left out")
+            place = following
+
+    def _ros1_index(self, content: memoryview, wanted: Callable[[Channel], bool]) -> list[int]:
+        """Takes in the channels and counts of the index; where chunks begin."""
+        chunks, place = [], 0
+        try:
+            for header, data in _ros1_records(content, 0):
+                place += header.size + len(data)
+                if header.op == 6:
+                    chunks.append(header.number("chunk_pos", "<Q"))
+                    for number, count in struct.iter_unpack("<II", data):
+                        self.stated[self.channels[number].topic] += count
+                else:
+                    list(self._ros1_record(header, data, wanted))
+        except _DAMAGED:
+            self._lost("damaged", "its index is damaged")
+        if place < len(content):
+            self._lost("truncated", "is cut off within the index at its end; all messages are there")
+        return chunks
+
+    def _ros1_inner(self, content: bytes, wanted: Callable[[Channel], bool], *, strict: bool) -> Iterator[Message]:
+        """Messages of a chunk."""
+        for header, data in _ros1_records(memoryview(content), 0, strict=strict):
+            yield from self._ros1_record(header, data, wanted)
+
+    def _ros1_record(self, header: _Header, data: memoryview, wanted: Callable[[Channel], bool]) -> Iterator[Message]:
+        if header.op == 7:
+            about = _fields(data)
+            topic = re.sub("/+", "/", header.fields["topic"].decode())
+            definition = about["message_definition"].decode(errors="replace")
+            self.channels[header.number("conn", "<I")] = Channel(
+                topic, _in_ros2(about["type"].decode()), "ros1", "ros1msg", definition, about["md5sum"].decode()
+            )
+        elif header.op == 2:
+            seconds, nanoseconds = struct.unpack("<II", header.fields["time"])
+            channel = self.channels[header.number("conn", "<I")]
+            stamp = seconds * 1_000_000_000 + nanoseconds
+            yield Message(channel, stamp, data.tobytes() if wanted(channel) else b"")
+
+    # ------------------------------------------------------------------------------------- SQLite
+
+    def _sqlite(self, wanted: Callable[[Channel], bool]) -> Iterator[Message]:
+        content = self._content(_SQLITE, "a database of SQLite")
+        size, pages = int.from_bytes(content[16:18], "big"), int.from_bytes(content[28:32], "big")
+        size = max(size, 512) if size != 1 else 65536  # of a page; 1 stands for what has no room
+        lacking = max(pages * size - len(content), 0)
+        whole = len(content) // size * size  # SQLite would read zeros for the rest of a page
+        beside = [path for end in _BESIDE if (path := self.path.with_name(self.path.name + end)).exists()]
+        with TemporaryDirectory(prefix="massprop-") as folder:
+            where = f"{self.path.absolute().as_uri()}?immutable=1"
+            if whole < len(content) or any(path.stat().st_size for path in beside):  # it would write into those
+                file = Path(folder, self.path.name)
+                file.write_bytes(content[:whole])
+                for path in beside:
+                    shutil.copyfile(path, Path(folder, path.name))
+                where = file.as_uri()
+            with closing(sqlite3.connect(where, uri=True)) as connection:
+                yield from self._sqlite_messages(connection, wanted, lacking)
+
+    def _sqlite_messages(
+        self, connection: sqlite3.Connection, wanted: Callable[[Channel], bool], lacking: int
+    ) -> Iterator[Message]:
+        cut = f"is cut off: {counted(lacking, 'byte')} of the database are missing" if lacking else ""
+        try:
+            connection.execute("PRAGMA writable_schema=ON")  # or a database that is cut off cannot be read at all
+            self._sqlite_channels(connection)
+            numbers = ",".join(str(number) for number, one in self.channels.items() if wanted(one))
+            rows = connection.execute(
+                f"SELECT topic_id, timestamp, CASE WHEN topic_id IN ({numbers}) THEN data ELSE x'' END FROM messages"
+            )
+        except (sqlite3.Error, *_DAMAGED) as error:
+            why = f"{cut}, and none of its messages can be read" if cut else f"not a bag that can be read: {error}"
+            raise InputError(f"{self.name}: {why}") from None
+        try:
+            for number, stamp, data in rows:
+                if number in self.channels and isinstance(stamp, int) and isinstance(data, bytes):
+                    yield Message(self.channels[number], stamp, data)
+                elif not cut:
+                    self._lost("damaged", "a message is damaged, and left out")
+        except (sqlite3.Error, *_DAMAGED) as error:
+            if not cut:
+                self._lost("damaged", f"cannot be read further: {error}")
+        if cut:
+            self._lost("truncated", cut)
+
+    def _sqlite_channels(self, connection: sqlite3.Connection) -> None:
+        tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type='table'")}
+        if not {"topics", "messages"} <= tables:
+            raise ValueError("it has no tables of topics and messages")
+        names = {row[1] for row in connection.execute("PRAGMA table_info(topics)")}
+        digest = "type_description_hash" if "type_description_hash" in names else "''"
+        defined: dict[str, tuple[str, str]] = {}
+        if "message_definitions" in tables:
+            names_of = "topic_type, encoding, encoded_message_definition"
+            rows = connection.execute(f"SELECT {names_of} FROM message_definitions")
+            defined = {str(name): (str(language), str(text)) for name, language, text in rows if text}
+        for number, topic, msgtype, encoding, stored in connection.execute(
+            f"SELECT id, name, type, serialization_format, {digest} FROM topics"
+        ):
+            language, text = defined.get(msgtype, ("", ""))
+            self.channels[number] = Channel(topic, msgtype, encoding, language, text, stored)
+
+
+# ------------------------------------------------------------------------------------------ bytes
+
+
+def _text(body: memoryview, place: int) -> tuple[str, int]:
+    """A text after its length, and where it ends."""
+    begin = place + 4
+    end = begin + int.from_bytes(body[place:begin], "little")
+    if end > len(body):
+        raise ValueError("a text is cut off")
+    return body[begin:end].tobytes().decode(), end
+
+
+def _in_ros2(msgtype: str) -> str:
+    """The name of a type as ROS 2 writes it, `package/msg/Type`."""
+    return msgtype if msgtype.count("/") != 1 else msgtype.replace("/", "/msg/")
+
+
+def _mcap_records(
+    content: memoryview, place: int, end: int, *, strict: bool = False
+) -> Iterator[tuple[int, memoryview]]:
+    """Operation and body of the records, up to the first that is not whole, which raises ValueError if strict."""
+    while place < end:
+        op, size = content[place], int.from_bytes(content[place + 1 : place + 9], "little")
+        if op == 0 or place + 9 + size > end:
+            if strict:
+                raise ValueError("a record is not whole")
+            return
+        yield op, content[place + 9 : place + 9 + size]
+        place += 9 + size
+
+
+class _Header(NamedTuple):
+    """The header of a ROS 1 record.
+
+    Attributes:
+        fields: by name.
+        size: of the header with the lengths of header and data, bytes.
+        length: of the data that follow, bytes.
+    """
+
+    fields: dict[str, bytes]
+    size: int
+    length: int
+
+    @property
+    def op(self) -> int:
+        """Kind of the record; 0: it has none."""
+        return int.from_bytes(self.fields.get("op", b""), "little")
+
+    def number(self, name: str, form: str) -> int:
+        """A field as a number."""
+        return int(struct.unpack(form, self.fields[name])[0])
+
+    @staticmethod
+    def read(content: memoryview, place: int) -> _Header:
+        """Reads the header at a place; raises ValueError or struct.error where there is none."""
+        (size,) = struct.unpack_from("<I", content, place)
+        if place + 8 + size > len(content):
+            raise ValueError("a header is cut off")
+        (length,) = struct.unpack_from("<I", content, place + 4 + size)
+        return _Header(_fields(content[place + 4 : place + 4 + size]), 8 + size, length)
+
+
+def _fields(content: memoryview) -> dict[str, bytes]:
+    """The fields of a header of ROS 1."""
+    found, place = {}, 0
+    while place < len(content):
+        (size,) = struct.unpack_from("<I", content, place)
+        name, mark, value = content[place + 4 : place + 4 + size].tobytes().partition(b"=")
+        if not mark:
+            raise ValueError("a field has no name")
+        found[name.decode()] = value
+        place += 4 + size
+    return found
+
+
+def _ros1_records(content: memoryview, place: int, *, strict: bool = False) -> Iterator[tuple[_Header, memoryview]]:
+    """Header and data of the records, up to the first that is not whole, which raises ValueError if strict."""
+    while place < len(content):
+        try:
+            header = _Header.read(content, place)
+        except _DAMAGED:
+            header = _Header({}, 0, len(content))
+        begin = place + header.size
+        if begin + header.length > len(content):
+            if strict:
+                raise ValueError("a record is not whole")
+            return
+        yield header, content[begin : begin + header.length]
+        place = begin + header.length
+
+
+def unpacked(data: memoryview, compression: str) -> bytes:
+    """Bytes that were compressed, as far as they are there.
+
+    Raises:
+        ValueError: when the compression is not known, or the bytes are damaged.
+    """
+    if compression in ("", "none"):
+        return data.tobytes()
+    if compression == "bz2":
+        return bz2.BZ2Decompressor().decompress(data)
+    if compression == "lz4":
+        from lz4.frame import LZ4FrameDecompressor  # noqa: PLC0415 (of rosbags)
+
+        return bytes(LZ4FrameDecompressor().decompress(data.tobytes()))
+    if compression == "zstd":
+        try:
+            return bytes(zstd().ZstdDecompressor().decompress(data))
+        except zstd().ZstdError as error:
+            raise ValueError(str(error)) from None
+    raise ValueError(f"compression {compression!r} is not known")
+
+
+def unpack_file(path: Path, target: Path) -> Loss | None:
+    """Unpacks a file that zstd compressed, as far as it goes; what is lost of it."""
+    inflate = zstd().ZstdDecompressor()
+    with path.open("rb") as packed, target.open("wb") as file:
+        while data := packed.read(_PIECE):
+            while data:
+                try:
+                    file.write(inflate.decompress(data))
+                except (zstd().ZstdError, EOFError) as error:
+                    return Loss("damaged", f"{path}: cannot be unpacked further: {error}")
+                data = inflate.unused_data if inflate.eof else b""
+                if data:
+                    inflate = zstd().ZstdDecompressor()
+    return None if inflate.eof else Loss("truncated", f"{path}: is cut off: its compressed data do not end")
+
+
+def zstd() -> Any:
+    """The library for zstd: Python's own from 3.14 on, before that the one that rosbags brings."""
+    if sys.version_info >= (3, 14):
+        from compression import zstd as library  # noqa: PLC0415
+    else:
+        from backports import zstd as library  # noqa: PLC0415
+    return library
