@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import yaml
-from flights import orbiter, poses, real, vehicles
+from flights import bundled, orbiter, poses, real, vehicles
 from flights.flight import Array, Flight, Random, write_record
 
 from massprop_drake import Estimator, Run, estimate, load_scenario, simulate
@@ -21,7 +21,7 @@ from massprop_drake.results.summary import from_names
 from massprop_drake.telemetry.reader import columns
 
 _SETTLED_S = 60.0  # of flights of hours, whose errors are looked at from then on
-_TIMED = 20  # each so many flights the steps of the estimator are timed one by one
+_TIMED = 20  # each so many flights the steps of the estimator are timed
 _DECLARED = ("kind", "isolated_to", "jets", "time_s", "onset_s", "magnitude", "magnitude_std", "withdrawn_s")
 _DECLARED_PAYLOAD = ("mass", "mass_std", "position", "position_std")
 
@@ -55,7 +55,7 @@ class Flights:
 
 def _simulated(spec: Mapping[str, Any], random: Random, number: int, compiled: bool) -> tuple[Any, Any]:
     module, _, name = spec["draw"].partition(".")
-    draw = getattr({"orbiter": orbiter, "vehicles": vehicles}[module], name)
+    draw = getattr({"bundled": bundled, "orbiter": orbiter, "vehicles": vehicles}[module], name)
     flight: Flight = draw(random, number, **spec.get("with", {}))
     scenario = _scenario(flight, number, compiled)
     run = simulate(scenario)
@@ -66,7 +66,9 @@ def _simulated(spec: Mapping[str, Any], random: Random, number: int, compiled: b
             path = Path(folder) / "telemetry.csv"
             gyro = scenario.vehicle_data.gyros[0].name
             write_record(record, scenario.vehicle_data.designations, gyro, path)
-            run = estimate(path, scenario)
+            run = estimate(
+                path, _scenario(flight._replace(settings=(*flight.settings, *flight.told)), number, compiled)
+            )
     failed = [_injected(one) for one in flown.summary["injected"]]
     facts = _facts(run, truth, failed, scenario)
     if spec.get("hours"):
@@ -99,14 +101,11 @@ def _largest(run: Run, since_s: float) -> list[float]:
 
 
 def _timed(run: Run, flown: Run, number: int) -> dict[str, Any]:
-    """Processor time of the estimator's steps, ms: mean over the run; of some runs each step by itself."""
-    spent = run.summary["timing"]["cycle_us"]
-    mean = sum(value for name, value in spent.items() if name != "jet_selection" and value) / 1e3
-    found: dict[str, Any] = {"mean_ms": mean, "longest_ms": None}
-    if number % _TIMED == 0 and run is flown:
-        steps = _step_times(run)
-        found["longest_ms"] = 1e3 * max(steps[1:])
-    return found
+    """Processor time of the estimator's steps over some runs, ms: mean and longest."""
+    if number % _TIMED or run is not flown:
+        return {"mean_ms": None, "longest_ms": None}
+    spent_ms = 1e3 * np.array(_step_times(run)[1:])
+    return {"mean_ms": float(spent_ms.mean()), "longest_ms": float(spent_ms.max())}
 
 
 def _step_times(run: Run) -> list[float]:
@@ -168,7 +167,7 @@ def _recorded(spec: Mapping[str, Any], random: Random, _number: int, _compiled: 
     return _facts(run, truth, failed, run.scenario), {"mean_ms": None, "longest_ms": None}
 
 
-_FLOWN = {"orbiter": _simulated, "vehicles": _simulated, "poses": _tracked, "real": _recorded}
+_FLOWN = {"bundled": _simulated, "orbiter": _simulated, "vehicles": _simulated, "poses": _tracked, "real": _recorded}
 
 
 # --- what is kept of a flight
@@ -215,6 +214,14 @@ def _facts(run: Run, truth: Array, failed: Sequence[Mapping[str, Any]], scenario
         "verdict": consistency["verdict"],
         "reasons": [one["kind"] for one in consistency["diagnoses"]],
     }
+
+
+def _declared(one: Mapping[str, Any], scenario: Scenario) -> dict[str, Any]:
+    """A declaration, with the jets of a cluster where no more is known."""
+    found = {name: one[name] for name in (*_DECLARED, *_DECLARED_PAYLOAD)}
+    if one["isolated_to"] == "cluster":
+        found["jets"] = [jet.designation for jet in scenario.vehicle_data.jets if jet.cluster == one["cluster"]]
+    return found
 
 
 def _listed(values: Array) -> list[float | None]:

@@ -45,12 +45,14 @@ class Flight(NamedTuple):
         settings: overrides of it, as `--set` takes them.
         vehicle: content of its vehicle file; None: the scenario names one.
         recorded: makes the record that is estimated, from the run; None: the estimates in flight count.
+        told: overrides of the scenario by which the record is estimated.
     """
 
     scenario: str | Mapping[str, Any]
     settings: tuple[str, ...] = ()
     vehicle: Mapping[str, Any] | None = None
     recorded: Callable[[Run, Random], Record] | None = None
+    told: tuple[str, ...] = ()
 
 
 def setting(key: str, value: object) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
@@ -123,6 +124,23 @@ def bias(random: Random, number: int) -> Flight:
 def sensor_fault(random: Random, number: int, *, record: str) -> Flight:
     """Draws a healthy flight with a fault of a sensor in its record."""
     return _ready("orbiter_maneuver", (), "either", number, record)
+
+
+def untold(
+    random: Random, number: int, *, plant: Sequence[str] = (), told: Sequence[str] = (), record: str = ""
+) -> Flight:
+    """Draws a healthy flight with something that its files do not state, without a detector.
+
+    Args:
+        random: to draw with.
+        number: of the flight.
+        plant: overrides of the flight.
+        told: overrides of what the record is estimated by.
+        record: see `records.RECORDED`.
+    """
+    usual = (_usual(random), "estimation.start=nominal", "detector.kind=off")
+    flight = _ready("orbiter_maneuver", usual, "exact", number, record)
+    return flight._replace(settings=(*flight.settings, *plant), told=tuple(told))
 
 
 # --- failures

@@ -14,8 +14,8 @@ _FINE_S = 1e-3
 _PERIOD_S = 0.08
 
 
-def _taken(run: Run) -> Record:
-    """Telemetry of a run."""
+def as_flown(run: Run, random: Random | None = None) -> Record:
+    """Telemetry of a run, unchanged."""
     velocities = {each.name: np.array(run[each.name]) for each in run.scenario.vehicle_data.accelerometers}
     return Record(np.array(run.time_s), np.array(run["gyro"]), velocities, np.array(run["command"]))
 
@@ -28,7 +28,7 @@ def _fired(run: Run, random: Random) -> int:
 
 def false_reading(run: Run, random: Random) -> Record:
     """Makes one reading wrong: of the gyro by .02, .2 or 3 rad/s, of an accelerometer by 10 ft/s."""
-    record, row, axis = _taken(run), _fired(run, random), int(random.integers(3))
+    record, row, axis = as_flown(run), _fired(run, random), int(random.integers(3))
     kind = run.scenario.seed % 4
     if kind < 3:
         record.rates[row, axis] += (0.02, 0.2, 3.0)[kind]
@@ -39,7 +39,7 @@ def false_reading(run: Run, random: Random) -> Record:
 
 def still_axis(run: Run, random: Random) -> Record:
     """Lets an axis of the gyro stand still for a second while the vehicle turns."""
-    record, axis = _taken(run), int(random.integers(3))
+    record, axis = as_flown(run), int(random.integers(3))
     turning = np.flatnonzero(np.abs(np.diff(record.rates[:, axis])) > 1e-4)
     turning = turning[(record.time_s[turning] > 30.0) & (turning < len(record.time_s) - 30)]
     row = int(random.choice(turning))
@@ -74,15 +74,34 @@ def off_ticks(run: Run, random: Random) -> Record:
         *happening,
         *(f"duration_s={run.time_s[-1]}", f"seed={run.scenario.seed}"),
     ]
-    fine = _taken(simulate(load_scenario("orbiter_maneuver", settings)))
+    fine = as_flown(simulate(load_scenario("orbiter_maneuver", settings)))
     off = np.round(np.clip(1e-3 * random.standard_normal(len(run.time_s)), -2e-3, 2e-3) / _FINE_S).astype(int)
     rows = np.clip(np.round(run.time_s / _FINE_S).astype(int) + off, 0, len(fine.time_s) - 1)
     velocities: dict[str, Array] = {name: values[rows] for name, values in fine.velocities.items()}
     return Record(fine.time_s[rows], fine.rates[rows], velocities, command)
 
 
+def reversed_axis(run: Run, random: Random) -> Record:
+    """Reverses the gyro's y axis."""
+    record = as_flown(run)
+    return record._replace(rates=record.rates * np.array([1.0, -1.0, 1.0]))
+
+
+def late_readings(run: Run, random: Random) -> Record:
+    """Reads the gyro 1 ms, 1 sigma, off the stamps."""
+    record, quantum = as_flown(run), run.scenario.vehicle_data.gyros[0].quantum
+    late = 1e-3 * random.standard_normal((len(record.rates), 1))
+    slope = np.diff(run["rate"], axis=0) / _PERIOD_S
+    after, before = np.vstack((slope, slope[-1:])), np.vstack((slope[:1], slope))
+    moved = record.rates + late * np.where(late > 0.0, after, before)
+    return record._replace(rates=np.round(moved / quantum) * quantum)
+
+
 RECORDED: Mapping[str, Callable[[Run, Random], Record]] = {
+    "as_flown": as_flown,
     "false_reading": false_reading,
+    "late_readings": late_readings,
+    "reversed_axis": reversed_axis,
     "still_axis": still_axis,
     "off_ticks": off_ticks,
 }

@@ -48,9 +48,9 @@ LEGEND = """
 - **in 1, 2, 3 sigma**: share of errors; 68.3, 95.4 and 99.7 of Gaussian ones.
 - **force**: errors of the forces of rightly named jets in their own 1-sigma: RMS, largest. Drifting jets are left out.
 - **payload**: errors of measured mass and of place in their 1-sigma: RMS, largest of each.
-- **misjudged**: share of runs called inconsistent where what the files state holds, and of those called consistent
-  where it does not.
-- **step**: processor time of a step of the estimator: mean; longest of every twentieth flight.
+- **misjudged**: share of runs called inconsistent where what the files state holds, and of those not called
+  inconsistent, or for another first reason, where it does not.
+- **step**: processor time of a step of the estimator over every twentieth flight: mean; longest.
 """
 
 
@@ -96,7 +96,8 @@ def judge(facts: Facts, spec: Mapping[str, Any]) -> Judged:
     readings = sum(one["kind"] == "false_reading" for one in facts["other"])
     nothing = not failed and not payloads and not spec.get("sensor")
     wrong |= bool(readings) and not spec.get("sensor")
-    wrong |= nothing and bool(facts["other"])
+    stated = "verdict" not in spec and "reason" not in spec
+    wrong |= nothing and stated and bool(facts["other"])
     met = announced == len(payloads) and (bool(readings) or not spec.get("sensor"))
     if wrong:
         outcome = "wrong"
@@ -196,11 +197,9 @@ def counted(flights: Sequence[Mapping[str, Any]], spec: Mapping[str, Any]) -> Ro
     sigmas = _stacked(flown, "sigmas")
     largest = np.nanmax(np.abs(sigmas), axis=1, initial=0.0)
     consistent = np.array([facts["verdict"] == "consistent" for facts in flown], dtype=bool)
-    inconsistent = np.array([facts["verdict"] == "inconsistent" for facts in flown], dtype=bool)
     far = largest > LARGE_SIGMAS
     known = [facts for facts in flown if facts["nees"] is not None]
     nees = sum(facts["nees"] for facts in known), sum(sum(x is not None for x in facts["sigmas"]) for facts in known)
-    should_fail = spec.get("verdict") == "inconsistent"
     return Row(
         len(flown),
         len(flights) - len(flown),
@@ -211,12 +210,20 @@ def counted(flights: Sequence[Mapping[str, Any]], spec: Mapping[str, Any]) -> Ro
         (int(far.sum()), int((far & consistent).sum())),
         np.array([force for one in judged for force in one.forces]),
         np.array([payload for one in judged for payload in one.payloads]).reshape(-1, 2),
-        int((consistent if should_fail else inconsistent).sum()),
+        sum(_misjudged(facts, spec) for facts in flown),
         _stacked(flown, "errors"),
         _stacked(flown, "deviations"),
         (_over(np.mean, timed, "mean_ms"), _over(np.max, timed, "longest_ms")),
         bool(spec.get("sensor")) or any(facts["failed"] for facts in flown),
     )
+
+
+def _misjudged(facts: Facts, spec: Mapping[str, Any]) -> bool:
+    """Whether the verdict on a run, or the first reason of it, is not what it should be."""
+    if "reason" in spec:
+        return facts["verdict"] != "inconsistent" or facts["reasons"][:1] != [spec["reason"]]
+    inconsistent: bool = facts["verdict"] == "inconsistent"
+    return inconsistent != (spec.get("verdict") == "inconsistent")
 
 
 def _stacked(flown: Sequence[Facts], name: str) -> Array:
