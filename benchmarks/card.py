@@ -1,12 +1,13 @@
 """The card: what the estimator is worth, kind of flight by kind of flight, in one table.
 
-    python benchmarks/card.py [--kinds KIND ...] [--quick] [--first N] [--against COMMIT] [--write docs]
+    python benchmarks/card.py [--kinds KIND ...] [--quick] [--first N] [--against COMMIT] [--write docs | baseline]
     python benchmarks/card.py --flight KIND NUMBER
 
 Flies the kinds of `card.yaml` on this machine's processors, by compiled kernels where numba is installed, and prints
 a row a kind. The number of a flight is its seed, and everything in it is drawn from that: a flight flown alone, on
 another worker or after a kill is the same bit for bit. Results are kept in `runs/card` by the code that flew them, and
 no flight is flown twice. All of it takes a night; `--quick`, a tenth of it, a quarter of an hour on two processors.
+`baseline.parquet` has the flights of one version, so that others can be held against it without flying it again.
 """
 
 from __future__ import annotations
@@ -27,15 +28,18 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pyarrow as pa
+import pyarrow.parquet as pq
 import yaml
 from flights import table
 
 from massprop_drake.errors import InputError
 from massprop_drake.studies.campaign import engine, store
+from massprop_drake.studies.campaign.plan import FLOWN
 
 _HERE = Path(__file__).parent
 _ROOT = _HERE.parent
 _RUNS = Path("runs") / "card"
+_BASELINE = _HERE / "baseline.parquet"
 _PACKAGE = ("massprop_drake", "diagrams", "scenarios")
 _USUAL = 100  # flights of a kind
 _QUICK = 10  # a tenth of them
@@ -110,8 +114,11 @@ def case(card: Card, kind: str, number: int) -> Case:
 
 def here(compiled: bool) -> Version:
     """The package beside this folder."""
-    changed = _git("status", "--porcelain", "--", *_PACKAGE)
-    label = _git("rev-parse", "--short=12", "HEAD") + (" with changes" if changed else "")
+    try:
+        changed = _git("status", "--porcelain", "--", *_PACKAGE)
+        label = _git("rev-parse", "--short=12", "HEAD") + (" with changes" if changed else "")
+    except (OSError, subprocess.CalledProcessError):
+        label = "unknown"
     return Version(_ROOT, label, _folder(_ROOT, compiled))
 
 
@@ -136,6 +143,7 @@ def of_commit(commit: str, compiled: bool) -> Version:
 
 
 def _git(*arguments: str) -> str:
+    """Output of a command of git."""
     found = subprocess.run(["git", *arguments], cwd=_ROOT, capture_output=True, check=True, text=True)
     return found.stdout.strip()
 
@@ -143,12 +151,9 @@ def _git(*arguments: str) -> str:
 def _folder(package: Path, compiled: bool) -> Path:
     """Folder of results, named by all code that makes them."""
     digest = hashlib.sha256()
-    flown = [_HERE / "fly.py", *sorted((_HERE / "flights").glob("*.py"))]
-    judging = {_HERE / "flights" / "table.py"}
-    sources = [
-        path for name in _PACKAGE for path in sorted((package / name).rglob("*")) if path.suffix in (".py", ".yaml")
-    ]
-    for path in [*(set(flown) - judging), *sources]:
+    drawing = [_HERE / "fly.py", *(_HERE / "flights").glob("[!t]*.py")]  # all but table.py, which judges afterwards
+    flying = [path for name in _PACKAGE for path in (package / name).rglob("*") if path.suffix in (".py", ".yaml")]
+    for path in [*sorted(drawing), *sorted(flying)]:
         digest.update(path.name.encode() + b"\0" + path.read_bytes())
     return _RUNS / (digest.hexdigest()[:12] + ("-compiled" if compiled else ""))
 
@@ -157,7 +162,7 @@ def fly(version: Version, card: Card, cases: Sequence[Case], *, compiled: bool, 
     """Flies those of the cases that have no result yet."""
     version.folder.mkdir(parents=True, exist_ok=True)
     store.forget_failed(version.folder, [one.case_id for one in cases])
-    done = store.flown_ids(version.folder)
+    done = {row["case_id"] for row in flown_before(version)}
     todo = [one for one in cases if one.case_id not in done]
     if not todo:
         return
@@ -188,12 +193,22 @@ def fly(version: Version, card: Card, cases: Sequence[Case], *, compiled: bool, 
                 print(f"{flown} of {len(todo)} flights, {said - began:.0f} s", file=sys.stderr, flush=True)
 
 
+def flown_before(version: Version) -> list[dict[str, Any]]:
+    """Rows of the flights of a version, the baseline's among them where that is of the same."""
+    rows = store.read_rows(version.folder)
+    found = {row["case_id"]: row for row in ([] if rows is None else rows.to_pylist())}
+    if _BASELINE.exists():
+        baseline = pq.read_table(_BASELINE)
+        if baseline.schema.metadata[b"version"].decode() == version.folder.name:
+            found |= {row["case_id"]: row for row in baseline.to_pylist()}
+    return list(found.values())
+
+
 def results(version: Version, card: Card, cases: Sequence[Case]) -> dict[str, table.Row]:
     """Statistics of the flights by kind."""
     wanted = {one.case_id for one in cases}
-    rows = store.read_rows(version.folder)
     flights: dict[str, list[dict[str, Any]]] = {one.kind: [] for one in cases}
-    for row in [] if rows is None else rows.to_pylist():
+    for row in flown_before(version):
         if row["case_id"] in wanted:
             flights[row["kind"]].append(row)
     for kind, each in flights.items():
@@ -242,6 +257,15 @@ def write_docs(card: Card, found: Mapping[str, table.Row], version: Version, fir
         readme.write_text(text)
 
 
+def write_baseline(version: Version, cases: Sequence[Case]) -> None:
+    """Writes the flights of a version into one file."""
+    wanted = {one.case_id for one in cases}
+    rows = [row for row in flown_before(version) if row["case_id"] in wanted and row["status"] == FLOWN]
+    facts = {"version": version.folder.name, "commit": version.label}
+    made = pa.Table.from_pylist(sorted(rows, key=lambda row: (row["kind"], row["number"])), schema=_COLUMNS)
+    pq.write_table(made.replace_schema_metadata(facts), _BASELINE, compression="zstd", compression_level=19)
+
+
 def main() -> None:
     """Flies what is missing, and prints or writes the table."""
     card = load_card()
@@ -251,8 +275,10 @@ def main() -> None:
     parser.add_argument("--count", type=int, help="flights of each kind, instead of what card.yaml says")
     parser.add_argument("--quick", action="store_true", help="a tenth of the flights")
     parser.add_argument("--against", metavar="COMMIT", help="fly the same with the package of a commit, and compare")
-    parser.add_argument("--only-commit", metavar="COMMIT", help="the card of another commit's package")
-    parser.add_argument("--write", choices=["docs"], help="write docs/card.md and the headlines of the README")
+    parser.add_argument("--commit", metavar="COMMIT", help="the card of another commit's package")
+    parser.add_argument(
+        "--write", choices=["docs", "baseline"], help="docs/card.md and README's headlines; or baseline.parquet"
+    )
     parser.add_argument("--flight", nargs=2, metavar=("KIND", "NUMBER"), help="fly one alone, and print its facts")
     parser.add_argument("--workers", type=int, help="processes; default: one for each processor")
     parser.add_argument("--numpy", action="store_true", help="kernels in numpy, also where numba is installed")
@@ -272,7 +298,7 @@ def main() -> None:
         cases += [case(card, kind, number) for number in range(given.first, given.first + count)]
     # the longest first, so that no processor ends alone with them; then a flight of each kind after the other
     cases.sort(key=lambda one: (not card.kinds[one.kind].get("hours", False), one.number))
-    version = of_commit(given.only_commit, compiled) if given.only_commit else here(compiled)
+    version = of_commit(given.commit, compiled) if given.commit else here(compiled)
     versions = [version, *([of_commit(given.against, compiled)] if given.against else [])]
     for each in versions:
         if not given.no_flights:
@@ -281,6 +307,8 @@ def main() -> None:
     if given.against:
         rows = [table.versus(card.kinds[kind], now, found[1][kind]) for kind, now in found[0].items()]
         print(f"{versions[1].label} -> {versions[0].label}\n\n{table.markdown(table.VERSUS, rows)}")
+    elif given.write == "baseline":
+        write_baseline(version, cases)
     elif given.write:
         write_docs(card, found[0], version, given.first)
     else:
@@ -292,4 +320,5 @@ if __name__ == "__main__":
     try:
         main()
     except InputError as error:
-        sys.exit(f"card: {error}")
+        print(f"card: {error}", file=sys.stderr)
+        sys.exit(2)
