@@ -59,10 +59,11 @@ docs: $(VENV)/.installed-test ## builds the documentation into build/docs, and r
 	MASSPROP_SITE=build/docs $(BIN)/python -m pytest -m documentation $(PYTEST_FLAGS)
 	@echo "build/docs/index.html"
 
-lint: $(VENV)/.installed-dev ## checks style, format and spelling
+lint: $(VENV)/.installed-dev ## checks style, format, spelling and words
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/codespell
+	$(BIN)/python .ci/words.py
 
 types: $(VENV)/.installed-dev ## checks types
 	$(BIN)/mypy -p massprop_drake

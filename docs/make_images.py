@@ -13,6 +13,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+import matplotlib.pyplot as plt
+import numpy as np
+
 from massprop_drake import Run, load_scenario, simulate
 from massprop_drake.display import graphs, write_replay, write_report
 from massprop_drake.display.comparison import comparison_html
@@ -43,12 +46,39 @@ DIAGRAMS = (
 )
 
 
-def readme() -> None:
-    """The figures of README.md and the gallery: the sample maneuver, and a failure after it."""
+def named() -> None:
+    """Draws the picture of README.md: a small leak, from its onset to the name of the jet."""
+    run = simulate(load_scenario("small_satellite_leak"))
+    (found,) = run.results.detections
+    around = (run.time_s > found.onset_s - 1.0) & (run.time_s < found.time_s + 1.0)
+    figure, (above, below) = plt.subplots(2, sharex=True, figsize=(9.0, 5.0), layout="constrained")
+    above.plot(run.time_s[around], np.degrees(run["rate"][around]), label=[f"rate {axis}" for axis in "xyz"])
+    above.set(ylabel="rate, deg/s", title=f"Jet {found.jet} of the small satellite leaks 5 % of its thrust")
+    for jet, log_odds in zip(run.scenario.vehicle_data.designations, run["likelihood"][around].T, strict=True):
+        look = {"color": "C3", "label": f"{jet} leaks"} if jet == found.jet else {"color": "0.6", "lw": 0.8}
+        below.plot(run.time_s[around], log_odds, marker=".", **look)
+    below.plot([], [], color="0.6", lw=0.8, label="another jet fails")
+    below.set(ylim=(0.0, None), xlabel="time, s", ylabel="log-odds over no failure")
+    below.annotate(
+        f"{found.jet} named: {found.magnitude:.4f} ± {found.magnitude_std:.4f} N",
+        (found.time_s + 0.02, 100.0),
+        color="C3",
+    )
+    for axes in (above, below):
+        axes.axvline(found.onset_s, color="black", ls=":", label="the leak begins")
+        axes.axvline(found.time_s, color="C3")
+        axes.legend(loc="center left", fontsize="small")
+        axes.grid(alpha=0.3)
+    figure.savefig(IMAGES / "leak_named.png", dpi=100)
+    plt.close(figure)
+
+
+def figures() -> None:
+    """Figures of the sample maneuver, and of a failure after it."""
     plot = simulate(load_scenario("sample_maneuver")).plot
     failure = simulate(load_scenario("stuck_on_29")).plot
     failure.detection_timeline().savefig(IMAGES / "detection_timeline.png")
-    for name in ("inverse_inertia_diagonal", "rates", "phase_plane", "innovations"):
+    for name in ("inverse_inertia_diagonal", "phase_plane", "innovations"):
         getattr(plot, name)().savefig(IMAGES / f"{name}.png")
 
 
@@ -147,7 +177,8 @@ def draw(dot: str, name: str) -> None:
 def main() -> None:
     """Writes the images."""
     IMAGES.mkdir(exist_ok=True)
-    readme()
+    named()
+    figures()
     screenshots()
     tutorials()
     diagrams()

@@ -128,6 +128,13 @@ def test_docstrings_show_as_text(site: Path) -> None:
     assert "--&gt;" in (site / "reference" / "diagrams.html").read_text(encoding="utf-8")
 
 
+def test_limits_are_assumptions_and_leave_figures_to_the_card() -> None:
+    text = (DOCS / "limits.md").read_text(encoding="utf-8")
+    assert len(text.split()) <= 900
+    assert re.findall(r"\d+ of \d+|\d+(?:\.\d+)? sigma|--first|seeds?\b", text) == []
+    assert "(card.md)" in text
+
+
 def test_every_picture_is_shown_and_made_by_code(site: Path) -> None:
     shown = {path.name for path in (site / "_images").iterdir()}
     drawn = {path.name for path in (DOCS / "images").iterdir()}

@@ -1,59 +1,71 @@
-"""What README.md shows works as shown."""
+"""Commands, code, outputs and links of README.md work as shown, and it stays short."""
 
 from __future__ import annotations
 
 import re
-from pathlib import Path
+import tomllib
 
-import numpy as np
 import pytest
+from conftest import REPOSITORY, Massprop
+from page_probe import blocks, commands, unshown
 
-from massprop_drake import load_scenario, simulate
-from massprop_drake.display import figures
-
-README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
-
-
-def blocks(language: str) -> list[str]:
-    return re.findall(rf"^```{language}\n(.*?)^```$", README, flags=re.DOTALL | re.MULTILINE)
+README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
+MOST_WORDS = 1200
+CARD = re.compile(r"<!-- card:headlines -->\n.+\n<!-- /card:headlines -->", flags=re.DOTALL)
 
 
-@pytest.mark.parametrize(
-    "code", blocks("python"), ids=lambda code: f"line {README[: README.index(code)].count(chr(10))}"
-)
-def test_python_runs(code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(figures.Plots, "all", lambda _: {})  # a run's folder with figures: test_command_line
+def test_every_command_runs_and_prints_what_is_shown(massprop: Massprop) -> None:
+    ours = [words[1:] for words in commands(README) if words[0] == "massprop"]
+    others = [words for words in commands(README) if words[0] != "massprop"]
+    assert [words[0] for words in ours] == ["run", "view", "estimate", "list"]
+    printed = []
+    for words in ours:
+        # the plain loop gives the diagram's bits in half of the time
+        done = massprop(*words, *(["--set", "execution.engine=loop"] if words[0] == "run" else []))
+        assert done.status == 0, done.err
+        printed.append(done.out)
+    (shown,) = blocks(README, "text")
+    assert unshown(shown, printed[0]) == []
+    assert [line for line in printed[2].splitlines() if line.startswith("detected:")] == shown.splitlines()[1:]
+    assert others == [["pip", "install", "."]]  # `make wheel` and its tests install it
+
+
+def test_python_runs_and_prints_what_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
+    (code,) = blocks(README, "python")
+    assert len([line for line in code.splitlines() if line]) <= 12
     exec(compile(code, "README.md", "exec"), {"__name__": "readme"})
-
-
-def test_real_time_example_prints_what_the_text_says(capsys: pytest.CaptureFixture[str]) -> None:
-    code = next(code for code in blocks("python") if "estimator.step" in code)
-    exec(compile(code, "README.md", "exec"), {"__name__": "readme"})
-    printed = capsys.readouterr().out.strip()
-    assert f"This prints `{printed}`" in README
-
-
-def test_scenario_runs(tmp_path: Path) -> None:
-    (text,) = (block for block in blocks("yaml") if block.startswith("name:"))
-    path = tmp_path / "with_payload.yaml"
-    path.write_text(text, encoding="utf-8")
-    scenario = load_scenario(path)
-    assert scenario.name == path.stem
-    run = simulate(scenario)
-    assert run.summary["duration_s"] == pytest.approx(scenario.duration_s)
-    said = re.search(r"below (\S+) % in the moments of inertia, (\S+) % .* along x, (\S+) % in the mass", README)
+    said = re.search(r"^This prints (.*)\.$", README, flags=re.MULTILINE)
     assert said is not None
-    moments, along_x, mass = map(float, said.groups())
-    found, true = run.summary["derived"], scenario.plant.mass_properties
-    off = 100.0 * np.abs(np.diag(found["inertia"]) / np.diag(true.inertia) - 1.0)
-    assert off.max() < moments
-    assert abs(run.summary["percent_error"]["center_of_mass"][0]) < along_x
-    assert abs(run.summary["percent_error"]["mass_reciprocal"]) < mass
+    assert unshown("\n".join(re.findall("`([^`]+)`", said[1])), capsys.readouterr().out) == []
+
+
+def test_it_stays_short() -> None:
+    assert len(README.split()) <= MOST_WORDS
+
+
+def test_figures_of_campaigns_stand_in_the_block_of_the_card() -> None:
+    assert CARD.search(README)
+    rest = CARD.sub("", README)
+    assert re.findall(r"\d+ of \d+|\d+(?:\.\d+)? sigma|95 %", rest) == []
+
+
+def test_what_is_named_is_there() -> None:
+    targets = set(re.findall(r"^([a-z]+):", (REPOSITORY / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE))
+    assert set(re.findall(r"`make ([a-z]+)", README)) <= targets
+    python = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]["requires-python"]
+    assert f"Python {python.removeprefix('>=')} or newer" in README
 
 
 def test_links_lead_somewhere() -> None:
-    links = [link for link in re.findall(r"\]\(([^)#]+)\)", README) if not link.startswith("https://")]
-    missing = [link for link in links if not (Path(__file__).parent.parent / link).exists()]
+    """Beside the file, as a host of repositories and a package index's source link show it; anchors are headings."""
+    links = [link for link in re.findall(r"\]\(([^)]+)\)", README) if not link.startswith("https://")]
     assert "LICENSE" in links
+    missing = []
+    for link in links:
+        path, _, anchor = link.partition("#")
+        target = REPOSITORY / path
+        headings = re.findall(r"^#+ (.*)$", target.read_text(encoding="utf-8"), re.MULTILINE) if anchor else []
+        anchors = {"", *(heading.lower().replace(" ", "-") for heading in headings)}
+        if not target.exists() or anchor not in anchors:
+            missing.append(link)
     assert missing == []
