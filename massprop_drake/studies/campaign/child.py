@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import importlib.util
 import json
 import os
 import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, TextIO
 
 _PARENT_DEATH_SIGNAL = 1  # of Linux's prctl
@@ -34,9 +35,8 @@ def main() -> None:
 
     from massprop_drake.errors import InputError  # noqa: PLC0415 (the parent's end is to be noticed from the first)
     from massprop_drake.studies.campaign.execution import execution  # noqa: PLC0415
-    from massprop_drake.studies.campaign.flight import Flights  # noqa: PLC0415 (loads Drake)
 
-    flights = Flights(setup)
+    flights = _flights(setup)
     _reply(replies, {"execution": execution(compiled=flights.compiled)})
     for request in requests:
         began, spent = time.perf_counter(), time.process_time()
@@ -48,6 +48,22 @@ def main() -> None:
             answer = {"failed": f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"}
         answer |= {"wall_s": time.perf_counter() - began, "cpu_s": time.process_time() - spent}
         _reply(replies, answer)
+
+
+def _flights(setup: Mapping[str, Any]) -> Any:
+    """Loads and makes what flies the cases, see `worker.fly_chunk`."""
+    if "program" not in setup:
+        from massprop_drake.studies.campaign.flight import Flights  # noqa: PLC0415 (loads Drake)
+
+        return Flights(setup)
+    sys.path.insert(0, os.path.dirname(setup["program"]))  # noqa: PTH120 (what it imports stands beside it)
+    spec = importlib.util.spec_from_file_location("program", setup["program"])
+    assert spec is not None
+    assert spec.loader is not None
+    program = importlib.util.module_from_spec(spec)
+    sys.modules["program"] = program
+    spec.loader.exec_module(program)
+    return program.Flights(setup)
 
 
 def _requests() -> Iterator[dict[str, Any]]:

@@ -15,11 +15,11 @@ import uuid
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from massprop_drake.errors import InputError
 from massprop_drake.studies.campaign.execution import differences
-from massprop_drake.studies.campaign.plan import FAILED, FLOWN, PlannedCase
+from massprop_drake.studies.campaign.plan import FAILED, FLOWN
 from massprop_drake.studies.campaign.worker import CannotFlyError, end, fly_chunk, require_shared
 from massprop_drake.studies.processes import ctrl_c_held
 
@@ -38,6 +38,16 @@ _SHORT_LOG = {"distributed.admin.low-level-log-length": 10}  # messages; they ho
 _LOST_ERRORS = (OSError, CancelledError)  # of a connection to Dask, those of time among them
 
 
+class Case(Protocol):
+    """A named tuple that says what is to be flown, such as `plan.PlannedCase`."""
+
+    @property
+    def case_id(self) -> int:
+        """Number of the case, one of its own."""
+
+    def _asdict(self) -> dict[str, Any]: ...
+
+
 class Work(NamedTuple):
     """What is to be flown, and how.
 
@@ -49,7 +59,7 @@ class Work(NamedTuple):
     """
 
     setup: Mapping[str, Any]
-    cases: Sequence[PlannedCase]
+    cases: Sequence[Case]
     kept: frozenset[int]
     time_s: float
     memory_mb: float
@@ -214,7 +224,7 @@ class _Chunks:
         self._work = work
         self._execution = execution
         self._waiting = list(reversed(work.cases))
-        self._under_way: dict[Future[Any], list[PlannedCase]] = {}
+        self._under_way: dict[Future[Any], list[Case]] = {}
         self._per_case_s: float | None = None
 
     def flown(self) -> Iterator[Flown]:
@@ -275,7 +285,7 @@ class _Chunks:
         least, most = (max(1, min(_MOST, round(span / self._per_case_s))) for span in (_LEAST_S, _CHUNK_S))
         return min(most, max(least, share))
 
-    def _taken(self, chunk: Sequence[PlannedCase], result: Mapping[str, Any]) -> Flown:
+    def _taken(self, chunk: Sequence[Case], result: Mapping[str, Any]) -> Flown:
         here, answers = result["execution"], result["answers"]
         if self._execution is not None and differences(here, self._execution):
             raise InputError(
@@ -288,7 +298,7 @@ class _Chunks:
         return Flown(rows, here)
 
 
-def _row(case: PlannedCase, answer: Mapping[str, Any], worker: str) -> dict[str, Any]:
+def _row(case: Case, answer: Mapping[str, Any], worker: str) -> dict[str, Any]:
     common = {"case_id": case.case_id, "wall_s": answer["wall_s"], "cpu_s": answer["cpu_s"], "worker": worker}
     if "row" in answer:
         return {**common, "status": FLOWN, "reason": None, **answer["row"]}

@@ -116,12 +116,15 @@ class Child:
 
     def _start(self) -> None:
         self._said = tempfile.TemporaryFile()  # noqa: SIM115 (`close` closes it)
+        program, package = ["-m", "massprop_drake.studies.campaign.child"], {}
+        if "program" in self._setup:  # as a file: the package may be of a version that has no such child
+            program, package = [str(Path(__file__).with_name("child.py"))], {"PYTHONPATH": self._setup["package"]}
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "massprop_drake.studies.campaign.child"],
+            [sys.executable, "-P", *program],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._said,
-            env={**os.environ, **ONE_THREAD},
+            env={**os.environ, **package, **ONE_THREAD},
             start_new_session=True,  # Ctrl-C is for whoever started it
         )
         self.execution = self._ask(self._setup, _START_S, float("inf"))["execution"]
@@ -191,7 +194,8 @@ def fly_chunk(
     """Flies some cases; a task of Dask.
 
     Args:
-        setup: as of `flight.Flights`, with `key`, which tells it from others.
+        setup: as of `flight.Flights`, with `key`, which tells it from others. With `program`, a file, its `Flights`
+            fly the cases, with the package that is in the folder `package`.
         cases: requests.
         time_s, memory_mb: what each may take.
 

@@ -1,110 +1,57 @@
-"""Drawn flights of vehicles that are followed in a fixed frame: what is named, and whether estimates keep their sigmas.
+"""Flights of vehicles that are tracked in a fixed frame, by a simulator of its own.
 
-    python benchmarks/poses.py [--case NAME ...] [--count 100] [--first 0] [--seconds 60] [--write FILE]
-
-The simulator is one of its own, of a rigid body in small steps with valves that act late and through a lag, drag, a
-floor that is not level, and a controller that answers what the pose sensor reads. It draws mass properties, thrusts,
-valves and surroundings as the vehicle's file says they may be; in half of the flights a jet is dead from the start, or
-gives less than a third. What it writes is a record, and what is measured is what `estimate` makes of it.
-
-The vehicles are the bundled ones, or drawn, too: four to sixteen jets anywhere on a body of 2 to 500 kg that they can
-hold, in a plane or free, with sensors and surroundings of a size that such a body can be held by.
-
-With --write every flight is a line of a file as soon as it has been flown, and those in it are not flown again: a
-campaign may be interrupted, and goes on where it was. At the end, the table of docs/limits.md.
+It has a rigid body in small steps with valves that act late and through a lag, drag, a floor that is not level, and a
+controller that answers the pose sensor. It draws mass properties, thrusts, valves and surroundings as the vehicle's
+file states them. Vehicles are the bundled ones, or drawn, too: four to sixteen jets anywhere on a body of 2 to 500 kg
+that they can hold, in a plane or free, with sensors and surroundings of a size that such a body can be held by.
 """
 
 from __future__ import annotations
 
-import argparse
-import csv
-import json
-import math
-import tempfile
-import time
-from collections.abc import Sequence
-from pathlib import Path
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from massprop_drake.inputs.scenario import resolved
+from flights.flight import Array
 from massprop_drake.inputs.vehicle import Vehicle, load_vehicle
-from massprop_drake.runners.recorded import estimate
-from massprop_drake.telemetry.reader import columns
-
-Array = NDArray[np.float64]
 
 _STEP_S = 0.005
 _BEHIND = 400  # steps of commands that are kept
 
 
 class Case(NamedTuple):
-    """A kind of flight.
+    """Departures of a flight from what the vehicle's file says.
 
     Attributes:
-        title: in a table.
-        vehicle: a bundled one, or a file; "": drawn.
-        delay_off: samples by which commands act later than the file says.
+        delay_off: samples by which commands act later.
         pressure_loss: share of all thrusts that is lost in the flight, evenly.
-        failures: whether a jet is dead from the start in half of the flights.
-        walk: of what all thrusts share that the vehicle's file states, 1-sigma in one second.
+        failures: whether a jet is dead, or gives less than a third, in half of the flights.
         late: whether the jet dies in the flight, at a time that is drawn.
-        noise: by which everything that the file calls noise is larger than it says.
-        whole: whether pulses scatter as a whole, by what the file says of a sample.
-        told: of each kind of jet, instead of what its file says.
+        noise: factor on everything that the file calls noise.
+        whole: whether pulses scatter as a whole, by the size that the file states of a sample.
         rough: whether quaternions change their sign, poses are missing for up to a second, and stamps are off.
     """
 
-    title: str
-    vehicle: str = ""
     delay_off: float = 0.0
     pressure_loss: float = 0.0
     failures: bool = True
-    walk: float = 0.0
     late: bool = False
     noise: float = 1.0
     whole: bool = False
-    told: tuple[tuple[str, float], ...] = ()
     rough: bool = False
 
 
-_WHOLE = (("repeatability", 0.0), ("pulse_scatter", 0.36))
-_EXACT = (("command_delay_std_s", 0.0),)
-CASES = {
-    "planar": Case("air-bearing satellite", "air_bearing"),
-    "free": Case("free flyer by cameras", "tracked_flyer"),
-    "delay_1": Case("commands one sample late", "air_bearing", delay_off=1.0, failures=False),
-    "delay_2": Case("commands two samples late", "air_bearing", delay_off=2.0, failures=False),
-    "delay_3": Case("commands three samples late", "air_bearing", delay_off=3.0, failures=False),
-    "exact": Case(
-        "delay off by .05 s 1-sigma and a sample, stated as exact", "air_bearing", delay_off=1.0, told=_EXACT
-    ),
-    "pressure": Case("supply that falls by 10 %", "air_bearing", pressure_loss=0.1, failures=False, walk=0.013),
-    "planar_late": Case("air-bearing satellite, jet dies in flight", "air_bearing", late=True),
-    "free_late": Case("free flyer, jet dies in flight", "tracked_flyer", late=True),
-    "drawn": Case("drawn vehicles of 4 to 16 jets and 2 to 500 kg"),
-    "rough": Case("such, signs of quaternions flip, gaps of up to 1 s, stamps off by 2 % of a sample", rough=True),
-    "noisy": Case("such, with twice the stated noise", noise=2.0),
-    "quiet": Case("such, with half the stated noise", noise=0.5),
-    "whole": Case("pulses of .36 as a whole, stated as of samples", "air_bearing", whole=True),
-    "whole_told": Case("likewise, stated as `pulse_scatter`", "air_bearing", whole=True, told=_WHOLE),
-    "samples_told_whole": Case("pulses of .36 by samples, stated as `pulse_scatter`", "air_bearing", told=_WHOLE),
-}
-_NAMES = ", ".join(CASES)
-
-
 class Truth(NamedTuple):
-    """What was drawn.
+    """True vehicle of a flight.
 
     Attributes:
         mass, center, inertia: of the body.
         thrusts: forces of the jets, body axes, shape (n_jets, 3).
-        dead: index of the jet that is, -1: none.
-        left: what it gives then, of its thrust.
-        since_s: from when on.
+        dead: index of the dead jet, -1: none.
+        left: share of its thrust that it still gives.
+        since_s: onset, s.
     """
 
     mass: float
@@ -129,13 +76,13 @@ class _Valves(NamedTuple):
     strength: Array
 
 
-class Flight:
-    """One flight, step by step.
+class TrackedFlight:
+    """A flight of a vehicle that is tracked in a fixed frame, in small steps, with its controller.
 
     Args:
-        vehicle: as its file has it.
-        case: see `Case`.
-        seed: of all that is drawn.
+        vehicle: parsed vehicle file.
+        case: departures from the file.
+        seed: of every draw.
         duration_s: of the flight.
     """
 
@@ -185,7 +132,7 @@ class Flight:
         self._repeat = np.array([kind.repeatability for kind in kinds])[of]
 
     def rows(self) -> tuple[Array, Array]:
-        """Columns of telemetry, and the truth's rotation at their times."""
+        """Flies, and returns rows of telemetry and the rotation at the end."""
         period, n_jets = self.vehicle.sample_period_s, len(self.vehicle.jets)
         body = _Body(np.zeros(3), np.zeros(3), np.eye(3), np.zeros(3))
         valves = _Valves(np.zeros(n_jets), np.zeros(n_jets), np.ones(n_jets))
@@ -212,7 +159,7 @@ class Flight:
         return np.array(rows), body.rotation
 
     def _thrusts(self, time_s: float) -> Array:
-        """What jets give at full thrust, shape (n_jets, 3)."""
+        """Forces of jets at full thrust, shape (n_jets, 3)."""
         truth = self.truth
         thrusts = truth.thrusts * (1.0 - self.case.pressure_loss * time_s / self.duration_s)
         if truth.dead >= 0 and time_s >= truth.since_s:
@@ -220,7 +167,7 @@ class Flight:
         return thrusts
 
     def _opened(self, valves: _Valves, wanted: Array, drawn: Array, step: float) -> tuple[_Valves, Array]:
-        """Valves after a step, and their levels' mean over it."""
+        """Advances valves by a step; valves and their mean levels over it."""
         strength = valves.strength
         if self.case.whole:
             strength = np.where((wanted > 0.0) & (valves.wanted == 0.0), drawn, strength)
@@ -228,7 +175,7 @@ class Flight:
         return _Valves(wanted + off * left, wanted, strength), wanted + off * (1.0 - left) * self._lags / step
 
     def _moved(self, body: _Body, gives: Array, step: float) -> _Body:
-        """The body after a step with forces of its jets."""
+        """Advances the body by a step with forces of its jets."""
         position, velocity, rotation, rate = body
         truth, around, random = self.truth, self.vehicle.surroundings, self._random
         force = rotation @ gives.sum(axis=0) - self._drag * velocity + truth.mass * self._slope
@@ -252,7 +199,7 @@ class Flight:
         return _Body(position + 0.5 * step * (velocity + faster), faster, rotation @ _turned(step * middle), turning)
 
     def _roughened(self, read: Array, time_s: float) -> Array:
-        """Columns of sensors as a rough record has them."""
+        """Roughens the columns of sensors of one row."""
         if not self.case.rough:
             return read
         random, first = self._random, 3 * len(self.vehicle.gyros)
@@ -275,7 +222,7 @@ class Flight:
         return np.array([0.0, 0.0, 1.0]) if self._planar else np.ones(3)
 
     def _wanted(self, switches: list[tuple[float, Array]], time_s: float) -> Array:
-        """What valves are at, of commands that act late, and later where they open."""
+        """Valve levels toward which commands drive, which act late, and later where they open."""
         wanted = np.zeros(len(self.vehicle.jets))
         open_at = time_s - self.delays - self._late
         close_at = time_s - self.delays
@@ -289,7 +236,7 @@ class Flight:
         return wanted
 
     def _read(self, position: Array, velocity: Array, rotation: Array, rate: Array) -> tuple[Array, Array, Array]:
-        """Position and attitude as the controller takes them, and all columns of sensors."""
+        """Reads position and attitude for the controller, and all columns of sensors."""
         vehicle, random, truth = self.vehicle, self._random, self.truth
         columns_, seen, turned = [], position, np.zeros(3)
         for gyro in vehicle.gyros:
@@ -318,7 +265,7 @@ class Flight:
     def _commanded(
         self, read: tuple[Array, Array, Array], before: tuple[Array, Array], time_s: float, period: float
     ) -> Array:
-        """Jets that a controller opens: toward a goal that moves on, by position and attitude and their differences."""
+        """Commands jets toward a goal that moves on, by position and attitude and their differences."""
         vehicle = self.vehicle
         stage = int(time_s / 12.0)
         draw = np.random.default_rng(stage + 17)
@@ -348,7 +295,7 @@ def _at(switches: list[tuple[float, Array]], time_s: float, jet: int) -> bool:
 
 
 def _crossed(a: Array, b: Array) -> Array:
-    """As `numpy.cross`, and faster."""
+    """Cross product of rows, faster than `numpy.cross`."""
     parts = ((1, 2), (2, 0), (0, 1))
     return np.stack([a[..., i] * b[..., j] - a[..., j] * b[..., i] for i, j in parts], axis=-1)
 
@@ -399,7 +346,7 @@ def _quaternion(rotation: Array) -> Array:
 
 
 def drawn_vehicle(seed: int) -> Vehicle:
-    """A vehicle that its jets can hold: mass, shape, jets, valves, sensors and surroundings are drawn."""
+    """Draws a vehicle that its jets can hold: mass, shape, jets, valves, sensors and surroundings."""
     random = np.random.default_rng([seed, 4])
     planar = bool(random.random() < 0.5)
     mass = float(np.exp(random.uniform(np.log(2.0), np.log(500.0))))
@@ -475,7 +422,7 @@ def drawn_vehicle(seed: int) -> Vehicle:
 
 
 def _drawn_jets(random: np.random.Generator, sides: Array, planar: bool) -> list[tuple[Array, Array]]:
-    """Places on a body's surface and directions along its axes, such that pushes hold it in all that it can move."""
+    """Draws places on a body's surface and directions along its axes that control all axes in which it can move."""
     scale = 2.0 / float(np.linalg.norm(sides))
     while True:
         count = int(random.integers(4, 13) if planar else random.integers(8, 17))
@@ -496,168 +443,38 @@ def _drawn_jets(random: np.random.Generator, sides: Array, planar: bool) -> list
             return jets
 
 
-class Outcome(NamedTuple):
-    """What became of a flight.
+def drawn_flight(
+    seed: int, *, vehicle: str, seconds: float, departures: Mapping[str, Any], told: Mapping[str, float], walk: float
+) -> tuple[Vehicle, TrackedFlight]:
+    """Draws a flight, and the vehicle file that its estimator is told.
 
-    Attributes:
-        case, seed, seconds: which it was.
-        dead: designation of the jet that is, "": none.
-        named: jets that were named alone, in order, with their times.
-        grouped: jets of groups.
-        sigmas: errors of the free parameters in their sigmas.
-        first_s: when the dead jet had been told to fire ten times; None: it never had.
-        delay: error of the estimated command delay, s and sigmas.
-        verdict: of consistency.
-        spent_s: time that the estimate took.
+    Args:
+        seed: of every draw.
+        vehicle: name of a bundled vehicle; "": one is drawn.
+        seconds: duration, s.
+        departures: of `Case`.
+        told: of each kind of jet, in place of what its file says.
+        walk: stated walk of what all thrusts share, 1-sigma in one second.
     """
-
-    case: str
-    seed: int
-    seconds: float
-    dead: str
-    named: Sequence[tuple[str, float]]
-    grouped: Sequence[Sequence[str]]
-    sigmas: Sequence[float]
-    first_s: float | None
-    delay: tuple[float, float]
-    verdict: str
-    spent_s: float
-
-    @property
-    def right(self) -> bool:
-        """Whether the dead jet has been named alone."""
-        return bool(self.dead) and self.dead in [jet for jet, _ in self.named]
-
-    @property
-    def wrong(self) -> bool:
-        """Whether a healthy jet has."""
-        return any(jet != self.dead for jet, _ in self.named)
-
-    @property
-    def odd(self) -> bool:
-        """Whether one would look at it."""
-        return self.wrong or bool(self.grouped) or self.right != bool(self.dead) or max(map(abs, self.sigmas)) > 4.0
+    stated = load_vehicle(vehicle) if vehicle else drawn_vehicle(seed)
+    stated = stated.model_copy(update={"common_scale_walk": walk})
+    flight = TrackedFlight(stated, Case(**departures), seed, seconds)
+    kinds = {kind: one.model_copy(update=dict(told)) for kind, one in stated.jet_kinds.items()}
+    return stated.model_copy(update={"jet_kinds": kinds}), flight
 
 
-def fly(name: str, seed: int, duration_s: float) -> Outcome:
-    """Flies one, and estimates from its record."""
-    case = CASES[name]
-    vehicle = load_vehicle(case.vehicle) if case.vehicle else drawn_vehicle(seed)
-    vehicle = vehicle.model_copy(update={"common_scale_walk": case.walk})
-    flight = Flight(vehicle, case, seed, duration_s)
-    rows, _ = flight.rows()
-    kinds = {kind: told.model_copy(update=dict(case.told)) for kind, told in vehicle.jet_kinds.items()}
-    told = vehicle.model_copy(update={"jet_kinds": kinds})
-    began = time.perf_counter()
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "record.csv"
-        with path.open("w", newline="") as file:
-            writer = csv.writer(file)
-            writer.writerow(columns(vehicle))
-            writer.writerows([["" if np.isnan(cell) else repr(float(cell)) for cell in row] for row in rows])
-        run = estimate(path, resolved({"name": "flight", "vehicle": told}))
-    spent_s = time.perf_counter() - began
-    found, truth = run.results, flight.truth
-    sigmas = (found.estimates - _true(truth, vehicle)) / found.standard_deviations
-    off, std = float(run["command_delay"][-1, 0]) - float(flight.delays[0]), float(run["command_delay_std"][-1, 0])
-    return Outcome(
-        name,
-        seed,
-        duration_s,
-        "" if truth.dead < 0 else vehicle.designations[truth.dead],
-        [(one.jets[0], one.time_s) for one in found.detections if one.isolated_to == "jet"],
-        [one.jets for one in found.detections if one.isolated_to == "group"],
-        sigmas[np.isfinite(sigmas)].tolist(),
-        _tenth_pulse(rows, truth, vehicle),
-        (off, off / std if std > 0.0 else math.copysign(math.inf, off)),
-        found.consistency.verdict,
-        round(spent_s, 2),
-    )
-
-
-def _true(truth: Truth, vehicle: Vehicle) -> Array:
-    """The ten parameters."""
+def true_parameters(truth: Truth, vehicle: Vehicle) -> Array:
+    """The ten parameters, see `maths.mass_properties`, shape (10,)."""
     inverse = np.linalg.inv(truth.inertia)
     if vehicle.motion == "planar":
         inverse[2, 2] = 1.0 / truth.inertia[2, 2]
     return np.concatenate((inverse[[0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]], truth.center, [1.0 / truth.mass]))
 
 
-def _tenth_pulse(rows: Array, truth: Truth, vehicle: Vehicle) -> float | None:
-    """When the dead jet, dead already, is told to fire for the tenth time, s; None: never."""
+def tenth_pulse(rows: Array, truth: Truth, vehicle: Vehicle) -> float | None:
+    """Time of a dead jet's tenth command, s; None: never."""
     if truth.dead < 0:
         return None
     fires = rows[:, -len(vehicle.jets) + truth.dead] * (rows[:, 0] >= truth.since_s)
     begins = np.flatnonzero(np.diff(fires, prepend=0.0) > 0.0)
     return float(rows[begins[9], 0]) if begins.size > 9 else None
-
-
-def flown_before(path: Path | None) -> list[Outcome]:
-    """Flights in the file."""
-    if path is None or not path.exists():
-        return []
-    return [Outcome(**json.loads(line)) for line in path.read_text().splitlines()]
-
-
-def row(name: str, done: Sequence[Outcome]) -> str:
-    """A row of the table of docs/limits.md."""
-    dead = [one for one in done if one.dead]
-    right = [one for one in dead if one.right]
-    seldom = sum(one.first_s is None for one in dead if not one.right)
-    seen = f"{len(right)} of {len(dead)}" + (f" ({seldom} fired less than ten times)" if seldom else "")
-    sigmas = np.abs(np.concatenate([one.sigmas for one in done]))
-    off, off_sigmas = np.array([one.delay for one in done]).T
-    return (
-        f"| {CASES[name].title}, {len(done)} | {seen if dead else '-'} | {sum(one.wrong for one in done) or 'none'} | "
-        f"{100.0 * (sigmas <= 3.0).mean():.1f} % | "
-        f"{1e3 * np.sqrt(np.mean(off**2)):.1f} ms; {np.abs(off_sigmas).max():.1f} sigma |"
-    )
-
-
-def besides(name: str, done: Sequence[Outcome]) -> str:
-    """What the table does not say of a case."""
-    after = [time_s for one in done for jet, time_s in one.named if jet == one.dead]
-    silent = sum(not one.named and not one.grouped for one in done if one.dead)
-    sigmas = np.concatenate([one.sigmas for one in done])
-    said = sum(one.verdict == "inconsistent" for one in done)
-    return (
-        f"{name}: named after {np.median(after) if after else np.nan:.1f} s (median), {max(after, default=np.nan):.1f} "
-        f"s at the most; {silent} silent; {sum(bool(one.grouped) for one in done)} with a group; sigmas' RMS "
-        f"{np.sqrt(np.mean(sigmas**2)):.2f}, largest {np.abs(sigmas).max():.1f}; {said} inconsistent; "
-        f"{np.mean([one.spent_s for one in done]):.1f} s each"
-    )
-
-
-def main() -> None:
-    """Flies, prints a line for every flight that one would look at, and the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--case", nargs="*", default=list(CASES), choices=list(CASES), metavar="CASE", help=_NAMES)
-    parser.add_argument("--count", type=int, default=100, help="flights of each case")
-    parser.add_argument("--first", type=int, default=0, help="number of the first flight, its seed")
-    parser.add_argument("--seconds", type=float, default=60.0, help="of a flight")
-    parser.add_argument("--write", type=Path, help="file of flights, one a line; those in it are not flown again")
-    arguments = parser.parse_args()
-    before = [one for one in flown_before(arguments.write) if one.seconds == arguments.seconds]
-    table: list[str] = []
-    for name in arguments.case:
-        done = [one for one in before if one.case == name]
-        flown = {one.seed for one in done}
-        for seed in range(arguments.first, arguments.first + arguments.count):
-            if seed in flown:
-                continue
-            done.append(one := fly(name, seed, arguments.seconds))
-            if arguments.write is not None:
-                with arguments.write.open("a") as file:
-                    print(json.dumps(one._asdict()), file=file)
-            if one.odd:
-                print(f"  {name} {seed}: dead {one.dead or '-'}, named {one.named}, grouped {one.grouped}, ", end="")
-                print(f"ten pulses at {one.first_s} s, sigmas {np.round(one.sigmas, 1).tolist()}", flush=True)
-        if done:
-            print(besides(name, done), flush=True)
-            table.append(row(name, done))
-    print("\n| flights | dead jets named | a wrong jet | errors within 3 sigma | delay, RMS; at most |")
-    print("| --- | --- | --- | --- | --- |", *table, sep="\n")
-
-
-if __name__ == "__main__":
-    main()

@@ -1,0 +1,1 @@
+"""Flights of the card: what is drawn, flown and recorded of each."""
