@@ -26,7 +26,7 @@ from massprop_drake.records.recording import (
     needs,
     spread,
 )
-from massprop_drake.records.storage import Channel, Message, Storage, unpack_file, zstd
+from massprop_drake.records.storage import Message, Storage, StoredTopic, unpack_file, zstd
 from massprop_drake.telemetry.tables import Loss
 
 _NANO = 1e-9
@@ -83,7 +83,7 @@ def read(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
     gathered: dict[str, _Gathered] = {}
     named: dict[str, str] = {}  # type of each topic
 
-    def is_wanted(channel: Channel) -> bool:
+    def is_wanted(channel: StoredTopic) -> bool:
         if by is not None:
             return channel.topic in by.topics
         return channel.msgtype.rpartition("/")[2] not in _HEAVY
@@ -170,7 +170,7 @@ class _Bag:
 
     def __init__(self, path: Path):
         self._path = path
-        self.channels: list[Channel] = []
+        self.channels: list[StoredTopic] = []
         self.losses: list[Loss] = []
         self.notes: list[str] = []
         self.first_ns: int | None = None
@@ -209,7 +209,7 @@ class _Bag:
             raise InputError(f"{self._path}: none of the files that its {_METADATA} names is there")
         return found
 
-    def messages(self, wanted: Callable[[Channel], bool]) -> Iterator[Message]:
+    def messages(self, wanted: Callable[[StoredTopic], bool]) -> Iterator[Message]:
         """Yields the messages of all files, those of topics that are not wanted without data."""
         with ExitStack() as stack:
             for path in self._files:
@@ -281,9 +281,9 @@ class _Types:
         self._errors = (SerdeError, TypesysError, *_DAMAGED)
         self._empty: Callable[[], Any] = lambda: get_typestore(Stores.EMPTY)
         self._usual: Any = get_typestore(Stores.LATEST)
-        self._by_channel: dict[Channel, Callable[[bytes], Any] | str] = {}
+        self._by_channel: dict[StoredTopic, Callable[[bytes], Any] | str] = {}
 
-    def message(self, channel: Channel, data: bytes) -> Any:
+    def message(self, channel: StoredTopic, data: bytes) -> Any:
         """A message; raises ValueError, which says why, where it cannot be read."""
         if channel not in self._by_channel:
             try:
@@ -298,7 +298,7 @@ class _Types:
         except self._errors as error:
             raise ValueError(_words(error)) from None
 
-    def _reader(self, channel: Channel) -> Callable[[bytes], Any]:
+    def _reader(self, channel: StoredTopic) -> Callable[[bytes], Any]:
         from rosbags.typesys import get_types_from_idl, get_types_from_msg  # noqa: PLC0415 (an extra)
 
         if channel.encoding not in ("cdr", "ros1"):

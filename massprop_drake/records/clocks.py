@@ -22,7 +22,7 @@ _UNITS = ("s", "ms", "us", "ns")
 _DECIMALS = 9  # of seconds to which stamps are rounded at the most
 
 
-class Clock(NamedTuple):
+class TopicClock(NamedTuple):
     """Stamps of a topic.
 
     Attributes:
@@ -36,7 +36,7 @@ class Clock(NamedTuple):
     coarse: str
 
 
-class _Read(NamedTuple):
+class _ClockColumn(NamedTuple):
     """Times of a column as it may be read, s."""
 
     data: dict[str, Any]
@@ -54,7 +54,7 @@ class _Read(NamedTuple):
         return bool(self.steps.size) and float((self.steps > 0.0).mean()) > _RISES
 
 
-def find_clock(topic: Topic, names: Sequence[ColumnName], period_s: float) -> Clock | None:
+def find_clock(topic: Topic, names: Sequence[ColumnName], period_s: float) -> TopicClock | None:
     """Finds the column of time, or two that belong together; None where nothing is one.
 
     Args:
@@ -74,13 +74,13 @@ def find_clock(topic: Topic, names: Sequence[ColumnName], period_s: float) -> Cl
     rising = [one for one in found if one.rises]
     if rising:
         best = min(rising, key=lambda one: not _is_about(one.steps, period_s))
-        return Clock(best.data, f"time: {best.why}", _coarse(best, period_s, rises=True))
+        return TopicClock(best.data, f"time: {best.why}", _coarse(best, period_s, rises=True))
     standing = [one for one in found if one.steps.size and one.steps.min() >= 0.0 and one.steps.max() > 0.0]
     counted = _by_numbers(topic, names, period_s)
     if counted is not None:
         return counted
     if standing:
-        return Clock({}, "", _coarse(standing[0], period_s, rises=False))
+        return TopicClock({}, "", _coarse(standing[0], period_s, rises=False))
     return None
 
 
@@ -95,7 +95,7 @@ def _is_about(steps: Array, period_s: float) -> bool:
     return abs(step * count - period_s) <= JITTER * period_s
 
 
-def _in_one(topic: Topic, name: ColumnName, period_s: float) -> list[_Read]:
+def _in_one(topic: Topic, name: ColumnName, period_s: float) -> list[_ClockColumn]:
     """The times of a column, in the unit that its name has, or in which its steps are about a sample period."""
     column = name.column
     if _is_text(topic, name):
@@ -103,7 +103,7 @@ def _in_one(topic: Topic, name: ColumnName, period_s: float) -> list[_Read]:
         if not cells or not any(cells) or any(stamp_of(cell) is None for cell in cells):
             return []
         times_s = topic.times_s(column, 1.0)
-        return [_Read({"column": column}, times_s, f"column {column}, stamps of date and time")]
+        return [_ClockColumn({"column": column}, times_s, f"column {column}, stamps of date and time")]
     try:
         numbers = topic.numbers(column)
     except InputError:
@@ -121,10 +121,10 @@ def _in_one(topic: Topic, name: ColumnName, period_s: float) -> list[_Read]:
             unit = nearest
             why = f"since its steps of {step:.6g} are nearest to the sample period of {period_s:g} s so"
     said = f"column {column}, which rises from row to row, in {unit} {why}"
-    return [_Read({"column": column, "unit": unit}, numbers * factor(unit, "time"), said)]
+    return [_ClockColumn({"column": column, "unit": unit}, numbers * factor(unit, "time"), said)]
 
 
-def _in_two_columns(topic: Topic, names: Sequence[ColumnName]) -> list[_Read]:
+def _in_two_columns(topic: Topic, names: Sequence[ColumnName]) -> list[_ClockColumn]:
     """Whole seconds in a column, and what is below them in another."""
     timed = [
         name
@@ -153,7 +153,7 @@ def _in_two_columns(topic: Topic, names: Sequence[ColumnName]) -> list[_Read]:
                 continue
             data = {"column": whole.column, "unit": "s", "fraction": part.column, "fraction_unit": unit}
             why = f"whole seconds in column {whole.column}, and {unit} below them in column {part.column}"
-            found.append(_Read(data, seconds + share, why))
+            found.append(_ClockColumn(data, seconds + share, why))
     return found
 
 
@@ -170,7 +170,7 @@ def _reached(values: Array) -> str:
     return next((unit for unit in ("ms", "us", "ns") if 0.0 < most < 1.0 / factor(unit, "time")), "")
 
 
-def _by_numbers(topic: Topic, names: Sequence[ColumnName], period_s: float) -> Clock | None:
+def _by_numbers(topic: Topic, names: Sequence[ColumnName], period_s: float) -> TopicClock | None:
     """A column that rises by a sample period from row to row, whatever its name."""
     for name in names:
         if _is_text(topic, name):
@@ -186,11 +186,11 @@ def _by_numbers(topic: Topic, names: Sequence[ColumnName], period_s: float) -> C
         unit = next((one for one in _UNITS if abs(step * factor(one, "time") - period_s) <= JITTER * period_s), "")
         if unit and float(np.median(np.abs(steps - step))) <= JITTER * step:
             why = f"time: column {name.column} rises by {step:.6g} a row, a sample period in {unit}: a guess"
-            return Clock({"column": name.column, "unit": unit}, why, "")
+            return TopicClock({"column": name.column, "unit": unit}, why, "")
     return None
 
 
-def _coarse(read: _Read, period_s: float, *, rises: bool) -> str:
+def _coarse(read: _ClockColumn, period_s: float, *, rises: bool) -> str:
     """A sentence on stamps that are rounded to more than rows may be off."""
     steps = read.steps
     column = read.data["column"]

@@ -19,7 +19,7 @@ _FIRES = 1e-3  # of the largest predicted change, from which one counts
 _SPREAD = 3.0  # of readings while coasting, in that of their changes, above which they are sums
 
 
-class Followed(NamedTuple):
+class JetEvidence(NamedTuple):
     """How changes of a reading follow those that the jets should cause.
 
     Attributes:
@@ -66,7 +66,7 @@ class Followed(NamedTuple):
         return -0.5 * self.samples * math.log(max(1.0 - square, 1e-12)) if not math.isnan(square) else math.nan
 
 
-def followed(record: Mapped, name: str, *, gives: str = "") -> Followed:
+def followed(record: Mapped, name: str, *, gives: str = "") -> JetEvidence:
     """Compares a gyro's or an accelerometer's readings with what the commands should do to them.
 
     Args:
@@ -78,7 +78,7 @@ def followed(record: Mapped, name: str, *, gives: str = "") -> Followed:
     steps = np.diff(channel.time_s)[:, None]
     shares = np.nan_to_num(mean_over(record.commands, channel.time_s)[:-1])
     meant = shares @ _effects(vehicle, name) * steps
-    return Followed(meant, _changes(channel, steps, gives or channel.gives))
+    return JetEvidence(meant, _changes(channel, steps, gives or channel.gives))
 
 
 def _changes(channel: Channel, steps: Array, gives: str) -> Array:

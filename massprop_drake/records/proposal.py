@@ -15,7 +15,7 @@ from massprop_drake.inputs.record_map import RecordMap
 from massprop_drake.inputs.units import factor
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.records import evidence, mapping
-from massprop_drake.records.clocks import Clock, find_clock
+from massprop_drake.records.clocks import TopicClock, find_clock
 from massprop_drake.records.names import (
     WORDS,
     ColumnName,
@@ -123,7 +123,7 @@ class _Search:
         self._guessed: dict[str, str] = {}  # sensors whose unit no name tells, and that of a velocity of theirs
         self.partial_commands = ""  # what is lacking of commands that were nearly found
         self.left_out: list[str] = []
-        self._clocks: dict[str, Clock | None] = {}
+        self._clocks: dict[str, TopicClock | None] = {}
 
     def _say(self, reason: str) -> None:
         self.reasons.append(reason)
@@ -223,7 +223,7 @@ class _Search:
         elif found is not None and not quietly and self._here[1] != self.data.get("time"):
             self._say(f"{name}: {found.reason}")
 
-    def _clock(self, name: str, names: Sequence[ColumnName]) -> Clock | None:
+    def _clock(self, name: str, names: Sequence[ColumnName]) -> TopicClock | None:
         """The clock of a topic, looked for once."""
         if name not in self._clocks:
             self._clocks[name] = find_clock(self.recording.topics[name], names, self.vehicle.sample_period_s)
@@ -586,7 +586,7 @@ class _Search:
         except ValueError:  # said when the map is shown
             return None
 
-    def _tell_scale(self, gyro: str, shown: evidence.Followed) -> None:
+    def _tell_scale(self, gyro: str, shown: evidence.JetEvidence) -> None:
         """Chooses the scale of commands, and the unit of rates that no name tells, by how the jets turn the vehicle.
 
         Both are chosen at once; the likelier scale by what commands reach may fit a little worse.
@@ -660,7 +660,7 @@ class _Search:
             f"{min(sums.correlation, values.correlation):.2f}"
         )
 
-    def _of_values(self, name: str, by: mapping.Mapped, values: evidence.Followed) -> str:
+    def _of_values(self, name: str, by: mapping.Mapped, values: evidence.JetEvidence) -> str:
         """Increments or accelerations, where it is not the sums that follow the jets: by how much they change."""
         usual = "mean" if self.data["sensors"][name]["gives"] == "mean" else "increment"
         if name not in self._guessed:

@@ -35,7 +35,7 @@ _PIECE = 1 << 20  # bytes that are unpacked at once
 _DAMAGED = (struct.error, UnicodeDecodeError, ValueError, LookupError, OSError, RuntimeError, EOFError, zlib.error)
 
 
-class Channel(NamedTuple):
+class StoredTopic(NamedTuple):
     """A topic of a storage file, and how its messages are written.
 
     Attributes:
@@ -64,7 +64,7 @@ class Message(NamedTuple):
         data: as written; empty for a topic that is not wanted.
     """
 
-    channel: Channel
+    channel: StoredTopic
     stamp_ns: int
     data: bytes
 
@@ -84,11 +84,11 @@ class Storage:
 
     def __init__(self, path: Path, name: str):
         self.path, self.name = path, name
-        self.channels: dict[int, Channel] = {}
+        self.channels: dict[int, StoredTopic] = {}
         self.stated: Counter[str] = Counter()
         self.losses: list[Loss] = []
 
-    def messages(self, wanted: Callable[[Channel], bool]) -> Iterator[Message]:
+    def messages(self, wanted: Callable[[StoredTopic], bool]) -> Iterator[Message]:
         """Yields all messages in the order of the file, those of topics that are not wanted without data.
 
         Raises:
@@ -117,7 +117,7 @@ class Storage:
 
     # -------------------------------------------------------------------------------------- MCAP
 
-    def _mcap(self, wanted: Callable[[Channel], bool]) -> Iterator[Message]:
+    def _mcap(self, wanted: Callable[[StoredTopic], bool]) -> Iterator[Message]:
         content = self._content(_MCAP, "an MCAP file")
         chunks, schemas = list[int](), dict[int, tuple[str, str, str]]()
         whole = len(content) > 2 * _FOOTER and content[-8:] == _MCAP
@@ -179,10 +179,10 @@ class Storage:
             topic, place = _text(body, 4)
             encoding, _ = _text(body, place)
             msgtype, language, definition = schemas.get(schema, ("of no type", "", ""))
-            self.channels[number] = Channel(topic, _in_ros2(msgtype), encoding, language, definition)
+            self.channels[number] = StoredTopic(topic, _in_ros2(msgtype), encoding, language, definition)
 
     def _mcap_record(
-        self, op: int, body: memoryview, wanted: Callable[[Channel], bool], schemas: dict[int, tuple[str, str, str]]
+        self, op: int, body: memoryview, wanted: Callable[[StoredTopic], bool], schemas: dict[int, tuple[str, str, str]]
     ) -> Iterator[Message]:
         try:
             self._mcap_described(op, body, schemas)
@@ -198,7 +198,7 @@ class Storage:
     def _mcap_chunk(
         self,
         body: memoryview,
-        wanted: Callable[[Channel], bool],
+        wanted: Callable[[StoredTopic], bool],
         schemas: dict[int, tuple[str, str, str]],
         *,
         cut: bool = False,
@@ -220,7 +220,7 @@ class Storage:
 
     # -------------------------------------------------------------------------------------- ROS 1
 
-    def _ros1(self, wanted: Callable[[Channel], bool]) -> Iterator[Message]:
+    def _ros1(self, wanted: Callable[[StoredTopic], bool]) -> Iterator[Message]:
         content = self._content(_ROS1, "a bag of ROS 1")
         header, _ = next(_ros1_records(content, len(_ROS1)), (_Header({}, 0, 0), b""))
         if header.fields.get("encryptor"):
@@ -257,7 +257,7 @@ class Storage:
             self._lost("damaged", f"bytes {place} to {following} are damaged, and left out")
             place = following
 
-    def _ros1_index(self, content: memoryview, wanted: Callable[[Channel], bool]) -> list[int]:
+    def _ros1_index(self, content: memoryview, wanted: Callable[[StoredTopic], bool]) -> list[int]:
         """Takes in the channels and counts of the index; where chunks begin."""
         chunks, place = [], 0
         try:
@@ -275,17 +275,21 @@ class Storage:
             self._lost("truncated", "is cut off within the index at its end; all messages are there")
         return chunks
 
-    def _ros1_inner(self, content: bytes, wanted: Callable[[Channel], bool], *, strict: bool) -> Iterator[Message]:
+    def _ros1_inner(self, content: bytes, wanted: Callable[[StoredTopic], bool], *, strict: bool) -> Iterator[Message]:
         """Messages of a chunk."""
         for header, data in _ros1_records(memoryview(content), 0, strict=strict):
             yield from self._ros1_record(header, data, wanted)
 
-    def _ros1_record(self, header: _Header, data: memoryview, wanted: Callable[[Channel], bool]) -> Iterator[Message]:
+    def _ros1_record(
+        self, header: _Header, data: memoryview, wanted: Callable[[StoredTopic], bool]
+    ) -> Iterator[Message]:
+        self, header: _Header, data: memoryview, wanted: Callable[[StoredTopic], bool]
+    ) -> Iterator[Message]:
         if header.op == 7:
             about = _fields(data)
             topic = re.sub("/+", "/", header.fields["topic"].decode())
             definition = about["message_definition"].decode(errors="replace")
-            self.channels[header.number("conn", "<I")] = Channel(
+            self.channels[header.number("conn", "<I")] = StoredTopic(
                 topic, _in_ros2(about["type"].decode()), "ros1", "ros1msg", definition, about["md5sum"].decode()
             )
         elif header.op == 2:
@@ -296,7 +300,7 @@ class Storage:
 
     # ------------------------------------------------------------------------------------- SQLite
 
-    def _sqlite(self, wanted: Callable[[Channel], bool]) -> Iterator[Message]:
+    def _sqlite(self, wanted: Callable[[StoredTopic], bool]) -> Iterator[Message]:
         content = self._content(_SQLITE, "a database of SQLite")
         size, pages = int.from_bytes(content[16:18], "big"), int.from_bytes(content[28:32], "big")
         size = max(size, 512) if size != 1 else 65536  # of a page; 1 stands for what has no room
@@ -315,7 +319,7 @@ class Storage:
                 yield from self._sqlite_messages(connection, wanted, lacking)
 
     def _sqlite_messages(
-        self, connection: sqlite3.Connection, wanted: Callable[[Channel], bool], lacking: int
+        self, connection: sqlite3.Connection, wanted: Callable[[StoredTopic], bool], lacking: int
     ) -> Iterator[Message]:
         cut = f"is cut off: {counted(lacking, 'byte')} of the database are missing" if lacking else ""
         try:
@@ -355,7 +359,7 @@ class Storage:
             f"SELECT id, name, type, serialization_format, {digest} FROM topics"
         ):
             language, text = defined.get(msgtype, ("", ""))
-            self.channels[number] = Channel(topic, msgtype, encoding, language, text, stored)
+            self.channels[number] = StoredTopic(topic, msgtype, encoding, language, text, stored)
 
 
 # ------------------------------------------------------------------------------------------ bytes

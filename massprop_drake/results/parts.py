@@ -23,7 +23,7 @@ class Ended(NamedTuple):
     reason: Text
 
 
-class Parts:
+class PartsMade:
     """Makes parts, and notes those that cannot be made.
 
     Args:

@@ -21,7 +21,7 @@ from massprop_drake.inputs.scenario import Scenario, load_scenario
 from massprop_drake.inputs.yaml import exists, read_text
 from massprop_drake.results.exchange import recover
 from massprop_drake.results.folder import Place, require_writable, whole_folder
-from massprop_drake.results.parts import Ended, Parts
+from massprop_drake.results.parts import Ended, PartsMade
 from massprop_drake.results.spool import Signals, Spool, blocks, write_npz
 from massprop_drake.results.stored import STATE_FILE, FilterState, read_history, read_json, storable
 from massprop_drake.results.summary import Summary, SummaryFile, null_for_nan
@@ -243,10 +243,10 @@ class Run:
         Returns:
             The first error that was noted.
         """
-        data, drawn = Parts(), Parts()
+        data, drawn = PartsMade(), PartsMade()
         with whole_folder(place, beside=lambda: bool(self.results.ended or data.missing)) as partial:
 
-            def put(name: str, write: Callable[[Path], object], parts: Parts) -> None:
+            def put(name: str, write: Callable[[Path], object], parts: PartsMade) -> None:
                 try:
                     write(partial / name)
                 except Exception as error:
@@ -269,7 +269,7 @@ class Run:
                 put("report.html", shown._write_report, drawn)
             noted = (*self.results.missing, *data.missing, *drawn.missing, *missing)
             results = replace(self.results, missing=noted) if noted else self.results
-            content = storable(results.as_json(), SummaryFile, lost := Parts())
+            content = storable(results.as_json(), SummaryFile, lost := PartsMade())
             if lost.missing:
                 content["missing"] = [*noted, *lost.missing]
             _put(partial / "summary.json", _text(content))
@@ -392,7 +392,7 @@ class Run:
         }
 
 
-def _json(content: Any, schema: type[BaseModel], parts: Parts) -> str:
+def _json(content: Any, schema: type[BaseModel], parts: PartsMade) -> str:
     return _text(storable(content, schema, parts))
 
 

@@ -33,7 +33,7 @@ from massprop_drake.maths.estimation.filter import MASS_REPORT, ROTATION_REPORT
 from massprop_drake.maths.estimation.filters.joint import JOINT_REPORT
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.events import EventRecord
-from massprop_drake.results.parts import Parts
+from massprop_drake.results.parts import PartsMade
 from massprop_drake.results.unconfirmed import UnconfirmedRecord
 from massprop_drake.signals import AXES, SIGNALS, is_own, pose_signal, velocity_signal
 
@@ -67,7 +67,7 @@ def _finite(text: str) -> float:
     return value
 
 
-def storable(content: Any, schema: type[BaseModel], parts: Parts) -> Any:
+def storable(content: Any, schema: type[BaseModel], parts: PartsMade) -> Any:
     """What JSON can hold of some content, and what can be read back: numbers that are not finite become null.
 
     A record in a list that cannot be without such a number is left out.
@@ -89,7 +89,7 @@ def storable(content: Any, schema: type[BaseModel], parts: Parts) -> Any:
     return kept
 
 
-def _without_infinite(content: Any, path: tuple[str | int, ...], parts: Parts) -> Any:
+def _without_infinite(content: Any, path: tuple[str | int, ...], parts: PartsMade) -> Any:
     if isinstance(content, Mapping):
         return {key: _without_infinite(value, (*path, key), parts) for key, value in content.items()}
     if isinstance(content, list | tuple):

@@ -26,7 +26,7 @@ from massprop_drake.results.events import EventRecord
 from massprop_drake.results.hindsight import looked_back
 from massprop_drake.results.identifiability import Identifiability, bound_in_words, identified
 from massprop_drake.results.injected import InjectedRecord, what_became
-from massprop_drake.results.parts import Ended, Parts
+from massprop_drake.results.parts import Ended, PartsMade
 from massprop_drake.results.spool import Spool, blocks
 from massprop_drake.results.unconfirmed import UnconfirmedRecord, UntestedRecord
 from massprop_drake.signals import SYMBOLS
@@ -436,7 +436,7 @@ def summarize(
     found: Findings,
     covariance: Array,
     timing: Timing,
-    parts: Parts,
+    parts: PartsMade,
 ) -> Summary:
     """Sums up a simulated run, but for what `looked_back_on` and the autopilot's authority add.
 

@@ -29,7 +29,7 @@ from massprop_drake.results.detections import JUMP, DetectionRecord
 from massprop_drake.results.events import EventRecord
 from massprop_drake.results.exchange import recover
 from massprop_drake.results.hindsight import Hindsight, looked_back
-from massprop_drake.results.parts import Parts
+from massprop_drake.results.parts import PartsMade
 from massprop_drake.results.run import Run
 from massprop_drake.results.stored import STATE_FILE, FilterState, read_json, require_made_with
 from massprop_drake.results.summary import (
@@ -124,11 +124,11 @@ def estimate(
                 if progress is not None:
                     progress(reader.done)
             whole = True
-            return replayed.finish(reader, telemetry, began, Parts(strict=True))
+            return replayed.finish(reader, telemetry, began, PartsMade(strict=True))
         except BaseException as error:
             in_the_file = isinstance(error, InputError) and can_be_read_again
             if keep is not None and not in_the_file and replayed.has_rows:
-                kept = replayed.finish(reader, telemetry, began, Parts())
+                kept = replayed.finish(reader, telemetry, began, PartsMade())
                 kept.note_end(error, early=not whole)
                 keep(kept)
             raise
@@ -265,7 +265,7 @@ class _Estimation:
         """Whether any row has been taken in."""
         return self._intake.spool.n_rows > 0
 
-    def finish(self, reader: Reader, telemetry: str | Path, began: float, parts: Parts) -> Run:
+    def finish(self, reader: Reader, telemetry: str | Path, began: float, parts: PartsMade) -> Run:
         """The run, once all rows have been taken.
 
         Args:
@@ -287,7 +287,7 @@ class _Estimation:
         state = parts.make("filter state", lambda: self._state_of(reader), nothing)
         return Run(self._scenario, replace(results, missing=tuple(parts.missing)), None, self._intake.spool, state)
 
-    def _composed(self, reader: Reader, telemetry: str | Path, timing: Timing, parts: Parts) -> Summary:
+    def _composed(self, reader: Reader, telemetry: str | Path, timing: Timing, parts: PartsMade) -> Summary:
         """The summary; arguments as those of `finish`."""
         last = self._intake.spool.last
         found = parts.make("detections", self._intake.found, Findings())

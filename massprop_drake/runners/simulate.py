@@ -30,7 +30,7 @@ from massprop_drake.maths.vehicle.rigid_body import (
     OutOfMassError,
     SpunUpError,
 )
-from massprop_drake.results.parts import Parts
+from massprop_drake.results.parts import PartsMade
 from massprop_drake.results.run import Run
 from massprop_drake.results.spool import Spool
 from massprop_drake.results.summary import Findings, Timing, looked_back_on, not_summed_up, summarize
@@ -119,7 +119,7 @@ def simulate(
     flight = _Flight(scenario, _engine(scenario, diagram, log), Intake(scenario, folder))
     try:
         flight.fly(progress, watch)
-        return flight.finished(Parts(strict=True), look_back=look_back)
+        return flight.finished(PartsMade(strict=True), look_back=look_back)
     except BaseException as error:
         if keep is not None and (kept := flight.ended(error)) is not None:
             keep(kept)
@@ -162,7 +162,7 @@ class _Flight:
     def _take(self) -> None:
         self._intake.take(_signals(self._scenario, self._engine.emptied()))
 
-    def finished(self, parts: Parts, *, look_back: bool) -> Run:
+    def finished(self, parts: PartsMade, *, look_back: bool) -> Run:
         """The run, once all signals have been taken in."""
         scenario, intake, signals = self._scenario, self._intake, self._intake.spool
         covariance, groups = self._state
@@ -185,7 +185,7 @@ class _Flight:
 
     def ended(self, error: BaseException) -> Run | None:
         """The run as far as it came before an error; None before its first sample."""
-        parts, signals = Parts(), self._intake.spool
+        parts, signals = PartsMade(), self._intake.spool
         if self._engine.logged:
             parts.make("the last samples", self._take, None)
         if not signals.n_rows:

@@ -56,7 +56,7 @@ def _flights(setup: Mapping[str, Any]) -> Any:
         from massprop_drake.studies.campaign.flight import Flights  # noqa: PLC0415 (loads Drake)
 
         return Flights(setup)
-    sys.path.insert(0, os.path.dirname(setup["program"]))  # noqa: PTH120 (what it imports stands beside it)
+    sys.path.insert(0, os.path.dirname(setup["program"]))
     spec = importlib.util.spec_from_file_location("program", setup["program"])
     assert spec is not None
     assert spec.loader is not None
