@@ -283,8 +283,6 @@ class Storage:
     def _ros1_record(
         self, header: _Header, data: memoryview, wanted: Callable[[StoredTopic], bool]
     ) -> Iterator[Message]:
-        self, header: _Header, data: memoryview, wanted: Callable[[StoredTopic], bool]
-    ) -> Iterator[Message]:
         if header.op == 7:
             about = _fields(data)
             topic = re.sub("/+", "/", header.fields["topic"].decode())
