@@ -116,7 +116,7 @@ def simulate(
             loses definiteness by the scenario's numbers, with the time; or when that file cannot be written.
         ArithmeticError: when the jet selection's solver fails.
     """
-    flight = _Flight(scenario, _engine(scenario, diagram, log), Intake(scenario, folder))
+    flight = _FlyingRun(scenario, _engine(scenario, diagram, log), Intake(scenario, folder))
     try:
         flight.fly(progress, watch)
         return flight.finished(PartsMade(strict=True), look_back=look_back)
@@ -126,7 +126,7 @@ def simulate(
         raise
 
 
-class _Flight:
+class _FlyingRun:
     """A simulated run while it is under way.
 
     Args:
