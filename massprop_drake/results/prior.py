@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +22,7 @@ from massprop_drake.signals import SYMBOLS
 Array = NDArray[np.float64]
 
 _CHANCE = 1e-6  # probability that a truth drawn from the start is called one that it does not allow
-_COMMON = 1e-5  # the same of a factor that all scales have in common
+_COMMON = 1e-4  # the same of a factor that all scales have in common
 _FEWEST = 2  # scales that show that it is what jets are told or give
 _UNWEIGHED = "commands, thrusts or rates"  # without an accelerometer nothing tells them apart
 _DIAGONAL = [0, 1, 2]
@@ -42,13 +43,15 @@ class _Departure(NamedTuple):
     ratios: Array
 
     @property
-    def is_allowed(self) -> bool:
-        """Whether it may be chance, by all parameters together and by the one that is farthest."""
+    def is_near(self) -> bool:
+        """Whether the parameter that is farthest may be so by chance."""
         largest = float(np.nanmax(np.abs(self.ratios), initial=0.0))
-        return (
-            self.statistic <= chi_square_limit(_CHANCE, self.degrees)
-            and largest**2 <= chi_square_limit(_CHANCE / self.degrees, 1)
-        )  # fmt: skip
+        return largest**2 <= chi_square_limit(_CHANCE / self.degrees, 1)
+
+    @property
+    def is_allowed(self) -> bool:
+        """Whether all parameters together may be so by chance, and the one that is farthest."""
+        return self.is_near and self.statistic <= chi_square_limit(_CHANCE, self.degrees)
 
 
 class _Start(NamedTuple):
@@ -107,14 +110,25 @@ def contradiction(scenario: Scenario, signals: Spool, estimate: Array) -> Diagno
     start = _start(scenario, signals, begun, used)
     if not start.tested.any():
         return None
-    found = start.departure(begun)
-    common = _common(scenario, start, begun)
-    if found.is_allowed and common is None:
+    found, common = start.departure(begun), None
+    for group in _groups(scenario, start, begun):
+        factor, sigmas = _factor(start, begun, group.members)
+        explains = start.departure(_scaled(begun, group.members, factor)).is_allowed
+        beyond = sigmas**2 > chi_square_limit(_COMMON, 1)
+        if explains and not beyond and group.of_jets and found.is_near:  # scales may have their errors in common
+            return None
+        if explains and beyond and (group.of_jets or not found.is_allowed):
+            common = group, factor
+            break
+    if common is None and found.is_allowed:
         return None
+    direct = np.abs(begun - start.values) / np.sqrt(start.covariance.diagonal())
     limit = chi_square_limit(_CHANCE, found.degrees)
     if common is not None:
-        return Diagnosis("factor", common, found.statistic, limit)
-    direct = np.abs(begun - start.values) / np.sqrt(start.covariance.diagonal())
+        group, factor = common
+        sigmas = direct[group.members].max()
+        words = f"{group.ends} at {in_words(1.0 / factor)} times the start, {sigmas:.3g} of its sigmas off"
+        return Diagnosis("factor", f"{words}, {group.in_words(factor)}", found.statistic, limit)
     worst = int(np.argmax(np.where(start.tested, direct, -1.0)))
     words = f"{SYMBOLS[worst]} ends {direct[worst]:.3g} of the start's sigmas from it"
     if found.degrees > 1:
@@ -140,38 +154,43 @@ def _propellant(scenario: Scenario, signals: Spool) -> float:
     return float(told @ vehicle.mass_flows) * vehicle.sample_period_s
 
 
-def _common(scenario: Scenario, start: _Start, estimate: Array) -> str | None:
-    """The factor that scales have in common, in words; None where none explains how far the estimates are off."""
-    vehicle = scenario.vehicle_data
-    units, period_s = vehicle.units, vehicle.sample_period_s
+class _Group(NamedTuple):
+    """Scales that may be off by a common factor.
+
+    Attributes:
+        members: which of the ten parameters, shape (10,).
+        cause: what is off then.
+        ends: what of the vehicle is, and its verb.
+        known: the common factors of the cause.
+        of_jets: whether the cause is what jets are told or give.
+    """
+
+    members: NDArray[np.bool_]
+    cause: str
+    ends: str
+    known: tuple[Factor, ...]
+    of_jets: bool
+
+    def in_words(self, factor: float) -> str:
+        """Says what is off by a factor in the inverse inertia or 1/m, and which mistake would make it."""
+        size = 1.0 / factor if self.of_jets else factor  # more thrust than is told looks like less mass
+        found = factors.near(size, self.known)
+        likely = f"; {found[0].name} would make it {in_words(found[0].size)}" if found else ""
+        return f"as if {self.cause} were {in_words(size)} times what acts{likely}"
+
+
+def _groups(scenario: Scenario, start: _Start, estimate: Array) -> Iterator[_Group]:
+    """Yields the scales that may be off together, those that jets scale first."""
+    units, period_s = scenario.vehicle_data.units, scenario.vehicle_data.sample_period_s
     usable = start.tested & _SCALES & (start.values > 0.0) & (estimate > 0.0)
     of_mass = np.arange(10) == MASS_RECIPROCAL
     inertia, mass = usable & ~of_mass, usable & of_mass
-    said, end = ("commands or thrusts", "inertia and mass end") if mass.any() else (_UNWEIGHED, "inertia ends")
-    for members, what, ends, known, inverse in (
-        (usable, said, end, factors.of_impulses(units, period_s), True),
-        (inertia, "rates", "inertia alone ends", factors.of_rates(period_s), False),
-        (mass, "accelerometers", "mass alone ends", factors.of_velocities(units, period_s), False),
-    ):
-        if not members.any() or (inverse and members.sum() < _FEWEST):
-            continue
-        factor, sigmas = _factor(start, estimate, members)
-        scaled = _scaled(estimate, members, factor)
-        if sigmas**2 <= chi_square_limit(_COMMON, 1) or not start.departure(scaled).is_allowed:
-            continue
-        direct = float(np.max((np.abs(estimate - start.values) / np.sqrt(start.covariance.diagonal()))[members]))
-        size = 1.0 / factor if inverse else factor
-        words = (
-            f"{what} are {in_words(size)} times what acts: {ends} at {in_words(1.0 / factor)} times the start, "
-            f"{direct:.3g} of its sigmas off"
-        )
-        return words + _likely(size, known)
-    return None
-
-
-def _likely(size: float, known: tuple[Factor, ...]) -> str:
-    found = factors.near(size, known)
-    return f"; {found[0].name} would make it {in_words(found[0].size)}" if found else ""
+    if usable.sum() >= _FEWEST:
+        said, ends = ("commands or thrusts", "inertia and mass end") if mass.any() else (_UNWEIGHED, "inertia ends")
+        yield _Group(usable, said, ends, factors.of_impulses(units, period_s), True)
+    if inertia.any() and mass.any():
+        yield _Group(inertia, "rates", "inertia alone ends", factors.of_rates(period_s), False)
+        yield _Group(mass, "accelerometers", "mass alone ends", factors.of_velocities(units, period_s), False)
 
 
 def _factor(start: _Start, estimate: Array, members: NDArray[np.bool_]) -> tuple[float, float]:

@@ -97,6 +97,9 @@ class EstimatorState(Model):
         return self
 
 
+_TenOrNot = Annotated[tuple[Real | None, ...], Field(min_length=10, max_length=10)]
+
+
 class FilterState(EstimatorState):
     """The same at the end of a run, and what it takes to go on with its record: `filter_state.json`."""
 
@@ -108,8 +111,8 @@ class FilterState(EstimatorState):
     unconfirmed: tuple[UnconfirmedRecord, ...] = ()
     commanded: tuple[tuple[Count, ...], ...] = ()  # by jet: samples commanded, and those of them that were tested
     velocity: dict[str, Vector3] = Field(default_factory=dict)
-    estimate: Any = None  # for readers; the states have them as well
-    covariance: Any = None
+    estimate: _TenOrNot | None = None  # for readers; the states have them as well
+    covariance: Annotated[tuple[_TenOrNot, ...], Field(min_length=10, max_length=10)] | None = None
 
     @field_validator("recent_s")
     @classmethod
