@@ -35,6 +35,7 @@ _HOLE = 2  # rows without a gyro's axis over which the rate is taken to be what 
 _DRIFTED = 0.01  # of the mass, used: inertia and center of mass then have a walk's 1-sigma, of one that is stated by it
 _LIES_ON_S = 2.0  # after a reading was said to be false it is not believed again
 _PRIOR = 0.3  # of the widest start: nothing known of a vehicle is more wrong
+_OFF = 3.0  # 1-sigma from the widest start, beyond which the vehicle's file is not held against the readings
 _OPEN_LAG_S = 0.05  # 1-sigma of a lag that the filters do not reckon with
 
 # The C library keeps what is freed up to twice the largest block that it has been given back: without this the system
@@ -313,7 +314,7 @@ def looked_back(
                 until_s = math.inf
         names = names_of(scenario)
         chosen = _some(parts, until_s, made)
-        diagnoses, fit = diagnosed(chosen, begin, made, names)
+        diagnoses, fit = diagnosed(chosen, begin, _reaching(begin, made), names)
         if diagnoses or apart is not None or _excess(fit) > 0.0 or fit.normal.readings < _FEWEST:
             scaled = _rescaled(parts, begin, made, scenario)
             if scaled is not None:
@@ -407,6 +408,13 @@ def _from(begin: Array, made: Model) -> Array:
     if hindsight.possible(begin):  # NaN is not
         start[:10] = begin
     return start
+
+
+def _reaching(begin: Array, made: Model) -> Model:
+    """The same with what is known beforehand as wide as the estimates turned out to be off it, shape (10,)."""
+    sigma, off = made.sigma.copy(), np.abs(begin - made.prior[:10])
+    sigma[:10] = np.where(off > _OFF * sigma[:10], off, sigma[:10])
+    return made._replace(sigma=sigma)
 
 
 def _off_ticks(parts: Sequence[Stretch], made: Model) -> bool:

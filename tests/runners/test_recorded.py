@@ -521,7 +521,10 @@ NO_RUN_LEAVES: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
     "certain": (lambda state: _put(state, "mass_estimator", 1, 0.0), "positive definite"),
     "negative mass": (lambda state: _put(state, "mass_estimator", 0, -1e-4), "cannot be negative"),
     "negative inertia": (lambda state: _put(state, "rotation_estimator", 0, -1e-6), "cannot be negative"),
-    "another estimate": (lambda state: state["estimate"].__setitem__(9, 1.0), "estimate: is unlike the one in 'states'"),
+    "another estimate": (
+        lambda state: state["estimate"].__setitem__(9, 1.0),
+        "estimate: is unlike the one in 'states'",
+    ),
     "another 1/m": (lambda state: _put(state, "mass_estimator", 0, 2e-4), "estimate: is unlike the one in 'states'"),
     "another covariance": (lambda state: state["covariance"][0].__setitem__(0, 1.0), "covariance: is unlike"),
     "nine estimates": (lambda state: state["estimate"].pop(), "estimate: "),
