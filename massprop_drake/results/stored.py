@@ -310,5 +310,6 @@ def _require_sound(path: Path, time_s: Array, signals: Mapping[str, Array], vehi
             raise InputError(f"{path}: {name}, row {int(np.argwhere(wrong)[0, 0])}: must be finite")
     if "alarm" in signals:
         suspected = signals["suspected_jet"][signals["alarm"][:, 0] != 0.0, 0]
+        suspected = suspected[~np.isnan(suspected)]  # something that is no jet is suspected, too
         if not ((suspected >= 0.0) & (suspected < len(vehicle.jets))).all():
             raise InputError(f"{path}: suspected_jet: names a jet that vehicle '{vehicle.name}' does not have")
