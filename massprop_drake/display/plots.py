@@ -790,7 +790,8 @@ def failure_magnitude(run: Source) -> Plot:
     marks: list[Mark] = []
     alarm = run.where("alarm")
     if run.simulated:
-        suspected = run.signals["suspected_jet"][alarm, 0].astype(int).tolist()
+        jets = run.signals["suspected_jet"][alarm, 0]
+        suspected = jets[~np.isnan(jets)].astype(int).tolist()
         failed = [run.vehicle.jet_index(failure.jet) for failure in run.scenario.failures]
         for jet, color in zip(dict.fromkeys(suspected + failed), (TRUTH_COLOR, *COLORS[2:]), strict=False):
             expected = run.vehicle.jets[jet].thrust * run.signals["command"][:, jet]

@@ -11,8 +11,14 @@ import numba
 from numba.core import types
 from numba.experimental import structref
 
+from massprop_drake.maths._kept import checked
+
 # nobody calls it from C; kept where `kernels` says, or nowhere
-_compiled: Any = numba.njit(cache=bool(numba.config.CACHE_DIR), no_cfunc_wrapper=True)  # type: ignore
+_njit: Any = numba.njit(cache=bool(numba.config.CACHE_DIR), no_cfunc_wrapper=True)  # type: ignore
+
+
+def _compiled(function: Any) -> Any:
+    return checked(_njit(function))
 
 
 @structref.register

@@ -14,9 +14,9 @@ form within a `Holder`. Within compiled code a bundle is passed as a reference (
 alone calls is turned into machine code together with its caller (`_linking`).
 
 Compiled code is kept in a folder of the user's cache that is named by a digest of the sources of all kernels, since
-numba itself looks at the file of the outermost one alone. Where it cannot be written nothing is kept: numba would go on
-beside the sources, by their files. That something is being compiled, or cannot be kept, the logger `massprop_drake`
-says as a warning.
+numba itself looks at the file of the outermost one alone. What was kept is checked before it is used (`_kept`). Where
+it cannot be written nothing is kept: numba would go on beside the sources, by their files. That something is being
+compiled, or cannot be kept, the logger `massprop_drake` says as a warning.
 """
 
 from __future__ import annotations
@@ -318,7 +318,7 @@ def _digest() -> str:
     functions = {*_KERNELS, *(function for function, _ in _IDIOMS)}
     own = {
         __file__,
-        *(str(Path(__file__).with_name(f"_{name}.py")) for name in ("bundles", "holding", "lapack", "linking")),
+        *(str(Path(__file__).with_name(f"_{name}.py")) for name in ("bundles", "holding", "kept", "lapack", "linking")),
     }
     files = sorted({inspect.getfile(function) for function in functions} | own)
     content = hashlib.sha256()
@@ -411,8 +411,10 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     folder = compiler().folder
     import numba  # noqa: PLC0415 (optional, slow to load)
 
+    from massprop_drake.maths._kept import checked  # noqa: PLC0415 (loads numba)
+
     with _keeping(folder):
-        return numba.njit(cache=folder is not None, **_CALLED)(function)
+        return checked(numba.njit(cache=folder is not None, **_CALLED)(function))
 
 
 def chosen(function: F, compile_it: bool) -> F:

@@ -38,8 +38,8 @@ class Diagnosis(NamedTuple):
     """What a run's readings contradict.
 
     Attributes:
-        kind: "jet", "thrust", "lag", "torque", "drag", "gyro_bias", "acceleration_bias", "gyro_scale", "gyro_sign",
-            "accelerometer_scale", "accelerometer_sign", "drift", "jitter" or "noise".
+        kind: "factor", "jet", "thrust", "lag", "torque", "drag", "gyro_bias", "acceleration_bias", "gyro_scale",
+            "gyro_sign", "accelerometer_scale", "accelerometer_sign", "drift", "jitter", "noise" or "start".
         reason: in words.
         statistic: of its test.
         threshold: that it exceeds.

@@ -99,11 +99,18 @@ def said(
             at = {name: float(signals[name][k, 0]) for name in STATUS}
             if "verdict" in signals:
                 row = {name: signals[name][k] for name in _OF_HYPOTHESES}
-                found += _by_hypotheses(vehicle, sensors, float(time_s[k]), (at, row), found)
+                told = _by_hypotheses(vehicle, sensors, float(time_s[k]), (at, row), found)
+                found += map(_without_nan, told)
             else:
                 nis = float(signals["rotation_nis"][k, 0])
-                found.append(_by_samples(vehicle, float(time_s[k]), at, nis))
+                found.append(_without_nan(_by_samples(vehicle, float(time_s[k]), at, nis)))
     return found[len(earlier) :]
+
+
+def _without_nan(event: EventRecord) -> EventRecord:
+    """An event with None for what a detector left NaN, which no file can hold."""
+    lacking = [name for name, value in event._asdict().items() if isinstance(value, float) and math.isnan(value)]
+    return event._replace(**dict.fromkeys(lacking)) if lacking else event
 
 
 def _by_samples(vehicle: Vehicle, time_s: float, at: Mapping[str, float], nis: float) -> EventRecord:

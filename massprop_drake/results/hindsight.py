@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.inputs import params
+from massprop_drake.inputs import factors, params
+from massprop_drake.inputs.factors import Factor
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.estimation import hindsight
 from massprop_drake.maths.estimation.filter import Instruments
 from massprop_drake.maths.estimation.filters.joint import chi_square_limit
 from massprop_drake.maths.estimation.hindsight import Fit, Model, Reckoned, ScoreTest, Stretch
 from massprop_drake.maths.estimation.joint.prediction import propellant_drift
+from massprop_drake.results import prior
 from massprop_drake.results.consistency import Diagnosis
 from massprop_drake.results.detections import JUMP, DetectionRecord
 from massprop_drake.results.events import EventRecord
@@ -32,6 +35,7 @@ _HOLE = 2  # rows without a gyro's axis over which the rate is taken to be what 
 _DRIFTED = 0.01  # of the mass, used: inertia and center of mass then have a walk's 1-sigma, of one that is stated by it
 _LIES_ON_S = 2.0  # after a reading was said to be false it is not believed again
 _PRIOR = 0.3  # of the widest start: nothing known of a vehicle is more wrong
+_OFF = 3.0  # 1-sigma from the widest start, beyond which the vehicle's file is not held against the readings
 _OPEN_LAG_S = 0.05  # 1-sigma of a lag that the filters do not reckon with
 
 # The C library keeps what is freed up to twice the largest block that it has been given back: without this the system
@@ -294,10 +298,12 @@ def looked_back(
         events: what was said besides; readings that were said to be false are left out.
         resumed: whether it goes on from another run, of which the signals tell nothing.
     """
-    if scenario.estimation.filter == "pose":  # what it looks back on are rates at regular intervals
-        return Hindsight(np.full(10, np.nan), ())
-    made = model(scenario)
     standing = [one for one in found if one.withdrawn_s is None]
+    jumped = any(one.kind == JUMP for one in standing)
+    apart = None if resumed or jumped else prior.contradiction(scenario, signals, estimate)
+    if scenario.estimation.filter == "pose":  # what it looks back on are rates at regular intervals
+        return Hindsight(np.full(10, np.nan), () if apart is None else (apart,))
+    made = model(scenario)
     until_s = min((one.onset_s - made.period_s for one in standing), default=math.inf)
     with np.errstate(all="ignore"):
         parts = _without_lies(_whole(scenario, signals), events, names_of(scenario))
@@ -306,9 +312,18 @@ def looked_back(
             every = _some(parts, math.inf, made)
             if _switched(every, hindsight.fitted(every, _from(begin, made), made), made)[-1]:
                 until_s = math.inf
+        names = names_of(scenario)
         chosen = _some(parts, until_s, made)
-        diagnoses, fit = diagnosed(chosen, begin, made, names_of(scenario))
-        if resumed or any(one.kind == JUMP for one in standing) or not hindsight.possible(fit.at):
+        diagnoses, fit = diagnosed(chosen, begin, _reaching(begin, made), names)
+        if diagnoses or apart is not None or _excess(fit) > 0.0 or fit.normal.readings < _FEWEST:
+            scaled = _rescaled(parts, begin, made, scenario)
+            if scaled is not None:
+                parts, apart = scaled.parts, None
+                others, fit = diagnosed(_some(parts, until_s, made), scaled.begin, made, names)
+                diagnoses = [*scaled.found, *others]
+        if apart is not None:
+            diagnoses = [apart, *diagnoses] if apart.kind == "factor" else [*diagnoses, apart]
+        if resumed or jumped or not hindsight.possible(fit.at):
             return Hindsight(np.full(10, np.nan), tuple(diagnoses))
         start, drift = params.initial_covariance(scenario), _drift(scenario, fit.at)
         whole = sum(one.time_s.size for one in chosen) == sum(one.time_s.size for one in parts)
@@ -341,6 +356,8 @@ _WIDE = 0.99  # 1-sigma from which on something is no longer tested: it has been
 _FEWEST = 100  # readings, below which nothing is tested
 _SCATTER = 1.3  # times the stated variance: less may be rounding that is not white
 _CONFIDENT = 5.0  # sigma of a ratio of variances
+_GAINED = 30.0  # log likelihood, twice, that a factor must gain: 5 sigma, of some ten that are tried
+_UNLIKELY = 2.5  # ratio of what readings gain to what jets give by the vehicle's file, beyond which a unit is tried
 
 
 class _Suspect(NamedTuple):
@@ -393,6 +410,13 @@ def _from(begin: Array, made: Model) -> Array:
     return start
 
 
+def _reaching(begin: Array, made: Model) -> Model:
+    """The same with what is known beforehand as wide as the estimates turned out to be off it, shape (10,)."""
+    sigma, off = made.sigma.copy(), np.abs(begin - made.prior[:10])
+    sigma[:10] = np.where(off > _OFF * sigma[:10], off, sigma[:10])
+    return made._replace(sigma=sigma)
+
+
 def _off_ticks(parts: Sequence[Stretch], made: Model) -> bool:
     """Whether stamps are off their ticks."""
     return any(hindsight.off_ticks(part, made) for part in parts)
@@ -433,10 +457,92 @@ def _turned_right(parts: Sequence[Stretch], fit: Fit, made: Model, names: Names)
             signs[package, axis] = -1.0
             turned = [part._replace(readings=part.readings * signs) for part in parts]
             after = hindsight.fitted(turned, made.prior, made)
-            if _excess(after) < (1.0 - _EXPLAINED) * _excess(fit):
+            if after.normal.per_reading < _HOPELESS and _excess(after) < (1.0 - _EXPLAINED) * _excess(fit):
                 reason = f"axis {names.gyros[package]} {'xyz'[axis]} has the wrong sign"
                 return after, [Diagnosis("gyro_sign", reason, fit.normal.per_reading, _HOPELESS)]
     return fit, []
+
+
+class _Rescaled(NamedTuple):
+    """A record whose readings were all off by common factors.
+
+    Attributes:
+        parts: the stretches without them.
+        begin: the ten parameters by these, shape (10,).
+        found: the factors.
+    """
+
+    parts: list[Stretch]
+    begin: Array
+    found: list[Diagnosis]
+
+
+def _rescaled(parts: Sequence[Stretch], begin: Array, made: Model, scenario: Scenario) -> _Rescaled | None:
+    """Tries readings of gyros, of accelerometers and of both with a common factor taken off; the best if it explains.
+
+    Args:
+        parts: of the whole record, since a failure that was declared may be the factor's doing.
+        begin: the ten parameters as estimated, shape (10,).
+        made: see `model`.
+        scenario: as run.
+    """
+    ratios = hindsight.gain_ratios(parts, made.prior, made)
+    vehicle, gyro = scenario.vehicle_data, np.arange(ratios.size) < made.gyros
+    rates = factors.of_rates(vehicle.sample_period_s)
+    velocities = factors.of_velocities(vehicle.units, vehicle.sample_period_s)
+    of_gyros, of_others = _candidates(ratios, gyro, rates), _candidates(ratios, ~gyro, velocities)
+    known = (None, *rates, *velocities)
+    names = names_of(scenario)
+    tried: list[tuple[float, _Rescaled]] = []
+    for pair in product((None, *of_gyros), (None, *of_others)):
+        sizes, words = np.ones(ratios.size), []
+        for kind, factor, among in zip((gyro, ~gyro), pair, (names.gyros, names.accelerometers), strict=True):
+            if factor is not None:
+                off = kind & ~_is_plausible(ratios)
+                sizes[off] = factor.size
+                sensors = [name for name, is_off in zip(among, off[kind], strict=True) if is_off]
+                words.append(f"{', '.join(sensors)}: readings are {factor}")
+        if not words:
+            continue
+        other = [_times(part, 1.0 / sizes) for part in parts]
+        chosen = _some(other, math.inf, made)
+        after = hindsight.fitted(chosen, made.prior, made)
+        if after.normal.readings < _FEWEST or not after.normal.is_finite:
+            continue
+        before = hindsight.fitted([_times(part, sizes) for part in chosen], _from(begin, made), made)
+        gained = _cost(before, made) - _cost(after, made)
+        settled = _excess(after) <= (1.0 - _EXPLAINED) * _excess(before)
+        if before.normal.is_finite and not (settled and gained > _GAINED * max(after.normal.per_reading, 1.0)):
+            continue
+        found = [Diagnosis("factor", one, before.normal.per_reading, after.normal.per_reading) for one in words]
+        exact = 1.0 if all(one in known for one in pair) else _SCATTER  # what was measured is not
+        tried.append((exact * after.normal.per_reading, _Rescaled(other, after.at[:10], found)))
+    return min(tried, key=lambda one: one[0], default=(0.0, None))[1]
+
+
+def _times(part: Stretch, sizes: Array) -> Stretch:
+    """A stretch with the readings of each package times a factor, shape (n_packages,)."""
+    return part._replace(readings=part.readings * sizes[:, None])
+
+
+def _candidates(ratios: Array, kind: NDArray[np.bool_], known: Sequence[Factor]) -> list[Factor]:
+    """The common factors that packages of a kind may be off by, or else what was measured."""
+    off = ratios[kind & ~_is_plausible(ratios)]
+    if not off.size:
+        return []
+    size = float(np.median(off))
+    return [*factors.near(size, known), Factor(size, "")] if size > 0.0 else []
+
+
+def _is_plausible(ratios: Array) -> NDArray[np.bool_]:
+    """Whether mass properties may be so far from nominal that readings change by so much more or less."""
+    return np.isnan(ratios) | ((ratios >= 1.0 / _UNLIKELY) & (ratios <= _UNLIKELY))
+
+
+def _cost(fit: Fit, made: Model) -> float:
+    """What a fit makes least: the misfit, and how far what is reckoned with is from what is known of it."""
+    free = made.sigma > 0.0
+    return fit.normal.misfit + float(np.sum(((fit.at - made.prior)[free] / made.sigma[free]) ** 2))
 
 
 def _groups(made: Model) -> dict[str, NDArray[np.int_]]:

@@ -131,6 +131,9 @@ class EstimatorState(Model):
         return self
 
 
+_TenOrNot = Annotated[tuple[Real | None, ...], Field(min_length=10, max_length=10)]
+
+
 class FilterState(EstimatorState):
     """The same at the end of a run, and what it takes to go on with its record: `filter_state.json`."""
 
@@ -142,8 +145,8 @@ class FilterState(EstimatorState):
     unconfirmed: tuple[UnconfirmedRecord, ...] = ()
     commanded: tuple[tuple[Count, ...], ...] = ()  # by jet: samples commanded, and those of them that were tested
     velocity: dict[str, Vector3] = Field(default_factory=dict)
-    estimate: Any = None  # for readers; the states have them as well
-    covariance: Any = None
+    estimate: _TenOrNot | None = None  # for readers; the states have them as well
+    covariance: Annotated[tuple[_TenOrNot, ...], Field(min_length=10, max_length=10)] | None = None
 
     @field_validator("recent_s")
     @classmethod
@@ -343,5 +346,6 @@ def _require_sound(path: Path, time_s: Array, signals: Mapping[str, Array], vehi
             raise InputError(f"{path}: {name}, row {int(np.argwhere(wrong)[0, 0])}: must be finite")
     if "alarm" in signals:
         suspected = signals["suspected_jet"][signals["alarm"][:, 0] != 0.0, 0]
+        suspected = suspected[~np.isnan(suspected)]  # something that is no jet is suspected, too
         if not ((suspected >= 0.0) & (suspected < len(vehicle.jets))).all():
             raise InputError(f"{path}: suspected_jet: names a jet that vehicle '{vehicle.name}' does not have")

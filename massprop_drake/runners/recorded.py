@@ -19,6 +19,7 @@ from massprop_drake.inputs.model import validated
 from massprop_drake.inputs.record_map import RecordMap, load_map
 from massprop_drake.inputs.scenario import PlantBlock, Scenario
 from massprop_drake.inputs.vehicle import SensorPackage, Vehicle
+from massprop_drake.maths.estimation import cycle
 from massprop_drake.maths.estimation.whole import Samples
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.records import mapping
@@ -53,6 +54,7 @@ from massprop_drake.telemetry.tables import Table
 Array = NDArray[np.float64]
 
 _LONGEST_S = 1e6  # duration that a scenario may have
+_ALIKE = 1e-9  # relative: what a replay may differ by
 
 
 def estimate(
@@ -167,7 +169,10 @@ class _Estimation:
         self._resumed = earlier is not None
         self._next_row = 0 if earlier is None else earlier.row + 1
         self._params = params.estimation_params(scenario)
-        begin = None if earlier is None else restored(earlier.states, self._params, f"{source}/{STATE_FILE}")
+        begin = None
+        if earlier is not None:
+            begin = restored(earlier.states, self._params, f"{source}/{STATE_FILE}")
+            _require_alike(earlier, cycle.known(begin, self._params), f"{source}/{STATE_FILE}")
         self._known = cycles(scenario, self._params, begin)
         n_jets = len(self._vehicle.jets)
         self._command, self._outside = np.zeros(n_jets), np.zeros(6)  # of the interval before the next row
@@ -388,6 +393,18 @@ def _saved(folder: Path, scenario: Scenario) -> FilterState:
         if entry.jet_index is not None and entry.jet_index >= len(vehicle.jets):
             raise InputError(f"{source}: detections: vehicle '{vehicle.name}' has no jet of index {entry.jet_index}")
     return state
+
+
+def _require_alike(state: FilterState, known: tuple[Array, Array], source: str) -> None:
+    """Makes sure that what a state says for readers is what the estimators go on with.
+
+    Raises:
+        InputError: when it is not.
+    """
+    for name, values in zip(("estimate", "covariance"), known, strict=True):
+        told = getattr(state, name)
+        if told is not None and not np.allclose(np.array(told, dtype=float), values, _ALIKE, 0.0, equal_nan=True):
+            raise InputError(f"{source}: {name}: is unlike the one in 'states'; it was not written by a run")
 
 
 def _continuation(state: FilterState) -> Continuation:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.errors import moment
-from massprop_drake.inputs import params
+from massprop_drake.inputs import factors, params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Accelerometer, SensorPackage
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, ELEMENT, MASS_RECIPROCAL
@@ -38,13 +38,6 @@ _MOST_JETS = 2  # that are blamed for readings that do not follow; more, and the
 _PERIOD_DIFFERS = 0.005  # of the sample period
 _NOTHING = (-math.inf, math.inf)  # most and least change before the first sample of a stretch
 
-# what a factor between measured and predicted looks like, for rates and for velocities
-_RATE_UNITS = ((180.0 / math.pi, "degrees in place of radians"),)
-_VELOCITY_UNITS = {
-    "us": ((1.0 / 32.174, "g in place of ft/s^2"), (0.3048, "meters in place of feet")),
-    "si": ((1.0 / 9.80665, "g in place of m/s^2"), (3.28084, "feet in place of meters")),
-}
-_POWERS = tuple((10.0**n, f"a factor of {10.0**n:g}") for n in (1, -1, 2, -2, 3, -3, 6, -6))
 # why a sample was not used, by the filter: the joint one takes what the jets do as it comes
 _REASONS = (
     "first_after_start_or_gap",
@@ -672,14 +665,13 @@ class QualityReport:
             if jets:
                 blamed.setdefault(tuple(jets), []).append(name)
                 continue
-            unit = "rad/s"
-            guesses: tuple[tuple[float, str], ...] = _RATE_UNITS
+            unit, known = "rad/s", factors.of_rates(self._vehicle.sample_period_s)
             if isinstance(entry.package, Accelerometer):
                 unit = in_units("{length}/s", self._vehicle.unit_names)
-                guesses = _VELOCITY_UNITS[self._vehicle.units]
+                known = factors.of_velocities(self._vehicle.units, self._vehicle.sample_period_s)
             found.append(
                 f"{name} changes by {slope:.3g} times what the nominal mass properties predict; it must be in {unit}, "
-                f"body axes{_looks_like(slope, (*guesses, *_POWERS))}"
+                f"body axes{_looks_like(slope, known)}"
             )
         found += [
             f"{', '.join(names)} {'follow' if len(names) > 1 else 'follows'} what is predicted but while "
@@ -796,12 +788,12 @@ def _to_blame(ratios: Array, fired: NDArray[np.bool_]) -> list[int]:
     return []
 
 
-def _looks_like(slope: float, guesses: tuple[tuple[float, str], ...]) -> str:
-    """Names a likely cause of a scale factor, if it lies within a factor of 1.5 of a known one."""
+def _looks_like(slope: float, known: Sequence[factors.Factor]) -> str:
+    """Names the likely cause of a scale factor."""
     if slope <= 0.0:
         return "; it looks like a wrong sign or wrong axes"
-    factor, name = min(guesses, key=lambda guess: abs(math.log(slope / guess[0])))
-    return f"; it looks like {name}" if abs(math.log(slope / factor)) < math.log(1.5) else ""
+    found = factors.near(slope, known)
+    return f"; it looks like {found[0].name}" if found else ""
 
 
 def _during(entry: dict[str, Any]) -> str:

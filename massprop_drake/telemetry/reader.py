@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError, moment
+from massprop_drake.inputs import factors
 from massprop_drake.inputs.scenario import Scenario, filter_of, resolved, set_field
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.signals import AXES
@@ -506,9 +507,11 @@ class Reader:
             return
         median = float(np.median(self._first_steps))
         if abs(median - self._period_s) > JITTER * self._period_s:
+            units = [one.words for one in factors.near(median / self._period_s, factors.of_times())]
+            looks = f", as with {units[0]}" if units else ""
             raise InputError(
                 f"{self.source}: rows are {median:.6g} s apart, but the sample period of vehicle "
-                f"'{self._vehicle.name}' is {self._period_s:g} s; resample the record, or set sample_period_s"
+                f"'{self._vehicle.name}' is {self._period_s:g} s{looks}; resample the record, or set sample_period_s"
             )
 
     def _rows(self, block: Block, taken: NDArray[np.int_], breaks: dict[int, float]) -> Rows:

@@ -334,6 +334,39 @@ def test_the_first_compilation_is_said_once_and_kept_where_it_is_asked_for(tmp_p
         assert [str(tmp_path) in line for line in done.stderr.splitlines()] == [True] * lines
 
 
+def test_damaged_compiled_code_is_compiled_anew(tmp_path: Path) -> None:
+    """Cut off, emptied, overwritten, with a hole, or without the right to read: one line, and the same result."""
+    pytest.importorskip("numba")
+    code = (
+        "import numpy as np; from massprop_drake.maths import attitude, kernels; "
+        "print(kernels.compiled(attitude.multiply)(np.eye(4)[0], np.eye(4)[1]))"
+    )
+    environ = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+
+    def run() -> tuple[str, list[str]]:
+        done = subprocess.run([sys.executable, "-c", code], env=environ, check=True, capture_output=True, text=True)
+        return done.stdout, done.stderr.splitlines()
+
+    expected, _ = run()
+    (index,), (data,) = list(tmp_path.rglob("*.nbi")), list(tmp_path.rglob("*.nbc"))
+    for path in (index, data):
+        content = path.read_bytes()
+        middle = len(content) // 2
+        hole = content[:middle] + bytes(16) + content[middle + 16 :]
+        for damaged in (b"", content[:20], content[:-1], bytes(range(256)) * 8, hole):
+            path.write_bytes(damaged)
+            got, said = run()
+            assert got == expected
+            assert [line for line in said if "is damaged (" in line] == [said[0]]
+            assert str(path.parent) in said[0]
+            assert run() == (expected, [])
+    index.unlink()
+    index.mkdir()
+    got, said = run()
+    assert got == expected
+    assert sum("cannot be kept" in line for line in said) == 1
+
+
 def test_another_process_reads_compiled_code() -> None:
     pytest.importorskip("numba")
     asked = [*FAILING[1:], "execution={engine: loop, compiled: true}"]

@@ -27,7 +27,7 @@ from massprop_drake.maths.estimation.detector import (
 from massprop_drake.maths.estimation.filter import Filter, FilterStep, Groups, Interval, Joint, Told
 from massprop_drake.maths.estimation.impulses import Impulses, interval_impulses, with_wrench
 from massprop_drake.maths.linear_algebra import Array, is_covariance, nonzero
-from massprop_drake.maths.mass_properties import all_ten
+from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, all_ten
 from massprop_drake.maths.vehicle.thrust import LagFactors
 
 
@@ -123,6 +123,8 @@ class EstimationStep(NamedTuple):
 
 
 _ROUNDING = 1e-12  # of a level
+_DIAGONAL = (0, 1, 2)  # of the inverse inertia, among the ten parameters
+_IMPOSSIBLE = 6.0  # sigmas below zero: readings leave a mass or a moment of inertia there once in 1e9 runs
 _NOTHING_OUTSIDE = np.zeros(6)
 MEMORY = Layout("memory", command="jets", level="jets")  # of the impulse model
 
@@ -244,10 +246,28 @@ def restored(groups: Groups, params: EstimationParams) -> EstimationState:
     if params.detector is not None:
         detector = params.detector.taken_up(groups[params.detector.group], params.detector_params)
     state = params.filter.restored(groups, params.filter_params)
-    covariance = params.filter.covariance(state)
-    observed = ~np.isnan(params.filter.covariance(params.filter.initial(params.filter_params)).diagonal())
-    if not np.isfinite(params.filter.predicted(state)[observed]).all():
+    begun = params.filter.covariance(params.filter.initial(params.filter_params)).diagonal()
+    _require_estimates(params.filter.predicted(state), params.filter.covariance(state), begun)
+    return EstimationState(memory.command, memory.level, state, detector)
+
+
+def _require_estimates(estimate: Array, covariance: Array, begun: Array) -> None:
+    """Raises ValueError for ten parameters, or a covariance of them, that no run can leave.
+
+    Args:
+        estimate, covariance: shapes (10,) and (10, 10).
+        begun: variances at the start, NaN for what is not observed, shape (10,).
+    """
+    observed = ~np.isnan(begun)
+    if not np.isfinite(estimate[observed]).all():
         raise ValueError("estimates must be finite")
     if not is_covariance(covariance[np.ix_(observed, observed)]):
         raise ValueError("the covariance of the estimates must be symmetric and positive semidefinite")
-    return EstimationState(memory.command, memory.level, state, detector)
+    variances = covariance.diagonal()
+    if (variances[begun > 0.0] == 0.0).any():
+        raise ValueError(
+            "the covariance of the estimates must be positive definite: what is estimated is never certain"
+        )
+    scales = observed & np.isin(np.arange(estimate.size), (*_DIAGONAL, MASS_RECIPROCAL))
+    if (estimate[scales] < -_IMPOSSIBLE * np.sqrt(variances[scales])).any():
+        raise ValueError("the inverse inertia's diagonal and 1/m cannot be negative beyond their 1-sigma")

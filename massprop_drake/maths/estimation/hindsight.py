@@ -1113,6 +1113,60 @@ def score(
     return ScoreTest(statistic, int(known.sum()), size, max(total.misfit - gained, 0.0))
 
 
+# ---------------------------------------------------------------------------------------------- scale
+
+_SPANS = (1, 4, 16, 64)  # rows over which gains are compared: the shortest over which enough of them are clear
+_CLEAR = 7.0  # 1-sigma of a reading, two quanta and more, that jets must give over a span
+_FEWEST = 10  # spans whose median is told
+
+
+def gain_ratios(stretches: Sequence[Stretch], at: Array, model: Model) -> Array:
+    """Medians of what each package's readings gained, over what jets would have given them by themselves.
+
+    Args:
+        stretches: of the flight.
+        at: all unknowns, shape (n,); see `possible`.
+        model: see `Model`.
+
+    Returns:
+        NaN where readings tell too little, shape (n_packages,).
+    """
+    pairs = [list(_gains(stretch, at, model)) for stretch in stretches]
+    found = np.full(model.variances.shape[0], np.nan)
+    for package, variance in enumerate(model.variances.tolist()):
+        for span in _SPANS:
+            gained = [_over(*own[package], span) for own in pairs]
+            read, given = (
+                (np.concatenate(part) for part in zip(*gained, strict=True)) if gained else np.zeros((2, 0, 3))
+            )
+            size = np.sum(given**2, axis=1)
+            clear = size > _CLEAR**2 * variance
+            if clear.sum() >= _FEWEST:
+                found[package] = np.median(np.sum(read[clear] * given[clear], axis=1) / size[clear])
+                break
+    return found
+
+
+def _gains(stretch: Stretch, at: Array, model: Model) -> Iterator[tuple[Array, Array]]:
+    """Yields the readings of each package, and what jets alone have given them, where it reads, shape (m, 3) each."""
+    read = _read(stretch, model)
+    expected = _expected(at, _course_at(read, at, model), model)
+    impulse = expected.sums.impulse
+    turned = at[:6][ELEMENT] @ _moments(impulse, at[_CENTER])
+    for package, readings in enumerate(read.readings):
+        given = turned
+        if package >= model.gyros:
+            arm = model.positions[package - model.gyros] - at[_CENTER]
+            given = impulse[3:] * expected.lightness + crosses(turned.T, np.broadcast_to(arm, turned.T.shape)).T
+        there = ~np.isnan(readings).any(axis=0)
+        yield readings[:, there].T, _since(given)[:, there].T
+
+
+def _over(read: Array, given: Array, span: int) -> tuple[Array, Array]:
+    """What is gained over spans of so many rows, by both, shape (s, 3) each."""
+    return np.diff(read[::span], axis=0), np.diff(given[::span], axis=0)
+
+
 # ---------------------------------------------------------------------------------------------- bound
 
 

@@ -1,0 +1,85 @@
+"""Files of compiled code that are checked before they are used; loads numba, so only `kernels` loads it.
+
+numba reads what it kept as it finds it, and a file that was cut off by a full disk ends every later process. Here each
+file ends with a digest of its content. One that is not whole is compiled anew, which is said once; one that cannot be
+written is not kept.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import pickle
+from pathlib import Path
+from typing import Any
+
+from numba.core.caching import IndexDataCacheFile
+
+_LOG = logging.getLogger("massprop_drake")
+_DIGEST = hashlib.sha256().digest_size  # bytes at the end of a file
+_SAID: set[str] = set()
+
+
+class _CheckedFile(IndexDataCacheFile):  # type: ignore[misc] # numba has no types
+    """Index and data files of one function, with a digest at the end of each, which `pickle` passes over."""
+
+    def load(self, key: Any) -> Any:
+        """Loads what was compiled for some types; None where nothing whole is kept."""
+        try:
+            return super().load(key)
+        except Exception as error:
+            self._is_damaged(self._index_path, error)
+            return None
+
+    def save(self, key: Any, data: Any) -> None:
+        """Keeps what was compiled for some types, where it can be written."""
+        try:
+            super().save(key, data)
+        except OSError as error:
+            _say(f"compiled kernels cannot be kept in {self._cache_path} ({error.strerror})")
+
+    def _dump(self, obj: Any) -> bytes:
+        content: bytes = super()._dump(obj)
+        return content + hashlib.sha256(content).digest()
+
+    def _load_index(self) -> Any:
+        try:
+            with Path(self._index_path).open("rb") as file:
+                pickle.load(file)  # the version, which stands before the rest
+                _require_whole(file.read())
+            return super()._load_index()
+        except FileNotFoundError:
+            return {}
+        except Exception as error:
+            self._is_damaged(self._index_path, error)
+            return {}
+
+    def _load_data(self, name: str) -> Any:
+        path = self._data_path(name)
+        _require_whole(Path(path).read_bytes())
+        return super()._load_data(name)
+
+    def _is_damaged(self, path: str, error: Exception) -> None:
+        _say(f"a compiled kernel kept in {Path(path).parent} is damaged ({error!r:.60}) and is compiled anew")
+
+
+def _require_whole(content: bytes) -> None:
+    """Raises ValueError for the content of a file that is not what was written."""
+    if hashlib.sha256(content[:-_DIGEST]).digest() != content[-_DIGEST:]:
+        raise ValueError("not what was written")
+
+
+def _say(words: str) -> None:
+    """Says something once in a process."""
+    if words not in _SAID:
+        _SAID.add(words)
+        _LOG.warning("%s", words)
+
+
+def checked(dispatcher: Any) -> Any:
+    """A function that numba compiles, its kept files checked; where numba is another, they are as ever."""
+    cache = getattr(dispatcher, "_cache", None)
+    file = getattr(cache, "_cache_file", None)
+    if type(file) is IndexDataCacheFile:
+        file.__class__ = _CheckedFile
+    return dispatcher

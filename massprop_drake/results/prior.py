@@ -1,0 +1,211 @@
+"""Compares the estimates at the end with the start and what it allows, and names a common factor between them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.inputs import factors, params
+from massprop_drake.inputs.factors import Factor, in_words
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.maths.estimation.filters.joint import chi_square_limit
+from massprop_drake.maths.estimation.joint.prediction import propellant_drift
+from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
+from massprop_drake.results.consistency import Diagnosis
+from massprop_drake.results.spool import Spool
+from massprop_drake.signals import SYMBOLS
+
+Array = NDArray[np.float64]
+
+_CHANCE = 1e-6  # probability that a truth drawn from the start is called one that it does not allow
+_COMMON = 1e-4  # the same of a factor that all scales have in common
+_FEWEST = 2  # scales that show that it is what jets are told or give
+_UNWEIGHED = "commands, thrusts or rates"  # without an accelerometer nothing tells them apart
+_DIAGONAL = [0, 1, 2]
+_SCALES = np.isin(np.arange(10), [*_DIAGONAL, MASS_RECIPROCAL])
+
+
+class _Departure(NamedTuple):
+    """How far estimates are from the start.
+
+    Attributes:
+        statistic: chi-square distributed at the most, if the start is true.
+        degrees: of freedom.
+        ratios: of each parameter to its 1-sigma, NaN where not tested, shape (10,).
+    """
+
+    statistic: float
+    degrees: int
+    ratios: Array
+
+    @property
+    def is_near(self) -> bool:
+        """Whether the parameter that is farthest may be so by chance."""
+        largest = float(np.nanmax(np.abs(self.ratios), initial=0.0))
+        return largest**2 <= chi_square_limit(_CHANCE / self.degrees, 1)
+
+    @property
+    def is_allowed(self) -> bool:
+        """Whether all parameters together may be so by chance, and the one that is farthest."""
+        return self.is_near and self.statistic <= chi_square_limit(_CHANCE, self.degrees)
+
+
+class _Start(NamedTuple):
+    """What is known before a run, with what propellant that is used adds to it.
+
+    Attributes:
+        values: the ten parameters, shape (10,).
+        covariance: of them, and of the estimates, shape (10, 10).
+        tested: which parameters are estimated, and had a 1-sigma, shape (10,).
+    """
+
+    values: Array
+    covariance: Array
+    tested: NDArray[np.bool_]
+
+    @property
+    def relative(self) -> Array:
+        """1-sigma over the values, shape (10,)."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            result: Array = np.sqrt(self.covariance.diagonal()) / np.abs(self.values)
+        return result
+
+    def departure(self, estimate: Array) -> _Departure:
+        """Measures how far estimates are from the start.
+
+        A scale that is larger counts by its logarithm, so that a truth is no farther off where it was drawn by a
+        factor than where it was drawn by a difference.
+        """
+        off = estimate - self.values
+        larger = _SCALES & (off > 0.0) & (self.values > 0.0)
+        off[larger] = self.values[larger] * np.log(estimate[larger] / self.values[larger])
+        deviation = np.sqrt(self.covariance.diagonal())
+        unit = (off / deviation)[self.tested]
+        correlation = (self.covariance / np.outer(deviation, deviation))[np.ix_(self.tested, self.tested)]
+        return _Departure(
+            float(unit @ np.linalg.lstsq(correlation, unit, rcond=None)[0]),
+            unit.size,
+            np.where(self.tested, off / deviation, np.nan),
+        )
+
+
+def contradiction(scenario: Scenario, signals: Spool, estimate: Array) -> Diagnosis | None:
+    """Finds whether estimates end where the start does not allow; None where they do not, or it claims nothing.
+
+    Args:
+        scenario: as run, from its start on, without a jump of the mass properties.
+        signals: with `standard_deviation` and `command`.
+        estimate: of the ten parameters at the end, NaN where not observed, shape (10,).
+    """
+    if scenario.estimation.start == "zero":
+        return None
+    used = _propellant(scenario, signals)
+    begun = estimate.copy()
+    if begun[MASS_RECIPROCAL] > 0.0:
+        begun[MASS_RECIPROCAL] /= 1.0 + begun[MASS_RECIPROCAL] * used
+    start = _start(scenario, signals, begun, used)
+    if not start.tested.any():
+        return None
+    found, common = start.departure(begun), None
+    for group in _groups(scenario, start, begun):
+        factor, sigmas = _factor(start, begun, group.members)
+        explains = start.departure(_scaled(begun, group.members, factor)).is_allowed
+        beyond = sigmas**2 > chi_square_limit(_COMMON, 1)
+        if explains and not beyond and group.of_jets and found.is_near:  # scales may have their errors in common
+            return None
+        if explains and beyond and (group.of_jets or not found.is_allowed):
+            common = group, factor
+            break
+    if common is None and found.is_allowed:
+        return None
+    direct = np.abs(begun - start.values) / np.sqrt(start.covariance.diagonal())
+    limit = chi_square_limit(_CHANCE, found.degrees)
+    if common is not None:
+        group, factor = common
+        sigmas = direct[group.members].max()
+        words = f"{group.ends} at {in_words(1.0 / factor)} times the start, {sigmas:.3g} of its sigmas off"
+        return Diagnosis("factor", f"{words}, {group.in_words(factor)}", found.statistic, limit)
+    worst = int(np.argmax(np.where(start.tested, direct, -1.0)))
+    words = f"{SYMBOLS[worst]} ends {direct[worst]:.3g} of the start's sigmas from it"
+    if found.degrees > 1:
+        words += f"; all {found.degrees} together have a chi-square of {found.statistic:.3g} ({limit:.3g} is allowed)"
+    return Diagnosis("start", words, found.statistic, limit)
+
+
+def _start(scenario: Scenario, signals: Spool, estimate: Array, used: float) -> _Start:
+    values, covariance = params.initial_estimate(scenario), params.initial_covariance(scenario)
+    known = covariance.diagonal() > 0.0
+    tested = known & np.isfinite(estimate) & ~params.known_parameters(scenario)
+    vehicle = scenario.vehicle_data
+    drift = propellant_drift(values, used, vehicle.tank_fraction, vehicle.rms_arm)
+    deviation = np.nan_to_num(signals.last("standard_deviation"))
+    covariance = covariance + np.diag(np.where(known, drift + deviation**2, 1.0))
+    return _Start(values, covariance, tested)
+
+
+def _propellant(scenario: Scenario, signals: Spool) -> float:
+    """Propellant that the commands have used, slug or kg."""
+    vehicle = scenario.vehicle_data
+    told = sum(np.nansum(block["command"], axis=0) for block in signals.blocks("command"))
+    return float(told @ vehicle.mass_flows) * vehicle.sample_period_s
+
+
+class _Group(NamedTuple):
+    """Scales that may be off by a common factor.
+
+    Attributes:
+        members: which of the ten parameters, shape (10,).
+        cause: what is off then.
+        ends: what of the vehicle is, and its verb.
+        known: the common factors of the cause.
+        of_jets: whether the cause is what jets are told or give.
+    """
+
+    members: NDArray[np.bool_]
+    cause: str
+    ends: str
+    known: tuple[Factor, ...]
+    of_jets: bool
+
+    def in_words(self, factor: float) -> str:
+        """Says what is off by a factor in the inverse inertia or 1/m, and which mistake would make it."""
+        size = 1.0 / factor if self.of_jets else factor  # more thrust than is told looks like less mass
+        found = factors.near(size, self.known)
+        likely = f"; {found[0].name} would make it {in_words(found[0].size)}" if found else ""
+        return f"as if {self.cause} were {in_words(size)} times what acts{likely}"
+
+
+def _groups(scenario: Scenario, start: _Start, estimate: Array) -> Iterator[_Group]:
+    """Yields the scales that may be off together, those that jets scale first."""
+    units, period_s = scenario.vehicle_data.units, scenario.vehicle_data.sample_period_s
+    usable = start.tested & _SCALES & (start.values > 0.0) & (estimate > 0.0)
+    of_mass = np.arange(10) == MASS_RECIPROCAL
+    inertia, mass = usable & ~of_mass, usable & of_mass
+    if usable.sum() >= _FEWEST:
+        said, ends = ("commands or thrusts", "inertia and mass end") if mass.any() else (_UNWEIGHED, "inertia ends")
+        yield _Group(usable, said, ends, factors.of_impulses(units, period_s), True)
+    if inertia.any() and mass.any():
+        yield _Group(inertia, "rates", "inertia alone ends", factors.of_rates(period_s), False)
+        yield _Group(mass, "accelerometers", "mass alone ends", factors.of_velocities(units, period_s), False)
+
+
+def _factor(start: _Start, estimate: Array, members: NDArray[np.bool_]) -> tuple[float, float]:
+    """The factor that some scales have in common, and of how many sigmas it is if their errors are one."""
+    logarithms, relative = np.log(estimate[members] / start.values[members]), start.relative[members]
+    weights = 1.0 / relative**2
+    mean = float(weights @ logarithms / weights.sum())
+    return math.exp(mean), abs(mean) / float(relative.max())
+
+
+def _scaled(estimate: Array, members: NDArray[np.bool_], factor: float) -> Array:
+    """Estimates without a factor in inertia, products included, in mass, or in both."""
+    result = estimate.copy()
+    if members[_DIAGONAL].any():
+        result[:6] /= factor
+    if members[MASS_RECIPROCAL]:
+        result[MASS_RECIPROCAL] /= factor
+    return result
