@@ -109,15 +109,17 @@ def said(
 
 def _without_nan(event: EventRecord) -> EventRecord:
     """An event with None for what a detector left NaN, which no file can hold."""
-    lacking = [name for name, value in event._asdict().items() if isinstance(value, float) and math.isnan(value)]
-    return event._replace(**dict.fromkeys(lacking)) if lacking else event
+    lacking: dict[str, Any] = {
+        name: None for name, value in event._asdict().items() if isinstance(value, float) and math.isnan(value)
+    }
+    return event._replace(**lacking) if lacking else event
 
 
 def _by_samples(vehicle: Vehicle, time_s: float, at: Mapping[str, float], nis: float) -> EventRecord:
     """What a detector of single samples, or of sums of them, says."""
     code, jet, alarms = int(at["detector_event"]), int(at["suspected_jet"]), int(at["alarms"])
     if code not in (Code.DECLARED, Code.WITHDRAWN):
-        return EventRecord(time_s, "jump", at["onset"], statistic=_if_known(nis), alarms=alarms)
+        return EventRecord(time_s, "jump", at["onset"], statistic=nis, alarms=alarms)
     return EventRecord(
         time_s,
         "failed" if code == Code.DECLARED else "withdrawn",
@@ -126,7 +128,7 @@ def _by_samples(vehicle: Vehicle, time_s: float, at: Mapping[str, float], nis: f
         cluster=vehicle.jets[jet].cluster,
         magnitude=at["suspected_magnitude"],
         magnitude_std=at["suspected_magnitude_std"],
-        statistic=_if_known(at["suspected_likelihood"]),
+        statistic=at["suspected_likelihood"],
         alarms=alarms,
         jet_index=jet,
     )
@@ -141,7 +143,7 @@ def _by_hypotheses(
 ) -> Iterator[EventRecord]:
     """What the detector by hypotheses says at a sample: of jets one or more, of everything else at most one."""
     at, row = told
-    how: dict[str, Any] = {"statistic": _if_known(at["suspected_likelihood"]), "alarms": int(at["alarms"])}
+    how: dict[str, Any] = {"statistic": at["suspected_likelihood"], "alarms": int(at["alarms"])}
     for jets in named(row["verdict_group"], row["verdict_place"]):
         event = _of_jets(vehicle, time_s, jets, row)._replace(**how)
         yield event._replace(pattern=_pattern(earlier, event)) if event.kind == "erratic" else event
@@ -193,10 +195,6 @@ def _pattern(earlier: Sequence[EventRecord], now: EventRecord) -> Literal["inter
 def _latest(earlier: Sequence[EventRecord], kind: EventKind, otherwise: float) -> float:
     """Onset of the latest event of a kind."""
     return next((one.onset_s for one in reversed(earlier) if one.kind == kind), otherwise)
-
-
-def _if_known(value: float) -> float | None:
-    return None if math.isnan(value) else value
 
 
 def _three(values: Array) -> tuple[float, float, float]:
