@@ -109,8 +109,10 @@ def said(
 
 def _without_nan(event: EventRecord) -> EventRecord:
     """An event with None for what a detector left NaN, which no file can hold."""
-    lacking = [name for name, value in event._asdict().items() if isinstance(value, float) and math.isnan(value)]
-    return event._replace(**dict.fromkeys(lacking)) if lacking else event
+    lacking: dict[str, Any] = {
+        name: None for name, value in event._asdict().items() if isinstance(value, float) and math.isnan(value)
+    }
+    return event._replace(**lacking) if lacking else event
 
 
 def _by_samples(vehicle: Vehicle, time_s: float, at: Mapping[str, float], nis: float) -> EventRecord:
