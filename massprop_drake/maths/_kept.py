@@ -36,7 +36,7 @@ class _CheckedFile(IndexDataCacheFile):  # type: ignore[misc] # numba has no typ
         try:
             super().save(key, data)
         except OSError as error:
-            _say(f"compiled kernels cannot be kept in {self._cache_path} ({error.strerror})")
+            _say("unwritten", f"compiled kernels cannot be kept in {self._cache_path} ({error.strerror})")
 
     def _dump(self, obj: Any) -> bytes:
         content: bytes = super()._dump(obj)
@@ -60,7 +60,7 @@ class _CheckedFile(IndexDataCacheFile):  # type: ignore[misc] # numba has no typ
         return super()._load_data(name)
 
     def _is_damaged(self, path: str, error: Exception) -> None:
-        _say(f"a compiled kernel kept in {Path(path).parent} is damaged ({error!r:.60}) and is compiled anew")
+        _say("damaged", f"what is kept in {Path(path).parent} is damaged ({error!r:.60}) and is compiled anew")
 
 
 def _require_whole(content: bytes) -> None:
@@ -69,10 +69,10 @@ def _require_whole(content: bytes) -> None:
         raise ValueError("not what was written")
 
 
-def _say(words: str) -> None:
-    """Says something once in a process."""
-    if words not in _SAID:
-        _SAID.add(words)
+def _say(kind: str, words: str) -> None:
+    """Says one thing of a kind in a process."""
+    if kind not in _SAID:
+        _SAID.add(kind)
         _LOG.warning("%s", words)
 
 

@@ -314,7 +314,7 @@ def looked_back(
                 until_s = math.inf
         names = names_of(scenario)
         chosen = _some(parts, until_s, made)
-        diagnoses, fit = diagnosed(chosen, begin, _reaching(begin, made), names)
+        diagnoses, fit = diagnosed(chosen, begin, made, names)
         if diagnoses or apart is not None or _excess(fit) > 0.0 or fit.normal.readings < _FEWEST:
             scaled = _rescaled(parts, begin, made, scenario)
             if scaled is not None:
@@ -379,6 +379,9 @@ def diagnosed(parts: Sequence[Stretch], begin: Array, made: Model, names: Names)
     """
     found: list[Diagnosis] = []
     fit = first = hindsight.fitted(parts, _from(begin, made), made)
+    if fit.normal.is_finite and (wider := _reaching(fit.at[:10], made)) is not made:
+        made = wider
+        fit = first = hindsight.fitted(parts, fit.at, made)
     if fit.normal.readings < _FEWEST or not fit.normal.is_finite:
         return found, first
     fit, reckoned, found = _switched(parts, fit, made)
@@ -410,10 +413,14 @@ def _from(begin: Array, made: Model) -> Array:
     return start
 
 
-def _reaching(begin: Array, made: Model) -> Model:
-    """The same with what is known beforehand as wide as the estimates turned out to be off it, shape (10,)."""
-    sigma, off = made.sigma.copy(), np.abs(begin - made.prior[:10])
-    sigma[:10] = np.where(off > _OFF * sigma[:10], off, sigma[:10])
+def _reaching(found: Array, made: Model) -> Model:
+    """The same, with what is known beforehand of the ten parameters as wide as they turned out to be off it."""
+    off = np.abs(found - made.prior[:10])
+    far = off > _OFF * made.sigma[:10]
+    if not far.any():
+        return made
+    sigma = made.sigma.copy()
+    sigma[:10] = np.where(far, off, sigma[:10])
     return made._replace(sigma=sigma)
 
 

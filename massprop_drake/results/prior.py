@@ -110,22 +110,24 @@ def contradiction(scenario: Scenario, signals: Spool, estimate: Array) -> Diagno
     start = _start(scenario, signals, begun, used)
     if not start.tested.any():
         return None
-    found, common = start.departure(begun), None
+    found = start.departure(begun)
+    explaining: list[tuple[float, _Group, float]] = []
     for group in _groups(scenario, start, begun):
         factor, sigmas = _factor(start, begun, group.members)
-        explains = start.departure(_scaled(begun, group.members, factor)).is_allowed
+        left = start.departure(_scaled(begun, group.members, factor))
+        if not left.is_allowed:
+            continue
         beyond = sigmas**2 > chi_square_limit(_COMMON, 1)
-        if explains and not beyond and group.of_jets and found.is_near:  # scales may have their errors in common
+        if not beyond and group.of_jets and found.is_near:  # scales may have their errors in common
             return None
-        if explains and beyond and (group.of_jets or not found.is_allowed):
-            common = group, factor
-            break
-    if common is None and found.is_allowed:
+        if beyond and (group.of_jets or not found.is_allowed):
+            explaining.append((left.statistic, group, factor))
+    if not explaining and found.is_allowed:
         return None
     direct = np.abs(begun - start.values) / np.sqrt(start.covariance.diagonal())
     limit = chi_square_limit(_CHANCE, found.degrees)
-    if common is not None:
-        group, factor = common
+    if explaining:
+        _, group, factor = min(explaining, key=lambda one: one[0])
         sigmas = direct[group.members].max()
         words = f"{group.ends} at {in_words(1.0 / factor)} times the start, {sigmas:.3g} of its sigmas off"
         return Diagnosis("factor", f"{words}, {group.in_words(factor)}", found.statistic, limit)

@@ -292,6 +292,9 @@ def test_another_sample_period_stops(log: Log, toy: Vehicle, tmp_path: Path, fac
     path = log.write(tmp_path / "log.csv")
     with pytest.raises(InputError, match=rf"rows are {found} s apart, but the sample period of vehicle 'toy' is 0.1 s"):
         _read(path, toy)
+    if factor == 1000.0:
+        with pytest.raises(InputError, match="as with ms in place of s"):
+            _read(path, toy)
     log.rows = log.rows[:5]  # fewer rows than it takes to be sure, but all there are
     with pytest.raises(InputError, match=f"rows are {found} s apart"):
         _read(log.write(path), toy)
