@@ -36,7 +36,7 @@ class Cell(NamedTuple):
     label: str
 
     @property
-    def counts(self) -> Counts:
+    def numbers(self) -> Counts:
         """Numbers of its cases by how they ended."""
         return counted(self.rows, self.planned)
 
@@ -119,7 +119,7 @@ def status(folder: Path, spec: CampaignSpec) -> Status:
 
 
 def _status(cells: Sequence[Cell]) -> Status:
-    return Status(total(cell.counts for cell in cells), [(cell.label, cell.settings, cell.counts) for cell in cells])
+    return Status(total(cell.numbers for cell in cells), [(cell.label, cell.settings, cell.numbers) for cell in cells])
 
 
 def _labels(drawn: Any) -> list[str]:

@@ -62,7 +62,7 @@ def summarized(study: Study) -> dict[str, Any]:
             {
                 "cell": number,
                 "settings": dict(cell.settings),
-                "cases": cell.counts._asdict(),
+                "cases": cell.numbers._asdict(),
                 "hours": merit.hours(cell.rows),
                 "figures": {name: figure_data(figure) for name, figure in found.items()},
                 "gates": [_gate_data(passed) for passed in merit.judged(file.gates, found)],
