@@ -8,7 +8,7 @@ from typing import NamedTuple, TypeVar
 from massprop_drake.errors import in_words
 from massprop_drake.inputs.model import Real, Text
 
-T = TypeVar("T")
+_Part = TypeVar("_Part")
 
 
 class Ended(NamedTuple):
@@ -39,7 +39,7 @@ class PartsMade:
         self.missing: list[str] = []
         self.error: Exception | None = None
 
-    def make(self, name: str, make: Callable[[], T], otherwise: T) -> T:
+    def make(self, name: str, make: Callable[[], _Part], otherwise: _Part) -> _Part:
         """Makes a part; where that fails, notes it and returns what stands for it."""
         try:
             return make()
