@@ -48,7 +48,7 @@ def sources(root: Path, folders: tuple[str, ...]) -> Iterator[tuple[Path, ast.Mo
 
 
 def found(root: Path) -> dict[str, dict[str, list[str]]]:
-    """What is counted: for each count the places, by name; of summaries all, and those that are fragments.
+    """Counts: the places of each by name; of summaries all, and those that are fragments.
 
     Raises:
         SyntaxError: when a file is no Python.

@@ -175,7 +175,7 @@ def test_an_axis_with_the_wrong_sign_is_still_told(flown: Run, table: Table, tmp
 
 
 def standing(run: Run) -> list[Any]:
-    """What was declared and not withdrawn."""
+    """Declarations that were not withdrawn."""
     return [one for one in run.summary["detections"] if one["withdrawn_s"] is None]
 
 

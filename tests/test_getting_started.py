@@ -1,4 +1,4 @@
-"""What docs/getting_started.md has a newcomer type works in its order, and prints what is shown."""
+"""Commands of docs/getting_started.md work in their order, and print what is shown."""
 
 from __future__ import annotations
 

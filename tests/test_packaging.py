@@ -42,7 +42,7 @@ def test_the_wheel_made_of_it_is_the_package(wheel: Path) -> None:
 
 
 def _as_text(link: Path) -> None:
-    """As git leaves a link where there are none, and some programs that unpack archives."""
+    """A link as git leaves it where there are none, and some programs that unpack archives."""
     target = os.readlink(link)
     link.unlink()
     link.write_text(target, encoding="utf-8")

@@ -219,7 +219,7 @@ def counted(flights: Sequence[Mapping[str, Any]], spec: Mapping[str, Any]) -> Ro
 
 
 def _misjudged(facts: Facts, spec: Mapping[str, Any]) -> bool:
-    """Whether the verdict on a run, or the first reason of it, is not what it should be."""
+    """Tests whether the verdict on a run, or the first reason of it, is not what it should be."""
     if "reason" in spec:
         return facts["verdict"] != "inconsistent" or facts["reasons"][:1] != [spec["reason"]]
     inconsistent: bool = facts["verdict"] == "inconsistent"

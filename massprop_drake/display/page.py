@@ -155,7 +155,7 @@ def _verdict(run: Run) -> list[dict[str, Any]]:
 
 
 def _of_the_record(results: Summary) -> Iterator[str]:
-    """What the verdict says of a record: whether it is whole, and its warnings."""
+    """Sentences of the verdict on a record: whether it is whole, and its warnings."""
     if results.completeness_detail:
         first, *others = results.completeness_detail
         yield f"The record is {results.completeness}: {first}{f', and {len(others)} more' if others else ''}."

@@ -120,7 +120,7 @@ def read(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
 
 
 class _Stated(NamedTuple):
-    """What the recorder wrote of a bag in its metadata.
+    """A bag's metadata, as the recorder wrote them.
 
     Attributes:
         files: names of its files, in order; empty: it says nothing.
@@ -343,7 +343,7 @@ class _Gathered:
 
     @property
     def readable(self) -> bool:
-        """Whether there are messages that can be read, or none at all."""
+        """Tests whether there are messages that can be read, or none at all."""
         return bool(self.stamps) or not self.unread
 
     def add(self, recorded: Message, types: _Types) -> None:

@@ -50,7 +50,7 @@ class _ClockColumn(NamedTuple):
 
     @property
     def rises(self) -> bool:
-        """Whether the time goes on from row to row."""
+        """Tests whether the time goes on from row to row."""
         return bool(self.steps.size) and float((self.steps > 0.0).mean()) > _RISES
 
 
@@ -89,7 +89,7 @@ def _is_text(topic: Topic, name: ColumnName) -> bool:
 
 
 def _is_about(steps: Array, period_s: float) -> bool:
-    """Whether steps are a sample period, or that is a multiple of them."""
+    """Tests whether steps are a sample period, or that is a multiple of them."""
     step = float(np.median(steps))
     count = max(round(period_s / step), 1) if step > 0.0 else 1
     return abs(step * count - period_s) <= JITTER * period_s

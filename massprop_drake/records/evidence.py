@@ -20,7 +20,7 @@ _SPREAD = 3.0  # of readings while coasting, in that of their changes, above whi
 
 
 class JetEvidence(NamedTuple):
-    """How changes of a reading follow those that the jets should cause.
+    """Changes of a reading beside those that the jets should cause.
 
     Attributes:
         meant: predicted with the nominal mass properties, shape (n, 3).
@@ -49,13 +49,13 @@ class JetEvidence(NamedTuple):
 
     @property
     def correlation(self) -> float:
-        """Of both, about zero; NaN with too few samples."""
+        """Correlation of both about zero; NaN with too few samples."""
         own, mixed, other = self._sums
         return mixed / math.sqrt(own * other) if self.samples >= FEWEST and own * other > 0.0 else math.nan
 
     @property
     def slope(self) -> float:
-        """By how much more the reading changes than it should, by least squares."""
+        """Ratio of the change that is read to that which should be, by least squares."""
         own, mixed, _ = self._sums
         return mixed / own if own > 0.0 else math.nan
 
@@ -102,7 +102,7 @@ def _effects(vehicle: Vehicle, name: str) -> Array:
 
 
 def keeps_its_level(record: Mapped, name: str) -> bool:
-    """Whether a velocity keeps its level where no jet fires, as sums of increments do, while these scatter."""
+    """Tests whether a velocity keeps its level where no jet fires, as sums of increments do, while these scatter."""
     channel = record.channels[name]
     shares = np.nan_to_num(mean_over(record.commands, channel.time_s), nan=1.0)
     coasting = (shares[:-2] == 0.0).all(axis=1) & (shares[1:-1] == 0.0).all(axis=1)

@@ -221,7 +221,7 @@ def _as_array(value: Any) -> Any:
 
 
 def _is_table(value: Any) -> bool:
-    """Whether an array has numbers, text, or cells with either."""
+    """Tests whether an array has numbers, text, or cells with either."""
     if value.dtype != object:
         return value.dtype.kind in "biufU"
     return value.ndim == 1 and all(_as_array(one).dtype.kind in "biufU" for one in value)

@@ -76,7 +76,7 @@ _QUATERNION = re.compile(r"(?:.*_)?(?:q|quat|quaternion|orientation)_?([wxyzs0-4
 
 
 class ColumnName(NamedTuple):
-    """What the name of a column says.
+    """Words of the name of a column.
 
     Attributes:
         column: the name.
@@ -99,22 +99,22 @@ class ColumnName(NamedTuple):
 
     @property
     def is_timed(self) -> bool:
-        """Whether the words are of a clock."""
+        """Tests whether the words are of a clock."""
         return self.axis < 0 and (not self.words or bool(set(self.words) & _TIME)) and not set(self.words) & _JETS
 
     @property
     def is_fraction(self) -> bool:
-        """Whether the words are of the part of a second, beside whole ones."""
+        """Tests whether the words are of the part of a second, beside whole ones."""
         return bool(set(self.words) & _FRACTIONS)
 
     @property
     def may_be_mask(self) -> bool:
-        """Whether the words are of commands to several jets."""
+        """Tests whether the words are of commands to several jets."""
         return bool(set(self.words) & _MASKS)
 
     @property
     def is_on_time(self) -> bool:
-        """Whether the words are of how long something is on."""
+        """Tests whether the words are of how long something is on."""
         return bool(set(self.words) & (_ON - {"cmd", "out", "state"}))
 
 
@@ -183,7 +183,7 @@ def _taken_unit(words: list[str]) -> str:
 
 
 def kind_of(name: ColumnName) -> str:
-    """What a column measures, by its words, as `WORDS` has it; "": not known."""
+    """Quantity that a column measures by its words, as `WORDS` has it; "": not known."""
     said = set(name.words)
     if said & _NO_READINGS or ("angular" in said and said & WORDS["accelerometer"]) or "angle" in said:
         return ""
@@ -267,7 +267,7 @@ def _family(found: Mapping[str, str], jets: Sequence[tuple[str, int]], beside: l
 
 
 def _rank(rest: tuple[str, ...], *, sure: bool) -> int:
-    """How unlikely words around the jets' names are those of commands: 0 to 2, 3: they are none."""
+    """Rates words around the jets' names as those of commands: 0 (likely) to 2, 3: they are none."""
     words = {word for word in rest if word}
     if words & _NO_COMMANDS:
         return 3
@@ -285,7 +285,7 @@ def _tokens(name: str) -> tuple[str, ...]:
 
 
 def _found(tokens: tuple[str, ...], called: Mapping[tuple[str, ...], str]) -> list[tuple[tuple[int, int], str]]:
-    """Where the designations of jets stand in a name, the longest alone."""
+    """Places of the designations of jets in a name, the longest alone."""
     for length in sorted({len(one) for one in called}, reverse=True):
         places = [(begin, begin + length) for begin in range(len(tokens) - length + 1)]
         found = [((begin, end), called[tokens[begin:end]]) for begin, end in places if tokens[begin:end] in called]

@@ -134,7 +134,7 @@ class _Search:
         return next((kind for kind, names in self._called.items() if called in names), kind_of(name))
 
     def _is_own(self, kind: str, words: Sequence[str]) -> bool:
-        """Whether words name a package of the vehicle."""
+        """Tests whether words name a package of the vehicle."""
         return bool({*map(_plainly, words), _plainly("".join(words))} & self._called[kind])
 
     def _package(self, kind: str, words: Sequence[str] = ()) -> str:
@@ -502,7 +502,7 @@ class _Search:
         return False
 
     def _scaled(self, topic: Topic, columns: Sequence[str]) -> bool:
-        """Whether columns that are only counted hold what commands hold: widths of pulses."""
+        """Tests whether columns that are only counted hold what commands hold: widths of pulses."""
         values = np.concatenate([topic.numbers(column) for column in columns])
         return bool(np.nanmin(values) > _PULSES[0] and np.nanmax(values) < _PULSES[1] and _varies(values))
 
@@ -773,7 +773,7 @@ class _Search:
                 self._say(f"{package}: {name}, {field} of an Imu, in {more['unit']}{guess}")
 
     def _gives(self, topic: str) -> str:
-        """What accelerations of a topic are taken for: instants, where there are enough to be integrated, or means."""
+        """Takes accelerations of a topic for instants, where there are enough to be integrated, or for means."""
         stamps = self.recording.topics[topic].stamps_s
         if stamps is None or stamps.size < 2:
             return "mean"
@@ -882,7 +882,7 @@ def _full(scale: Mapping[str, Any], period_s: float) -> float:
 
 
 def _is_unit_of(unit: str, scale: CommandScale) -> bool:
-    """Whether a unit that a name has is that of a scale."""
+    """Tests whether a unit that a name has is that of a scale."""
     kind = "time" if scale.is_timed else "number"
     own, wanted = factor_or_none(unit, kind), factor_or_none(scale.unit, kind)
     return own is not None and own == wanted

@@ -263,7 +263,7 @@ def require_table(path: str | Path) -> None:
 
 
 def _has_a_bag(path: Path) -> bool:
-    """Whether a path is a folder with the files of a bag of ROS 2."""
+    """Tests whether a path is a folder with the files of a bag of ROS 2."""
     try:
         return path.is_dir() and any({".db3", ".mcap"} & set(one.suffixes) for one in path.iterdir())
     except (OSError, ValueError):
@@ -365,7 +365,7 @@ _BLANK_NAME = re.compile(r"(?:[^\s\[(]|[\[(][^\])]*[\])])+(?:\s+[\[(][^\])]*[\])
 
 
 def _form_of(path: Path) -> tuple[CsvForm, list[str]]:
-    """How a text file is written, where no map says it, and the cells of a line of units below the names."""
+    """Tells how a text file is written, and the cells of a line of units below the names."""
     with path.open(encoding="utf-8-sig") as file:
         numbered = islice(((number, line) for number, line in enumerate(file, 1) if line.strip()), _LOOKED_AT)
         lines = [(number, line, _mark(line)) for number, line in numbered]
@@ -413,14 +413,14 @@ def _cells(line: str, separator: str) -> list[str]:
 
 
 def _is_value(cell: str) -> bool:
-    """Whether a cell is a number or a date, so that its line is a row."""
+    """Tests whether a cell is a number or a date, so that its line is a row."""
     if cell.strip().lower() in MISSING:
         return False
     return _is_number(cell.replace(",", ".")) or stamp_of(cell) is not None
 
 
 def _has_units(cells: list[str]) -> bool:
-    """Whether most cells of a line are units."""
+    """Tests whether most cells of a line are units."""
     found = [unit_in(cell) for cell in cells if cell.strip("-[]() ")]
     return bool(found) and sum(map(bool, found)) > 0.5 * len(found)
 
@@ -511,7 +511,7 @@ def _gathered(
             column.clear()
 
     def numeric() -> bool:
-        """Whether the last column, of names that are wanted, has numbers so far."""
+        """Tests whether the last column, of names that are wanted, has numbers so far."""
         if header[-1] not in wanted or header[-1] in as_text:
             return False
         above = held[wanted.index(header[-1])]

@@ -87,7 +87,7 @@ def _losses(path: Path, log: Any, cut: tuple[int, int]) -> Iterator[Loss]:
 
 
 def _cut_off(path: Path) -> tuple[int, int]:
-    """Where a file's last message begins, and by how many bytes the file ends too early for it; 0: it is whole.
+    """Place of a file's last message, and by how many bytes the file ends too early for it; 0: it is whole.
 
     Raises:
         InputError: when it does not begin as a ULog does.

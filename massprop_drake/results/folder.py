@@ -45,7 +45,7 @@ class Place(NamedTuple):
 
     @property
     def is_as_found(self) -> bool:
-        """Whether nothing has been put there since."""
+        """Tests whether nothing has been put there since."""
         now = manifest.read(self.path)
         return (None if now is None else now.id) == self.found
 
@@ -242,12 +242,12 @@ def write_page(path: Path, text: str, kind: str, *, force: bool = False, reads: 
 
 
 def is_ours(folder: Path, name: str) -> bool:
-    """Whether a file in a folder is there, is one of the folder's own, and as we wrote it."""
+    """Tests whether a file in a folder is there, is one of the folder's own, and as we wrote it."""
     return os.path.lexists(folder / name) and _Rule().may_replace(folder / name, folder, manifest.read(folder))
 
 
 class _Rule(NamedTuple):
-    """What files that are to be written may take the place of.
+    """Rules for what a file may take the place of.
 
     Attributes:
         force: keep anything else under another name, where that is possible.
@@ -260,7 +260,7 @@ class _Rule(NamedTuple):
     reads: tuple[Path, ...] = ()
 
     def may_replace(self, path: Path, folder: Path, found: Manifest | None) -> bool:
-        """Whether what is at a path in a folder, with its manifest, is ours, unchanged and of the same kind."""
+        """Tests whether what is at a path in a folder, with its manifest, is ours, unchanged and of the same kind."""
         name, sealed = path.relative_to(folder).as_posix(), manifest.sealed_kind(path)
         listed = found is not None and found.lists(name, path)
         if self.kind is not None:

@@ -542,12 +542,12 @@ def _candidates(ratios: Array, kind: NDArray[np.bool_], known: Sequence[Factor])
 
 
 def _is_plausible(ratios: Array) -> NDArray[np.bool_]:
-    """Whether mass properties may be so far from nominal that readings change by so much more or less."""
+    """Tests whether mass properties may be so far from nominal that readings change by so much more or less."""
     return np.isnan(ratios) | ((ratios >= 1.0 / _UNLIKELY) & (ratios <= _UNLIKELY))
 
 
 def _cost(fit: Fit, made: Model) -> float:
-    """What a fit makes least: the misfit, and how far what is reckoned with is from what is known of it."""
+    """Objective of a fit: the misfit, and the distance of the unknowns from what is known of them."""
     free = made.sigma > 0.0
     return fit.normal.misfit + float(np.sum(((fit.at - made.prior)[free] / made.sigma[free]) ** 2))
 

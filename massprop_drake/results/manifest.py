@@ -54,13 +54,13 @@ class Manifest(_Model):
         return (self.model_dump_json(indent=2, exclude_defaults=False) + "\n").encode()
 
     def has(self, path: Path, folder: Path) -> bool:
-        """Whether a path in the manifest's folder is one of its files, by name or by another name of the same file."""
+        """Tests whether a path in the folder is one of its files, by its name or by another one."""
         name = path.relative_to(folder).as_posix()
         alike = (one for one in (*self.files, *self.pending, NAME) if one.casefold() == name.casefold())
         return any(one == name or _is_same(folder / one, path) for one in alike)
 
     def lists(self, name: str, path: Path) -> bool:
-        """Whether a path holds the regular file that is listed under a name, unchanged."""
+        """Tests whether a path holds the regular file that is listed under a name, unchanged."""
         expected = [entries[name] for entries in (self.files, self.pending) if name in entries]
         return bool(expected) and _is_plain(path) and _entry(path) in expected
 

@@ -30,7 +30,7 @@ _SCALES = np.isin(np.arange(10), [*_DIAGONAL, MASS_RECIPROCAL])
 
 
 class _Departure(NamedTuple):
-    """How far estimates are from the start.
+    """Distance of estimates from the start.
 
     Attributes:
         statistic: chi-square distributed at the most, if the start is true.
@@ -44,18 +44,18 @@ class _Departure(NamedTuple):
 
     @property
     def is_near(self) -> bool:
-        """Whether the parameter that is farthest may be so by chance."""
+        """Tests whether the parameter that is farthest may be so by chance."""
         largest = float(np.nanmax(np.abs(self.ratios), initial=0.0))
         return largest**2 <= chi_square_limit(_CHANCE / self.degrees, 1)
 
     @property
     def is_allowed(self) -> bool:
-        """Whether all parameters together may be so by chance, and the one that is farthest."""
+        """Tests whether all parameters together may be so by chance, and the one that is farthest."""
         return self.is_near and self.statistic <= chi_square_limit(_CHANCE, self.degrees)
 
 
 class _Start(NamedTuple):
-    """What is known before a run, with what propellant that is used adds to it.
+    """Knowledge before a run, with the change by propellant that is used.
 
     Attributes:
         values: the ten parameters, shape (10,).

@@ -68,7 +68,7 @@ def _finite(text: str) -> float:
 
 
 def storable(content: Any, schema: type[BaseModel], parts: PartsMade) -> Any:
-    """What JSON can hold of some content, and what can be read back: numbers that are not finite become null.
+    """Reduces content to what JSON can hold and what can be read back: numbers that are not finite become null.
 
     A record in a list that cannot be without such a number is left out.
 

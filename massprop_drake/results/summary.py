@@ -470,7 +470,7 @@ def summarize(
 
 
 def _flown(scenario: Scenario, signals: Spool) -> AutopilotSummary:
-    """What the jets did."""
+    """Counts firings and propellant."""
     return AutopilotSummary(
         firings=_firings(signals),
         propellant_mass=_propellant(scenario, signals),

@@ -201,9 +201,7 @@ class _Estimation:
         return self._taken_in(rows, log.rows, coming, outside)
 
     def _begun(self, rows: Rows) -> tuple[EstimationLog, Array, Array]:
-        """What the ports of the estimation diagram would log, to be filled in; commands and outside wrench, with
-        those before the first row.
-        """
+        """Begins a log of the estimation; commands and outside wrench, with those before the first row."""
         count = rows.time_s.size
         rates, velocities = _stacked(rows, self._gyros), _stacked(rows, self._accelerometers)
         log = EstimationLog(self._scenario, self._params, count)
@@ -267,7 +265,7 @@ class _Estimation:
 
     @property
     def has_rows(self) -> bool:
-        """Whether any row has been taken in."""
+        """Tests whether any row has been taken in."""
         return self._intake.spool.n_rows > 0
 
     def finish(self, reader: Reader, telemetry: str | Path, began: float, parts: PartsMade) -> Run:
@@ -332,7 +330,7 @@ class _Estimation:
         )
 
     def _judged_quality(self, reader: Reader, failed_s: float) -> dict[str, Any]:
-        """What the record is worth, up to the first failure."""
+        """Quality of the record up to the first failure."""
         quality = self._quality.finished(reader.record, reader.ragged, failed_s)
         quality["warnings"] = [*quality["warnings"], *followed.remarks(self._scenario, self._intake.spool)]
         return quality
@@ -344,7 +342,7 @@ class _Estimation:
         return judged(tallies["rotation"], tallies["mass"], np.full(10, np.nan), SYMBOLS, back.diagnoses)
 
     def _state_of(self, reader: Reader) -> dict[str, Any]:
-        """What it takes to go on from the end."""
+        """State to go on from at the end."""
         states = kept(self._known.state(), self._params)
         return {
             **self._intake.state(self._next_row - 1, states, self._intake.spool.last("command")),

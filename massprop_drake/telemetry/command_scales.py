@@ -30,7 +30,7 @@ class CommandScale(NamedTuple):
 
     @property
     def is_timed(self) -> bool:
-        """Whether commands are on-times."""
+        """Tests whether commands are on-times."""
         return self.unit not in ("1", "%")
 
 
@@ -78,7 +78,7 @@ def doubt_about(largest: float, period_s: float) -> str:
 
 
 def hint_about(values: Array, period_s: float) -> str:
-    """What to do with commands that are no fractions, to be added to an error; "" where no scale fits.
+    """Advice on commands that are no fractions, to be added to an error; "" where no scale fits.
 
     Args:
         values: commands, NaN where missing.

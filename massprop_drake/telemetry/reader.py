@@ -272,7 +272,7 @@ class Reader:
 
     @property
     def losses(self) -> Sequence[Loss]:
-        """What could not be read of the record; all of it once it has been read."""
+        """Losses of the record; all of them once it has been read."""
         return self._table.losses
 
     def sha256(self) -> str:

@@ -113,7 +113,7 @@ class Ending:
         self._shortest = min(self._shortest, len(cell))
 
     def is_cut(self, cell: str, *, number: bool) -> bool:
-        """Whether the last cell of a line without an end is cut off.
+        """Tests whether the last cell of a line without an end is cut off.
 
         Args:
             cell: as it stands.
@@ -160,7 +160,7 @@ def text_lines(text: TextIO, source: str, losses: list[Loss]) -> Iterator[tuple[
 
 
 def _are_zeros(begin: str, text: TextIO) -> bool:
-    """Whether a text and all that follows in a file are zeros."""
+    """Tests whether a text and all that follows in a file are zeros."""
     while begin:
         if begin.strip("\0"):
             return False
@@ -185,7 +185,7 @@ class Table(Protocol):
 
     @property
     def losses(self) -> Sequence[Loss]:
-        """What could not be read; all of it once the table has been read."""
+        """Losses of the table; all of them once it has been read."""
 
     @property
     def notes(self) -> Sequence[str]:
@@ -311,7 +311,7 @@ class CsvTable:
 
     @property
     def losses(self) -> Sequence[Loss]:
-        """What could not be read so far."""
+        """Losses so far."""
         return [*self._zeros, *self.ragged.losses(self.source)]
 
     def sha256(self) -> str:

@@ -42,7 +42,7 @@ def built(of: str, scenario: Scenario) -> Diagram:
 
 
 def readings(diagram: Diagram, generator: RandomGenerator | None = None, port: str = "gyro") -> np.ndarray:
-    """What a port has at every sample of a run; with a generator of a context that it has randomized."""
+    """Values of a port at every sample of a run; with a generator, of a context that it has randomized."""
     simulator = Simulator(diagram)
     context = simulator.get_mutable_context()
     if generator is not None:

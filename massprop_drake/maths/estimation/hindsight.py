@@ -1163,7 +1163,7 @@ def _gains(stretch: Stretch, at: Array, model: Model) -> Iterator[tuple[Array, A
 
 
 def _over(read: Array, given: Array, span: int) -> tuple[Array, Array]:
-    """What is gained over spans of so many rows, by both, shape (s, 3) each."""
+    """Gains over spans of so many rows, by both, shape (s, 3) each."""
     return np.diff(read[::span], axis=0), np.diff(given[::span], axis=0)
 
 

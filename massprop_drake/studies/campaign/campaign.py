@@ -243,7 +243,7 @@ class Campaign:
                     progress(len(done), flight.total)
 
     def status(self) -> Status:
-        """How far it is and how its cases ended, from the folder alone."""
+        """Progress and outcomes of its cases, from the folder alone."""
         from massprop_drake.studies.campaign import reading  # noqa: PLC0415 (it needs this module)
 
         return reading.status(self._need_folder(), self.spec)

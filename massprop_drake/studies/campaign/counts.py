@@ -38,7 +38,7 @@ class Counts(NamedTuple):
 
 
 class Status(NamedTuple):
-    """How far a campaign is, and how its cases ended.
+    """Progress of a campaign, and outcomes of its cases.
 
     Attributes:
         counts: of all cases.

@@ -87,7 +87,7 @@ class Study(NamedTuple):
 
     @property
     def status(self) -> Status:
-        """How far it is, and how its cases ended."""
+        """Progress, and outcomes of the cases."""
         return _status(self.cells)
 
 
