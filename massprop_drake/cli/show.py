@@ -384,12 +384,13 @@ _MOST_SUSPECTED = 5  # suspicions that are printed
 
 def _say_found(console: Terminal, results: Summary, vehicle: Vehicle) -> None:
     """Says what the detector found, what it suspected, and what it could not have found."""
-    from massprop_drake.results.unconfirmed import in_words  # noqa: PLC0415 (slow to load)
+    from massprop_drake.results.unconfirmed import NOTHING_TESTED, in_words  # noqa: PLC0415 (slow to load)
 
     for entry in results.detections:
         console.say(_detected(entry, vehicle))
+    untested = any(group.reason == NOTHING_TESTED for group in results.untested)
     if not results.detections:
-        console.say("detected:    no failure")
+        console.say(f"detected:    {'nothing, since no sample was tested' if untested else 'no failure'}")
     for event in results.events:
         if event.kind in _BESIDE:
             console.say(_told(event, vehicle))

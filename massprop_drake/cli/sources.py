@@ -87,6 +87,8 @@ def saving(place: Place, *, pictures: bool, report: bool, replay: bool) -> Calla
     def save(run: Run) -> Path:
         handled = sys.exception()
         wait = isinstance(handled, Exception | None)
+        if not wait and (pictures or report or replay):
+            run.note_missing("figures and pages: left out after the interruption; 'massprop report' makes the page")
         try:
             return run.save(place, pictures=pictures and wait, report=report and wait, replay=replay and wait)
         except InputError as error:

@@ -304,6 +304,11 @@ class Run:
         elif not results.missing:
             self.results = replace(results, missing=(why,))
 
+    def note_missing(self, part: str) -> None:
+        """Notes in the results a part that is left out, with the reason."""
+        self.__dict__.pop("summary", None)
+        self.results = replace(self.results, missing=(*self.results.missing, part))
+
     def _repr_html_(self) -> str:
         """Shows the ten parameters and what was found in a notebook."""
         from massprop_drake.display.page import summary_html  # noqa: PLC0415 (loads templates)

@@ -27,6 +27,7 @@ from massprop_drake.results.events import EventRecord
 Array = NDArray[np.float64]
 
 _BEYOND_DOUBT = 25.0  # likelihood argument of a sample in which some jet has failed, whichever it is
+NOTHING_TESTED = "no sample was tested: the estimates did not converge"
 _MOST = 50  # suspicions that are told, the largest
 _SMALL_GROUP = 3  # jets that a group may have to be of use
 _OF_RACES = {"failed", "group", "jump", "false_reading", "unexplained"}  # events that end a comparison
@@ -101,6 +102,7 @@ class Suspicions:
         self._race: _Suspicion | None = None
         self._counts = np.array(counts, dtype=int) if len(counts) else np.zeros((2, len(vehicle.jets)), dtype=int)
         self._command = np.zeros((1, len(vehicle.jets)))  # of the interval before the block
+        self._any_tested = bool(self._counts[1].any())  # of the run that this one goes on from, as far as is known
         self._declared: set[int] = set()  # jets that are known to have failed
 
     @property
@@ -120,6 +122,7 @@ class Suspicions:
         if "tested" not in signals:
             return
         tested = signals["tested"][:, 0] > 0.0
+        self._any_tested |= bool(tested.any())
         told = np.vstack([self._command, signals["command"][:-1]]) > 0.0
         self._counts += np.stack([told.sum(axis=0), told[tested].sum(axis=0)])
         self._command = signals["command"][-1:]
@@ -251,6 +254,12 @@ class Suspicions:
         """
         if not self._detects:
             return ()
+        if not self._any_tested:
+            return (
+                UntestedRecord(
+                    tuple(name for name in self._vehicle.designations if name not in declared), NOTHING_TESTED
+                ),
+            )
         block = self._block
         needed = (block.reconfigure_after or 1) if isinstance(block, CglrBlock) else 1
         commanded, tested = self._counts

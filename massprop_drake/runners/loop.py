@@ -242,7 +242,7 @@ class Loop:
             tuple(rows.readings[row]),
         )
 
-    def finish(self) -> tuple[Array, Groups]:
+    def finish(self, *, interrupted: bool = False) -> tuple[Array, Groups]:
         """Covariance of the ten estimates, shape (10, 10), and the estimators' state, after the last sample."""
         _, covariance = self._known.known()
         return covariance, estimation.saved(self._known.state(), self._params)

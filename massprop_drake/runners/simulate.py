@@ -62,8 +62,12 @@ class Engine(Protocol):
     def moment(self) -> Moment:
         """What there is to see at the last sample."""
 
-    def finish(self) -> tuple[Array, Groups]:
-        """Covariance of the ten estimates, shape (10, 10), and the estimators' state, after the last sample."""
+    def finish(self, *, interrupted: bool = False) -> tuple[Array, Groups]:
+        """Covariance of the ten estimates, shape (10, 10), and the estimators' state, after the last sample.
+
+        Args:
+            interrupted: something was raised on the way; its logs have been emptied.
+        """
 
     def cycle_times(self, cycles: int) -> dict[str, float | None]:
         """Mean time per cycle spent in the mathematics of each part, microseconds."""
@@ -191,7 +195,7 @@ class _FlyingRun:
         if not signals.n_rows:
             return None
         unknown: tuple[Array, Groups] = np.full((10, 10), np.nan), {}
-        self._state = parts.make("filter state", self._engine.finish, unknown)
+        self._state = parts.make("filter state", lambda: self._engine.finish(interrupted=True), unknown)
         run = self.finished(parts, look_back=isinstance(error, Exception))
         run.note_end(error, early=signals.n_rows <= self._intervals)
         return run

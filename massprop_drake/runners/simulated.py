@@ -14,7 +14,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import LogVectorOutput, Multiplexer
 
 from massprop_drake.diagrams import closed_loop, open_loop
-from massprop_drake.errors import InputError
+from massprop_drake.errors import InputError, moment
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.estimation.filter import Groups
@@ -99,6 +99,7 @@ class Simulated:
             ApplySimulatorConfig(config, self._simulator)
         self._root = self._simulator.get_mutable_context()
         self._began = False
+        self._logged_s = -math.inf  # time of the last row
 
     @property
     def logged(self) -> int:
@@ -117,6 +118,7 @@ class Simulated:
         """What has been logged, by port, and the times; the logs are empty then."""
         log = self._sink.FindMutableLog(self._root)
         rows, times_s = log.data().T, np.array(log.sample_times())
+        self._logged_s = float(times_s[-1]) if times_s.size else self._logged_s
         logs = {name: rows[:, first:last].copy() for name, (first, last) in self._columns.items()}
         log.Clear()
         return {"time_s": times_s, **logs}
@@ -142,9 +144,17 @@ class Simulated:
             tuple(self._output(name) for name in self._sensors),
         )
 
-    def finish(self) -> tuple[Array, Groups]:
-        """Covariance of the ten estimates, shape (10, 10), and the estimators' state, after the last sample."""
+    def finish(self, *, interrupted: bool = False) -> tuple[Array, Groups]:
+        """Covariance of the ten estimates, shape (10, 10), and the estimators' state, after the last sample.
+
+        Args:
+            interrupted: something was raised on the way; its logs have been emptied.
+        """
         covariance = self._output("covariance").reshape(10, 10)
+        if interrupted:
+            if self._logged_s != self._root.get_time():
+                raise RuntimeError(f"the sample at {moment(self._root.get_time())} s was not logged")
+            self._simulator.Initialize()  # Drake's condition for going on from where it was interrupted
         self._simulator.AdvancePendingEvents()  # the sample at the end is used like any other
         estimation = self._part("estimation")
         return covariance, {} if estimation is None else state_groups(estimation, self._root)

@@ -49,10 +49,10 @@ def test_a_vehicle_and_a_log_give_a_folder_and_a_table(massprop: Massprop) -> No
         assert any(re.match(rf"│ {symbol}", line) for line in lines), symbol
     for beginning in (
         "consistency: inconsistent; mean NIS",  # rates of the log do not couple
-        "inconsistent: gyro: readings drift ",
+        "inconsistent: a steady force or an accelerometer bias ",
         "Izz⁻¹ not excited: ",
         "samples:     60 rows;",
-        "detected:    no failure",
+        "detected:    nothing, since no sample was tested",
         "files:",
     ):
         assert any(line.startswith(beginning) for line in lines), beginning

@@ -208,7 +208,7 @@ def test_a_record_has_no_truth_but_warnings(capsys: Capture, short_run: Run, orb
     assert "warning:     acc[2] stands still\n" in out
     assert "rotation, - translation, over" in out
     assert "samples:     60 rows; 40 used; skipped: 12 coasting, 8 jets changed\n" in out
-    assert "detected:    no failure\n" in out
+    assert "detected:    nothing, since no sample was tested\n" in out
     assert "speed:       120 rows a second\n" in out
 
 

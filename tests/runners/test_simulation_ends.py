@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from telemetry_probe import toy_vehicle
 
-from massprop_drake import InputError, simulate
+from massprop_drake import InputError, Run, load_scenario, simulate
+from massprop_drake.diagrams import closed_loop
 from massprop_drake.inputs.model import validated
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.estimation.filters import rotation_filter
@@ -79,3 +81,35 @@ def test_a_covariance_that_loses_definiteness_is_named(
         r"the rotation filter's innovation covariance is not positive definite at t = 0\.\d s; check", message
     )
     assert "\n" not in message
+
+
+class _Interrupts(LeafSystem):
+    """A user's system that raises once, at its update at a time, in the middle of the simulator's step."""
+
+    def __init__(self, at_s: float, period_s: float):
+        super().__init__()
+        self.set_name("interrupts")
+        self._next_s = at_s
+        self.DeclareDiscreteState(1)
+        self.DeclarePeriodicDiscreteUpdateEvent(period_s, 0.0, self._update)
+
+    def _update(self, context: Any, _state: Any) -> None:
+        if context.get_time() >= self._next_s:
+            self._next_s = np.inf
+            raise KeyboardInterrupt
+
+
+def test_a_run_interrupted_in_the_middle_of_a_step_has_its_state() -> None:
+    scenario = load_scenario("small_satellite_leak", ["duration_s=6"])
+    builder = DiagramBuilder()
+    builder.AddNamedSystem("loop", closed_loop.build(scenario))
+    builder.AddSystem(_Interrupts(3.0, 0.1))
+    kept: list[Run] = []
+    with pytest.raises(KeyboardInterrupt):
+        simulate(scenario, diagram=builder, keep=kept.append)
+    (run,) = kept
+    whole = simulate(load_scenario("small_satellite_leak", ["duration_s=3"]))
+    assert run.results.missing == ()
+    assert run.time_s[-1] == whole.time_s[-1] == 3.0
+    assert run.state["states"] == whole.state["states"]
+    np.testing.assert_array_equal(run["estimate"], whole["estimate"])
