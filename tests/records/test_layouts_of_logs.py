@@ -203,7 +203,11 @@ def test_coarse_stamps_are_said(one: Flight, tmp_path: Path) -> None:
     ("text", "seconds"),
     [
         ("2024-05-01T12:00:00.25Z", 0.25),
-        ("2024-05-01 12:00:00.000000001+02:00", 1e-9),
+        ("2024-05-01 14:00:00.000000001+02:00", 1e-9),
+        ("2024-05-01 06:30:00 -0530", 0.0),
+        ("2024-05-01T12:00:00+00", 0.0),
+        ("2024-05-01T12:00:00 UTC", 0.0),
+        ("2024-122T23:00:00+11:00", 0.0),
         ("2024-122T12:00:01", 1.0),
         ("2024/05/01 12:00:02,5", 2.5),
         ("01 May 2024 12:00:03.000", 3.0),
@@ -213,6 +217,25 @@ def test_stamps(text: str, seconds: float) -> None:
     stamp = stamp_of(text)
     assert stamp is not None
     assert (stamp - np.datetime64("2024-05-01T12:00:00", "ns")) / np.timedelta64(1, "s") == pytest.approx(seconds)
+
+
+def test_clocks_of_several_zones_are_one_time(one: Flight, tmp_path: Path) -> None:
+    zero = np.datetime64("2024-03-31T00:59:50", "ms")
+    stamps = [str(zero + np.timedelta64(round(1e3 * s), "ms")) for s in one.time_s]
+    local = [str(zero + np.timedelta64(round(1e3 * s) + 3_600_000, "ms")) for s in one.time_s]
+    summer = [f"{text}Z" if row < 200 else f"{local[row]}+01:00" for row, text in enumerate(stamps)]
+    path = write_csv(
+        tmp_path / "log.csv",
+        usual_columns(one) | {"t": [f"{text}Z" for text in stamps], "tc": [f"{text}+01:00" for text in local]},
+    )
+    data = proposed(path, one.vehicle).data
+    data["commands"]["time"] = {"column": "tc"}
+    data["time"] = {"column": "t"}
+    rows = telemetry(path, to_yaml(data), one.vehicle)
+    assert all(np.isfinite(rows[f"jet_{jet}"][:-1]).all() for jet in one.jets)
+    changed = write_csv(tmp_path / "summer.csv", usual_columns(one) | {"t": summer})
+    found = telemetry(changed, to_yaml(proposed(changed, one.vehicle).data), one.vehicle)
+    np.testing.assert_allclose(np.diff(found["time_s"]), np.diff(one.time_s), atol=1e-6)
 
 
 @pytest.mark.parametrize("text", ["12", "T1 T2", "2024-13-01T00:00:00", "x 2024-05-01", "1.5.2024"])
