@@ -37,6 +37,7 @@ _FEWEST = 20  # samples from which differences and repeated readings are told
 _OFF = 2.5  # factor by which the true rates may differ from those predicted with the nominal mass properties
 _DISFAVOR = 0.1  # of the log of a factor, by which a likelier scale may fit worse
 _RATE_UNITS = ("rad/s", "deg/s", "mrad/s", "deg/h")  # that are farther apart than the true rates may be
+_FARTHEST = 20  # intervals that commands may be logged early or late: a budget of time
 _AGAINST = -0.3  # correlation below which rates go against the jets
 _PULSES = (500.0, 2600.0)  # us, between which widths of pulses lie
 _CLOSED_PULSE = 950.0  # us, below which a width means disarmed
@@ -69,12 +70,14 @@ class Proposal(NamedTuple):
         reasons: a sentence each.
         lacking: what could not be found, a sentence each; the map is not whole then.
         left_out: columns, and topics, of which nothing is made.
+        warnings: the reasons that call the map in question.
     """
 
     data: dict[str, Any]
     reasons: list[str]
     lacking: list[str]
     left_out: list[str]
+    warnings: Sequence[str] = ()
 
 
 def propose(recording: Recording, vehicle: Vehicle) -> Proposal:
@@ -100,7 +103,7 @@ def propose(recording: Recording, vehicle: Vehicle) -> Proposal:
             "no commands were found: name a column for each jet, a bit mask or a list under `commands`"
             + work.partial_commands
         )
-    return Proposal(work.data, work.reasons, work.lacking, work.left_out)
+    return Proposal(work.data, work.reasons, work.lacking, work.left_out, work.warnings)
 
 
 class _Search:
@@ -110,6 +113,7 @@ class _Search:
         self.recording, self.vehicle = recording, vehicle
         self.data: dict[str, Any] = {"sensors": {}}
         self.reasons: list[str] = []
+        self.warnings: list[str] = []
         self.lacking: list[str] = []
         self._here: tuple[str, dict[str, Any] | None] = "", None  # the topic that is looked at, and its time
         self._free = {"gyro": [one.name for one in vehicle.gyros]}
@@ -128,6 +132,10 @@ class _Search:
 
     def _say(self, reason: str) -> None:
         self.reasons.append(reason)
+
+    def _warn(self, reason: str) -> None:
+        self._say(reason)
+        self.warnings.append(reason)
 
     def _kind(self, name: ColumnName) -> str:
         """What a column measures, by its words or as a package of the vehicle is called; "": not known."""
@@ -598,14 +606,41 @@ class _Search:
                 f"{alike[0].correlation:.2f} in the interval after the row and {alike[1].correlation:.2f} in the one "
                 "before"
             )
+            self._look_for_a_lag(gyro, alike[0], alike[later])
             if max(one.explained for one in alike) <= evidence.ODDS and alike[later].correlation < _AGAINST:
-                self._say(
+                self._warn(
                     f"{gyro}: the rates go against what the jets should do: look at its axes, signs and `off`, `on`"
                 )
             self._tell_scale(gyro, alike[later])
         for name in inertial:
             if self.data["sensors"][name]["kind"] == "accelerometer":
                 self._tell_sums(name, shown)
+
+    def _look_for_a_lag(self, gyro: str, after: evidence.JetEvidence, taken: evidence.JetEvidence) -> None:
+        """Warns where neither interval next to a row fits: of the lag that does, or that none is known.
+
+        Args:
+            gyro: whose rates are followed.
+            after: evidence of the interval after the row.
+            taken: evidence of the interval that is proposed.
+        """
+        farthest = min(_FARTHEST, len(after.meant) // 2)
+        lags = {lag: after.shifted(lag) for lag in range(-farthest, farthest + 1)}
+        best = max(lags, key=lambda lag: np.nan_to_num(lags[lag].explained))
+        odds = evidence.ODDS + math.log(len(lags))  # any of them may be the one
+        if lags[best].explained > taken.explained + odds and not lags[best].is_poor:
+            rows = f"{abs(best)} row{'s' if abs(best) > 1 else ''} {'after' if best > 0 else 'before'}"
+            offset_s = float(f"{best * self.vehicle.sample_period_s:.9g}")
+            self._warn(
+                f"{gyro}: the rates follow commands best, with a correlation of {lags[best].correlation:.2f}, that act "
+                f"from {rows} their own on, which neither interval next to a row is: give these a clock of their own, "
+                f"`commands: {{acts: from_row, time: {{..., offset_s: {offset_s:g}}}}}`"
+            )
+        elif taken.is_poor and taken.explained > evidence.ODDS:
+            self._warn(
+                f"{gyro}: the rates follow the commands poorly, with a correlation of {taken.correlation:.2f}, and not "
+                "better with another lag: look at axes, signs, units and which jet is which"
+            )
 
     def _understood(self, acts: str) -> mapping.Mapped | None:
         """The record as the map has it so far; None where the map cannot be applied."""
@@ -636,7 +671,7 @@ class _Search:
             key=lambda one: misfit(*one) + _DISFAVOR * (one[0] + (one[1] != entry["unit"])),
         )
         if misfit(scale, unit) > math.log(_OFF):
-            self._say(
+            self._warn(
                 f"{gyro}: the rates change {shown.slope:.3g} times as much as the jets should make them, as units and "
                 "commands are taken: look there first"
             )

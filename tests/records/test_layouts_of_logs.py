@@ -134,6 +134,27 @@ def test_units_of_rates_are_told_by_the_jets(factor: float, unit: str, one: Flig
     assert found.data["sensors"]["gyro"]["unit"] == unit
 
 
+@pytest.mark.parametrize(("late", "words"), [(2, "2 rows before"), (4, "4 rows before"), (-1, "1 row after")])
+def test_commands_that_are_logged_late_are_warned_of(late: int, words: str, one: Flight, tmp_path: Path) -> None:
+    shifted = np.roll(one.commands, late, axis=0)
+    columns = usual_columns(one) | {f"u{index + 1}": shifted[:, index] for index in range(len(one.jets))}
+    path = write_csv(tmp_path / "log.csv", columns)
+    found = proposed(path, one.vehicle)
+    assert words in found.warnings[0]
+    offset_s = -late * one.vehicle.sample_period_s
+    assert f"offset_s: {offset_s:g}" in found.warnings[0]
+    found.data["commands"] |= {"acts": "from_row", "time": {"column": "t", "offset_s": offset_s}}
+    rows = telemetry(path, to_yaml(found.data), one.vehicle)
+    np.testing.assert_array_equal(rows[f"jet_{one.jets[0]}"][10:-10], one.commands[10:-10, 0])
+
+
+def test_rates_that_follow_no_interval_are_warned_of(one: Flight, tmp_path: Path) -> None:
+    assert not proposed(write_csv(tmp_path / "right.csv", usual_columns(one)), one.vehicle).warnings
+    columns = usual_columns(one) | {"wz": -one.rates[:, 2]}
+    found = proposed(write_csv(tmp_path / "log.csv", columns), one.vehicle)
+    assert "look at axes, signs, units and which jet is which" in "\n".join(found.warnings)
+
+
 def test_on_times_short_of_the_period_are_told_by_the_jets(one: Flight, tmp_path: Path) -> None:
     """On-times up to 40 ms of 50 could be percent, too: the jets turn the vehicle twice as much as these would."""
     columns = usual_columns(one) | {f"u{index + 1}": 40.0 * one.commands[:, index] for index in range(len(one.jets))}
