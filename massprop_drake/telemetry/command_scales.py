@@ -90,8 +90,8 @@ def without_rare(values: Array) -> Array:
         values: all commands, without missing ones.
     """
     opened = np.sort(values[values > 0.0])
-    few = max(int(_FEW * opened.size), 1)
-    if opened.size < few / _RARE or opened[-1 - few] > opened[-1] / _FAR:
+    few = _few_of(opened.size)
+    if not few or opened[-1 - few] > opened[-1] / _FAR:
         return values
     return values[values <= opened[-1 - few]]
 
@@ -123,20 +123,46 @@ def possible_scales(values: Array, period_s: float) -> list[CommandScale]:
     return sorted(fitting, key=lambda one: (not one.is_reached(most), one.full))
 
 
-def doubt_about(largest: float, period_s: float) -> str:
-    """A sentence on fractions that look like on-times in seconds; "" where they do not.
+class CommandTally:
+    """Counts commands as they are read, to tell fractions that look like on-times in seconds.
 
     Args:
-        largest: command of the whole record.
         period_s: sample period, s.
     """
-    if not 0.0 < largest <= period_s * (1.0 + _LONGER) or period_s >= 1.0:
-        return ""
-    return (
-        f"no command of the whole record exceeds {largest:g}, and the sample period is {period_s:g} s: are these "
-        f"on-times in seconds? A command is a fraction of 0 to 1: divide them by {period_s:g}, or say `unit: s` of "
-        "them in a map"
-    )
+
+    def __init__(self, period_s: float):
+        self._period_s = period_s
+        self._opened, self._full, self._longer = 0, 0, 0
+        self._largest = 0.0  # of those that are no longer than the period
+
+    def add(self, commands: Array) -> None:
+        """Counts further commands, NaN where missing."""
+        opened = commands[commands > 0.0]
+        within = opened[opened <= self._period_s * (1.0 + _LONGER)]
+        self._opened += opened.size
+        self._longer += opened.size - within.size
+        self._full += int((within >= self._period_s * (1.0 - _LONGER)).sum())
+        self._largest = max(self._largest, float(within.max(initial=0.0)))
+
+    def doubt(self) -> str:
+        """A sentence on fractions that look like on-times in seconds; "" where they do not."""
+        if not self._opened or self._period_s >= 1.0:
+            return ""
+        whose = "no command of the whole record exceeds"
+        if self._longer:
+            if self._longer > _few_of(self._opened) or self._full <= self._longer:
+                return ""
+            whose = f"all but {self._longer} of the {self._opened} commands that open a jet are no more than"
+        return (
+            f"{whose} {self._largest:g}, and the sample period is {self._period_s:g} s: are these on-times in seconds? "
+            f"A command is a fraction of 0 to 1: divide them by {self._period_s:g}, or say `unit: s` of them in a map"
+        )
+
+
+def _few_of(opened: int) -> int:
+    """The number of commands that open a jet, of all these, that may be errors."""
+    few = max(int(_FEW * opened), 1)
+    return few if few <= _RARE * opened else 0
 
 
 def hint_about(values: Array, period_s: float) -> str:

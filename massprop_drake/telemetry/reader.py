@@ -23,7 +23,7 @@ from massprop_drake.inputs import factors
 from massprop_drake.inputs.scenario import Scenario, filter_of, resolved, set_field
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.signals import AXES
-from massprop_drake.telemetry.command_scales import doubt_about, hint_about
+from massprop_drake.telemetry.command_scales import CommandTally, hint_about
 from massprop_drake.telemetry.tables import Block, CsvTable, Loss, Table, completeness, open_table
 
 Array = NDArray[np.float64]
@@ -257,7 +257,7 @@ class Reader:
         self._before_s = self._last_s
         self._late_in_a_row = 0
         self._first_steps: list[float] = []
-        self._largest_command = 0.0
+        self._tally = CommandTally(self._period_s)
 
     @property
     def done(self) -> float:
@@ -373,7 +373,7 @@ class Reader:
         finally:
             self._table.close()
         self._require_period(at_end=True)
-        if doubt := doubt_about(self._largest_command, self._period_s):
+        if doubt := self._tally.doubt():
             self.record.notes.insert(0, doubt)
         if not self.record.rows:
             later = (
@@ -385,7 +385,7 @@ class Reader:
 
     def _check_commands(self, block: Block) -> None:
         commands = block.values[:, self._command_places]
-        self._largest_command = float(np.fmax(self._largest_command, np.fmax.reduce(commands, axis=None, initial=0.0)))
+        self._tally.add(commands)
         wrong = (commands < -_FRACTION_TOLERANCE) | (commands > 1.0 + _FRACTION_TOLERANCE)
         if not wrong.any():
             return

@@ -365,6 +365,9 @@ def test_check_doubts_on_times_in_fractions(massprop: Massprop, one: Flight, tmp
     done = massprop("check", log, "--vehicle", "free_flyer")
     assert done.status == 0
     assert "warning: no command of the whole record exceeds 0.05, and the sample period is 0.05 s" in done.out
+    odd = np.where(np.arange(400) == 300, 1.0, 0.05 * one.commands[:, 0])
+    done = massprop("check", write_csv(tmp_path / "odd.csv", columns | {"jet_T1": odd}), "--vehicle", "free_flyer")
+    assert "commands that open a jet are no more than 0.05, and the sample period is 0.05 s" in done.out
     whole = write_csv(tmp_path / "whole.csv", columns | {"jet_T1": one.commands[:, 0]})
     assert "warning" not in massprop("check", whole, "--vehicle", "free_flyer").out
 
