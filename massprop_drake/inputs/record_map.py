@@ -56,6 +56,7 @@ _TOPIC = "of a log that has topics, such as `vehicle_angular_velocity`, or `name
 _NAMING = {
     "column",
     "columns",
+    "date",
     "fraction",
     "value",
     "rate",
@@ -93,6 +94,7 @@ class RecordTime(Model):
         "message's header first",
     )
     unit: TimeUnit = described("s", "unit of the column; stamps have none")
+    date: Column | None = described(None, "column of the dates, where `column` has the time of day alone; null: none")
     fraction: Column | None = described(
         None, "column that is added, such as of nanoseconds beside whole seconds; null: none"
     )
@@ -117,6 +119,8 @@ class RecordTime(Model):
     def _added_to_a_column(self) -> RecordTime:
         if self.fraction is not None and self.column is None:
             raise ValueError("fraction: is added to a column; give column, too")
+        if self.date is not None and self.column is None:
+            raise ValueError("date: goes with a column of the time of day; give column, too")
         return self
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -63,13 +64,13 @@ def find_clock(topic: Topic, names: Sequence[ColumnName], period_s: float) -> To
         period_s: the vehicle's sample period, which steps should be about, s.
     """
     named = [name for name in names if name.is_timed]
-    found = [*_in_two_columns(topic, names), *(one for name in named for one in _in_one(topic, name, period_s))]
+    found = [*_in_two_columns(topic, names), *(one for name in named for one in _in_one(topic, names, name, period_s))]
     if not any(one.rises for one in found):
         found += [
             one
             for name in names
             if name not in named and _is_text(topic, name)
-            for one in _in_one(topic, name, period_s)
+            for one in _in_one(topic, names, name, period_s)
         ]
     rising = [one for one in found if one.rises]
     if rising:
@@ -95,15 +96,46 @@ def _is_about(steps: Array, period_s: float) -> bool:
     return abs(step * count - period_s) <= JITTER * period_s
 
 
-def _in_one(topic: Topic, name: ColumnName, period_s: float) -> list[_ClockColumn]:
+def _is_time_of_day(cells: Sequence[str]) -> bool:
+    return all(re.match(r"\s*(\d\d?:\d\d|$)", cell) for cell in cells)
+
+
+def _is_date(topic: Topic, name: ColumnName) -> bool:
+    """Tests whether a column has dates without a time of day."""
+    if not _is_text(topic, name):
+        return False
+    cells = topic.texts(name.column)
+    return any(cells) and all(":" not in cell and stamp_of(cell) is not None for cell in cells)
+
+
+def clock_fault(topic: Topic, names: Sequence[ColumnName]) -> str:
+    """A sentence on a column that is called a time, and is none that rises; "": there is none."""
+    for name in names:
+        if not name.is_timed:
+            continue
+        try:
+            times_s = topic.times_s(name.column, 1.0)
+        except InputError as error:
+            return "; ".join(error.problems)
+        steps = np.diff(times_s[np.isfinite(times_s)])
+        if steps.size and float((steps < 0.0).mean()) > _RISES:
+            return f"column {name.column} falls from row to row: are the rows in reverse order? Sort them by time"
+    return ""
+
+
+def _in_one(topic: Topic, names: Sequence[ColumnName], name: ColumnName, period_s: float) -> list[_ClockColumn]:
     """The times of a column, in the unit that its name has, or in which its steps are about a sample period."""
     column = name.column
     if _is_text(topic, name):
         cells = topic.texts(column)
         if not cells or not any(cells) or any(stamp_of(cell) is None for cell in cells):
             return []
-        times_s = topic.times_s(column, 1.0)
-        return [_ClockColumn({"column": column}, times_s, f"column {column}, stamps of date and time")]
+        data = {"column": column}
+        date = next((one.column for one in names if _is_date(topic, one)), None) if _is_time_of_day(cells) else None
+        if date is not None:
+            data["date"] = date
+        what = "stamps of date and time" if date is None else f"time of day, of the dates in column {date}"
+        return [_ClockColumn(data, topic.times_s(column, 1.0, date), f"column {column}, {what}")]
     try:
         numbers = topic.numbers(column)
     except InputError:

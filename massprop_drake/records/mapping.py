@@ -255,7 +255,7 @@ class _Mapping:
     def _logged(self, topic: Topic, time: RecordTime) -> Array:
         """Times as they are logged, s."""
         if time.column is not None:
-            whole = topic.times_s(time.column, factor(time.unit, "time"))
+            whole = topic.times_s(time.column, factor(time.unit, "time"), time.date)
             if time.fraction is None:
                 return whole
             return whole + topic.numbers(time.fraction) * factor(time.fraction_unit, "time")

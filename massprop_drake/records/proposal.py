@@ -11,11 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from massprop_drake.errors import InputError
 from massprop_drake.inputs.record_map import RecordMap
 from massprop_drake.inputs.units import factor
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.records import evidence, mapping
-from massprop_drake.records.clocks import TopicClock, find_clock
+from massprop_drake.records.clocks import TopicClock, clock_fault, find_clock
 from massprop_drake.records.names import (
     WORDS,
     ColumnName,
@@ -25,7 +26,7 @@ from massprop_drake.records.names import (
     kind_of,
     read_name,
 )
-from massprop_drake.records.recording import Recording, Topic
+from massprop_drake.records.recording import Recording, Topic, is_number
 from massprop_drake.telemetry.command_scales import CommandScale, Levels, possible_scales, two_levels, without_rare
 
 Array = NDArray[np.float64]
@@ -33,6 +34,7 @@ Array = NDArray[np.float64]
 ROWS = 4000  # of each topic that are looked at
 
 _UNIFORM = 1e-4  # of its median, by which steps of a clock that only counts may differ
+_MOSTLY_NUMBERS = 0.5  # share of cells above which text in a column is an error
 _FEWEST = 20  # samples from which differences and repeated readings are told
 _OFF = 2.5  # factor by which the true rates may differ from those predicted with the nominal mass properties
 _DISFAVOR = 0.1  # of the log of a factor, by which a likelier scale may fit worse
@@ -202,6 +204,8 @@ class _Search:
             name: [one for one in names if _has_numbers(topics[name].columns[one.column])]
             for name, names in read.items()
         }
+        for topic in topics.values():
+            self._tell_spoilt(topic)
         kinds = {name: {self._kind(one) for one in names if one.axis >= 0} - {""} for name, names in numeric.items()}
         ordered = sorted(topics, key=lambda name: ("gyro" not in kinds[name], -len(kinds[name])))
         for name in ordered:
@@ -214,7 +218,19 @@ class _Search:
                 self._put_in_its_topic(self.data["commands"])
                 break
         if "time" not in self.data and not any(clock is not None for clock in self._clocks.values()):
-            self.lacking.insert(0, "no column of time was found: name it, `time: {column: ...}`")
+            faults = [fault for name in topics if (fault := clock_fault(topics[name], read[name]))]
+            self.lacking.insert(0, "; ".join(["no column of time was found: name it, `time: {column: ...}`", *faults]))
+
+    def _tell_spoilt(self, topic: Topic) -> None:
+        """Warns of columns of numbers that are none, since a few cells hold text."""
+        for column, values in topic.columns.items():
+            numeric = sum(map(is_number, values)) if values.dtype == object else 0
+            if not _MOSTLY_NUMBERS * values.size < numeric < values.size:
+                continue
+            try:
+                topic.numbers(column)
+            except InputError as error:
+                self._warn(f"{error}, as the rest of its column is: nothing is made of it")
 
     def _enter(self, name: str, names: Sequence[ColumnName], *, quietly: bool = False) -> None:
         """Goes on in a topic: the first one, and its time, are those of the map."""
@@ -227,7 +243,7 @@ class _Search:
             if found is not None and found.data:
                 self.data["time"] = found.data
                 self._say(found.reason)
-            if found is not None and found.coarse:
+            if found is not None and found.coarse and found.coarse not in (*self.reasons, *self.lacking):
                 (self._say if found.data else self.lacking.append)(found.coarse)
         elif found is not None and not quietly and self._here[1] != self.data.get("time"):
             self._say(f"{name}: {found.reason}")

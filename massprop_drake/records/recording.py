@@ -90,7 +90,7 @@ class Topic:
         values = self.column(name)
         if values.dtype == object:
             for row, cell in enumerate(values):
-                if not _is_number(cell):
+                if not is_number(cell):
                     shown = str(cell) if len(str(cell)) <= 40 else f"{str(cell)[:37]}..."
                     raise InputError(
                         f"{self.where(row)}, column {name}: {shown!r} is not a number"
@@ -103,15 +103,24 @@ class Topic:
             raise InputError(f"{self.where(int(np.argmax(infinite)))}, column {name}: is infinite")
         return numbers
 
-    def times_s(self, name: str, unit_s: float) -> Array:
+    def times_s(self, name: str, unit_s: float, date: str | None = None) -> Array:
         """A column's times, s, NaN where missing, shape (n,): numbers of a unit, or ISO 8601 stamps.
+
+        Args:
+            name: of the column.
+            unit_s: of numbers, s.
+            date: column of the dates of stamps that are a time of day alone; None: none.
 
         Raises:
             InputError: when it is not there, or holds other text.
         """
         values = self.column(name)
+        if date is not None:
+            pairs = zip(self.texts(date), self.texts(name), strict=True)
+            both = [f"{day.strip()} {clock.strip()}" if day.strip() and clock.strip() else "" for day, clock in pairs]
+            values = np.array(both, dtype=object)
         filled = [cell for cell in values if str(cell).strip().lower() not in MISSING] if values.dtype == object else []
-        if not filled or any(map(_is_number, filled)):
+        if not filled or any(map(is_number, filled)):
             return self.numbers(name) * unit_s
         stamps = [stamp_of(str(cell)) for cell in values]
         wrong = [row for row, stamp in enumerate(stamps) if stamp is None]
@@ -203,7 +212,8 @@ def stamp_of(text: str) -> np.datetime64 | None:
         return None
 
 
-def _is_number(cell: Any) -> bool:
+def is_number(cell: Any) -> bool:
+    """Tests whether a cell is a number, or missing."""
     text = str(cell).strip().lower()
     if text in MISSING:
         return True
@@ -422,7 +432,7 @@ def _is_value(cell: str) -> bool:
     """Tests whether a cell is a number or a date, so that its line is a row."""
     if cell.strip().lower() in MISSING:
         return False
-    return _is_number(cell.replace(",", ".")) or stamp_of(cell) is not None
+    return is_number(cell.replace(",", ".")) or stamp_of(cell) is not None
 
 
 def _has_units(cells: list[str]) -> bool:
@@ -489,7 +499,7 @@ def _require_names(header: list[str], form: CsvForm, where: str) -> None:
             raise InputError(
                 f"{where}: columns are separated by {name}; give `csv: {{separator: {separator!r}}}` in the map"
             )
-    if all(_is_number(name) for name in header if name):
+    if all(is_number(name) for name in header if name):
         raise InputError(f"{where}: has numbers; expected a line of column names")
     twice = next((name for name, count in Counter(header).items() if name and count > 1), None)
     if twice is not None:
@@ -521,7 +531,7 @@ def _gathered(
         if header[-1] not in wanted or header[-1] in as_text:
             return False
         above = held[wanted.index(header[-1])]
-        return above != [] and all(_is_number(one.replace(form.decimal, ".")) for one in above)
+        return above != [] and all(is_number(one.replace(form.decimal, ".")) for one in above)
 
     for row in _whole(cells, where):
         cut = (
@@ -563,7 +573,7 @@ def _as_numbers(cells: list[str], decimal: str) -> Column:
         return np.array(cells, dtype=float)
     except ValueError:
         pass
-    if all(map(_is_number, cells)):
+    if all(map(is_number, cells)):
         return np.array([np.nan if cell.strip().lower() in MISSING else float(cell) for cell in cells])
     return np.array(cells, dtype=object)
 

@@ -240,6 +240,36 @@ def test_stamps(text: str, seconds: float) -> None:
     assert (stamp - np.datetime64("2024-05-01T12:00:00", "ns")) / np.timedelta64(1, "s") == pytest.approx(seconds)
 
 
+def test_dates_and_times_of_day_are_read_together(one: Flight, tmp_path: Path) -> None:
+    zero = np.datetime64("2024-02-28T23:59:50", "ms")
+    stamps = [str(zero + np.timedelta64(round(1e3 * s), "ms")).split("T") for s in one.time_s]
+    columns = {key: value for key, value in usual_columns(one).items() if key != "t"}
+    columns |= {"date": [day for day, _ in stamps], "time": [clock for _, clock in stamps]}
+    path = write_csv(tmp_path / "log.csv", columns)
+    data = proposed(path, one.vehicle).data
+    assert data["time"] == {"column": "time", "date": "date"}
+    found = telemetry(path, to_yaml(data), one.vehicle)
+    np.testing.assert_allclose(np.diff(found["time_s"]), np.diff(one.time_s), atol=1e-6)
+
+
+def test_why_a_column_is_no_clock_is_said(one: Flight, tmp_path: Path) -> None:
+    falling = usual_columns(one) | {"t": one.time_s[::-1]}
+    found = proposed(write_csv(tmp_path / "falling.csv", falling), one.vehicle)
+    assert "column t falls from row to row" in found.lacking[0]
+    days = usual_columns(one) | {"t": [f"11/02/2016 17:00:{s:09.6f}" for s in one.time_s]}
+    found = proposed(write_csv(tmp_path / "days.csv", days), one.vehicle)
+    assert "line 2, column t: '11/02/2016 17:00:00.000000' is neither a number nor an ISO 8601" in found.lacking[0]
+    coarse = proposed(write_csv(tmp_path / "a.csv", usual_columns(one) | {"t": np.floor(one.time_s)}), one.vehicle)
+    assert sum("are coarse" in reason for reason in coarse.lacking) == 1
+
+
+def test_a_cell_of_text_among_numbers_is_named(one: Flight, tmp_path: Path) -> None:
+    cells = [*map(str, one.commands[:, 2])]
+    cells[300] = "ERR"
+    found = proposed(write_csv(tmp_path / "log.csv", usual_columns(one) | {"u3": cells}), one.vehicle)
+    assert "line 302, column u3: 'ERR' is not a number" in found.warnings[0]
+
+
 def test_clocks_of_several_zones_are_one_time(one: Flight, tmp_path: Path) -> None:
     zero = np.datetime64("2024-03-31T00:59:50", "ms")
     stamps = [str(zero + np.timedelta64(round(1e3 * s), "ms")) for s in one.time_s]
