@@ -6,9 +6,12 @@ YAML 1.1 and 1.2, and its floats read back exactly.
 
 from __future__ import annotations
 
+import contextlib
 import io
 import re
 import sys
+from collections.abc import Iterator
+from contextvars import ContextVar
 from copy import deepcopy
 from functools import lru_cache
 from pathlib import Path
@@ -185,12 +188,28 @@ def exists(path: Path) -> bool:
         return False
 
 
+_noted: ContextVar[list[Path] | None] = ContextVar("noted", default=None)
+
+
+@contextlib.contextmanager
+def files_read() -> Iterator[list[Path]]:
+    """Yields a list that gets every file that `read_text` reads within."""
+    found: list[Path] = []
+    token = _noted.set(found)
+    try:
+        yield found
+    finally:
+        _noted.reset(token)
+
+
 def read_text(path: Path) -> str:
     """A text file's content.
 
     Raises:
         InputError: when it is missing, unreadable or not UTF-8.
     """
+    if (noted := _noted.get()) is not None:
+        noted.append(path)
     try:
         return path.read_text(encoding="utf-8")
     except FileNotFoundError:
