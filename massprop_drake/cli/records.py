@@ -140,7 +140,7 @@ def _shown(found: Proposal, understood: mapping.Mapped | None, how: How, recordi
     rows = [] if understood is None else mapping.preview(understood)
     of_rows = () if understood is None else (*understood.notes, *_refusals(understood))
     losses = [f"{one.kind}: {one.text}" for one in recording.losses]
-    notes = list(dict.fromkeys([*losses, *recording.notes, *of_rows]))
+    notes = list(dict.fromkeys([*losses, *recording.notes, *found.warnings, *of_rows]))
     if how.as_json:
         said = {"reasons": found.reasons, "lacking": found.lacking, "left_out": found.left_out}
         show.as_json({"map": found.data, **said, "rows": rows, "notes": notes})

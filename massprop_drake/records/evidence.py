@@ -15,6 +15,8 @@ Array = NDArray[np.float64]
 
 FEWEST = 20  # components of samples in which jets fire, from which anything is told
 ODDS = math.log(100.0)  # log of the odds from which one of two models is taken
+_MEDIAN = 1.4826  # standard deviation over the median of absolute values, of the normal distribution
+_POOR = 0.7  # correlation below which the jets explain less than half of the squared changes
 _FIRES = 1e-3  # of the largest predicted change, from which one counts
 _SPREAD = 3.0  # of readings while coasting, in that of their changes, above which they are sums
 
@@ -64,6 +66,22 @@ class JetEvidence(NamedTuple):
         """Log likelihood of the changes by the jets, over that without them; NaN with too few samples."""
         square = max(self.correlation, 0.0) ** 2 if not math.isnan(self.correlation) else math.nan
         return -0.5 * self.samples * math.log(max(1.0 - square, 1e-12)) if not math.isnan(square) else math.nan
+
+    @property
+    def is_poor(self) -> bool:
+        """Tests whether more than the jets, and than the scatter while coasting, changes the reading."""
+        there, both = np.isfinite(self.change), self._both
+        coasting = np.abs(self.change[there & ~both])
+        scatter = _MEDIAN * float(np.median(coasting)) if coasting.size >= FEWEST else 0.0
+        left = (self.change - self.slope * self.meant)[both]
+        return self.correlation < _POOR and math.sqrt(float((left**2).mean())) > _SPREAD * scatter
+
+    def shifted(self, rows: int) -> JetEvidence:
+        """The same with commands that act so many intervals later, or earlier where negative."""
+        meant = np.roll(self.meant, rows, axis=0)
+        meant[: max(rows, 0)] = 0.0
+        meant[len(meant) + min(rows, 0) :] = 0.0
+        return JetEvidence(meant, self.change)
 
 
 def followed(record: Mapped, name: str, *, gives: str = "") -> JetEvidence:

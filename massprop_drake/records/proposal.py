@@ -26,7 +26,7 @@ from massprop_drake.records.names import (
     read_name,
 )
 from massprop_drake.records.recording import Recording, Topic
-from massprop_drake.telemetry.command_scales import CommandScale, possible_scales
+from massprop_drake.telemetry.command_scales import CommandScale, Levels, possible_scales, two_levels, without_rare
 
 Array = NDArray[np.float64]
 
@@ -36,7 +36,8 @@ _UNIFORM = 1e-4  # of its median, by which steps of a clock that only counts may
 _FEWEST = 20  # samples from which differences and repeated readings are told
 _OFF = 2.5  # factor by which the true rates may differ from those predicted with the nominal mass properties
 _DISFAVOR = 0.1  # of the log of a factor, by which a likelier scale may fit worse
-_MOSTLY_CLOSED = 0.5  # share of commands that are 1, above which 1 is taken for closed
+_RATE_UNITS = ("rad/s", "deg/s", "mrad/s", "deg/h")  # that are farther apart than the true rates may be
+_FARTHEST = 20  # intervals that commands may be logged early or late: a budget of time
 _AGAINST = -0.3  # correlation below which rates go against the jets
 _PULSES = (500.0, 2600.0)  # us, between which widths of pulses lie
 _CLOSED_PULSE = 950.0  # us, below which a width means disarmed
@@ -69,12 +70,14 @@ class Proposal(NamedTuple):
         reasons: a sentence each.
         lacking: what could not be found, a sentence each; the map is not whole then.
         left_out: columns, and topics, of which nothing is made.
+        warnings: the reasons that call the map in question.
     """
 
     data: dict[str, Any]
     reasons: list[str]
     lacking: list[str]
     left_out: list[str]
+    warnings: Sequence[str] = ()
 
 
 def propose(recording: Recording, vehicle: Vehicle) -> Proposal:
@@ -100,7 +103,7 @@ def propose(recording: Recording, vehicle: Vehicle) -> Proposal:
             "no commands were found: name a column for each jet, a bit mask or a list under `commands`"
             + work.partial_commands
         )
-    return Proposal(work.data, work.reasons, work.lacking, work.left_out)
+    return Proposal(work.data, work.reasons, work.lacking, work.left_out, work.warnings)
 
 
 class _Search:
@@ -110,6 +113,7 @@ class _Search:
         self.recording, self.vehicle = recording, vehicle
         self.data: dict[str, Any] = {"sensors": {}}
         self.reasons: list[str] = []
+        self.warnings: list[str] = []
         self.lacking: list[str] = []
         self._here: tuple[str, dict[str, Any] | None] = "", None  # the topic that is looked at, and its time
         self._free = {"gyro": [one.name for one in vehicle.gyros]}
@@ -120,6 +124,7 @@ class _Search:
         }
         self._called = {kind: {_plainly(one) for one in self._free[kind]} for kind in ("gyro", "accelerometer")}
         self._scales: list[dict[str, Any]] = []  # of the commands, as a map has them, the likelier first
+        self._is_scale_sure = True  # told by names, or reached exactly
         self._guessed: dict[str, str] = {}  # sensors whose unit no name tells, and that of a velocity of theirs
         self.partial_commands = ""  # what is lacking of commands that were nearly found
         self.left_out: list[str] = []
@@ -127,6 +132,10 @@ class _Search:
 
     def _say(self, reason: str) -> None:
         self.reasons.append(reason)
+
+    def _warn(self, reason: str) -> None:
+        self._say(reason)
+        self.warnings.append(reason)
 
     def _kind(self, name: ColumnName) -> str:
         """What a column measures, by its words or as a package of the vehicle is called; "": not known."""
@@ -511,10 +520,15 @@ class _Search:
         values = np.concatenate([topic.numbers(column) for column in columns.values()])
         values = values[np.isfinite(values)]
         name = read_name(next(iter(columns.values())), topic.units.get(next(iter(columns.values())), ""))
-        if not values.size or (np.isin(values, (0.0, 1.0)).all() and factor_or_none(name.unit, "time") is None):
-            if values.size and _MOSTLY_CLOSED < values.mean() < 1.0 and "missing" not in self.data["commands"]:
-                self.data["commands"] |= {"off": 1.0, "on": 0.0}
-                self._say(f"commands: 1 closed and 0 open, since {100.0 * values.mean():.0f} % of them are 1: a guess")
+        if not values.size:
+            return
+        is_timed = name.is_on_time or factor_or_none(name.unit, "time") is not None
+        is_told = is_timed or factor_or_none(name.unit, "number") is not None
+        levels = two_levels(values)
+        if levels is not None and not is_told and (levels.closed != 0.0 or levels.scatters):
+            self._take_levels(levels)
+            return
+        if np.isin(values, (0.0, 1.0)).all() and not is_timed:
             return
         if values.min() > _PULSES[0] and values.max() < _PULSES[1]:
             off, on = _pulse_widths(values)
@@ -524,7 +538,12 @@ class _Search:
                 f"{off:g} closed and {on:g} open: a guess"
             )
             return
-        scales = possible_scales(values, self.vehicle.sample_period_s)
+        period_s, usual = self.vehicle.sample_period_s, without_rare(values)
+        scales = possible_scales(values, period_s)
+        if usual.size < values.size:
+            scales += [one for one in possible_scales(usual, period_s) if one not in scales]
+            most = float(values.max()), float(usual.max())
+            scales.sort(key=lambda one: not any(map(one.is_reached, most)))
         told = [one for one in scales if name.unit and _is_unit_of(name.unit, one)]
         if not told and name.is_on_time:
             told = [one for one in scales if one.is_timed]
@@ -537,9 +556,27 @@ class _Search:
         self._scales = [_as_data(one) for one in told or scales]
         if self._scales:
             best = (told or scales)[0]
+            self._is_scale_sure = bool(told) or (usual.size == values.size and best.is_reached(float(values.max())))
             self.data["commands"] |= self._scales[0]
             why = "as their names say" if told else f"since they reach {values.max():g}"
             self._say(f"commands: {best.words}, {why}")
+
+    def _take_levels(self, levels: Levels) -> None:
+        """Takes the two levels that commands have for closed and open, the more frequent one for closed."""
+        off, on = levels[:2]
+        if "missing" in self.data["commands"]:  # disarmed jets are closed besides
+            off, on = min(off, on), max(off, on)
+        if (off, on) != (0.0, 1.0):
+            self.data["commands"] |= {"off": off, "on": on}
+        why = "the only two values"
+        if levels.scatters or levels.beside:
+            why = "about the only two values"
+        if levels.scatters and not levels.beside:
+            self.data["commands"]["threshold"] = 0.5
+        self._say(f"commands: {off:g} closed and {on:g} open, {why}; which one is closed is a guess")
+        if levels.beside:
+            shown = ", ".join(f"{one:g}" for one in levels.beside[:3])
+            self._say(f"commands: {shown} {'is' if len(levels.beside) == 1 else 'are'} rare, and neither of them")
 
     # ---------------------------------------------------------------------- evidence of the jets
 
@@ -569,14 +606,41 @@ class _Search:
                 f"{alike[0].correlation:.2f} in the interval after the row and {alike[1].correlation:.2f} in the one "
                 "before"
             )
+            self._look_for_a_lag(gyro, alike[0], alike[later])
             if max(one.explained for one in alike) <= evidence.ODDS and alike[later].correlation < _AGAINST:
-                self._say(
+                self._warn(
                     f"{gyro}: the rates go against what the jets should do: look at its axes, signs and `off`, `on`"
                 )
             self._tell_scale(gyro, alike[later])
         for name in inertial:
             if self.data["sensors"][name]["kind"] == "accelerometer":
                 self._tell_sums(name, shown)
+
+    def _look_for_a_lag(self, gyro: str, after: evidence.JetEvidence, taken: evidence.JetEvidence) -> None:
+        """Warns where neither interval next to a row fits: of the lag that does, or that none is known.
+
+        Args:
+            gyro: whose rates are followed.
+            after: evidence of the interval after the row.
+            taken: evidence of the interval that is proposed.
+        """
+        farthest = min(_FARTHEST, len(after.meant) // 2)
+        lags = {lag: after.shifted(lag) for lag in range(-farthest, farthest + 1)}
+        best = max(lags, key=lambda lag: np.nan_to_num(lags[lag].explained))
+        odds = evidence.ODDS + math.log(len(lags))  # any of them may be the one
+        if lags[best].explained > taken.explained + odds and not lags[best].is_poor:
+            rows = f"{abs(best)} row{'s' if abs(best) > 1 else ''} {'after' if best > 0 else 'before'}"
+            offset_s = float(f"{best * self.vehicle.sample_period_s:.9g}")
+            self._warn(
+                f"{gyro}: the rates follow commands best, with a correlation of {lags[best].correlation:.2f}, that act "
+                f"from {rows} their own on, which neither interval next to a row is: give these a clock of their own, "
+                f"`commands: {{acts: from_row, time: {{..., offset_s: {offset_s:g}}}}}`"
+            )
+        elif taken.is_poor and taken.explained > evidence.ODDS:
+            self._warn(
+                f"{gyro}: the rates follow the commands poorly, with a correlation of {taken.correlation:.2f}, and not "
+                "better with another lag: look at axes, signs, units and which jet is which"
+            )
 
     def _understood(self, acts: str) -> mapping.Mapped | None:
         """The record as the map has it so far; None where the map cannot be applied."""
@@ -589,28 +653,29 @@ class _Search:
     def _tell_scale(self, gyro: str, shown: evidence.JetEvidence) -> None:
         """Chooses the scale of commands, and the unit of rates that no name tells, by how the jets turn the vehicle.
 
-        Both are chosen at once; the likelier scale by what commands reach may fit a little worse.
+        One of both may change, the unit only where the scale is sure; the likelier scale may fit a little worse.
         """
         if not shown.explained > evidence.ODDS or not shown.slope > 0.0:
             return
         entry = self.data["sensors"][gyro]
         period_s = self.vehicle.sample_period_s
         full = [_full(one, period_s) for one in self._scales] or [1.0]
-        units = ["rad/s", "deg/s"] if gyro in self._guessed else [entry["unit"]]
+        units = _RATE_UNITS if gyro in self._guessed and self._is_scale_sure else (entry["unit"],)
 
         def misfit(scale: int, unit: str) -> float:
             times = full[scale] / full[0] * factor(unit, "rate") / factor(entry["unit"], "rate")
             return abs(math.log(shown.slope * times))
 
         scale, unit = min(
-            ((index, unit) for index in range(len(full)) for unit in units),
+            ((index, unit) for index in range(len(full)) for unit in units if not index or unit == entry["unit"]),
             key=lambda one: misfit(*one) + _DISFAVOR * (one[0] + (one[1] != entry["unit"])),
         )
         if misfit(scale, unit) > math.log(_OFF):
-            self._say(
+            self._warn(
                 f"{gyro}: the rates change {shown.slope:.3g} times as much as the jets should make them, as units and "
                 "commands are taken: look there first"
             )
+            return
         if unit != entry["unit"]:
             self._say(
                 f"{gyro}: {unit}, since as {entry['unit']} it would turn {shown.slope:.3g} times as much as the jets "

@@ -165,7 +165,9 @@ class Recording:
         return self.topics[name]
 
 
-_ZONE = re.compile(r"\s*(?:Z|UTC|[+-]\d\d:?\d\d)$", re.IGNORECASE)
+_ZONE = re.compile(
+    r"(?P<stamp>.*\d)\s*(?:Z|UTC|GMT)|(?P<local>.*:.*\d)\s*(?P<hours>[+-]\d\d)(?::?(?P<minutes>\d\d))?", re.IGNORECASE
+)
 _DAY_OF_YEAR = re.compile(r"(\d{4})-(\d{3})(?=$|[T ])")
 _CLOCK = re.compile(r"\d\d?:\d\d(:|$)")
 _SPELLED = re.compile(r"(\d\d?)[ -]([A-Za-z]{3})[ -](\d{4})(?=\s)")
@@ -173,14 +175,18 @@ _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct",
 
 
 def stamp_of(text: str) -> np.datetime64 | None:
-    """The time of a stamp without its zone, of a clock alone on the first day; None for other text.
+    """The time of a stamp in UTC, of a clock alone on the first day; None for other text.
 
-    A stamp is one of ISO 8601, also with the day of the year, or a date like 01 Jan 2000.
+    A stamp is one of ISO 8601, also with the day of the year, or a date like 01 Jan 2000. One without a zone is UTC.
     """
     text = text.strip()
     if text.lower() in MISSING:
         return np.datetime64("NaT")
-    plain = _ZONE.sub("", text).replace("/", "-").replace(",", ".")
+    zone, ahead = _ZONE.fullmatch(text), np.timedelta64(0, "m")
+    if zone is not None and zone["hours"]:
+        minutes = 60 * int(zone["hours"][1:]) + int(zone["minutes"] or 0)
+        ahead = np.timedelta64(-minutes if zone["hours"][0] == "-" else minutes, "m")
+    plain = (text if zone is None else zone["stamp"] or zone["local"]).replace("/", "-").replace(",", ".")
     if _CLOCK.match(plain):
         plain = f"1970-01-01T{plain if plain[2] == ':' else '0' + plain}"
     spelled = _SPELLED.match(plain)
@@ -192,7 +198,7 @@ def stamp_of(text: str) -> np.datetime64 | None:
         day = np.timedelta64(int(of_year.group(2)) - 1, "D")
         plain = f"{of_year.group(1)}-01-01{plain[of_year.end() :]}"
     try:
-        return np.datetime64(plain, "ns") + day if plain[:4].isdigit() and plain[4:5] == "-" else None
+        return np.datetime64(plain, "ns") + day - ahead if plain[:4].isdigit() and plain[4:5] == "-" else None
     except ValueError:
         return None
 

@@ -12,7 +12,11 @@ Array = NDArray[np.float64]
 _EXACT = 1e-6  # of full scale, to which values reach it exactly
 _LONGER = 0.05  # of the sample period, by which an on-time may exceed it where the clock jitters
 _CLEARLY = 0.05  # of full scale, above which numbers look like it
+_FEW = 0.02  # of the commands that open a jet, up to which the largest may be errors
+_FAR = 2.0  # factor by which such are above the others
 _BYTE = 255.0
+_LEVEL = 0.01  # of the step between two levels, within which values belong to one
+_RARE = 0.1  # of the rarer level, up to which other values are no level
 
 
 class CommandScale(NamedTuple):
@@ -32,6 +36,64 @@ class CommandScale(NamedTuple):
     def is_timed(self) -> bool:
         """Tests whether commands are on-times."""
         return self.unit not in ("1", "%")
+
+    def is_reached(self, most: float) -> bool:
+        """Tests whether the largest command is full scale exactly."""
+        return abs(most - self.full) <= _EXACT * self.full
+
+
+class Levels(NamedTuple):
+    """The two levels that commands take.
+
+    Attributes:
+        closed: the more frequent one, a median.
+        opened: the other one, a median.
+        scatters: values of a level are not all the same.
+        beside: values of neither level, which are rare.
+    """
+
+    closed: float
+    opened: float
+    scatters: bool
+    beside: tuple[float, ...]
+
+
+def two_levels(values: Array) -> Levels | None:
+    """The two levels that all commands but rare ones take; None where they take more, or one.
+
+    Args:
+        values: all commands, without missing ones.
+    """
+    found, counts = np.unique(values, return_counts=True)
+    beside: list[float] = []
+    left_out = 0
+    while found.size > 1:
+        jumps = np.diff(found)
+        at = int(np.argmax(jumps)) + 1
+        lower, upper = (found[:at], counts[:at]), (found[at:], counts[at:])
+        rarer, usual = sorted((lower, upper), key=lambda one: int(one[1].sum()))
+        if max(np.ptp(lower[0]), np.ptp(upper[0])) <= _LEVEL * jumps[at - 1]:
+            if left_out > _RARE * rarer[1].sum():
+                return None
+            closed, opened = (float(np.median(np.repeat(*one))) for one in (usual, rarer))
+            return Levels(closed, opened, found.size > 2, tuple(beside))
+        beside += [float(one) for one in rarer[0]]
+        left_out += int(rarer[1].sum())
+        found, counts = usual
+    return None
+
+
+def without_rare(values: Array) -> Array:
+    """The commands without the largest, where these are few and far above the others.
+
+    Args:
+        values: all commands, without missing ones.
+    """
+    opened = np.sort(values[values > 0.0])
+    few = max(int(_FEW * opened.size), 1)
+    if opened.size < few / _RARE or opened[-1 - few] > opened[-1] / _FAR:
+        return values
+    return values[values <= opened[-1 - few]]
 
 
 def possible_scales(values: Array, period_s: float) -> list[CommandScale]:
@@ -56,9 +118,9 @@ def possible_scales(values: Array, period_s: float) -> list[CommandScale]:
     if whole and most > 100.0:
         every.append(CommandScale("1", _BYTE, "numbers of 0 to 255"))
     fitting = [one for one in every if most <= one.full * (1.0 + (_LONGER if one.is_timed else _EXACT))]
-    if np.unique(values[values > 0.0]).size == 1 and all(abs(most - one.full) > _EXACT * most for one in every):
+    if np.unique(values[values > 0.0]).size == 1 and not any(one.is_reached(most) for one in every):
         fitting.append(CommandScale("1", most, f"two values, 0 closed and {most:g} open"))
-    return sorted(fitting, key=lambda one: (abs(most - one.full) > _EXACT * one.full, one.full))
+    return sorted(fitting, key=lambda one: (not one.is_reached(most), one.full))
 
 
 def doubt_about(largest: float, period_s: float) -> str:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from record_probe import Flight, require_the_flight, telemetry, usual_columns, write_csv, write_ulog
 
 from massprop_drake import estimate
+from massprop_drake.errors import InputError
 from massprop_drake.inputs.model import validated
 from massprop_drake.inputs.record_map import RecordMap
 from massprop_drake.inputs.vehicle import Vehicle, load_vehicle
@@ -80,6 +81,16 @@ COMMANDS: dict[str, tuple[Callable[[Array], Array], dict[str, Any]]] = {
     "pulses, disarmed": (lambda on: np.where(np.arange(len(on))[:, None] < 5, 900.0, 1000.0 + 1000.0 * on), {}),
     "inverted": (lambda on: (1 - on).astype(int), {"off": 1.0, "on": 0.0}),
     "narrow pulses": (lambda on: 1100.0 + 800.0 * on, {"off": 1100.0, "on": 1900.0}),
+    "pulses that no default fits": (lambda on: 900.0 + 1050.0 * on, {"off": 900.0, "on": 1950.0}),
+    "inverted pulses": (lambda on: 2000.0 - 1000.0 * on, {"off": 2000.0, "on": 1000.0}),
+    "SBUS": (lambda on: 172.0 + 1639.0 * on, {"off": 172.0, "on": 1811.0}),
+    "1 and 2": (lambda on: 1.0 + on, {"off": 1.0, "on": 2.0}),
+    "milliamperes": (lambda on: 4.0 + 16.0 * on, {"off": 4.0, "on": 20.0}),
+    "signs": (lambda on: 2.0 * on - 1.0, {"off": -1.0, "on": 1.0}),
+    "pulses that scatter": (
+        lambda on: 1000.0 + 900.0 * on + np.arange(len(on))[:, None] % 3 - 1.0,
+        {"off": 1000.0, "on": 1900.0, "threshold": 0.5},
+    ),
 }
 
 
@@ -95,6 +106,55 @@ def test_scales_of_commands(name: str, one: Flight, tmp_path: Path) -> None:
     assert told == wanted
 
 
+def test_a_command_that_is_no_level_is_named(one: Flight, tmp_path: Path) -> None:
+    values = 900.0 + 1100.0 * one.commands
+    values[-1, 0] = 65535.0
+    columns = usual_columns(one) | {f"u{index + 1}": values[:, index] for index in range(len(one.jets))}
+    path = write_csv(tmp_path / "log.csv", columns)
+    found = proposed(path, one.vehicle)
+    assert found.data["sensors"]["gyro"]["unit"] == "rad/s"
+    assert "commands: 65535 is rare, and neither of them" in found.reasons
+    with pytest.raises(InputError, match="line 401, column u1: 65535 is no command between closed and open"):
+        telemetry(path, to_yaml(found.data), one.vehicle)
+
+
+def test_on_times_with_one_full_command_are_told_by_the_jets(one: Flight, tmp_path: Path) -> None:
+    values = 0.05 * one.commands
+    values[300, 0] = 1.0
+    columns = usual_columns(one) | {f"u{index + 1}": values[:, index] for index in range(len(one.jets))}
+    found = proposed(write_csv(tmp_path / "log.csv", columns), one.vehicle)
+    assert found.data["commands"]["unit"] == "s"
+    assert found.data["sensors"]["gyro"]["unit"] == "rad/s"
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1.0, "rad/s"), (1e3, "mrad/s"), (180.0 / np.pi, "deg/s")])
+def test_units_of_rates_are_told_by_the_jets(factor: float, unit: str, one: Flight, tmp_path: Path) -> None:
+    columns = usual_columns(one) | {f"w{axis}": factor * one.rates[:, index] for index, axis in enumerate("xyz")}
+    found = proposed(write_csv(tmp_path / "log.csv", columns), one.vehicle)
+    assert found.data["sensors"]["gyro"]["unit"] == unit
+
+
+@pytest.mark.parametrize(("late", "words"), [(2, "2 rows before"), (4, "4 rows before"), (-1, "1 row after")])
+def test_commands_that_are_logged_late_are_warned_of(late: int, words: str, one: Flight, tmp_path: Path) -> None:
+    shifted = np.roll(one.commands, late, axis=0)
+    columns = usual_columns(one) | {f"u{index + 1}": shifted[:, index] for index in range(len(one.jets))}
+    path = write_csv(tmp_path / "log.csv", columns)
+    found = proposed(path, one.vehicle)
+    assert words in found.warnings[0]
+    offset_s = -late * one.vehicle.sample_period_s
+    assert f"offset_s: {offset_s:g}" in found.warnings[0]
+    found.data["commands"] |= {"acts": "from_row", "time": {"column": "t", "offset_s": offset_s}}
+    rows = telemetry(path, to_yaml(found.data), one.vehicle)
+    np.testing.assert_array_equal(rows[f"jet_{one.jets[0]}"][10:-10], one.commands[10:-10, 0])
+
+
+def test_rates_that_follow_no_interval_are_warned_of(one: Flight, tmp_path: Path) -> None:
+    assert not proposed(write_csv(tmp_path / "right.csv", usual_columns(one)), one.vehicle).warnings
+    columns = usual_columns(one) | {"wz": -one.rates[:, 2]}
+    found = proposed(write_csv(tmp_path / "log.csv", columns), one.vehicle)
+    assert "look at axes, signs, units and which jet is which" in "\n".join(found.warnings)
+
+
 def test_on_times_short_of_the_period_are_told_by_the_jets(one: Flight, tmp_path: Path) -> None:
     """On-times up to 40 ms of 50 could be percent, too: the jets turn the vehicle twice as much as these would."""
     columns = usual_columns(one) | {f"u{index + 1}": 40.0 * one.commands[:, index] for index in range(len(one.jets))}
@@ -104,7 +164,8 @@ def test_on_times_short_of_the_period_are_told_by_the_jets(one: Flight, tmp_path
 
 
 def test_commands_that_can_be_nothing_are_said(one: Flight, tmp_path: Path) -> None:
-    columns = usual_columns(one) | {f"u{index + 1}": one.commands[:, index] - 0.5 for index in range(len(one.jets))}
+    signed = 0.5 * one.commands * np.where(np.arange(len(one.commands)) % 2, 1.0, -1.0)[:, None]
+    columns = usual_columns(one) | {f"u{index + 1}": signed[:, index] for index in range(len(one.jets))}
     found = proposed(write_csv(tmp_path / "log.csv", columns), one.vehicle)
     assert "go from -0.5 to 0.5, which is neither a share, percent, an on-time" in found.lacking[0]
 
@@ -163,7 +224,11 @@ def test_coarse_stamps_are_said(one: Flight, tmp_path: Path) -> None:
     ("text", "seconds"),
     [
         ("2024-05-01T12:00:00.25Z", 0.25),
-        ("2024-05-01 12:00:00.000000001+02:00", 1e-9),
+        ("2024-05-01 14:00:00.000000001+02:00", 1e-9),
+        ("2024-05-01 06:30:00 -0530", 0.0),
+        ("2024-05-01T12:00:00+00", 0.0),
+        ("2024-05-01T12:00:00 UTC", 0.0),
+        ("2024-122T23:00:00+11:00", 0.0),
         ("2024-122T12:00:01", 1.0),
         ("2024/05/01 12:00:02,5", 2.5),
         ("01 May 2024 12:00:03.000", 3.0),
@@ -173,6 +238,25 @@ def test_stamps(text: str, seconds: float) -> None:
     stamp = stamp_of(text)
     assert stamp is not None
     assert (stamp - np.datetime64("2024-05-01T12:00:00", "ns")) / np.timedelta64(1, "s") == pytest.approx(seconds)
+
+
+def test_clocks_of_several_zones_are_one_time(one: Flight, tmp_path: Path) -> None:
+    zero = np.datetime64("2024-03-31T00:59:50", "ms")
+    stamps = [str(zero + np.timedelta64(round(1e3 * s), "ms")) for s in one.time_s]
+    local = [str(zero + np.timedelta64(round(1e3 * s) + 3_600_000, "ms")) for s in one.time_s]
+    summer = [f"{text}Z" if row < 200 else f"{local[row]}+01:00" for row, text in enumerate(stamps)]
+    path = write_csv(
+        tmp_path / "log.csv",
+        usual_columns(one) | {"t": [f"{text}Z" for text in stamps], "tc": [f"{text}+01:00" for text in local]},
+    )
+    data = proposed(path, one.vehicle).data
+    data["commands"]["time"] = {"column": "tc"}
+    data["time"] = {"column": "t"}
+    rows = telemetry(path, to_yaml(data), one.vehicle)
+    assert all(np.isfinite(rows[f"jet_{jet}"][:-1]).all() for jet in one.jets)
+    changed = write_csv(tmp_path / "summer.csv", usual_columns(one) | {"t": summer})
+    found = telemetry(changed, to_yaml(proposed(changed, one.vehicle).data), one.vehicle)
+    np.testing.assert_allclose(np.diff(found["time_s"]), np.diff(one.time_s), atol=1e-6)
 
 
 @pytest.mark.parametrize("text", ["12", "T1 T2", "2024-13-01T00:00:00", "x 2024-05-01", "1.5.2024"])
