@@ -29,6 +29,7 @@ from ruamel.yaml.tag import Tag
 
 from massprop_drake.errors import InputError, dotted
 from massprop_drake.inputs import renamed
+from massprop_drake.inputs.kinds import about_folder
 
 FieldPath = tuple[str | int, ...]
 
@@ -215,7 +216,8 @@ def read_text(path: Path) -> str:
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except IsADirectoryError:
-        raise InputError(f"{path}: is a folder, and no run's, which has a scenario.yaml; name a file") from None
+        about = about_folder(path) or "is a folder, and no run's, which has a scenario.yaml; name a file"
+        raise InputError(f"{path}: {about}") from None
     except UnicodeDecodeError:
         raise InputError(f"{path}: not a text file in UTF-8") from None
     except OSError as error:

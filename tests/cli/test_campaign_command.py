@@ -81,6 +81,17 @@ def test_a_campaigns_folder_and_what_is_read_stay(
         refused(massprop("campaign", "plan", "many.yaml", "--out", target, *force), f"{target}: ", "another folder")
 
 
+def test_a_runs_folder_is_told_from_a_campaigns(massprop: Massprop) -> None:
+    assert massprop("campaign", "plan", written(), "--out", "C", "-q").status == 0
+    assert massprop("run", "sample_maneuver", "--set", "duration_s=1", "--out", "A", "-q", "--no-report").status == 0
+    for command in (("campaign", "status"), ("campaign", "plan"), ("campaign", "run")):
+        refused(massprop(*command, "A"), "massprop: A: is a run's folder; 'massprop run A'")
+    refused(massprop("estimate", "A/telemetry.csv", "--vehicle", "A", "--out", "B"), "A: is a run's folder;")
+    Path("C/summary.json").write_text("{}", encoding="utf-8")  # as of its report
+    for command in (("report", "C"), ("view", "C"), ("compare", "C", "A"), ("run", "C")):
+        refused(massprop(*command), "massprop: C: is a campaign's folder; 'massprop campaign report C'")
+
+
 # --------------------------------------------------------------------------------- all of it, once
 
 
