@@ -92,15 +92,16 @@ def run(
     """Simulates a scenario and estimates the vehicle's mass properties in it."""
     from massprop_drake.cli import show, sources
     from massprop_drake.cli.progress import Progress
-    from massprop_drake.inputs.scenario import bundled_scenarios
+    from massprop_drake.inputs.yaml import files_read
     from massprop_drake.results.folder import reserved
 
     chosen = [*(overrides or []), *([] if seed is None else [f"seed={seed}"])]
     chosen += ["execution={engine: loop, compiled: true}"] if compiled else []
-    case = sources.recovered(scenario, chosen)
+    with files_read() as files:
+        case = sources.recovered(scenario, chosen)
     if not (math.isfinite(speed) and speed > 0.0):
         raise InputError(f"--speed {speed:g}: must be a number above zero, such as 10 for ten times real time")
-    reads = [] if scenario in bundled_scenarios() else [scenario]
+    reads = sources.reads([scenario], files)
     place = context.with_resource(reserved(out or Path("runs") / case.name, force=force, reads=reads))
     context.obj.watch(place.path / "summary.json", f"the run is saved in {place.shown}/")
     sources.note_doubts(case.simulation_doubts, quiet=quiet)
@@ -178,8 +179,7 @@ def estimate(
     """Estimates mass properties and finds failed jets from recorded telemetry."""
     from massprop_drake.cli import show, sources
     from massprop_drake.cli.progress import Progress
-    from massprop_drake.inputs.scenario import bundled_scenarios
-    from massprop_drake.inputs.vehicle import bundled_vehicles
+    from massprop_drake.inputs.yaml import files_read
     from massprop_drake.results.folder import reserved
     from massprop_drake.results.run import read_summary
     from massprop_drake.runners.against import beside, require_comparable
@@ -191,15 +191,11 @@ def estimate(
     if against is not None:
         read_summary(against)
         like = like or (None if vehicle or resume_from else str(against))
-    case = sources.case_of_a_record(name, vehicle, like, resume_from, chosen)
+    with files_read() as files:
+        case = sources.case_of_a_record(name, vehicle, like, resume_from, chosen)
     if against is not None:
         require_comparable(case, against)  # before the work
-    bundled = (*bundled_scenarios(), *bundled_vehicles(), "-", None)
-    reads = [
-        source
-        for source in (telemetry, record_map, vehicle, like, resume_from, against)
-        if source not in bundled and source
-    ]
+    reads = sources.reads([telemetry, record_map, vehicle, like, resume_from, against], files)
     place = context.with_resource(reserved(out or Path("runs") / name, force=force, reads=reads))
     context.obj.watch(place.path / "summary.json", f"the run is saved in {place.shown}/")
     sources.note_doubts(case.estimation_doubts, quiet=quiet)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -119,6 +119,18 @@ def case_of_a_record(
     if source is None:
         raise InputError("whose telemetry is it? Give --vehicle (a vehicle) or --like (a run's folder or a scenario)")
     return recovered(source, overrides)
+
+
+def reads(named: Iterable[str | Path | None], files: Iterable[Path]) -> list[Path]:
+    """What a command reads: the files and folders that it is given, and the files that those name.
+
+    Args:
+        named: as given, bundled names among them.
+        files: that have been read so far.
+    """
+    bundled = {*bundled_scenarios(), *bundled_vehicles(), "-"}
+    given = [Path(one) for one in named if one is not None and one not in bundled]
+    return given + [one for one in files if one.parent not in given]  # of a run's folder the folder stands for them
 
 
 def recovered(scenario: str | Path, overrides: list[str]) -> Scenario:

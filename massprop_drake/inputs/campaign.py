@@ -16,7 +16,7 @@ from massprop_drake.inputs import params
 from massprop_drake.inputs.distributions import KINDS, Choice, Distribution, Normal, distribution_in
 from massprop_drake.inputs.kinds import bundled, require_kind, require_named
 from massprop_drake.inputs.model import Flag, Key, Model, Real, Text, Whole, described, keys, validated
-from massprop_drake.inputs.scenario import Scenario, load_scenario, parsed_key, resolved, set_at
+from massprop_drake.inputs.scenario import Scenario, load_scenario, parsed_key, replace_at, resolved, set_at
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.inputs.yaml import Document, FieldPath, exists, read_text
 from massprop_drake.maths.mass_properties import MassProperties, perturbed
@@ -429,10 +429,11 @@ def with_settings(base: Scenario, settings: Mapping[str, Any]) -> Scenario:
         InputError: when the result is no scenario.
     """
     data: dict[str, Any] = {name: getattr(base, name) for name in type(base).model_fields}
+    given: set[FieldPath] = set()
     for key, value in settings.items():
         path = parsed_key(key, key)
         block = str(path[0])
         if isinstance(data.get(block), (Model, tuple)):
             data[block] = base.model_dump(mode="json", include={block})[block]
-        set_at(data, path, value, key)
+        replace_at(data, path, value, key, given)
     return resolved(data)

@@ -49,6 +49,15 @@ def kind_of(data: Mapping[str, Any]) -> Kind:
     return "campaign" if "base" in data else "scenario"
 
 
+def about_folder(path: Path) -> str | None:
+    """Says of a folder whose it is and which commands take it; None: neither a run's nor a campaign's."""
+    if (path / "plan.parquet").is_file():
+        return f"is a campaign's folder; 'massprop campaign report {path}' and the like take it"
+    if (path / "scenario.yaml").is_file():
+        return f"is a run's folder; 'massprop run {path}', 'massprop report {path}' and the like take it"
+    return None
+
+
 def require_kind(data: Mapping[str, Any], wanted: Kind, source: str) -> None:
     """Makes sure that a file is of a kind.
 

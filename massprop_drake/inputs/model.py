@@ -280,6 +280,34 @@ def _tags_at(model: type[Model], path: FieldPath, data: Any) -> str:
 _BOUNDS = {"gt": "> {:g}", "ge": ">= {:g}", "lt": "< {:g}", "le": "<= {:g}", "min_length": "at least {:g} long"}
 
 
+def keys_of_former_kind(model: type[Model], data: Any, path: FieldPath, former: Any) -> list[str]:
+    """Keys of a block that its new kind lacks, or in which they mean something else than in the former one.
+
+    Args:
+        model: of the data.
+        data: with the new kind in place.
+        path: of the block.
+        former: kind that the block had; None: it was not written out.
+    """
+    block = _at(data, path)
+    members = {tag: one for one in _models_at(model, path, data) if "kind" in one.model_fields for tag in _tags_of(one)}
+    new, old = members.get(str(block["kind"])), members.get(str(former))
+    if new is None:
+        return []
+    known = [old] if old else members.values()
+    return [
+        key
+        for key in block
+        if key != "kind" and any(key in one.model_fields for one in known) and not (_means_same(key, new, old or new))
+    ]
+
+
+def _means_same(key: str, *models: type[Model]) -> bool:
+    fields = [model.model_fields.get(key) for model in models]
+    meanings = {None if field is None else (field.description, repr(field.default)) for field in fields}
+    return None not in meanings and len(meanings) == 1
+
+
 def _range(field: FieldInfo) -> str:
     """The bounds of a field's value as text; "-" if it has none."""
     bounds = [

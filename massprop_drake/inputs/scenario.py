@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib import resources
 from itertools import pairwise
 from pathlib import Path
@@ -30,6 +30,7 @@ from massprop_drake.inputs.model import (
     Vector3,
     Whole,
     described,
+    keys_of_former_kind,
     refusal,
     validated,
 )
@@ -1003,10 +1004,11 @@ def load_scenario(scenario: str | Path, overrides: list[str] | None = None) -> S
         document = Document(read_text(path), str(path))
         require_kind(document.data, "scenario", str(path))
         folder = path.parent
+    given: set[FieldPath] = set()
     for override in overrides or []:
         if override.startswith("vehicle."):
             _spell_out_vehicle(document, folder)
-        set_field(document.data, override)
+        set_field(document.data, override, given)
     return resolved(document.data, document, folder)
 
 
@@ -1081,8 +1083,13 @@ def _find_vehicle(name: str, folder: Path, document: Document | None) -> Vehicle
         raise InputError(*(f"{document.where(('vehicle',))}: {problem}" for problem in error.problems)) from None
 
 
-def set_field(data: Any, override: str) -> None:
+def set_field(data: Any, override: str, given: set[FieldPath] | None = None) -> None:
     """Sets one field of a scenario's data from KEY=VALUE.
+
+    Args:
+        data: of the scenario.
+        override: KEY=VALUE.
+        given: fields that were set before, which stay when the kind of their block is replaced; the field is added.
 
     Raises:
         InputError: when it says something else, or names what cannot be set.
@@ -1101,7 +1108,37 @@ def set_field(data: Any, override: str) -> None:
         path[-1] = now
     text = f"value: {text}" if text.strip() else "value: null"
     value = Document(text, f"--set {override}", within=tuple(path)).data["value"]
-    set_at(data, path, value, f"--set {override}")
+    replace_at(data, path, value, f"--set {override}", set() if given is None else given)
+
+
+def replace_at(data: Any, path: list[str | int], value: Any, where: str, given: set[FieldPath]) -> None:
+    """Sets one field of a scenario's data; with the kind of a block go the keys that meant something to the former one.
+
+    Args:
+        data, path, value, where: as `set_at` takes them.
+        given: fields that were set before, which stay; the field is added.
+
+    Raises:
+        InputError: when the path leads nowhere.
+    """
+    *above, last = field = tuple(path)
+    former = value_at(data, path) if last == "kind" else None
+    set_at(data, path, value, where)
+    if last == "kind":
+        for key in keys_of_former_kind(Scenario, data, field[:-1], former):
+            if not any(one[: len(field)] == (*above, key) for one in given):
+                del value_at(data, above)[key]
+    given.add(field)
+
+
+def value_at(data: Any, path: Sequence[str | int]) -> Any:
+    """The value at a path in nested data; None where there is none."""
+    for part in path:
+        try:
+            data = data[part]
+        except (KeyError, IndexError, TypeError):
+            return None
+    return data
 
 
 def set_at(data: Any, path: list[str | int], value: Any, where: str) -> None:

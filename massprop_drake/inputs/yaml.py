@@ -6,9 +6,12 @@ YAML 1.1 and 1.2, and its floats read back exactly.
 
 from __future__ import annotations
 
+import contextlib
 import io
 import re
 import sys
+from collections.abc import Iterator
+from contextvars import ContextVar
 from copy import deepcopy
 from functools import lru_cache
 from pathlib import Path
@@ -26,6 +29,7 @@ from ruamel.yaml.tag import Tag
 
 from massprop_drake.errors import InputError, dotted
 from massprop_drake.inputs import renamed
+from massprop_drake.inputs.kinds import about_folder
 
 FieldPath = tuple[str | int, ...]
 
@@ -185,18 +189,35 @@ def exists(path: Path) -> bool:
         return False
 
 
+_noted: ContextVar[list[Path] | None] = ContextVar("noted", default=None)
+
+
+@contextlib.contextmanager
+def files_read() -> Iterator[list[Path]]:
+    """Yields a list that gets every file that `read_text` reads within."""
+    found: list[Path] = []
+    token = _noted.set(found)
+    try:
+        yield found
+    finally:
+        _noted.reset(token)
+
+
 def read_text(path: Path) -> str:
     """A text file's content.
 
     Raises:
         InputError: when it is missing, unreadable or not UTF-8.
     """
+    if (noted := _noted.get()) is not None:
+        noted.append(path)
     try:
         return path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except IsADirectoryError:
-        raise InputError(f"{path}: is a folder, and no run's, which has a scenario.yaml; name a file") from None
+        about = about_folder(path) or "is a folder, and no run's, which has a scenario.yaml; name a file"
+        raise InputError(f"{path}: {about}") from None
     except UnicodeDecodeError:
         raise InputError(f"{path}: not a text file in UTF-8") from None
     except OSError as error:

@@ -224,6 +224,9 @@ def is_number(cell: Any) -> bool:
     return "_" not in text
 
 
+_MAPS = "'massprop map' proposes one, and 'massprop estimate --map' takes it"
+
+
 def open_recording(path: str | Path, by: RecordMap | None = None, rows: int | None = None) -> Recording:
     """Reads a file of any kind that is known, told by its ending.
 
@@ -274,8 +277,8 @@ def require_table(path: str | Path) -> None:
     try:
         open_recording(path, None, 1)
     except InputError as error:
-        raise InputError(f"{error}; besides, {kind} needs a map (--map), which 'massprop map' proposes") from None
-    raise InputError(f"{path}: is {kind}, and needs a map (--map) of what is in it; 'massprop map' proposes one")
+        raise InputError(f"{error}; besides, {kind} needs a map: {_MAPS}") from None
+    raise InputError(f"{path}: is {kind}, and needs a map of what is in it: {_MAPS}")
 
 
 def _has_a_bag(path: Path) -> bool:

@@ -2,8 +2,8 @@
 
 One rule for everything that is written: it takes the place of nothing, of an empty folder, or of what we have written
 of the same kind and nobody has changed since (`results.manifest`). Anything else is refused before the work, or kept
-as `<name>.1`, `<name>.2`, ... where that is asked for (`force`). A file never takes the place of what the work reads,
-nor of a file that belongs to a run or a campaign, whatever is asked for.
+as `<name>.1`, `<name>.2`, ... where that is asked for (`force`). Nothing takes the place of what the work reads, nor of
+what belongs to a run or a campaign, whatever is asked for; a run's own folder alone is kept for a new run.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import errno
 import os
 import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import NamedTuple
 
@@ -69,14 +69,10 @@ def require_writable(target: Path, *, force: bool = False, reads: Iterable[str |
     """
     with _told(target):
         path = _found(target)
-        for source in map(Path, reads):
-            real = Path(os.path.realpath(source))
-            if not force and path in (real, *real.parents) and real.exists():
-                raise InputError(f"{target}: holds what is to be read, and would be replaced; {_ELSEWHERE} with --out")
-        if path in (here := Path.cwd(), *here.parents):
-            raise InputError(f"{target}: is the current folder or one above it, which cannot be replaced; {_ELSEWHERE}")
-        if path.is_mount():
-            raise InputError(f"{target}: is a mount point, which cannot be replaced; give a folder in it")
+        may_stay = force and _is_whole(path)  # a run that is flown again
+        _require_replaceable(target, path, [one for one in reads if not (may_stay and _real(one) == path)])
+        if force:
+            _require_apart(target, path, _within(path))
         path.parent.mkdir(parents=True, exist_ok=True)
         with stage(path.parent):  # can be made
             pass
@@ -95,9 +91,10 @@ def reserved(target: Path, *, force: bool = False, reads: Iterable[str | Path] =
         target, force, reads: as there.
 
     Raises:
-        InputError: as there.
+        InputError: as there; or the target is in the folder of a campaign.
     """
     with _told(target):
+        _require_apart(target, _found(target))
         made = [folder for folder in _found(target).parents if not os.path.lexists(folder)]
     place = require_writable(target, force=force, reads=reads)
     touched = place.path.parent.stat().st_mtime_ns
@@ -269,13 +266,13 @@ class _Rule(NamedTuple):
 
     def reason_to_stay(self, path: Path, folder: Path) -> str | None:
         """Why what is at a path in a folder must not even get another name; None: it may."""
-        real = Path(os.path.realpath(path))
+        real = _real(path)
         if path.is_dir():
             return "is a folder; give a file"
         if not (path.is_file() or path.is_symlink()):
             return "is no regular file; give another place"
         for source in self.reads:
-            if Path(os.path.realpath(source)) in (real, *real.parents, *path.parents):
+            if _real(source) in (real, *real.parents, *path.parents):
                 return f"belongs to what is read, {source}; give another place"
         for above in path.parents:
             owned = manifest.read(above)
@@ -352,26 +349,32 @@ def _write(folder: Path, files: Mapping[str, bytes], rule: _Rule, found: str | N
 
 
 @contextlib.contextmanager
-def resumable_folder(target: Path, kind: str, *, force: bool = False) -> Iterator[Path]:
+def resumable_folder(
+    target: Path, kind: str, *, force: bool = False, reads: Iterable[str | Path] = ()
+) -> Iterator[Path]:
     """Yields a folder for work that can be interrupted, new or of the same kind of work, to one process at a time.
 
     Args:
         target: path of the folder.
         kind: of work, kept in a marker file.
-        force: keep a folder of anything else as `<name>.1`, `<name>.2`, ....
+        force: keep a folder of anything else as `<name>.1`, `<name>.2`, ..., but for runs and other work.
+        reads: what the work reads, which is never moved.
 
     Raises:
         InputError: when the target is taken by anything else, cannot be written, or another process is at work in it.
     """
     with _told(target):
         path = _found(target)
+        _require_apart(target, path)
         marker = path / _MARKER
         others = path.exists() and not marker.is_file() and not _is_empty(path)
         if others or (marker.is_file() and marker.read_text(encoding="utf-8").strip() not in ("", kind)):
+            _require_replaceable(target, path, reads)
             if not force:
                 raise InputError(
                     f"{target}: holds files that are not of an earlier {kind}; {_ELSEWHERE}, or {_kept(path)}"
                 )
+            _require_apart(target, path, _within(path), [path] if manifest.read(path) else [])
             set_aside(path, path)
         path.mkdir(parents=True, exist_ok=True)
         with marker.open("a", encoding="utf-8") as file:
@@ -400,6 +403,52 @@ def _found(target: Path) -> Path:
         if not stat.S_ISDIR(path.stat().st_mode):
             raise InputError(f"{target}: is a file; give a folder to write to")
     return path
+
+
+def _real(path: str | Path) -> Path:
+    return Path(os.path.realpath(path))
+
+
+def _require_replaceable(target: Path, path: Path, reads: Iterable[str | Path]) -> None:
+    """Refuses a folder that must stay where it is: it holds what is read, or the work goes on in it."""
+    for source in map(Path, reads):
+        real, link = _real(source), _real(source.parent) / source.name
+        if path in (real, *real.parents, *link.parents) and real.exists():
+            raise InputError(f"{target}: holds what is to be read, and would be replaced; {_ELSEWHERE} with --out")
+    if path in (here := Path.cwd(), *here.parents):
+        raise InputError(f"{target}: is the current folder or one above it, which cannot be replaced; {_ELSEWHERE}")
+    if path.is_mount():
+        raise InputError(f"{target}: is a mount point, which cannot be replaced; give a folder in it")
+
+
+def _require_apart(target: Path, path: Path, *held: Iterable[Path]) -> None:
+    """Refuses a folder that is part of a run or of work that can be interrupted, or would take one along.
+
+    Args:
+        target, path: as the user gave it, and without links.
+        held: folders of runs and of work that would be moved with it.
+    """
+    for above in path.parents:
+        owned = manifest.read(above)
+        if (above / _MARKER).is_file() or (owned is not None and owned.holds(path.relative_to(above).as_posix())):
+            raise InputError(f"{target}: is in the run or campaign in {above}; {_ELSEWHERE}")
+    for inner in chain(*held):
+        raise InputError(f"{target}: holds the run or campaign in {inner}, which stays where it is; {_ELSEWHERE}")
+
+
+def _within(path: Path) -> Iterator[Path]:
+    """Folders of work that can be interrupted in a folder, itself included, and of runs below it."""
+    for folder, below, names in os.walk(path):
+        below.sort()
+        here = Path(folder)
+        if _MARKER in names or (here != path and manifest.NAME in names and manifest.read(here) is not None):
+            yield here
+
+
+def _is_whole(path: Path) -> bool:
+    """Tests whether a folder has a manifest, and nothing in it is not ours."""
+    found = manifest.read(path)
+    return found is not None and not _others(path, found)
 
 
 @contextlib.contextmanager

@@ -59,6 +59,10 @@ class Manifest(_Model):
         alike = (one for one in (*self.files, *self.pending, NAME) if one.casefold() == name.casefold())
         return any(one == name or _is_same(folder / one, path) for one in alike)
 
+    def holds(self, folder: str) -> bool:
+        """Tests whether a folder, by its name with slashes, is one of its own or has files of its own."""
+        return folder in self.folders or any(name.startswith(f"{folder}/") for name in (*self.files, *self.pending))
+
     def lists(self, name: str, path: Path) -> bool:
         """Tests whether a path holds the regular file that is listed under a name, unchanged."""
         expected = [entries[name] for entries in (self.files, self.pending) if name in entries]

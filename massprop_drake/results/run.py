@@ -15,7 +15,7 @@ from pydantic import BaseModel
 
 from massprop_drake.errors import InputError, in_words, suggestion
 from massprop_drake.inputs import params
-from massprop_drake.inputs.kinds import bundled
+from massprop_drake.inputs.kinds import about_folder, bundled
 from massprop_drake.inputs.model import validated, yaml_text
 from massprop_drake.inputs.scenario import Scenario, load_scenario
 from massprop_drake.inputs.yaml import exists, read_text
@@ -63,6 +63,8 @@ def read_summary(folder: Path) -> Summary:
     path = folder / "summary.json"
     if not exists(folder):
         raise InputError(f"{folder}: there is no such run{_runs_like(folder)}")
+    if exists(folder / "plan.parquet"):
+        raise InputError(f"{folder}: {about_folder(folder)}")
     if not exists(path):
         raise InputError(f"{folder}: holds no run that can be read: it has no summary.json")
     return Summary.from_json(read_json(path), str(path))

@@ -280,6 +280,8 @@ class QualityReport:
         self._gathered = np.zeros(6)  # impulses of all samples that count
         self._last_gap = True  # nothing before the first row
         self._commands = np.zeros((1, len(vehicle.jets)))
+        self._rows, self._unknown_commands = 0, np.zeros(len(vehicle.jets), dtype=int)
+        self._unknown_s: tuple[float, float] | None = None  # from when to when commands are unknown
         self._standing = {name: _Standing() for name in names}
         self._stuck: list[_Stuck] = []
         self._n_stuck = 0
@@ -315,6 +317,7 @@ class QualityReport:
         """
         commands = np.vstack([self._commands, rows.commands[:-1]])  # of the interval that ended
         gap = ~rows.recorded
+        self._count_unknown(rows.time_s[~gap], np.isnan(commands[~gap]))
         fresh = np.concatenate([[self._last_gap], gap[:-1]])  # nothing to take a difference from
         angular, linear = signals["angular_impulse"], signals["linear_impulse"]
         predictable = np.asarray(np.isfinite(np.hstack([angular, linear])).all(axis=1))
@@ -483,6 +486,33 @@ class QualityReport:
             found = map(_Ratio, ratios.tolist(), when[0][clear].tolist(), when[1][clear], turned.tolist())
             kept.extend(list(found)[: _MOST - len(kept)])
 
+    def _count_unknown(self, time_s: Array, unknown: NDArray[np.bool_]) -> None:
+        """Counts samples with an unknown command, by jet, and notes from when to when; times are of their ends."""
+        ends_s = time_s[unknown.any(axis=1)]
+        self._unknown_commands += unknown.sum(axis=0)
+        self._rows += len(time_s)
+        if ends_s.size:
+            first_s = self._unknown_s[0] if self._unknown_s else float(ends_s[0]) - self._vehicle.sample_period_s
+            self._unknown_s = first_s, float(ends_s[-1])
+
+    def _about_commands(self) -> list[str]:
+        """Says whose commands are unknown from when to when, and what that means."""
+        if self._unknown_s is None:
+            return []
+        most = int(self._unknown_commands.max())
+        jets = [name for name, rows in zip(self._vehicle.designations, self._unknown_commands, strict=True) if rows]
+        who = "all jets" if len(jets) == len(self._vehicle.jets) else f"jet{'s' * (len(jets) > 1)} {', '.join(jets)}"
+        first_s, last_s = map(moment, self._unknown_s)
+        then = (
+            "these samples are not used"
+            if self._filter == "thesis"
+            else "what they gave there is guessed from the readings, and a failure of them does not show"
+        )
+        return [
+            f"commands of {who} are unknown in {most} of {self._rows} samples, from {first_s} to {last_s} s: {then}; "
+            "write 0 where a jet is off"
+        ]
+
     def _sort_samples(
         self,
         signals: Mapping[str, Array],
@@ -624,6 +654,7 @@ class QualityReport:
             *self._about_rows(quality),
             *self._about_sensors(quality),
             *self._about_samples(quality),
+            *self._about_commands(),
             *self._about_tests(),
         ]
 
@@ -749,9 +780,6 @@ class QualityReport:
     def _about_samples(self, quality: dict[str, Any]) -> list[str]:
         names = {"rotation": "inverse inertia and center of mass", "mass": "mass"}
         found = []
-        unknown = quality["samples"]["rotation"].get("command_missing")
-        if unknown:
-            found.append(f"the jets' commands are missing over {_times(unknown, 'sample')}, which are not used")
         for name, counts in quality["samples"].items():
             if counts["used"]:
                 continue

@@ -13,6 +13,8 @@ from campaign_rows import SWEPT, declaration, failure, folder, lost, many, recor
 from command_probe import Massprop, Outcome
 
 from massprop_drake import Campaign, Run
+from massprop_drake.inputs.model import yaml_text
+from massprop_drake.inputs.vehicle import load_vehicle
 
 SHORT = """
 name: short
@@ -42,6 +44,52 @@ def refused(done: Outcome, *words: str) -> None:
     assert "Traceback" not in done.err
     for word in words:
         assert word in done.err, done.err
+
+
+def contents() -> dict[str, bytes]:
+    return {str(path): path.read_bytes() for path in Path().rglob("*") if path.is_file()}
+
+
+# ------------------------------------------------------------------------------------- what is kept
+
+
+@pytest.mark.parametrize("force", [(), ("--force",)], ids=["", "force"])
+def test_a_campaigns_folder_and_what_is_read_stay(
+    massprop: Massprop, monkeypatch: pytest.MonkeyPatch, force: tuple[str, ...]
+) -> None:
+    assert massprop("campaign", "plan", written(), "--out", "K/C", "-q").status == 0
+    Path("V").mkdir()
+    Path("V/vehicle.yaml").write_text(yaml_text(load_vehicle("orbiter")), encoding="utf-8")
+    case = written("vehicle: V/vehicle.yaml\nduration_s: 1.0\n", "case.yaml")
+    written("base: ../case.yaml\ncases: 2\nseed: 1\n", "V/many.yaml")
+    before = contents()
+    for command in (
+        ("run", case, "--out", "V"),
+        ("run", "sample_maneuver", "--set", "vehicle=V/vehicle.yaml", "--out", "V"),
+        *(("run", case, "--out", name) for name in ("K", "K/C", "K/C/results", "K/C/cases", "K/C/cases/0000")),
+        ("campaign", "plan", "V/many.yaml", "--out", "V"),
+        ("campaign", "plan", "V/many.yaml", "--out", "."),
+        ("campaign", "run", "V/many.yaml", "--out", "K"),
+        ("campaign", "run", "V/many.yaml", "--out", "K/C/cases", "--workers", "1"),
+    ):
+        done = massprop(*command, *force, "-q")
+        refused(done, f"{command[command.index('--out') + 1]}: ", "give another folder")
+        assert done.err.count("\n") == 1
+        assert contents() == before
+    monkeypatch.chdir("V")
+    for target in (".", "..", "../V"):
+        refused(massprop("campaign", "plan", "many.yaml", "--out", target, *force), f"{target}: ", "another folder")
+
+
+def test_a_runs_folder_is_told_from_a_campaigns(massprop: Massprop) -> None:
+    assert massprop("campaign", "plan", written(), "--out", "C", "-q").status == 0
+    assert massprop("run", "sample_maneuver", "--set", "duration_s=1", "--out", "A", "-q", "--no-report").status == 0
+    for command in (("campaign", "status"), ("campaign", "plan"), ("campaign", "run")):
+        refused(massprop(*command, "A"), "massprop: A: is a run's folder; 'massprop run A'")
+    refused(massprop("estimate", "A/telemetry.csv", "--vehicle", "A", "--out", "B"), "A: is a run's folder;")
+    Path("C/summary.json").write_text("{}", encoding="utf-8")  # as of its report
+    for command in (("report", "C"), ("view", "C"), ("compare", "C", "A"), ("run", "C")):
+        refused(massprop(*command), "massprop: C: is a campaign's folder; 'massprop campaign report C'")
 
 
 # --------------------------------------------------------------------------------- all of it, once

@@ -187,10 +187,12 @@ def test_a_users_file_in_a_runs_folder_is_kept(massprop: Massprop) -> None:
         ("run", "K", "--out", "K"),
         ("run", "K", "--out", "."),
     ):
-        _assert_refused(massprop(*arguments), "holds what is to be read", "would be replaced; give another folder")
+        for force in ((), ("--force",)):
+            done = massprop(*arguments, *force)
+            _assert_refused(done, "holds what is to be read", "would be replaced; give another folder")
     _assert_refused(massprop(*run), "K: holds files", "my_scenario.yaml, logs/flight.csv", "keep what is there as K.1")
     assert _everything(Path()) == before
-    assert massprop("estimate", "K/logs/flight.csv", "--like", "K", "--out", "K", "--force", "-q").status == 0
+    assert massprop(*run, "--force", "-q").status == 0
     assert (Path("K.1") / "logs" / "flight.csv").exists()
     assert Run.load("K").summary["scenario"] == "sample_maneuver"
 

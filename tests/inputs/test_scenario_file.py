@@ -18,7 +18,7 @@ from massprop_drake import InputError, Scenario, load_scenario, simulate
 from massprop_drake.inputs import model
 from massprop_drake.inputs.model import Model, digest, yaml_text
 from massprop_drake.inputs.params import thrust_factors
-from massprop_drake.inputs.scenario import JointBlock, bundled_scenarios, resolved
+from massprop_drake.inputs.scenario import JointBlock, bundled_scenarios, resolved, set_field
 from massprop_drake.inputs.yaml import to_yaml
 from massprop_drake.maths.estimation.detector import STATUS
 from massprop_drake.maths.estimation.detectors.hypotheses import HYPOTHESIS_REPORT
@@ -575,3 +575,40 @@ def test_a_model_may_outlive_the_module_that_has_its_digest(monkeypatch: pytest.
     del scenario
     gc.collect()
     assert said == []
+
+
+@pytest.mark.parametrize(
+    ("former", "overrides", "left"),
+    [
+        ({"kind": "multi_hypothesis", "trigger_jet": 28.0, "slots": 2}, ["kind=off"], {"kind": "off"}),
+        ({"kind": "multi_hypothesis", "lead": 7.0}, ["kind=cusum", "drift=2.0"], {"kind": "cusum", "drift": 2.0}),
+        ({"kind": "cglr", "threshold": 0.0}, ["kind=cusum"], {"kind": "cusum"}),  # means something else there
+        ({"kind": "cglr", "margin": 7.0}, ["kind=off"], {"kind": "off", "margin": 7.0}),
+        ({"kind": "cglr", "margin": 7.0}, ["drift=2.0", "kind=cusum"], {"kind": "cusum", "drift": 2.0}),
+        ({"slots": 2}, ["kind=off"], {"kind": "off"}),
+    ],
+)
+def test_a_kind_that_is_set_takes_the_keys_of_the_former_one_along(
+    former: dict[str, Any], overrides: list[str], left: dict[str, Any]
+) -> None:
+    data, given = {"detector": dict(former)}, set()
+    for override in overrides:
+        set_field(data, f"detector.{override}", given)
+    assert data == {"detector": left}
+
+
+def test_a_key_that_is_set_is_not_dropped_with_the_former_kind(tmp_path: Path) -> None:
+    path = tmp_path / "scenario.yaml"
+    path.write_text(
+        yaml_text(resolved({"estimation": {"filter": "joint"}})),
+        encoding="utf-8",
+    )
+    assert load_scenario(path, ["detector.kind=off"]).detector.kind == "off"
+    with pytest.raises(InputError, match="slots: is a key of kind: multi_hypothesis, and the kind is cglr"):
+        load_scenario(path, ["detector.slots=2", "detector.kind=off"])
+
+
+def test_what_kinds_have_in_common_stays_when_the_kind_is_set() -> None:
+    data = {"failures": [{"kind": "leak", "jet": "R1U", "force": 3.0}]}
+    set_field(data, "failures[0].kind=stuck_off")
+    assert data == {"failures": [{"kind": "stuck_off", "jet": "R1U"}]}

@@ -599,4 +599,7 @@ def test_a_folder_of_a_bag_is_told_what_it_needs(bags: dict[str, Path], massprop
     for command in (("check", folder), ("estimate", folder, "--vehicle", "free_flyer")):
         done = massprop(*command)
         assert done.status == 2
-        assert f"{folder}: is a ROS bag, and needs a map (--map)" in done.out + done.err
+        assert (
+            f"{folder}: is a ROS bag, and needs a map of what is in it: 'massprop map' proposes one"
+            in done.out + done.err
+        )

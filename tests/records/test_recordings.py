@@ -297,7 +297,9 @@ def test_without_a_map_a_ulog_is_told_what_it_is(one: Flight, tmp_path: Path) ->
     path = write_ulog(tmp_path / "log.ulg", px4_topics(one), {})
     scenario = vehicle_scenario("log", "orbiter")
     for read in (lambda: estimate(path, scenario), lambda: checked(str(path), None)):
-        assert refused(read).startswith(f"{path}: is a ULog, and needs a map (--map)")
+        assert refused(read).startswith(
+            f"{path}: is a ULog, and needs a map of what is in it: 'massprop map' proposes one"
+        )
     path.write_bytes(b"ULog, but not of this kind")
     for read in (lambda: estimate(path, scenario), lambda: checked(str(path), None)):
         assert refused(read).startswith(f"{path}: not a ULog: it does not begin as one; besides, a ULog needs a map")

@@ -241,6 +241,8 @@ def test_what_is_to_be_read_is_not_replaced(tmp_path: Path) -> None:
             require_writable(target, reads=[source])
     require_writable(run, reads=[tmp_path / "other", tmp_path / "runs"])
     require_writable(run, reads=[run], force=True)
+    with pytest.raises(InputError, match="holds what is to be read"):
+        require_writable(run, reads=[run, run / "summary"], force=True)
     require_writable(run / "below", reads=[run])
 
 
@@ -566,14 +568,49 @@ def test_work_is_taken_up_where_it_was_left(tmp_path: Path) -> None:
         (target / "half.npz").touch()
     with resumable_folder(target, "reproduction"):
         assert _names(target) == {".massprop", "half.npz"}
-    with (
-        pytest.raises(InputError, match="work: holds files that are not of an earlier campaign"),
-        resumable_folder(target, "campaign"),
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "letter").touch()
+    with resumable_folder(tmp_path / "mine", "reproduction", force=True) as path:
+        assert _names(path) == {".massprop"}
+    assert _names(tmp_path / "mine.1") == {"letter"}
+
+
+def test_work_never_takes_the_place_of_other_work_or_of_a_run(tmp_path: Path) -> None:
+    with resumable_folder(tmp_path / "work", "reproduction"):
+        (tmp_path / "work" / "cases").mkdir()
+    _write(tmp_path / "run", figures__rates="picture")
+    _write(tmp_path / "runs" / "a", summary="earlier")
+    before = _names(tmp_path)
+    for name in ("work", "work/cases", "work/new", "run", "run/figures", "runs"):
+        for force in (False, True):
+            words = f"{name}: .*; give another folder"
+            with (
+                pytest.raises(InputError, match=words),
+                resumable_folder(tmp_path / name, "campaign", force=force),
+            ):
+                pass
+            if name != "run":  # which another run may take the place of
+                with pytest.raises(InputError, match=words), reserved(tmp_path / name, force=force):
+                    pass
+    assert _names(tmp_path) == before
+    assert (tmp_path / "work" / "cases").is_dir()
+
+
+@pytest.mark.parametrize("target", [".", "..", "../here", "../data", "../data/../data"])
+def test_work_does_not_move_what_it_reads_nor_the_current_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, target: str
+) -> None:
+    for name in ("here/mine", "data/mine"):
+        (tmp_path / name).parent.mkdir()
+        (tmp_path / name).touch()
+    monkeypatch.chdir(tmp_path / "here")
+    for check in (
+        lambda: reserved(Path(target), force=True, reads=["../data/mine"]),
+        lambda: resumable_folder(Path(target), "campaign", force=True, reads=["../data/mine"]),
     ):
-        pass
-    with resumable_folder(target, "campaign", force=True):
-        assert _names(target) == {".massprop"}
-    assert _names(tmp_path / "deep" / "work.1") == {".massprop", "half.npz"}
+        with pytest.raises(InputError, match="give another folder"), check():
+            pass
+    assert _names(tmp_path) == {"here", "here/mine", "data", "data/mine"}
 
 
 def test_work_is_done_by_one_process_at_a_time(tmp_path: Path) -> None:

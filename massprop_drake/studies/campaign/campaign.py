@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.campaign import CampaignSpec, campaign_from, load_campaign
 from massprop_drake.inputs.model import yaml_text
-from massprop_drake.inputs.yaml import Document, exists, read_text
+from massprop_drake.inputs.yaml import Document, exists, files_read, read_text
 from massprop_drake.maths.kernels import require_compiler
 from massprop_drake.results.folder import resumable_folder
 from massprop_drake.studies.campaign import TO_FLY, engine, require, store
@@ -51,11 +51,13 @@ class Campaign:
     Attributes:
         spec: the file, and all that it refers to.
         folder: that plan and results are in; None before the first run.
+        files: that it was read from.
     """
 
-    def __init__(self, spec: CampaignSpec, folder: Path | None = None):
+    def __init__(self, spec: CampaignSpec, folder: Path | None = None, files: Sequence[Path] = ()):
         self.spec = spec
         self.folder = folder
+        self.files = tuple(files)
 
     def __repr__(self) -> str:
         where = "" if self.folder is None else f" in {self.folder}"
@@ -73,12 +75,13 @@ class Campaign:
             if overrides:
                 raise InputError(f"--set {overrides[0]}: {folder} has its plan already; change the file and plan anew")
             return Campaign(_kept(folder), folder)
-        spec = load_campaign(campaign, overrides)
+        with files_read() as files:
+            spec = load_campaign(campaign, overrides)
         if spec.file.gates:
             from massprop_drake.studies.campaign import merit  # noqa: PLC0415 (scipy.stats is slow to load)
 
             merit.require_known(spec.file.gates, spec.source)
-        return Campaign(spec)
+        return Campaign(spec, files=files)
 
     def planned(self) -> list[PlannedCase]:
         """Every case, fully resolved."""
@@ -112,9 +115,12 @@ class Campaign:
         """
         target = Path(folder)
         cases = self.planned()  # before anything is made
-        with resumable_folder(target, _KIND, force=force) as path:
+        with resumable_folder(target, _KIND, force=force, reads=self._reads(cases)) as path:
             self._plan(target, path, cases)
         return Campaign(self.spec, target)
+
+    def _reads(self, cases: Sequence[PlannedCase]) -> list[str | Path]:
+        return [*self.files, *(case.record for case in cases if case.record is not None)]
 
     def _plan(self, target: Path, path: Path, cases: Sequence[PlannedCase]) -> dict[str, str]:
         """Writes file and plan, unless a plan is there that these cases do not extend; the facts of the plan."""
@@ -189,7 +195,7 @@ class Campaign:
         with contextlib.ExitStack() as stack:
             if client is None and scheduler is not None:  # before anything is written
                 client = stack.enter_context(engine.remote_client(scheduler))
-            path = stack.enter_context(resumable_folder(target, _KIND, force=force))
+            path = stack.enter_context(resumable_folder(target, _KIND, force=force, reads=self._reads(cases)))
             done = store.flown_ids(path)
             if done and not resume and not alone:
                 raise InputError(
