@@ -88,6 +88,9 @@ def test_outcomes_of_payloads_and_readings(card: ModuleType) -> None:
     assert judge(facts(other=unexplained), {}).outcome == "wrong"
     assert judge(facts(other=unexplained), {"reason": "torque"}).outcome == "right"
     assert judge(facts(happened=(failed("A", None),)), {}).outcome == "right"  # never acted
+    seldom = failed("A", None) | {"start_s": 10.0}
+    assert judge(facts(declared(20.0, "A"), happened=(seldom,)), {}).outcome == "right"  # it has failed for all that
+    assert judge(facts(declared(9.0, "A"), happened=(seldom,)), {}).outcome == "wrong"
 
 
 def test_delays_forces_and_payloads_of_a_flight(card: ModuleType) -> None:
