@@ -241,7 +241,7 @@ def headlines(card: Card, found: Mapping[str, table.Row]) -> str:
         rows = [found[kind] for kind in one["kinds"] if kind in found]
         if rows:
             lines.append(f"- {table.headline(one['says'], rows)}")
-    return "\n".join(lines)
+    return "\n".join([*lines, "", "Shares are in percent, with their 95 % interval."])
 
 
 def write_docs(card: Card, found: Mapping[str, table.Row], version: Version, first: int) -> None:
