@@ -189,7 +189,7 @@ def _facts(run: Run, truth: Array, failed: Sequence[Mapping[str, Any]], scenario
     sigmas = np.where(known, error / np.where(known, deviation, 1.0), np.nan)
     covariance = np.array(summary["covariance"], dtype=float)[np.ix_(known, known)]
     shape = covariance / np.outer(deviation[known], deviation[known])
-    healthy = {jet for one in failed if (jet := one["jet"])}
+    faulty = {jet for one in failed if (jet := one["jet"])}
     consistency = summary["consistency"]
     out = np.flatnonzero(run["out_of_use"][-1]).tolist() if "out_of_use" in run.signals else []
     names = [scenario.vehicle_data.designations[jet] for jet in out]
@@ -210,7 +210,7 @@ def _facts(run: Run, truth: Array, failed: Sequence[Mapping[str, Any]], scenario
             for one in summary["events"]
             if one["kind"] in ("false_reading", "unexplained")
         ],
-        "healthy_jets_out": [name for name in names if name not in healthy],
+        "healthy_jets_out": [name for name in names if name not in faulty],
         "verdict": consistency["verdict"],
         "reasons": [one["kind"] for one in consistency["diagnoses"]],
     }

@@ -122,7 +122,7 @@ def case_of_a_record(
 
 
 def reads(named: Iterable[str | Path | None], files: Iterable[Path]) -> list[Path]:
-    """What a command reads: the files and folders that it is given, and the files that those name.
+    """Files and folders that a command reads: those that it is given, and those that these name.
 
     Args:
         named: as given, bundled names among them.

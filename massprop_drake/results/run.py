@@ -299,12 +299,12 @@ class Run:
             error: what was raised.
             early: whether before the end of the scenario or the record.
         """
-        why, results = in_words(error), self.results
-        self.__dict__.pop("summary", None)
+        why = in_words(error)
         if early:
-            self.results = replace(results, ended=Ended(float(self.time_s[-1]), why))
-        elif not results.missing:
-            self.results = replace(results, missing=(why,))
+            self.__dict__.pop("summary", None)
+            self.results = replace(self.results, ended=Ended(float(self.time_s[-1]), why))
+        elif not self.results.missing:
+            self.note_missing(why)
 
     def note_missing(self, part: str) -> None:
         """Notes in the results a part that is left out, with the reason."""
