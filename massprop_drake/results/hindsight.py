@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from massprop_drake.inputs import factors, params
 from massprop_drake.inputs.factors import Factor
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.maths.estimation import hindsight
+from massprop_drake.maths.estimation import hindsight, oscillation
 from massprop_drake.maths.estimation.filter import Instruments
 from massprop_drake.maths.estimation.filters.joint import chi_square_limit
 from massprop_drake.maths.estimation.hindsight import Fit, Model, Reckoned, ScoreTest, Stretch
@@ -401,8 +401,23 @@ def diagnosed(parts: Sequence[Stretch], begin: Array, made: Model, names: Names)
     if not found and fit.normal.per_reading > _HOPELESS:
         fit, found = _turned_right(parts, fit, made, names)
     if not any(one.kind == "jet" for one in found):  # what a failed jet leaves is no fault of sensors
-        found += _scattered(fit, names)
+        found += _oscillating(parts, fit, reckoned, names) or _scattered(fit, names)
     return found, first
+
+
+def _oscillating(parts: Sequence[Stretch], fit: Fit, made: Model, names: Names) -> list[Diagnosis]:
+    """Looks for a mode inside the vehicle, such as slosh or a panel, that explains what drifts."""
+    if _excess(fit) == 0.0 or not hindsight.possible(fit.at):
+        return []
+    mode = oscillation.strongest_mode(parts, fit, made)
+    if mode is None or mode.misfit - _SCATTER * mode.readings > (1.0 - _EXPLAINED) * _excess(fit):
+        return []
+    rate, velocity = oscillation.covering_walk(parts, fit, made)
+    words = (
+        f"something inside moves at {mode.frequency_hz:.2g} Hz, such as slosh or a panel; joint.rate_walk="
+        f"{rate:.2g} and joint.velocity_walk={velocity:.2g} would cover it"
+    )
+    return [Diagnosis("oscillation", words, fit.normal.per_reading, mode.misfit / mode.readings)]
 
 
 def _from(begin: Array, made: Model) -> Array:
