@@ -179,13 +179,16 @@ def test_slosh_is_told_with_its_frequency(sample_run: Run, frequency_hz: float) 
     assert found.kind == "oscillation"
     words = re.fullmatch(
         r"something inside moves at ([\d.]+) Hz, such as slosh or a panel; "
-        r"joint.rate_walk=(\S+) and joint.velocity_walk=\S+ would cover it",
+        r"joint.rate_walk=(\S+) and joint.velocity_walk=(\S+) would cover it",
         found.reason,
     )
     assert words is not None
     assert float(words[1]) == pytest.approx(frequency_hz, rel=0.05)
     # the walk is at least what the readings are moved by in a second, per root of a second
     assert float(words[2]) > 0.5 * np.abs(added[12:] - added[:-12]).std()
+    walks = (f"joint.rate_walk={words[2]}", f"joint.velocity_walk={words[3]}")
+    assert looked(sample_run, *walks, gyro=lambda rates: rates + added).diagnoses == ()
+    assert looked(sample_run, *walks, gyro=lambda rates: rates + 5.0 * added).diagnoses
 
 
 def test_a_walk_has_no_frequency(sample_run: Run) -> None:

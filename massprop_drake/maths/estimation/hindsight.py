@@ -166,6 +166,8 @@ class Model(NamedTuple):
         sigma: their 1-sigma; zero: not reckoned with, shape (n,).
         compute: see `Compute`.
         at_stamps: whether commands switch at the stamps, and not at regular ticks; None: not asked, at these.
+        walks: of the rate and of the velocity by unmodeled torques and forces, 1-sigma after one second; the fit does
+            not reckon with them.
     """
 
     period_s: float
@@ -181,6 +183,7 @@ class Model(NamedTuple):
     sigma: Array
     compute: Compute = Compute()
     at_stamps: bool | None = None
+    walks: tuple[float, float] = (0.0, 0.0)
 
 
 class Stretch(NamedTuple):
