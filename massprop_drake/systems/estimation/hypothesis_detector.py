@@ -11,8 +11,9 @@ from pydrake.systems.framework import LeafSystem
 from massprop_drake.maths.estimation.detector import Detector, Event, Jets, Judgment
 from massprop_drake.maths.estimation.detectors import hypotheses
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.systems.caching import NOTHING, Cached, Stopwatch
+from massprop_drake.systems.caching import NOTHING, Cached
 from massprop_drake.systems.layouts import DETECTOR_REPORT, HYPOTHESIS_REPORT, RECONFIGURATION, detector_row
+from massprop_drake.systems.stopwatch import DETECTOR, timed
 
 
 class Memory(NamedTuple):
@@ -72,7 +73,6 @@ class HypothesisDetector(LeafSystem):
         n_jets = jets.thrusts.size
         self._reconfiguration = RECONFIGURATION.sized(jets=n_jets)
         self._report = HYPOTHESIS_REPORT.sized(jets=n_jets)
-        self.stopwatch = Stopwatch()
         self._evidence = self.DeclareAbstractInputPort("evidence", Value[object](NOTHING))
         start = Memory(method.initial(params), None, -np.inf)
         self._memory = self.DeclareAbstractState(Value[object](start))
@@ -108,7 +108,7 @@ class HypothesisDetector(LeafSystem):
         if memory.judgment is not None and memory.time_s == time_s:
             return memory
         evidence = self._evidence.Eval(context)
-        judgment = self.stopwatch.measure(self._method.judge, memory.state, evidence, self._params)
+        judgment = timed(DETECTOR, self._method.judge, memory.state, evidence, self._params)
         return Memory(memory.state, judgment, time_s)
 
     def _judged(self, context: Any) -> Judgment:
