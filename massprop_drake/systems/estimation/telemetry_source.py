@@ -59,11 +59,11 @@ class TelemetrySource(LeafSystem):
     context holds some rows alone.
 
     Parameters: abstract, `ServedRows`: the rows of a context, at first none. Whoever runs the diagram moves them on
-    with `extend` before the simulator gets there:
+    with `extend` before the simulator gets there, and runs a little beyond the last row, which is used up then:
 
         source = diagram.GetSubsystemByName("telemetry_source")
         last = source.extend(source.GetMyMutableContextFromRoot(root), time_s, readings, commands, None)
-        simulator.AdvanceTo(last * period_s)
+        simulator.AdvanceTo((last + 0.25) * period_s)
 
     Timing: at t_k the readings are those of row k, and the command that of the interval that ended, so
     that what follows sees what it saw when the record was made. Before the first row all jets are off,
