@@ -24,12 +24,15 @@ _HOMES = {
     "MassEstimator": "estimation.mass_estimator",
     "NoiseSource": "vehicle.noise_source",
     "PhaseSpaceController": "autopilot.phase_space_controller",
+    "PoseEstimator": "estimation.pose_estimator",
+    "PoseTracker": "vehicle.trackers",
     "RateGyro": "vehicle.rate_gyro",
     "ReactionJets": "vehicle.reaction_jets",
     "RigidBodyPlant": "vehicle.rigid_body_plant",
     "RotationEstimator": "estimation.rotation_estimator",
     "Sensor": "vehicle.sensor",
     "TelemetrySource": "estimation.telemetry_source",
+    "VelocityTracker": "vehicle.trackers",
 }
 
 __all__ = sorted(_HOMES)  # noqa: PLE0605 (the names are those of the mapping above)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from pydrake.systems.framework import LeafSystem
+from pydrake.systems.framework import Diagram, LeafSystem, System
 
-from massprop_drake import InputError, load_vehicle, systems
+from massprop_drake import InputError, load_scenario, load_vehicle, systems
+from massprop_drake.diagrams import closed_loop, open_loop, replay
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.vehicle.rigid_body import N_STATE, RATE
 from massprop_drake.systems import ImpulseModel, IntegratingAccelerometer, RateGyro
@@ -53,5 +54,23 @@ def test_wrenches_are_rows() -> None:
 def test_every_system_has_a_public_name() -> None:
     for name in systems.__all__:
         assert issubclass(getattr(systems, name), LeafSystem), name
+    assert {type(system).__name__ for system in _parts_of_diagrams()} <= set(systems.__all__)
     with pytest.raises(AttributeError, match="has no attribute 'Nothing'"):
         systems.Nothing  # noqa: B018
+
+
+def _parts_of_diagrams() -> list[System]:
+    """Every system of ours in the diagrams with each filter."""
+    waiting: list[System] = [
+        closed_loop.build(load_scenario("leak_named")),
+        closed_loop.build(load_scenario("stuck_on_29", ["estimation.filter=thesis"])),
+        *(open_loop.build(load_scenario("air_bearing_pulses")), replay.build(load_scenario("air_bearing_pulses"))),
+    ]
+    found: list[System] = []
+    while waiting:
+        system = waiting.pop()
+        if isinstance(system, Diagram):
+            waiting += system.GetSystems()
+        elif type(system).__module__.startswith("massprop_drake"):
+            found.append(system)
+    return found
