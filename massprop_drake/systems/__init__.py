@@ -13,6 +13,7 @@ _HOMES = {
     "ConvergenceMonitor": "estimation.convergence_monitor",
     "Disturbance": "vehicle.disturbance",
     "FailureDetector": "estimation.failure_detector",
+    "FindingsMonitor": "estimation.findings_monitor",
     "FilterEstimator": "estimation.filter_estimator",
     "HandControllers": "autopilot.hand_controllers",
     "HypothesisDetector": "estimation.hypothesis_detector",
