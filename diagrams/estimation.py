@@ -66,7 +66,7 @@ def build(scenario: Scenario, *, findings: bool = False) -> Diagram:
 
     Args:
         scenario: for the vehicle and the settings of the estimators.
-        findings: whether it says what the flight has shown so far, which takes some microseconds a sample.
+        findings: whether it says what the flight has shown so far, which takes some tens of microseconds a sample.
 
     Ports:
         jet_commands (in, n_jets): fraction commanded over the interval that ends now, 0 to 1, NaN where not

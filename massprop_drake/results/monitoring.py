@@ -16,24 +16,24 @@ from numpy.typing import NDArray
 
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.arrays import NUMBER, Layout
-from massprop_drake.results.consistency import Consistency, Tally, judged, used_nis
+from massprop_drake.results.consistency import COMPONENTS, Consistency, Tally, judged
 from massprop_drake.results.detections import JUMP, DetectionRecord, followed, settled, weighed_before
 from massprop_drake.results.events import EventRecord, said
 from massprop_drake.signals import SYMBOLS
 
 Array = NDArray[np.float64]
 
-_FILTERS = ("rotation", "mass")
 _COUNTS = Layout(
     "counts",
     rotation=len(Tally.NUMBERS),
     mass=len(Tally.NUMBERS),
     time_s=NUMBER,
     mass_reciprocal=NUMBER,
-    mass_reciprocal_std=NUMBER,
+    variance=NUMBER,
     known_force="jets",
     known_force_variance="jets",
 )
+_KEPT = ("mass_reciprocal", "variance", "known_force", "known_force_variance")  # signals of the last sample
 
 
 class Said(NamedTuple):
@@ -71,13 +71,20 @@ class FlightMonitor:
         self._vehicle, self._sensors, self._reports = vehicle, sensors, reports
         self._layout = _COUNTS.sized(jets=len(vehicle.jets))
         self._no_force = np.zeros(len(vehicle.jets))
+        self._places = {
+            field: (port, layout.slice(field).start if shape == (1,) else layout.slice(field))
+            for port, layout in reports.items()
+            for field, shape in layout.shapes()
+        }
+        self._filters = [name for name in COMPONENTS if f"{name}_nis" in self._places]
         nothing, unknown = np.zeros(len(Tally.NUMBERS)), (math.nan,) * 3
         self.counts = self._layout.pack((nothing, nothing, *unknown, self._no_force, self._no_force))
         self.said = Said()
 
     def has_event(self, detector_report: Array) -> bool:
         """Tests whether a detector says something at a sample."""
-        return bool(detector_report[self._reports["detector_report"].slice("detector_event")] != 0.0)
+        _, place = self._places["detector_event"]
+        return bool(detector_report[place] != 0.0)
 
     def counted(self, counts: Array, time_s: float, reports: Mapping[str, Array]) -> Array:
         """Innovations counted, and what else the next sample needs, after a sample.
@@ -87,29 +94,33 @@ class FlightMonitor:
             time_s: of it, s.
             reports: by port.
         """
-        before, signals = self._layout.read(counts), self._signals(reports)
-        tallies = []
-        for name in _FILTERS:
-            tally = Tally.of(getattr(before, name))
-            if f"{name}_nis" in signals:
-                tally.add(*used_nis(name, signals))
-            tallies.append(tally.numbers)
-        forces = (signals.get(name, self._no_force[None])[0] for name in ("known_force", "known_force_variance"))
-        return self._layout.pack((*tallies, time_s, *_mass(signals), *forces))
+        after = counts.copy()
+        for name in self._filters:
+            if self._value(f"{name}_used", reports):
+                part, tally = self._layout.slice(name), Tally.of(counts[self._layout.slice(name)])
+                components = self._value(COMPONENTS[name], reports) if COMPONENTS[name] in self._places else 3.0
+                tally.add(np.array([self._value(f"{name}_nis", reports)]), np.array([components]))
+                after[part] = tally.numbers
+        after[self._layout.slice("time_s")] = time_s
+        for name in _KEPT:
+            if name in self._places:
+                after[self._layout.slice(name)] = self._value(name, reports)
+        return after
+
+    def _value(self, signal: str, reports: Mapping[str, Array]) -> Any:
+        """A signal of one sample."""
+        port, place = self._places[signal]
+        return reports[port][place]
 
     def told(self, said_before: Said, counts: Array, time_s: float, reports: Mapping[str, Array]) -> Said:
         """Words of the detector after a sample at which it says something; arguments as of `counted`."""
-        before, signals = self._layout.read(counts), self._signals(reports)
+        signals = self._signals(reports)
         events = said(self._vehicle, self._sensors, np.array([time_s]), signals, said_before.events)
         records = followed(self._vehicle, events, said_before.detections)
         if "verdict" not in signals:
-            reciprocal, deviation = _mass(signals)
-            rows = (
-                (before.time_s, time_s),
-                (before.mass_reciprocal, reciprocal),
-                (before.mass_reciprocal_std, deviation),
-            )
-            records = weighed_before(records, *map(np.array, rows))
+            last = self._layout.columns(np.vstack([counts, self.counted(counts, time_s, reports)]))
+            times_s, reciprocal, variance = (last[name][:, 0] for name in ("time_s", "mass_reciprocal", "variance"))
+            records = weighed_before(records, times_s, reciprocal, np.sqrt(variance))
         return Said((*said_before.events, *events), tuple(records))
 
     def _signals(self, reports: Mapping[str, Array]) -> dict[str, Array]:
@@ -124,7 +135,7 @@ class FlightMonitor:
         """Detections so far, their sizes as they are known now."""
         now = self._layout.read(counts)
         forces = now.known_force, now.known_force_variance
-        return settled(said_now.detections, *forces, now.mass_reciprocal, now.mass_reciprocal_std)
+        return settled(said_now.detections, *forces, now.mass_reciprocal, math.sqrt(now.variance))
 
     def failed_jets(self, said_now: Said) -> Array:
         """Marks with 1 each jet that a standing declaration names, alone or among others, shape (n_jets,)."""
@@ -140,10 +151,3 @@ class FlightMonitor:
         """The verdict on the innovations so far."""
         now = self._layout.read(counts)
         return judged(Tally.of(now.rotation), Tally.of(now.mass), np.full(len(SYMBOLS), np.nan), SYMBOLS)
-
-
-def _mass(signals: Mapping[str, Array]) -> tuple[float, float]:
-    """The reciprocal of the mass and its 1-sigma; NaN where nothing weighs."""
-    if "mass_reciprocal" not in signals:
-        return math.nan, math.nan
-    return float(signals["mass_reciprocal"][0, 0]), math.sqrt(float(signals["variance"][0, 0]))
