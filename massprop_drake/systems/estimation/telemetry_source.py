@@ -124,8 +124,8 @@ class TelemetrySource(LeafSystem):
             command: shape (n_jets,).
             outside_wrench: shape (6,).
         """
-        before = {"commands": np.array([command]), "outside_wrench": np.array([outside_wrench])}
-        self._hold(context, self._held(context)._replace(**before))
+        rows = self._held(context)
+        self._hold(context, rows._replace(commands=np.array([command]), outside_wrench=np.array([outside_wrench])))
 
     def extend(
         self,
