@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import time
+from collections import defaultdict
 from collections.abc import Callable
 from contextvars import ContextVar, Token
+from time import perf_counter
 from typing import Any, TypeVar
 
 T = TypeVar("T")
@@ -27,26 +28,26 @@ class Stopwatch:
     """
 
     def __init__(self) -> None:
-        self.spent_s: dict[str, float] = {}
-        self._tokens: list[Token[Stopwatch | None]] = []
+        self.spent_s: dict[str, float] = defaultdict(float)
+        self._tokens: list[Token[dict[str, float] | None]] = []
 
     def __enter__(self) -> Stopwatch:
-        self._tokens.append(_RUNNING.set(self))
+        self._tokens.append(_RUNNING.set(self.spent_s))
         return self
 
     def __exit__(self, *_: object) -> None:
         _RUNNING.reset(self._tokens.pop())
 
 
-_RUNNING: ContextVar[Stopwatch | None] = ContextVar("stopwatch", default=None)
+_RUNNING: ContextVar[dict[str, float] | None] = ContextVar("stopwatch", default=None)
 
 
 def timed(part: str, function: Callable[..., T], *arguments: Any) -> T:
     """Calls a function, and adds the time it took to the part of the stopwatch that runs, if one does."""
-    watch = _RUNNING.get()
-    if watch is None:
+    spent_s = _RUNNING.get()
+    if spent_s is None:
         return function(*arguments)
-    began = time.perf_counter()
+    began = perf_counter()
     result = function(*arguments)
-    watch.spent_s[part] = watch.spent_s.get(part, 0.0) + time.perf_counter() - began
+    spent_s[part] += perf_counter() - began
     return result

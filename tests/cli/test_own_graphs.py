@@ -136,7 +136,7 @@ def test_a_module_is_found_in_the_current_folder_and_in_packages(tmp_path: Path)
         ("own_lop:diagram", "there is no module 'own_lop' here; of a file give its path, such as own_lop.py"),
         ("own_loop.gains:diagram", "there is no module 'own_loop.gains' here"),
         ("there/own_loop.py:diagram", "there is no file there/own_loop.py"),
-        ("own_loop.py:diagramm", "'diagramm' is not there; did you mean 'diagram'?"),
+        ("own_loop.py:diagra", "'diagra' is not there; did you mean 'diagram'?"),
         ("own_loop.py:SIZE", "'SIZE' is no function; valid are: builder, diagram, system, told"),
         ("own_loop.py:told", "needs arguments, size, name; give a function that needs none"),
         (

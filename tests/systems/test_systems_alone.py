@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import ast
+import inspect
+import re
+import textwrap
+
 import numpy as np
 import pytest
 from pydrake.systems.framework import Diagram, LeafSystem, System
@@ -74,3 +79,18 @@ def _parts_of_diagrams() -> list[System]:
         elif type(system).__module__.startswith("massprop_drake"):
             found.append(system)
     return found
+
+
+@pytest.mark.parametrize("name", systems.__all__)
+def test_a_system_changes_no_attribute_of_its_own(name: str) -> None:
+    """What changes is in the context: attributes are set when the system is made and its parts are declared."""
+    for kind in getattr(systems, name).__mro__:
+        if not kind.__module__.startswith("massprop_drake"):
+            continue
+        (tree,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
+        assert isinstance(tree, ast.ClassDef)
+        for method in tree.body:
+            if isinstance(method, ast.FunctionDef) and not re.match("__init__$|_declare", method.name):
+                stored = [node for node in ast.walk(method) if isinstance(node, ast.Attribute | ast.Subscript)]
+                changed = [ast.unparse(node) for node in stored if isinstance(node.ctx, ast.Store | ast.Del)]
+                assert [one for one in changed if one.startswith("self.")] == [], f"{kind.__name__}.{method.name}"

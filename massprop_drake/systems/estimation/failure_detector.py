@@ -76,6 +76,7 @@ class FailureDetector(LeafSystem):
         self._jets = jets
         n_jets = jets.thrusts.size
         self._reconfiguration = RECONFIGURATION.sized(jets=n_jets)
+        self._logged = DETECTOR_REPORT.sized(jets=n_jets)
 
         self._command = self.DeclareVectorInputPort("jet_commands", n_jets)
         self._impulses = self.DeclareVectorInputPort("impulses", IMPULSES.size)
@@ -109,7 +110,7 @@ class FailureDetector(LeafSystem):
             ("adaptation", ADAPTATION.size, self._calc_adaptation),
             ("reconfiguration", self._reconfiguration.size, self._calc_reconfiguration),
             ("closed", n_jets, self._calc_closed),
-            ("report", DETECTOR_REPORT.sized(jets=n_jets).size, self._calc_report),
+            ("report", self._logged.size, self._calc_report),
         ):
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={self._judgment.ticket})
         self.DeclareVectorOutputPort(
@@ -139,7 +140,7 @@ class FailureDetector(LeafSystem):
                 (judgment.status.detector_event == Event.DECLARED,),
                 state.force @ self._jets.unit_wrenches,
                 vector if state is before else self._layout.pack(state),
-                detector_row(judgment, before),
+                detector_row(judgment, before, self._logged),
             )
         )
 

@@ -72,6 +72,7 @@ class HypothesisDetector(LeafSystem):
         self._params, self._jets, self._method = params, jets, method
         n_jets = jets.thrusts.size
         self._reconfiguration = RECONFIGURATION.sized(jets=n_jets)
+        self._logged = DETECTOR_REPORT.sized(jets=n_jets)
         self._report = HYPOTHESIS_REPORT.sized(jets=n_jets)
         self._evidence = self.DeclareAbstractInputPort("evidence", Value[object](NOTHING))
         start = Memory(method.initial(params), None, -np.inf)
@@ -86,7 +87,7 @@ class HypothesisDetector(LeafSystem):
         for name, size, calc in (
             ("reconfiguration", self._reconfiguration.size, self._calc_reconfiguration),
             ("closed", n_jets, self._calc_closed),
-            ("report", DETECTOR_REPORT.sized(jets=n_jets).size, self._calc_report),
+            ("report", self._logged.size, self._calc_report),
             ("hypothesis_report", self._report.size, self._calc_hypotheses),
         ):
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc=judged)
@@ -137,7 +138,7 @@ class HypothesisDetector(LeafSystem):
 
     def _calc_report(self, context: Any, output: Any) -> None:
         before, judgment, _ = self._judgment.get(context)
-        output.SetFromVector(detector_row(judgment, before))
+        output.SetFromVector(detector_row(judgment, before, self._logged))
 
     def _calc_hypotheses(self, context: Any, output: Any) -> None:
         output.SetFromVector(self._report.pack(self._judged(context).own))
