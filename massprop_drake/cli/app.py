@@ -13,7 +13,7 @@ import typer
 from massprop_drake.cli import campaigns, completion
 from massprop_drake.cli.options import Compiled, Figures, Force, Json, Overrides, Quiet, Report, Schema, View
 from massprop_drake.cli.streams import note, say
-from massprop_drake.errors import InputError, suggestion
+from massprop_drake.errors import InputError
 
 app = typer.Typer(
     name="massprop",
@@ -362,11 +362,15 @@ def reproduce(
         show.reproduced(results, out)
 
 
-@app.command(epilog="Example: `massprop graph closed_loop estimation --out graphs`")
+@app.command(epilog="Example: `massprop graph closed_loop my_loop.py:build --out graphs`")
 def graph(
     diagrams: Annotated[
         list[str] | None,
-        typer.Argument(help="Names as `massprop list` shows; default all.", autocompletion=completion.diagrams),
+        typer.Argument(
+            help="Names as `massprop list` shows; default all. Of your own MODULE:FUNCTION or FILE.py:FUNCTION, which "
+            "takes nothing and returns a Diagram, a DiagramBuilder or a System.",
+            autocompletion=completion.diagrams,
+        ),
     ] = None,
     like: Annotated[
         str | None,
@@ -381,24 +385,21 @@ def graph(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Exports graphs of diagrams as DOT and SVG."""
+    """Exports graphs of diagrams as DOT and SVG, ours and your own."""
     from massprop_drake.cli import show, sources
     from massprop_drake.display import graphs
-    from massprop_drake.results.folder import require_files, write_files
+    from massprop_drake.results.folder import require_files, require_no_run, write_files
 
-    case = None if like is None else sources.recovered(like, [])
-    names = diagrams or graphs.names_for(case)
-    for name in names:
-        if name not in graphs.DIAGRAMS:
-            raise InputError(f"'{name}' is no diagram{suggestion(name, list(graphs.DIAGRAMS))}")
+    builders = sources.diagrams(diagrams, like)
+    require_no_run(out)
     require_files(
         out,
-        [f"{name}{part}.{kind}" for name in names for part in ("", "_overview") for kind in ("dot", "svg")],
+        [f"{name}{part}.{kind}" for name in builders for part in ("", "_overview") for kind in ("dot", "svg")],
         force=force,
     )
     files, drawn = {}, True
-    for name in names:
-        diagram = graphs.build(name, case)
+    for name, build in builders.items():
+        diagram = build()
         shallow = graphs.dot_text(diagram, 1)
         deep = graphs.dot_text(diagram, 2)
         drawings = {"": shallow, "_overview": graphs.overview_text(diagram)}

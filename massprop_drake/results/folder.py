@@ -164,6 +164,20 @@ def _placed(whole: Path, place: Place, prepared: Stage) -> Path | None:
         return prepared.exchanged(whole, path)
 
 
+def require_no_run(folder: Path) -> None:
+    """Checks that a folder is neither a run's or a campaign's, nor a part of one.
+
+    Raises:
+        InputError: when it is.
+    """
+    with _told(folder):
+        path = _found(folder)
+        _require_apart(folder, path)
+        owned = manifest.read(path)
+        if (path / _MARKER).is_file() or (owned is not None and owned.has(path / "summary.json", path)):
+            raise InputError(f"{folder}: is the folder of a run or campaign; {_ELSEWHERE}")
+
+
 def require_files(folder: Path, names: Iterable[str], *, force: bool = False) -> None:
     """Checks, before any work is done, that files of a folder's own can be written into it.
 
