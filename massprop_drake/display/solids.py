@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 _AROUND = 48  # corners of a circle
 _NOZZLE = 0.016  # length of a nozzle over the vehicle's extent
 _NOZZLE_CORNERS = 12
+_MARKS = {"failed": 0.022, "found": 0.033}  # radius over the vehicle's extent
 
 
 def shape(vehicle: Vehicle) -> tuple[Solid, ...]:
@@ -62,6 +63,38 @@ def plume_lengths(vehicle: Vehicle, thrust: Array) -> Array:
     """
     strongest = max(jet.thrust for jet in vehicle.jets)
     return np.asarray((0.05 + 0.11 * np.sqrt(thrust / strongest)) * extent(vehicle))
+
+
+def round_length(length: float) -> float:
+    """Longest length with one digit that is no longer, of an axis."""
+    power = 10.0 ** np.floor(np.log10(length))
+    return float(f"{power * np.floor(length / power * (1.0 + 1e-9)):.0e}")
+
+
+def mark_radius(vehicle: Vehicle, kind: str) -> float:
+    """Radius of the ball that marks a jet, ft or m.
+
+    Args:
+        vehicle: for its size.
+        kind: "failed" or "found".
+    """
+    return _MARKS[kind] * extent(vehicle)
+
+
+def center_radius(vehicle: Vehicle) -> float:
+    """Radius of the ball that marks the center of mass, ft or m."""
+    return 0.012 * extent(vehicle)
+
+
+def spread_limits(vehicle: Vehicle) -> tuple[float, float]:
+    """Least and largest half axis of the 3-sigma ellipsoid that is shown, ft or m."""
+    return 0.002 * extent(vehicle), 0.35 * extent(vehicle)
+
+
+def payload_radius(vehicle: Vehicle, mass: float) -> float:
+    """Radius of the ball that shows a payload, by the root of its share of the vehicle's mass, ft or m."""
+    share = mass / vehicle.nominal.mass
+    return 0.1 * extent(vehicle) * float(min(max(share, 0.02), 2.0) ** (1.0 / 3.0))
 
 
 def triangles(solid: Solid) -> Array:

@@ -40,7 +40,7 @@ _FIELD = np.radians(75.0)  # of Meshcat's camera, from top to bottom
 _CLOSE = 1.15  # distance of the camera over that from which a ball around the vehicle fits: room for what is beside
 _BODY = "/world/body"
 _STRUCTURE = f"{_BODY}/structure"  # the vehicle frame
-_MARKS = {"failed": (FAILED_COLOR, 1.0), "found": (SUSPECT_COLOR, 1.5)}  # color and size
+_MARKS = {"failed": FAILED_COLOR, "found": SUSPECT_COLOR}
 
 
 class Stage:
@@ -59,8 +59,8 @@ class Stage:
     def __init__(self, vehicle: Vehicle, *, truth: bool):
         self._vehicle = vehicle
         self._extent = solids.extent(vehicle)
-        self.axis = round_length(0.45 * self._extent)
-        self.spread = (0.002 * self._extent, 0.35 * self._extent)
+        self.axis = solids.round_length(0.45 * self._extent)
+        self.spread = solids.spread_limits(vehicle)
         self.meshcat = _quiet_meshcat()
         self._prepare()
         self._draw_body()
@@ -70,18 +70,15 @@ class Stage:
 
     def add_mark(self, kind: str, jet: int) -> None:
         """Adds a hidden mark to a jet, "failed" or "found"."""
-        color, size = _MARKS[kind]
         path = f"{_STRUCTURE}/marks/{kind}{jet}"
-        self.meshcat.SetObject(path, Sphere(0.022 * size * self._extent), _rgba(color, 0.55))
+        self.meshcat.SetObject(path, Sphere(solids.mark_radius(self._vehicle, kind)), _rgba(_MARKS[kind], 0.55))
         self.meshcat.SetTransform(path, RigidTransform(self._vehicle.positions[jet]))
         self.meshcat.SetProperty(path, "visible", False)
 
     def add_payload(self, number: int, mass: float, position: Array) -> None:
         """Adds a payload, slug or kg, at a point of the vehicle frame, ft or m, shape (3,)."""
-        share = mass / self._vehicle.nominal.mass
-        radius = 0.1 * self._extent * min(max(share, 0.02), 2.0) ** (1.0 / 3.0)
         path = f"{_STRUCTURE}/payloads/{number}"
-        self.meshcat.SetObject(path, Sphere(radius), _rgba(PAYLOAD_COLOR, 0.6))
+        self.meshcat.SetObject(path, Sphere(solids.payload_radius(self._vehicle, mass)), _rgba(PAYLOAD_COLOR, 0.6))
         self.meshcat.SetTransform(path, RigidTransform(position))
 
     # --------------------------------------------------------------------------------------- parts
@@ -123,7 +120,7 @@ class Stage:
             self.meshcat.SetProperty(f"{path}/plume", "visible", False)
 
     def _draw_centers(self, truth: bool) -> None:
-        radius = 0.012 * self._extent
+        radius = solids.center_radius(self._vehicle)
         if truth:
             self.meshcat.SetObject(f"{_BODY}/center", Sphere(radius), _rgba(TRUTH_COLOR, 0.45))
         path = f"{_STRUCTURE}/estimate"
@@ -140,12 +137,6 @@ def _quiet_meshcat() -> Meshcat:
         return Meshcat(MeshcatParams(host="localhost"))
     finally:
         log.setLevel(level)
-
-
-def round_length(length: float) -> float:
-    """Returns the longest with one digit that is no longer."""
-    power = 10.0 ** np.floor(np.log10(length))
-    return float(f"{power * np.floor(length / power * (1.0 + 1e-9)):.0e}")
 
 
 def _draw_solid(meshcat: Meshcat, path: str, solid: Solid) -> None:
