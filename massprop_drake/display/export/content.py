@@ -21,7 +21,6 @@ from massprop_drake.display.style import (
     WITHHELD_COLOR,
 )
 from massprop_drake.errors import InputError, counted
-from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.attitude import rotation_matrix
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS
 from massprop_drake.results.detections import in_words as detection_in_words
@@ -41,6 +40,7 @@ _POSES = {
     VEHICLE: ("position", "attitude", "truth"),
     VEHICLE_ESTIMATED: ("position_estimate", "attitude_estimate", "estimate"),
 }
+_OPACITY = 0.35  # of the body: the centers of mass lie inside, and marks behind
 _PLUMES = {"given": PLUME_COLOR, "untold": UNTOLD_COLOR, "withheld": WITHHELD_COLOR}
 _MARKS = {"failed": FAILED_COLOR, "found": SUSPECT_COLOR}
 _MOST_NS = 2**32 * 10**9  # of times that all formats can hold: to the year 2106
@@ -229,7 +229,7 @@ class Content:
             )
             for name, signal in run.descriptions.items()
         }
-        body = [Mesh(solids.triangles(solid), _rgba(solid.color, 0.6)) for solid in solids.shape(vehicle)]
+        body = [Mesh(solids.triangles(solid), _rgba(solid.color, _OPACITY)) for solid in solids.shape(vehicle)]
         body += [Mesh(solids.nozzle(vehicle, jet), (64, 71, 84, 255)) for jet in range(len(vehicle.jets))]
         frames = [self._vehicle_frame(name) for name in self._sources]
         frames += [CENTER] * ("truth" in self._names) + [CENTER_ESTIMATED]
@@ -352,7 +352,9 @@ class Content:
             centers = np.stack([truth[row], estimate[row], estimate[row]])
             sizes = np.stack([np.full(3, radius), np.full(3, 0.7 * radius), np.clip(3.0 * deviation[row], low, high)])
             known = np.isfinite(centers).all(axis=1) & np.isfinite(sizes).all(axis=1)
-            yield Balls(centers[known], sizes[known], [color for color, there in zip(colors, known, strict=True) if there])
+            yield Balls(
+                centers[known], sizes[known], [color for color, there in zip(colors, known, strict=True) if there]
+            )
 
     def _payloads(self, time_s: Array) -> Iterator[Balls]:
         for now_s in time_s.tolist():
@@ -397,7 +399,12 @@ def _messages(run: Run, notes: Sequence[str]) -> list[Message]:
                 found.append(Message(jump.time_s, "info", "scenario", f"payload of {size}: {jump.kind}"))
     if results.events:
         found += [
-            Message(event.time_s, "info" if event.kind == "withdrawn" else "warning", "detector", event_in_words(event, units))
+            Message(
+                event.time_s,
+                "info" if event.kind == "withdrawn" else "warning",
+                "detector",
+                event_in_words(event, units),
+            )
             for event in results.events
         ]
     else:  # a run of an earlier version

@@ -162,11 +162,17 @@ class FoxgloveServer:
 
     Attributes:
         address: for the viewer's connection.
+        is_served: the viewer connects to us, when it likes.
 
     Args:
         outline: of the run.
         port: to listen at; 0: any that is free.
+
+    Raises:
+        InputError: when the port is taken.
     """
+
+    is_served = True
 
     def __init__(self, outline: Outline, port: int):
         context = foxglove.Context()
@@ -211,10 +217,13 @@ class FoxgloveServer:
         self._server.stop()
 
 
+connected = FoxgloveServer
+
+
 def _signal_channel(series: Series, context: foxglove.Context) -> foxglove.Channel:
     fields = protobuf.identifiers(series.components)
     message = protobuf.identifiers([series.name])[0]
-    units = [f"{unit}" for unit in series.units]
+    units = list(series.units)
     return foxglove.Channel(
         f"/{series.name}",
         message_encoding="protobuf",

@@ -45,7 +45,7 @@ def schema(message: str, comment: str, fields: Sequence[tuple[str, str]]) -> byt
     for number, (name, _) in enumerate(fields, start=1):
         field = _text(1, name) + _number(3, number) + _number(4, _OPTIONAL) + _number(5, _TYPE_DOUBLE)
         described += _bytes(_FIELD, field + _text(10, name))
-    places = [((_MESSAGE_TYPE, 0), comment)]
+    places: list[tuple[tuple[int, ...], str]] = [((_MESSAGE_TYPE, 0), comment)]
     places += [((_MESSAGE_TYPE, 0, _FIELD, index), unit) for index, (_, unit) in enumerate(fields)]
     comments = b""
     for line, (path, text) in enumerate(places):

@@ -130,6 +130,7 @@ class RerunViewer:
 
     Attributes:
         address: of the viewer.
+        is_served: the viewer was there before us.
 
     Args:
         outline: of the run.
@@ -138,6 +139,8 @@ class RerunViewer:
     Raises:
         InputError: when no viewer is there.
     """
+
+    is_served = False
 
     def __init__(self, outline: Outline, port: int):
         self.address = f"rerun+http://{_HOST}:{port}/proxy"
@@ -168,6 +171,9 @@ class RerunViewer:
         """Ends the connection; the viewer keeps what it has."""
         self._recording.flush()
         self._recording.disconnect()
+
+
+connected = RerunViewer
 
 
 def _curves(series: Series) -> list[tuple[str, slice]]:
@@ -217,9 +223,7 @@ def _drawn(parts: Sequence[Arrows | Balls]) -> Any:
 def _blueprint(outline: Outline) -> rrb.Blueprint:
     """How a viewer first shows a run: the scene, plots of what matters most, and messages."""
     paths = {
-        path.removeprefix("signals/"): f"/{path}"
-        for series in outline.series.values()
-        for path, _ in _curves(series)
+        path.removeprefix("signals/"): f"/{path}" for series in outline.series.values() for path, _ in _curves(series)
     }
     plots = []
     for title, wanted in _PLOTS.items():
