@@ -111,7 +111,11 @@ class Replay:
                     time.sleep(max(0.0, began + due_s - time.monotonic()))
                     self._viewer.put(part)
         finally:
-            self._viewer.close()
+            self.close()
+
+    def close(self) -> None:
+        """Ends the connection, which `play` does itself."""
+        self._viewer.close()
 
 
 def _parts(rows: Rows, length_ns: int) -> Iterator[Rows]:

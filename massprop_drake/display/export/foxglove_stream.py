@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +55,7 @@ Array = NDArray[np.float64]
 _LEVELS = {"info": LogLevel.Info, "warning": LogLevel.Warning, "error": LogLevel.Error}
 _HEAD, _SHAFT, _TIP = 0.35, 0.08, 0.2  # length of an arrow's head, widths of shaft and head, over its length
 _BACKLOG = 1 << 16  # messages that wait for a viewer that is slower
+_SETTLES_S = 0.2  # after which a viewer on this machine has asked for, or taken, what it wants
 _HOST = "127.0.0.1"
 PORT = 8765  # where viewers look first
 
@@ -175,7 +177,7 @@ class FoxgloveServer:
     is_served = True
 
     def __init__(self, outline: Outline, port: int):
-        context = foxglove.Context()
+        self._context = foxglove.Context()  # channels do not keep it alive
         self._audience = _Audience()
         try:
             self._server = foxglove.start_server(
@@ -184,13 +186,13 @@ class FoxgloveServer:
                 port=port,
                 capabilities=[Capability.Time],
                 server_listener=self._audience,
-                context=context,
+                context=self._context,
                 message_backlog_size=_BACKLOG,
             )
         except RuntimeError as error:
             raise InputError(f"--port {port}: cannot be listened at: {error}; give another one") from None
         self.address = f"ws://{_HOST}:{self._server.port}"
-        self._stream = FoxgloveStream(outline, context)
+        self._stream = FoxgloveStream(outline, self._context)
         self._now_ns = outline.start_ns
 
     def wait(self, seconds: float) -> bool:
@@ -201,19 +203,22 @@ class FoxgloveServer:
         return True
 
     def begin(self) -> None:
-        """Sends what does not change, again for whoever has come."""
+        """Sends what does not change, once viewers have asked for all that they want."""
+        while self.wait(_SETTLES_S):
+            pass
         self._stream.begin(self._now_ns)
 
     def put(self, rows: Rows) -> None:
         """Sends rows at once."""
-        if self.wait(0.0):
-            self.begin()
+        if self.wait(0.0):  # somebody has come later
+            self._stream.begin(self._now_ns)
         self._stream.put(rows)
         self._now_ns = int(rows.time_ns[-1])
         self._server.broadcast_time(self._now_ns)
 
     def close(self) -> None:
-        """Ends the server."""
+        """Ends the server, once what waits has gone out."""
+        time.sleep(_SETTLES_S)
         self._server.stop()
 
 
