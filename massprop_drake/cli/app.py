@@ -354,7 +354,7 @@ def export_run(
     """Writes a run for Foxglove, PlotJuggler or Rerun: signals, frames, a scene and events; or plays it to them."""
     from massprop_drake.cli import exports, show
 
-    asked = exports.Asked(to, epoch, force)
+    asked = exports.ExportOptions(to, epoch, force)
     if live:
         if out is not None:
             raise InputError("--live: writes no file; give --out without it")

@@ -34,7 +34,7 @@ class Written(NamedTuple):
     notes: list[str]
 
 
-class Asked(NamedTuple):
+class ExportOptions(NamedTuple):
     """Options of an export.
 
     Attributes:
@@ -48,7 +48,7 @@ class Asked(NamedTuple):
     force: bool
 
 
-def write(folder: Path, out: Path | None, asked: Asked, watch: Callable[[Path, str], None]) -> Written:
+def write(folder: Path, out: Path | None, asked: ExportOptions, watch: Callable[[Path, str], None]) -> Written:
     """Writes a run as a file, into its folder or elsewhere.
 
     Args:
@@ -86,7 +86,7 @@ def write(folder: Path, out: Path | None, asked: Asked, watch: Callable[[Path, s
     )
 
 
-def play(folder: Path, asked: Asked, port: int | None, speed: float, *, quiet: bool) -> str:
+def play(folder: Path, asked: ExportOptions, port: int | None, speed: float, *, quiet: bool) -> str:
     """Plays a run to a viewer on this machine until its end, and returns the address.
 
     Raises:

@@ -127,7 +127,7 @@ def discard(folder: Path) -> bool:
 
 
 def entry(path: Path) -> FileEntry:
-    """What a manifest says of a file."""
+    """Entry of a file in a manifest."""
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
         return FileEntry(sha256=digest, bytes=file.tell())

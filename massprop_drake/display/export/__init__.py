@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from massprop_drake.display.export.content import Content as Content
-from massprop_drake.display.export.content import Outline, Rows
+from massprop_drake.display.export.content import Outline, SampleBlock
 from massprop_drake.errors import InputError
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ class Replay:
 
     @property
     def outline(self) -> Outline:
-        """What does not change during the run."""
+        """The part of the content that does not change during the run."""
         return self._content.outline
 
     def play(self) -> None:
@@ -118,8 +118,8 @@ class Replay:
         self._viewer.close()
 
 
-def _parts(rows: Rows, length_ns: int) -> Iterator[Rows]:
-    """Rows in parts that are as long as a viewer's frame, or of one row."""
+def _parts(rows: SampleBlock, length_ns: int) -> Iterator[SampleBlock]:
+    """SampleBlock in parts that are as long as a viewer's frame, or of one row."""
     first, times = 0, rows.time_ns
     for row in range(1, times.size + 1):
         if row == times.size or times[row] - times[first] >= length_ns:

@@ -40,6 +40,7 @@ _POSES = {
     VEHICLE: ("position", "attitude", "truth"),
     VEHICLE_ESTIMATED: ("position_estimate", "attitude_estimate", "estimate"),
 }
+_ROWS = 4096  # that are held in a format's form at a time
 _OPACITY = 0.35  # of the body: the centers of mass lie inside, and marks behind
 _PLUMES = {"given": PLUME_COLOR, "untold": UNTOLD_COLOR, "withheld": WITHHELD_COLOR}
 _MARKS = {"failed": FAILED_COLOR, "found": SUSPECT_COLOR}
@@ -89,7 +90,7 @@ class Balls(NamedTuple):
     colors: list[Color]
 
 
-class Message(NamedTuple):
+class LogEntry(NamedTuple):
     """An event in words.
 
     Attributes:
@@ -134,7 +135,7 @@ class Outline(NamedTuple):
     notes: tuple[str, ...]
 
 
-class Rows(NamedTuple):
+class SampleBlock(NamedTuple):
     """A stretch of samples.
 
     Attributes:
@@ -149,13 +150,13 @@ class Rows(NamedTuple):
     signals: Mapping[str, Array]
     frames: dict[str, tuple[Array, Array]]
     scene: dict[str, list[tuple[int, Arrows | Balls]]]
-    messages: list[tuple[int, Message]]
+    messages: list[tuple[int, LogEntry]]
 
-    def part(self, first: int, last: int) -> Rows:
+    def part(self, first: int, last: int) -> SampleBlock:
         """The rows from one up to another, with the messages since the row before and, of the last, all later ones."""
         since = int(self.time_ns[first - 1]) if first else -1
         until = int(self.time_ns[last - 1]) if last < self.time_ns.size else _MOST_NS
-        return Rows(
+        return SampleBlock(
             self.time_ns[first:last],
             {name: values[first:last] for name, values in self.signals.items()},
             {name: (places[first:last], turns[first:last]) for name, (places, turns) in self.frames.items()},
@@ -200,14 +201,14 @@ class Content:
         self._before: dict[str, Arrows | Balls] = {}
         self.outline = self._outline(int(self._ns(time_s[:1])[0]), has_epoch=epoch_s is not None)
 
-    def stretches(self) -> Iterator[Rows]:
-        """Yields all rows, some thousand at a time where the run lies on disk."""
+    def stretches(self) -> Iterator[SampleBlock]:
+        """Yields all rows, some thousand at a time."""
         self._before = {}
         signals = self._run.signals
         if isinstance(signals, Spool):
             blocks: Iterator[dict[str, Array]] = signals.blocks("time_s", *self._names)
         else:
-            blocks = iter([{"time_s": np.asarray(self._run.time_s), **signals}])
+            blocks = self._pieces()
         waiting = list(self._messages)
         for block in blocks:
             time_s = block.pop("time_s")
@@ -217,6 +218,13 @@ class Content:
             yield self._rows(time_s, {name: np.asarray(block[name]) for name in self._names}, due)
 
     # --------------------------------------------------------------------------------------- parts
+
+    def _pieces(self) -> Iterator[dict[str, Array]]:
+        """Times and signals of a run in memory, some rows at a time."""
+        times = np.asarray(self._run.time_s)
+        for first in range(0, times.size, _ROWS):
+            rows = slice(first, first + _ROWS)
+            yield {"time_s": times[rows], **{name: self._run.signals[name][rows] for name in self._names}}
 
     def _outline(self, start_ns: int, *, has_epoch: bool) -> Outline:
         vehicle, run = self._vehicle, self._run
@@ -273,7 +281,7 @@ class Content:
     def _ns(self, time_s: Array) -> NDArray[np.int64]:
         return np.rint(1e9 * (time_s + self._epoch_s)).astype(np.int64)
 
-    def _rows(self, time_s: Array, signals: Mapping[str, Array], due: Sequence[Message]) -> Rows:
+    def _rows(self, time_s: Array, signals: Mapping[str, Array], due: Sequence[LogEntry]) -> SampleBlock:
         time_ns = self._ns(time_s)
         scene: dict[str, list[tuple[int, Arrows | Balls]]] = {
             "plumes": self._changes("plumes", self._plumes(time_s, signals)),
@@ -283,7 +291,7 @@ class Content:
         if self._scenario.jumps and self._simulated:
             scene["payloads"] = self._changes("payloads", self._payloads(time_s))
         times = np.clip(self._ns(np.array([one.time_s for one in due])), self.outline.start_ns, None).tolist()
-        return Rows(time_ns, signals, self._frames(signals), scene, list(zip(times, due, strict=True)))
+        return SampleBlock(time_ns, signals, self._frames(signals), scene, list(zip(times, due, strict=True)))
 
     def _frames(self, signals: Mapping[str, Array]) -> dict[str, tuple[Array, Array]]:
         frames = {}
@@ -301,7 +309,7 @@ class Content:
         return frames
 
     def _changes(self, name: str, parts: Iterator[Arrows | Balls]) -> list[tuple[int, Arrows | Balls]]:
-        """Rows in which a part of the scene is another than in the row before."""
+        """SampleBlock in which a part of the scene is another than in the row before."""
         found = []
         for row, part in enumerate(parts):
             before = self._before.get(name)
@@ -378,28 +386,28 @@ def component_units(unit: str, count: int) -> tuple[str, ...]:
     return tuple(found) if len(found) == count else (unit,) * count
 
 
-def _messages(run: Run, notes: Sequence[str]) -> list[Message]:
+def _messages(run: Run, notes: Sequence[str]) -> list[LogEntry]:
     """Everything that is said of a run, in the order of time."""
     scenario, results = run.scenario, run.results
     units = scenario.vehicle_data.unit_names
     start_s, end_s = float(run.time_s[0]), float(run.time_s[-1])
-    found = [Message(start_s, "info", "run", note) for note in notes]
+    found = [LogEntry(start_s, "info", "run", note) for note in notes]
     if results.data_quality is not None:
         of_record = (*results.completeness_detail, *results.data_quality["warnings"])
-        found += [Message(start_s, "warning", "record", text) for text in of_record]
+        found += [LogEntry(start_s, "warning", "record", text) for text in of_record]
     if "thrust" in run.signals:
-        found += [Message(start_s, "warning", "scenario", str(doubt)) for doubt in scenario.simulation_doubts]
+        found += [LogEntry(start_s, "warning", "scenario", str(doubt)) for doubt in scenario.simulation_doubts]
         for mark in events.failures(scenario, end_s):
-            found.append(Message(mark.start_s, "error", "scenario", f"{mark.text} begins"))
+            found.append(LogEntry(mark.start_s, "error", "scenario", f"{mark.text} begins"))
             if mark.end_s <= end_s:
-                found.append(Message(mark.end_s, "info", "scenario", f"{mark.text} ends"))
+                found.append(LogEntry(mark.end_s, "info", "scenario", f"{mark.text} ends"))
         for jump in scenario.jumps:
             if jump.time_s <= end_s:
                 size = f"{jump.mass:g} {units['mass']}"
-                found.append(Message(jump.time_s, "info", "scenario", f"payload of {size}: {jump.kind}"))
+                found.append(LogEntry(jump.time_s, "info", "scenario", f"payload of {size}: {jump.kind}"))
     if results.events:
         found += [
-            Message(
+            LogEntry(
                 event.time_s,
                 "info" if event.kind == "withdrawn" else "warning",
                 "detector",
@@ -410,17 +418,17 @@ def _messages(run: Run, notes: Sequence[str]) -> list[Message]:
     else:  # a run of an earlier version
         for entry in results.detections:
             words = detection_in_words(entry, units)
-            found.append(Message(entry.time_s, "warning", "detector", words))
+            found.append(LogEntry(entry.time_s, "warning", "detector", words))
             if entry.withdrawn_s is not None:
-                found.append(Message(entry.withdrawn_s, "info", "detector", f"withdrawn: {words}"))
+                found.append(LogEntry(entry.withdrawn_s, "info", "detector", f"withdrawn: {words}"))
     for one in results.unconfirmed:
         jets = f" {', '.join(one.jets)}" if one.jets else ""
-        found.append(Message(one.until_s, "info", "detector", f"suspected and not declared{jets}: {one.reason}"))
+        found.append(LogEntry(one.until_s, "info", "detector", f"suspected and not declared{jets}: {one.reason}"))
     found = sorted(found, key=lambda message: message.time_s)
-    found += [Message(end_s, "warning", "run", f"left out: {part}") for part in results.missing]
+    found += [LogEntry(end_s, "warning", "run", f"left out: {part}") for part in results.missing]
     if results.ended is not None:
-        found.append(Message(end_s, "error", "run", f"ended early: {results.ended.reason}"))
-    return [*found, Message(end_s, *_verdict(run))]
+        found.append(LogEntry(end_s, "error", "run", f"ended early: {results.ended.reason}"))
+    return [*found, LogEntry(end_s, *_verdict(run))]
 
 
 def _verdict(run: Run) -> tuple[Literal["info", "warning"], str, str]:

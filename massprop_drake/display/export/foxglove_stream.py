@@ -43,9 +43,9 @@ from massprop_drake.display.export.content import (
     Balls,
     Color,
     Content,
-    Message,
+    LogEntry,
     Outline,
-    Rows,
+    SampleBlock,
     Series,
 )
 from massprop_drake.errors import InputError
@@ -96,7 +96,7 @@ class FoxgloveStream:
         ]
         self._jets.log(FrameTransforms(transforms=jets), log_time=time_ns)
 
-    def put(self, rows: Rows) -> None:
+    def put(self, rows: SampleBlock) -> None:
         """Logs rows and messages in the order of time."""
         encoded = {name: protobuf.encoded(values) for name, values in rows.signals.items()}
         changes: dict[int, list[tuple[str, Arrows | Balls]]] = {}
@@ -115,7 +115,7 @@ class FoxgloveStream:
         for one in waiting:
             self._log_event(*one)
 
-    def _log_frames(self, rows: Rows, row: int, time_ns: int) -> None:
+    def _log_frames(self, rows: SampleBlock, row: int, time_ns: int) -> None:
         now = _timestamp(time_ns)
         known = [
             _transform(now, PARENTS[name], name, places[row], turns[row])
@@ -128,7 +128,7 @@ class FoxgloveStream:
     def _log_scene(self, name: str, time_ns: int, entity: SceneEntity) -> None:
         self._scene[name].log(SceneUpdate(entities=[entity]), log_time=time_ns)
 
-    def _log_event(self, time_ns: int, message: Message) -> None:
+    def _log_event(self, time_ns: int, message: LogEntry) -> None:
         said = Log(
             timestamp=_timestamp(time_ns), level=_LEVELS[message.level], message=message.text, name=message.source
         )
@@ -208,7 +208,7 @@ class FoxgloveServer:
             pass
         self._stream.begin(self._now_ns)
 
-    def put(self, rows: Rows) -> None:
+    def put(self, rows: SampleBlock) -> None:
         """Sends rows at once."""
         if self.wait(0.0):  # somebody has come later
             self._stream.begin(self._now_ns)
@@ -270,7 +270,7 @@ def _entity(name: str, part: Arrows | Balls, now: Timestamp) -> SceneEntity:
 
 
 def _standing(now: Timestamp, name: str) -> dict[str, Any]:
-    """How an entity stands in the vehicle frame and moves with it."""
+    """Fields of an entity that stands in the vehicle frame and moves with it."""
     return {"timestamp": now, "frame_id": VEHICLE, "id": name, "frame_locked": True}
 
 

@@ -20,7 +20,7 @@ from massprop_drake.display.export.content import (
     Balls,
     Content,
     Outline,
-    Rows,
+    SampleBlock,
     Series,
 )
 from massprop_drake.display.solids import round_length
@@ -77,7 +77,7 @@ class RerunStream:
         notes = "\n".join(f"- {note}" for note in outline.notes)
         put("about", rr.TextDocument(f"# {outline.title}\n\n{notes}\n", media_type=rr.MediaType.MARKDOWN))
 
-    def put(self, rows: Rows) -> None:
+    def put(self, rows: SampleBlock) -> None:
         """Logs rows and messages."""
         for name, values in rows.signals.items():
             series = self._outline.series[name]
@@ -162,7 +162,7 @@ class RerunViewer:
         """Sends what does not change."""
         self._stream.begin()
 
-    def put(self, rows: Rows) -> None:
+    def put(self, rows: SampleBlock) -> None:
         """Sends rows at once."""
         self._stream.put(rows)
         self._recording.flush()
@@ -221,7 +221,7 @@ def _drawn(parts: Sequence[Arrows | Balls]) -> Any:
 
 
 def _blueprint(outline: Outline) -> rrb.Blueprint:
-    """How a viewer first shows a run: the scene, plots of what matters most, and messages."""
+    """Layout that a viewer opens with: the scene, plots of the main signals, and messages."""
     paths = {
         path.removeprefix("signals/"): f"/{path}" for series in outline.series.values() for path, _ in _curves(series)
     }
