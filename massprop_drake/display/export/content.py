@@ -51,7 +51,8 @@ class Series(NamedTuple):
     """A logged signal.
 
     Attributes:
-        name, label: as in `Run.descriptions`.
+        name: as in `Run.descriptions`.
+        label: the quantity, in words.
         components: names of its columns.
         units: of each column, "-" for none.
     """
