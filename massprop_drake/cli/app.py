@@ -319,6 +319,58 @@ def report_run(
     _tell(pages.write(pages.REPORT, folder, out, force=force, watch=context.obj.watch), as_json, quiet)
 
 
+@app.command("export", epilog="Example: `massprop export runs/leak_named --to mcap --out leak.mcap`")
+def export_run(
+    context: typer.Context,
+    folder: _Folder,
+    to: Annotated[
+        str,
+        typer.Option(
+            metavar="mcap|rerun",
+            help="mcap: for Foxglove and PlotJuggler; rerun: for Rerun. Each needs the extra of its name.",
+            autocompletion=completion.formats,
+        ),
+    ],
+    out: Annotated[
+        Path | None, typer.Option(help="File to write; default run.mcap or run.rrd in the run's folder.")
+    ] = None,
+    epoch: Annotated[
+        str | None,
+        typer.Option(help="What time of day the run's time zero is, a date or seconds since 1970; default none."),
+    ] = None,
+    live: Annotated[
+        bool,
+        typer.Option("--live", help="Play the run to an open viewer on this machine instead; Ctrl-C ends it."),
+    ] = False,
+    speed: Annotated[float, typer.Option(help="With --live: times real time.")] = 1.0,
+    port: Annotated[
+        int | None,
+        typer.Option(min=1, max=65535, help="With --live: where Foxglove is to connect to, or Rerun listens."),
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Writes a run for Foxglove, PlotJuggler or Rerun: signals, frames, a scene and events; or plays it to them."""
+    from massprop_drake.cli import exports, show
+
+    asked = exports.ExportOptions(to, epoch, force)
+    if live:
+        if out is not None:
+            raise InputError("--live: writes no file; give --out without it")
+        address = exports.play(folder, asked, port, speed, quiet=quiet)
+        if as_json:
+            show.as_json(address)
+        return
+    written = exports.write(folder, out, asked, context.obj.watch)
+    if as_json:
+        show.as_json(written._asdict())
+    elif not quiet:
+        say(f"{written.file}: {written.bytes / 1e6:.3g} MB, {len(written.signals)} signals, {written.rows} samples")
+        for line in written.notes:
+            say(f"  {line}")
+
+
 def _tell(target: Path, as_json: bool, quiet: bool) -> None:
     """Says which file was written."""
     from massprop_drake.cli import show
