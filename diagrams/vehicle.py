@@ -3,29 +3,34 @@
 command ------> reaction_jets --wrench--> rigid_body --body_state--> gyros, accelerometers --> readings
 held_command -->                                          noise_source --noise-->
 
-A disturbance, where there is one, stands between jets and body, and has its noise from the same source. Chance in the
-course of a run, noise and intermittent failures, is that of the scenario's seed, until `SetRandomContext` draws
-`noise_seed`, which is state of the context. What the seed decides before the run, such as true thrusts, stays.
+A disturbance, where there is one, stands between jets and body, and has its noise from the same source. All chance is
+that of the scenario's seed, until `SetRandomContext` draws `noise_seed`, a parameter of the context: noise and
+intermittent failures in the course of a run, and before it the true thrusts, the phases of quantizers and vibration,
+and the disturbance's start. A diagram in which nothing is drawn has no `noise_seed`.
+
+Each part has its numbers as named parameters of the context, see `parameters` of its system. The diagram is one for
+every scalar type of Drake where all of its parts are. `Linearize` asks for state of one kind and group, so for thrust
+without lag and sensors without memory; elsewhere jacobians come from `ToAutoDiffXd`.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from massprop_drake.diagrams._wiring import built
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Accelerometer, PoseSensor, SensorPackage, VelocitySensor
-from massprop_drake.maths.vehicle.sensing import SensorModel
 from massprop_drake.systems.vehicle.disturbance import Disturbance
 from massprop_drake.systems.vehicle.integrating_accelerometer import IntegratingAccelerometer
 from massprop_drake.systems.vehicle.noise_source import NoiseSource, noise_seed
 from massprop_drake.systems.vehicle.rate_gyro import RateGyro
 from massprop_drake.systems.vehicle.reaction_jets import ReactionJets
 from massprop_drake.systems.vehicle.rigid_body_plant import RigidBodyPlant
-from massprop_drake.systems.vehicle.sensor import Sensor
-from massprop_drake.systems.vehicle.trackers import PoseTracker, Tracker, VelocityTracker
+from massprop_drake.systems.vehicle.trackers import PoseTracker, VelocityTracker
 
 
 def build(scenario: Scenario) -> Diagram:
@@ -48,10 +53,13 @@ def build(scenario: Scenario) -> Diagram:
     jets = builder.AddNamedSystem(
         "reaction_jets",
         ReactionJets(
-            wrenches=params.plant_wrenches(scenario),
+            wrenches=params.nominal_wrenches(scenario),
             time_constants_s=params.plant_time_constants(scenario),
             period_s=period,
-            failures=params.jet_failures(scenario),
+            dispersion=scenario.plant.thrust_dispersion,
+            failures=params.stated_failures(scenario),
+            thrusts=np.array([jet.thrust for jet in vehicle.jets]),
+            planar=vehicle.motion == "planar",
             seed=scenario.seed,
             compiled=scenario.execution.compiled,
         ),
@@ -70,62 +78,76 @@ def build(scenario: Scenario) -> Diagram:
     )
     stepped = params.time_step(scenario) != 0.0
     wrench = "wrench_profile" if stepped else "wrench"
-    noisy: list[Sensor | Disturbance | Tracker] = []
+    pushed: list[System] = []
     model_of_disturbance = params.disturbance(scenario)
     if model_of_disturbance is None:
         builder.Connect(jets.GetOutputPort(wrench), body.GetInputPort(wrench))
     else:
         n_lags = len(jets.lag_time_constants_s) if stepped else 0
         disturbance = builder.AddSystem(
-            Disturbance(model_of_disturbance, period_s=period, stepped=stepped, n_lags=n_lags)
+            Disturbance(model_of_disturbance, period_s=period, stepped=stepped, n_lags=n_lags, seed=scenario.seed)
         )
         builder.Connect(jets.GetOutputPort(wrench), disturbance.GetInputPort("jets"))
         builder.Connect(body.GetOutputPort("structure"), disturbance.GetInputPort("structure"))
         builder.Connect(disturbance.GetOutputPort("wrench"), body.GetInputPort(wrench))
-        noisy.append(disturbance)
+        pushed.append(disturbance)
+    if vehicle.motion == "planar":
+        builder.Connect(body.GetOutputPort("structure"), jets.GetInputPort("structure"))
     for name in ("command", "held_command", "closed", "held_closed"):
         builder.ExportInput(jets.GetInputPort(name), name)
 
+    sensors: list[System] = []
     for package in vehicle.sensors:
-        model = params.sensor_model(scenario, package)
-        sensor = builder.AddNamedSystem(package.name, _sensor(package, model, compiled=scenario.execution.compiled))
+        sensor = builder.AddNamedSystem(package.name, _sensor(package, scenario))
         builder.Connect(body.GetOutputPort("body_state"), sensor.GetInputPort("body_state"))
         builder.ExportOutput(sensor.GetOutputPort("reading"), package.name)
-        if model.noisy:
-            noisy.append(sensor)
+        sensors.append(sensor)
 
     for seen in vehicle.tracked:
         tracker = builder.AddNamedSystem(seen.name, _tracker(seen, scenario))
         for name in ("body_state", "structure"):
             builder.Connect(body.GetOutputPort(name), tracker.GetInputPort(name))
         builder.ExportOutput(tracker.GetOutputPort("reading"), seen.name)
-        noisy.append(tracker)
+        sensors.append(tracker)
 
-    comes_and_goes = any(failure.kind == "intermittent" for failure in scenario.failures)
-    seed = builder.AddSystem(noise_seed(period)) if noisy or comes_and_goes else None
-    if seed is not None and comes_and_goes:
-        builder.Connect(seed.get_output_port(), jets.GetInputPort("seed"))
-    if seed is not None and noisy:
-        streams = {system.get_name(): system.GetInputPort("noise").size() for system in noisy}
-        noise = builder.AddNamedSystem("noise_source", NoiseSource(scenario.seed, period_s=period, streams=streams))
-        builder.Connect(seed.get_output_port(), noise.GetInputPort("seed"))
-        for system in noisy:
-            builder.Connect(noise.GetOutputPort(system.get_name()), system.GetInputPort("noise"))
-
+    _connect_chance(builder, scenario, jets, pushed + sensors)
     for name in ("body_state", "structure", "mass_properties"):
         builder.ExportOutput(body.GetOutputPort(name), name)
     builder.ExportOutput(jets.GetOutputPort("thrust"), "thrust")
     return built(builder, "vehicle")
 
 
-def _tracker(sensor: PoseSensor | VelocitySensor, scenario: Scenario) -> Tracker:
+def _connect_chance(builder: DiagramBuilder, scenario: Scenario, jets: System, others: list[System]) -> None:
+    """Gives noise to what is noisy, and the seed to all that draws."""
+    quiet = {one.name for one in scenario.vehicle_data.sensors if not params.undrawn_model(scenario, one).noisy}
+    noisy = [system for system in others if system.get_name() not in quiet]
+    drawn = [system for system in others if system.HasInputPort("seed")]
+    if scenario.plant.thrust_dispersion or any(failure.kind == "intermittent" for failure in scenario.failures):
+        drawn.append(jets)
+    if noisy:
+        streams = {system.get_name(): system.GetInputPort("noise").size() for system in noisy}
+        source = NoiseSource(scenario.seed, period_s=scenario.vehicle_data.sample_period_s, streams=streams)
+        noise = builder.AddNamedSystem("noise_source", source)
+        for system in noisy:
+            builder.Connect(noise.GetOutputPort(system.get_name()), system.GetInputPort("noise"))
+        drawn.append(noise)
+    if drawn:
+        seed = builder.AddSystem(noise_seed())
+        for system in drawn:
+            builder.Connect(seed.get_output_port(), system.GetInputPort("seed"))
+
+
+def _tracker(sensor: PoseSensor | VelocitySensor, scenario: Scenario) -> System:
     if isinstance(sensor, PoseSensor):
         return PoseTracker(sensor.name, params.pose_model(scenario, sensor))
     return VelocityTracker(sensor.name, position=np.array(sensor.position), noise_std=sensor.noise_std)
 
 
-def _sensor(package: SensorPackage, model: SensorModel, *, compiled: bool) -> Sensor:
+def _sensor(package: SensorPackage, scenario: Scenario) -> System:
+    model, draws = params.undrawn_model(scenario, package), params.sensor_draws(scenario, package)
+    chance: dict[str, Any] = {"seed": scenario.seed, "compiled": scenario.execution.compiled}
+    if draws.marks or draws.tones:
+        chance["draws"] = draws
     if isinstance(package, Accelerometer):
-        position = np.array(package.position)
-        return IntegratingAccelerometer(package.name, model, position=position, compiled=compiled)
-    return RateGyro(package.name, model, compiled=compiled)
+        return IntegratingAccelerometer(package.name, model, position=np.array(package.position), **chance)
+    return RateGyro(package.name, model, **chance)

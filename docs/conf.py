@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from importlib.metadata import version as installed_version
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))  # for the extensions beside this file
 
@@ -52,3 +53,14 @@ html_title = f"massprop_drake {version}"
 html_math_renderer = "mathml"
 html_show_sphinx = False
 html_static_path: list[str] = []
+
+
+def _skip_conversion(app: object, what: str, name: str, *rest: object) -> bool | None:
+    """Leaves out the methods and names that Drake's `TemplateSystem` adds to a module."""
+    of_scalar = "\N{MATHEMATICAL BOLD SCRIPT CAPITAL T}" in name
+    return True if of_scalar or name.startswith(("ToScalarType", "ToAutoDiffXd", "ToSymbolic")) else None
+
+
+def setup(app: Any) -> None:
+    """Connects what this file has for the build."""
+    app.connect("autodoc-skip-member", _skip_conversion)

@@ -169,7 +169,11 @@ def test_mathematics_knows_numpy_and_itself(name: str) -> None:
 @pytest.mark.parametrize("name", _of("systems"))
 def test_systems_know_drake_numpy_mathematics_and_themselves(name: str) -> None:
     assert _outside(name) <= {"numpy", "pydrake"}
-    assert {_top(imported) for imported in _own(IMPORTS[name])} <= {"maths", "systems"}
+    assert {_top(imported) for imported in _own(IMPORTS[name])} <= {
+        "errors",
+        "maths",
+        "systems",
+    }  # errors: messages for users
 
 
 @pytest.mark.parametrize("name", _of("diagrams"))

@@ -40,22 +40,23 @@ from massprop_drake.maths.estimation.pose import setting as pose_setting
 from massprop_drake.maths.estimation.pose.setting import Around, Tracking, Valves
 from massprop_drake.maths.flight import FlightParams, PilotParams
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, NAMES, MassProperties, initial_standard_deviation
-from massprop_drake.maths.noise import normal_sample, uniform_phase
 from massprop_drake.maths.vehicle import true_failures as failures
 from massprop_drake.maths.vehicle.cycle import VehicleParams, truth
-from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, kept_share
-from massprop_drake.maths.vehicle.reaction_jets import jets_params
+from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, deviation_before, kept_share
+from massprop_drake.maths.vehicle.reaction_jets import drawn_factors, jets_params, true_wrenches
 from massprop_drake.maths.vehicle.rigid_body import RATE, Jump, initial_state, jumps_by_sample, packed_structure
 from massprop_drake.maths.vehicle.sensing import (
+    Draws,
     SensorModel,
     Tone,
-    Vibration,
     package,
     smoothing_factor,
     vibration,
+    with_draws,
 )
 from massprop_drake.maths.vehicle.thrust import lag_factors
 from massprop_drake.maths.vehicle.tracking import PoseModel
+from massprop_drake.maths.vehicle.true_failures import as_levels
 
 Array = NDArray[np.float64]
 
@@ -325,12 +326,7 @@ def thrust_errors(scenario: Scenario) -> Array | None:
 
 def thrust_factors(scenario: Scenario) -> Array:
     """True over nominal thrust of each jet, shape (n_jets,)."""
-    spread, jets = scenario.plant.thrust_dispersion, scenario.vehicle_data.jets
-    if spread == 0.0:
-        return np.ones(len(jets))
-    stream = "thrust dispersion"
-    factors = 1.0 + spread * normal_sample(scenario.seed, stream, 0, len(jets))
-    return np.maximum(factors, 0.01)  # above zero: what a failed jet gives is a multiple of its thrust
+    return drawn_factors(scenario.seed, scenario.plant.thrust_dispersion, len(scenario.vehicle_data.jets))
 
 
 def time_step(scenario: Scenario) -> float:
@@ -349,39 +345,47 @@ def selectable(scenario: Scenario) -> NDArray[np.bool_]:
 
 def sensor_model(scenario: Scenario, sensor: SensorPackage) -> SensorModel:
     """The true errors of a sensor package: the vehicle's quantum and noise, and the scenario's errors."""
-    period = scenario.vehicle_data.sample_period_s
-    errors = next(
-        (entry for entry in scenario.sensors.errors if entry.sensor == sensor.name), SensorErrors(sensor=sensor.name)
-    )
-    seeded = scenario.sensors.quantizer_phase == "seeded"
+    return with_draws(undrawn_model(scenario, sensor), sensor_draws(scenario, sensor), scenario.seed)
+
+
+def undrawn_model(scenario: Scenario, sensor: SensorPackage) -> SensorModel:
+    """The same before the seed draws phases."""
+    period, errors = scenario.vehicle_data.sample_period_s, _errors_of(scenario, sensor)
+    tones, integrates = _tones(errors), isinstance(sensor, Accelerometer)
+    scale_factor = np.array(errors.scale_factor)
+    shaking = vibration(tones, 1.0 + scale_factor, errors.bandwidth_hz, integrates=integrates) if tones else None
     return SensorModel(
         period_s=period,
-        scale_factor=np.array(errors.scale_factor),
+        scale_factor=scale_factor,
         smoothing=smoothing_factor(errors.bandwidth_hz, period),
         bias=np.array(errors.bias),
         walk_std=errors.bias_random_walk * math.sqrt(period),
-        integrates=isinstance(sensor, Accelerometer),
+        integrates=integrates,
         noise_std=sensor.noise_std if errors.noise_std is None else errors.noise_std,
         quantum=sensor.quantum if errors.quantum is None else errors.quantum,
-        phase=uniform_phase(scenario.seed, sensor.name, 3) if seeded else np.zeros(3),
+        phase=np.zeros(3),
         delay=errors.delay_samples,
         limit=sensor.limit,
-        vibration=_vibration(scenario, errors, integrates=isinstance(sensor, Accelerometer)),
+        vibration=shaking,
     )
 
 
-def _vibration(scenario: Scenario, errors: SensorErrors, *, integrates: bool) -> Vibration | None:
-    if not errors.vibration:
-        return None
-    tones = [
-        Tone(
-            entry.frequency_hz,
-            np.array(entry.amplitude),
-            uniform_phase(scenario.seed, f"vibration {number} of {errors.sensor}", 3),
-        )
-        for number, entry in enumerate(errors.vibration)
-    ]
-    return vibration(tones, 1.0 + np.array(errors.scale_factor), errors.bandwidth_hz, integrates=integrates)
+def sensor_draws(scenario: Scenario, sensor: SensorPackage) -> Draws:
+    """Phases of a sensor package that the seed draws."""
+    errors = _errors_of(scenario, sensor)
+    quantum = sensor.quantum if errors.quantum is None else errors.quantum
+    marks = quantum > 0.0 and scenario.sensors.quantizer_phase == "seeded"
+    return Draws(sensor.name, marks, _tones(errors), errors.bandwidth_hz)
+
+
+def _errors_of(scenario: Scenario, sensor: SensorPackage) -> SensorErrors:
+    nothing = SensorErrors(sensor=sensor.name)
+    return next((entry for entry in scenario.sensors.errors if entry.sensor == sensor.name), nothing)
+
+
+def _tones(errors: SensorErrors) -> tuple[Tone, ...]:
+    """Tones of a package's vibration, in phase."""
+    return tuple(Tone(entry.frequency_hz, np.array(entry.amplitude), np.zeros(3)) for entry in errors.vibration)
 
 
 def vehicle_params(scenario: Scenario) -> VehicleParams:
@@ -410,6 +414,7 @@ def vehicle_params(scenario: Scenario) -> VehicleParams:
         jumps=jumps_by_sample(mass_jumps(scenario), period),
         body=body,
         structure=packed_structure(properties),
+        planar=vehicle.motion == "planar",
     )
 
 
@@ -441,14 +446,13 @@ def mass_jumps(scenario: Scenario) -> tuple[Jump, ...]:
 
 
 def disturbance(scenario: Scenario) -> DisturbanceModel | None:
-    """What pushes the true vehicle besides its jets; None: nothing."""
+    """Torque and force on the true vehicle besides its jets'; None: there are none."""
     block = scenario.plant.disturbance
     mean, std = np.array([*block.torque, *block.force]), np.array([*block.torque_std, *block.force_std])
     if not (mean.any() or std.any()):
         return None
     kept = kept_share(block.correlation_time_s, scenario.vehicle_data.sample_period_s)
-    before = std * normal_sample(scenario.seed, "disturbance before the start", 0, 6)
-    return DisturbanceModel(mean, std, kept, before)
+    return DisturbanceModel(mean, std, kept, deviation_before(scenario.seed, std))
 
 
 def true_properties(scenario: Scenario) -> MassProperties:
@@ -475,19 +479,20 @@ def plant_wrenches(scenario: Scenario) -> Array:
     In a plane the floor takes what would lift or tip the vehicle: force along z, and torque about the true center of
     mass but about z.
     """
-    wrenches = thrust_factors(scenario)[:, None] * scenario.vehicle_data.wrenches
-    if scenario.vehicle_data.motion == "planar":
-        wrenches[:, 5] = 0.0
-        carried = np.cross(true_properties(scenario).center_of_mass, wrenches[:, 3:])
-        wrenches[:, :2] = carried[:, :2]
-    return np.column_stack([wrenches, plant_mass_flows(scenario)])
+    floor = true_properties(scenario).center_of_mass if scenario.vehicle_data.motion == "planar" else None
+    return true_wrenches(nominal_wrenches(scenario), thrust_factors(scenario), floor)
 
 
 def plant_mass_flows(scenario: Scenario) -> Array:
     """True mass flow of each jet at full thrust, slug/s or kg/s, shape (n_jets,); zero where none is used up."""
+    return plant_wrenches(scenario)[:, 6]
+
+
+def nominal_wrenches(scenario: Scenario) -> Array:
+    """Torque about the vehicle origin, force and mass flow of each jet at nominal thrust, shape (n_jets, 7)."""
     vehicle = scenario.vehicle_data
     flows = vehicle.mass_flows if scenario.plant.depletion else np.zeros(len(vehicle.jets))
-    return thrust_factors(scenario) * flows
+    return np.column_stack([vehicle.wrenches, flows])
 
 
 def commands(scenario: Scenario) -> Array:
@@ -510,10 +515,14 @@ def sample_count(scenario: Scenario) -> int:
 
 
 def jet_failures(scenario: Scenario) -> tuple[failures.Failure, ...]:
-    """The true failures of jets."""
-    vehicle = scenario.vehicle_data
-    factors = thrust_factors(scenario)
-    result = []
+    """The true failures of jets, with a leak as a level of its jet."""
+    thrusts = thrust_factors(scenario) * np.array([jet.thrust for jet in scenario.vehicle_data.jets])
+    return as_levels(stated_failures(scenario), thrusts)
+
+
+def stated_failures(scenario: Scenario) -> tuple[failures.Failure, ...]:
+    """The same with the force of a leak as its amount, lbf or N."""
+    vehicle, result = scenario.vehicle_data, []
     for number, entry in enumerate(scenario.failures):
         jet = vehicle.jet_index(entry.jet)
         result.append(
@@ -522,7 +531,7 @@ def jet_failures(scenario: Scenario) -> tuple[failures.Failure, ...]:
                 kind=failures.FailureKind[entry.kind.upper()],
                 start_s=entry.start_s,
                 end_s=math.inf if entry.end_s is None else entry.end_s,
-                amount=_amount(entry, factors[jet] * vehicle.jets[jet].thrust),
+                amount=_amount(entry),
                 probability=entry.probability if isinstance(entry, Intermittent) else 0.0,
                 stream=f"failure {number} of {entry.jet}",
             )
@@ -530,13 +539,13 @@ def jet_failures(scenario: Scenario) -> tuple[failures.Failure, ...]:
     return tuple(result)
 
 
-def _amount(entry: Failure, thrust: float) -> float:
-    """What `maths.vehicle.true_failures.Failure` calls the amount."""
+def _amount(entry: Failure) -> float:
+    """Amount of a `maths.vehicle.true_failures.Failure`; of a leak its force."""
     match entry:
         case Degraded():
             return entry.fraction
         case Leak():
-            return entry.force / thrust
+            return entry.force
         case Intermittent():
             return entry.level
         case Drift():

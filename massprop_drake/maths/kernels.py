@@ -6,7 +6,10 @@ compiled unasked, so no bit of a result depends on what is installed.
 
 A kernel keeps to the subset of numpy that numba compiles; for the few idioms that are fast in numpy and unknown to
 numba there are functions that say what they mean in the other form, `idiom`: here `numbers`, `rows3`, `picked`,
-`listed`, `either`, `fill`, `taken`.
+`listed`, `either`, `value_of`, `fill`, `taken`.
+
+Kernels of the true vehicle run on arrays of Drake's AutoDiffXd and Expression, too: new arrays take the `dtype` of what
+came in, and a branch or a count asks for `value_of` a number.
 
 Between Python and compiled code every array and number is converted, each way, which takes longer than the arithmetic.
 So a kernel that is called from Python takes a whole cycle, and what it keeps from one to the next stays in numba's own
@@ -139,6 +142,27 @@ def either(condition: NDArray[np.bool_], one: Any, other: Any) -> Array:
         one, other: shape (n,), or numbers.
     """
     return np.where(condition, one, other)
+
+
+def _real(number):  # type: ignore[no-untyped-def] # compiled alone
+    return float(number)
+
+
+@idiom(_real)
+def value_of(number: Any) -> float:
+    """The value of a number; of one of Drake's AutoDiffXd without its derivatives, of an Expression that is constant.
+
+    Raises:
+        ValueError: when it is an Expression that has variables.
+    """
+    try:
+        return float(number)
+    except TypeError:
+        if hasattr(number, "value"):
+            return float(number.value())
+    if number.GetVariables().size():
+        raise ValueError(f"a number is needed here, and {number} has variables; give them values")
+    return float(number.Evaluate())
 
 
 def fill(row: Array, values: Any) -> None:

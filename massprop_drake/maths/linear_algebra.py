@@ -63,7 +63,7 @@ def cross(left: Array, right: Array) -> Array:
 
 def crosses(left: Array, right: Array) -> Array:
     """The cross products of stacks of vectors along their last axis; several times faster than numpy's."""
-    result = np.empty(np.broadcast_shapes(left.shape, right.shape))
+    result = np.empty(np.broadcast_shapes(left.shape, right.shape), dtype=np.result_type(left, right))
     a, b, c = left[..., 0], left[..., 1], left[..., 2]
     x, y, z = right[..., 0], right[..., 1], right[..., 2]
     result[..., 0], result[..., 1], result[..., 2] = b * z - c * y, c * x - a * z, a * y - b * x
@@ -294,8 +294,16 @@ def triangular_rows(matrix: Array) -> int:
 
 
 def inverse(matrix: Array) -> Array:
-    """The inverse of any square matrix; where time does not matter."""
+    """The inverse of any square matrix, or of a 3x3 one of AutoDiffXd or Expression; where time does not matter."""
+    if matrix.dtype == object:
+        return _adjugate(matrix) / np.dot(matrix[0], cross(matrix[1], matrix[2]))
     return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+
+
+def _adjugate(matrix: Array) -> Array:
+    """Adjugate of a 3x3 matrix: its columns are cross products of the rows."""
+    first, second, third = matrix
+    return np.column_stack([cross(second, third), cross(third, first), cross(first, second)])
 
 
 @kernel

@@ -11,7 +11,7 @@ the matrix entries, I_xy = -integral of x y dm (2-12).
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,9 +64,9 @@ def joined(body: MassProperties, mass: float, position: Array, inertia: Array) -
     total = body.mass + mass
     center = (body.mass * body.center_of_mass + mass * position) / total
 
-    def offset(of_mass: float, at: Array) -> Array:
+    def offset(of_mass: Any, at: Array) -> Array:
         arm = at - center
-        return of_mass * (float(arm @ arm) * np.eye(3) - np.outer(arm, arm))
+        return of_mass * ((arm @ arm) * np.eye(3) - np.outer(arm, arm))
 
     moved = body.inertia + offset(body.mass, body.center_of_mass) + inertia + offset(mass, position)
     return MassProperties(total, center, symmetrized(moved))

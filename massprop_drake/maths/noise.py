@@ -44,7 +44,7 @@ def normal_sample(seed: Seed, stream: str, number: int, size: int) -> Array:
     return _block(seed, stream, block, size)[row]
 
 
-def uniform_phase(seed: int, stream: str, size: int) -> Array:
+def uniform_phase(seed: Seed, stream: str, size: int) -> Array:
     """Numbers drawn once per run, uniform in [-1/2, 1/2): phases of a quantizer, shape (size,)."""
     return np.random.default_rng(stream_seed(seed, f"phase of {stream}")).uniform(-0.5, 0.5, size)
 

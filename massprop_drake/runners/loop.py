@@ -184,6 +184,9 @@ class Loop:
             state = released(self._holder)
             after = vehicle_cycle.jumped(state.vehicle, self._sample, self._true)
             self._holder = held(state._replace(vehicle=after), self._compiled)
+            if self._true.planar:
+                truth = vehicle_cycle.on_floor(self._made.truth, after.structure, self._true)
+                self._given = held(self._made._replace(truth=truth), self._compiled)
 
     def _begin(self) -> None:
         """Begins new logs, with the readings of their first sample."""

@@ -1,6 +1,7 @@
 """LeafSystems: thin plumbing around `massprop_drake.maths`, one file each.
 
-Names are loaded when they are first used: `from massprop_drake.systems import RateGyro`.
+Names are loaded when they are first used: `from massprop_drake.systems import RateGyro`. Those of the true vehicle are
+templates as well, `RateGyro_[AutoDiffXd]`, and have `parameters`, see `massprop_drake.systems.parameters`.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ _HOMES = {
     "AttitudeReference": "autopilot.attitude_reference",
     "ConvergenceMonitor": "estimation.convergence_monitor",
     "Disturbance": "vehicle.disturbance",
+    "Disturbance_": "vehicle.disturbance",
     "FailureDetector": "estimation.failure_detector",
     "FindingsMonitor": "estimation.findings_monitor",
     "FilterEstimator": "estimation.filter_estimator",
@@ -19,20 +21,26 @@ _HOMES = {
     "HypothesisDetector": "estimation.hypothesis_detector",
     "ImpulseModel": "estimation.impulse_model",
     "IntegratingAccelerometer": "vehicle.integrating_accelerometer",
+    "IntegratingAccelerometer_": "vehicle.integrating_accelerometer",
     "JetSchedule": "autopilot.jet_schedule",
     "JetSelection": "autopilot.jet_selection",
     "JointEstimator": "estimation.joint_estimator",
     "MassEstimator": "estimation.mass_estimator",
     "MassPropertyEstimator": "massprop_drake.diagrams.estimation",  # a diagram of systems
     "NoiseSource": "vehicle.noise_source",
+    "NoiseSource_": "vehicle.noise_source",
     "PhaseSpaceController": "autopilot.phase_space_controller",
     "PoseEstimator": "estimation.pose_estimator",
     "PoseTracker": "vehicle.trackers",
     "RateGyro": "vehicle.rate_gyro",
+    "RateGyro_": "vehicle.rate_gyro",
     "ReactionJets": "vehicle.reaction_jets",
+    "ReactionJets_": "vehicle.reaction_jets",
     "RigidBodyPlant": "vehicle.rigid_body_plant",
+    "RigidBodyPlant_": "vehicle.rigid_body_plant",
     "RotationEstimator": "estimation.rotation_estimator",
     "Sensor": "vehicle.sensor",
+    "Sensor_": "vehicle.sensor",
     "TelemetrySource": "estimation.telemetry_source",
     "VelocityTracker": "vehicle.trackers",
 }

@@ -1,4 +1,4 @@
-"""Chance in a diagram's context: `SetRandomContext` and Drake's Monte Carlo vary the noise, repeatably."""
+"""Chance in a diagram's context: `SetRandomContext` and Drake's Monte Carlo vary all that is drawn, repeatably."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from massprop_drake import load_scenario
 from massprop_drake.diagrams import closed_loop, vehicle
+from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 
 NOISY = "sensors.errors=[{sensor: gyro, noise_std: 2.0e-4}]"
@@ -95,6 +96,87 @@ def test_intermittent_failures_vary_with_it() -> None:
     assert (first != default).any()
 
 
+DRAWN = {
+    "true thrusts": ("thrust", ["plant.thrust_dispersion=0.02"]),
+    "the phases of quantizers": ("gyro", []),
+    "the phases of vibration": (
+        "gyro",
+        ["sensors.errors=[{sensor: gyro, quantum: 0, vibration: [{frequency_hz: 2, amplitude: [1.0e-3, 0, 0]}]}]"],
+    ),
+    "the start of a disturbance": ("body_state", ["plant.disturbance={torque_std: [100, 100, 100]}"]),
+}
+
+
+@pytest.mark.parametrize("chance", DRAWN)
+def test_what_the_seed_draws_before_a_run_varies_with_it(chance: str) -> None:
+    port, overrides = DRAWN[chance]
+    scenario = load_scenario("sample_maneuver", ["sensors.quantizer_phase=seeded", "duration_s=5", *overrides])
+    diagram = closed_loop.build(scenario)
+
+    def first(generator: RandomGenerator | None = None) -> np.ndarray:
+        simulator = Simulator(diagram)
+        context = simulator.get_mutable_context()
+        if generator is not None:
+            diagram.SetRandomContext(context, generator)
+        simulator.AdvanceTo(1.2)  # in the maneuver's first window
+        return diagram.GetOutputPort(port).Eval(context)
+
+    default, one, again, other = first(), *(first(RandomGenerator(seed)) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(one, again)
+    assert len({tuple(values) for values in (default, one, other)}) == 3
+    np.testing.assert_array_equal(first(), default)
+
+
+def test_unless_drawn_it_is_what_the_scenario_s_seed_draws() -> None:
+    overrides = ["plant.thrust_dispersion=0.02", "seed=5", "failures=[{kind: leak, jet: F1L, force: 10, start_s: 0}]"]
+    scenario = load_scenario("sample_maneuver", overrides)
+    diagram = vehicle.build(scenario)
+    context: Any = diagram.CreateDefaultContext()
+    wrenches, jets = params.plant_wrenches(scenario), scenario.vehicle_data.designations
+    (leak,) = params.jet_failures(scenario)
+    for jet in range(len(jets)):
+        command = np.eye(len(jets))[jet]
+        for name in ("command", "held_command"):
+            diagram.GetInputPort(name).FixValue(context, command)
+        thrust = diagram.GetOutputPort("thrust").Eval(context)
+        command[leak.jet] += leak.amount
+        expected = command * np.linalg.norm(wrenches[:, 3:6], axis=1)
+        np.testing.assert_array_equal(thrust, expected)
+
+
+def test_nothing_is_drawn_where_nothing_is_by_chance() -> None:
+    diagram = vehicle.build(load_scenario("sample_maneuver", ["sensors.quantizer_phase=equal"]))
+    assert not diagram.HasSubsystemNamed("noise_seed")
+    drawn = vehicle.build(load_scenario("sample_maneuver"))
+    assert drawn.CreateDefaultContext().num_discrete_state_groups() == 1  # the body's: chance adds none
+
+
+def test_a_monte_carlo_simulation_of_twenty_over_one_diagram() -> None:
+    everything = ["plant.thrust_dispersion=0.02", "plant.disturbance={torque_std: [100, 100, 100]}"]
+    diagram = closed_loop.build(noisy(*everything))
+
+    def outputs() -> list[tuple[float, ...]]:
+        def measured(system: Any, context: Any) -> float:
+            found.append(tuple(float(system.GetOutputPort(port).Eval(context).sum()) for port in ports))
+            return found[-1][0]
+
+        found: list[tuple[float, ...]] = []
+        MonteCarloSimulation(
+            make_simulator=lambda generator: Simulator(diagram),
+            output=measured,
+            final_time=1.2,
+            num_samples=20,
+            generator=RandomGenerator(7),
+        )
+        return found
+
+    ports = ("thrust", "gyro", "acc1", "body_state")
+    first = outputs()
+    for values in zip(*first, strict=True):
+        assert len(set(values)) == 20
+    assert outputs() == first
+
+
 @pytest.mark.parametrize("of", ["closed_loop", "own"])
 def test_monte_carlo_gives_other_outputs_and_the_same_again(of: str) -> None:
     diagram = built(of, noisy())
@@ -115,3 +197,16 @@ def test_monte_carlo_gives_other_outputs_and_the_same_again(of: str) -> None:
     first = outputs()
     assert len(set(first)) == 3
     assert outputs() == first
+
+
+def test_what_is_drawn_is_passed_on_to_another_scalar_type() -> None:
+    quiet = ", ".join(f"{{sensor: {name}, quantum: 0}}" for name in ("gyro", "acc1", "acc2", "acc3"))
+    diagram = own(load_scenario("sample_maneuver", [f"sensors.errors=[{quiet}]", "plant.thrust_dispersion=0.02"]))
+    context, converted = diagram.CreateDefaultContext(), diagram.ToAutoDiffXd()
+    other = converted.CreateDefaultContext()
+    for seed in (1, 2):
+        diagram.SetRandomContext(context, RandomGenerator(seed))
+        other.SetTimeStateAndParametersFrom(context)
+        expected = diagram.GetOutputPort("thrust").Eval(context)
+        found = converted.GetOutputPort("thrust").Eval(other)
+        np.testing.assert_allclose([one.value() for one in found], expected, rtol=1e-15)

@@ -33,6 +33,18 @@ VARIANTS = {
         "sensors.errors=[{sensor: gyro, vibration: [{frequency_hz: 9, amplitude: [1.0e-4, 0, 0]}]}]",
     ),
     "jump": ("payload_release", "duration_s=6", "jumps[0].time_s=3"),
+    "heavy": (  # beyond twice the mass at the start
+        "free_flyer_maneuver",
+        "duration_s=6",
+        "jumps=[{kind: dock, time_s: 1, mass: 9, position: [0.1, 0.2, -0.1], "
+        "inertia: [[0.5, 0, 0], [0, 0.5, 0], [0, 0, 0.5]]}]",
+    ),
+    "on a floor": (
+        "air_bearing_pulses",
+        "duration_s=20",
+        "jumps=[{kind: dock, time_s: 1, mass: 2, position: [0.1, 0.05, 0.3], "
+        "inertia: [[0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]}]",
+    ),
     "unobserved": (
         "sample_maneuver",
         "duration_s=4",

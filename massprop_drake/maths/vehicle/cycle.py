@@ -18,7 +18,16 @@ from massprop_drake.maths.noise import normal_sample
 from massprop_drake.maths.vehicle import reaction_jets, rigid_body, true_failures
 from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, about_origin, next_deviation
 from massprop_drake.maths.vehicle.reaction_jets import JetsParams, Thrusters
-from massprop_drake.maths.vehicle.rigid_body import ORIGIN_VELOCITY, RATE, SPIN_INTEGRAL, STRUCTURE, Body, Jump
+from massprop_drake.maths.vehicle.rigid_body import (
+    MASS,
+    ORIGIN_VELOCITY,
+    RATE,
+    SPIN_INTEGRAL,
+    STRUCTURE,
+    Body,
+    Jump,
+    since_start,
+)
 from massprop_drake.maths.vehicle.sensing import (
     Package,
     SensorErrors,
@@ -99,6 +108,7 @@ class Truth(NamedTuple):
 
     Attributes:
         period_s: sample period, s, and step of the body.
+        mass: at the start, slug or kg.
         jets: see `Thrusters`.
         failures: what jets deliver in place of what they are told.
         packages: see `Packages`.
@@ -107,6 +117,7 @@ class Truth(NamedTuple):
     """
 
     period_s: float
+    mass: float
     jets: Thrusters
     failures: FailureTable
     packages: Packages
@@ -125,6 +136,7 @@ class VehicleParams(NamedTuple):
         disturbance: what pushes besides the jets; None: nothing.
         jumps: of the mass properties, by sample.
         body, structure: at the start, see `VehicleState`.
+        planar: whether a floor carries the vehicle, see `reaction_jets.true_wrenches`.
     """
 
     period_s: float
@@ -135,6 +147,7 @@ class VehicleParams(NamedTuple):
     jumps: Mapping[int, tuple[Jump, ...]]
     body: Array
     structure: Array
+    planar: bool = False
 
 
 def truth(params: VehicleParams) -> Truth:
@@ -142,6 +155,7 @@ def truth(params: VehicleParams) -> Truth:
     push = DisturbanceModel(_QUIET, _QUIET, 0.0, _QUIET) if params.disturbance is None else params.disturbance
     return Truth(
         params.period_s,
+        float(params.body[MASS]),
         reaction_jets.thrusters(params.jets),
         true_failures.failure_table(params.jets.failures),
         packed_packages(params.packages),
@@ -332,6 +346,7 @@ def step(
     body = rigid_body.step(
         state.body, profile[0], profile[1:], jets.class_constants_s, params.period_s, state.constants
     )
+    body[MASS] = since_start(body[MASS], params.mass)
     after = VehicleState(body, state.structure, state.constants, level, target, deviation, state.memories)
     return after, reaction_jets.mean_force(level, target, jets)
 
@@ -339,4 +354,14 @@ def step(
 def jumped(state: VehicleState, sample: int, params: VehicleParams) -> VehicleState:
     """The vehicle after the jumps of its mass properties at a sample."""
     body, structure = rigid_body.jumped(state.body, state.structure, params.jumps[sample])
+    body[MASS] = since_start(body[MASS], float(params.body[MASS]))
+    structure = since_start(structure, params.structure)
     return state._replace(body=body, structure=structure, constants=rigid_body.body_of_structure(structure))
+
+
+def on_floor(truth: Truth, structure: Array, params: VehicleParams) -> Truth:
+    """The arrays of a vehicle after a jump: a floor carries it about its new center of mass."""
+    jets = params.jets
+    wrenches = reaction_jets.true_wrenches(jets.wrenches, np.ones(jets.forces.size), structure[_CENTER])
+    classes = reaction_jets.lag_classes(wrenches, jets.time_constants_s)
+    return truth._replace(jets=truth.jets._replace(wrenches=wrenches, class_wrenches=classes.wrenches))

@@ -14,6 +14,7 @@ import numpy as np
 
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array, cross
+from massprop_drake.maths.noise import Seed, normal_sample
 
 
 class DisturbanceModel(NamedTuple):
@@ -35,6 +36,11 @@ class DisturbanceModel(NamedTuple):
 def kept_share(correlation_time_s: float, period_s: float) -> float:
     """Share of a deviation that is left after a period."""
     return math.exp(-period_s / correlation_time_s)
+
+
+def deviation_before(seed: Seed, std: Array) -> Array:
+    """Deviation in the sample before the first, as a seed draws it, shape (6,)."""
+    return std * normal_sample(seed, "disturbance before the start", 0, 6)
 
 
 @kernel

@@ -83,7 +83,7 @@ def remembered_reading(body: Array, memory: Array, noise: Array, shaking: Array,
         memory: see `sensing.sense`.
     """
     sensing = held.value
-    row = np.empty(3 + memory.size)
+    row = np.empty(3 + memory.size, dtype=memory.dtype)
     row[:3], row[3:] = remembering(_signal(body, sensing), memory, noise, shaking, sensing.errors)
     return row
 
@@ -128,7 +128,7 @@ def thrust(level: Array, coming: Array, held: Any) -> Array:
     """
     thrusters = held.value.thrusters
     profile = reaction_jets.wrench_profile(level, coming, thrusters)
-    row = np.empty(level.size + profile.size)
+    row = np.empty(level.size + profile.size, dtype=coming.dtype)
     fill(row, (reaction_jets.mean_force(level, coming, thrusters), profile))
     return row
 

@@ -6,16 +6,51 @@ Within a sample each jet's level goes from where it was toward its target with i
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.kernels import kernel
-from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.kernels import kernel, value_of
+from massprop_drake.maths.linear_algebra import Array, crosses
+from massprop_drake.maths.noise import Seed, normal_sample
 from massprop_drake.maths.vehicle.thrust import LagFactors, lag_factors, level_after, mean_level
 from massprop_drake.maths.vehicle.true_failures import Failure, delivered
 
-_FORCE = slice(3, 6)  # of a jet's wrench
+_TORQUE, _FORCE, _UP = slice(0, 3), slice(3, 6), 5  # in a jet's wrench
+_LEAST_FACTOR = 0.01  # above zero: a failed jet's force is a multiple of its thrust
+
+
+def drawn_factors(seed: Seed, spread: Any, count: int) -> Array:
+    """True over nominal thrust of each jet as a seed draws it, shape (count,); ones where nothing is spread.
+
+    Args:
+        seed: of the run.
+        spread: 1-sigma, relative.
+        count: number of jets.
+
+    Raises:
+        ValueError: when the spread is symbolic.
+    """
+    if value_of(spread) == 0.0:
+        return np.ones(count)
+    factors = 1.0 + spread * normal_sample(seed, "thrust dispersion", 0, count)
+    return np.array([factor if value_of(factor) > _LEAST_FACTOR else _LEAST_FACTOR for factor in factors])
+
+
+def true_wrenches(nominal: Array, factors: Array, floor: Array | None = None) -> Array:
+    """Wrench of each jet at its true thrust, shape (n_jets, 7).
+
+    Args:
+        nominal: torque about the vehicle origin, force, mass flow at nominal thrust, shape (n_jets, 7).
+        factors: true over nominal thrust, shape (n_jets,).
+        floor: center of mass of a vehicle that glides on a floor, shape (3,): the floor takes force along z, and
+            torque about the center of mass but about z. None: the vehicle is free.
+    """
+    wrenches = factors[:, None] * nominal
+    if floor is not None:
+        wrenches[:, _UP] = 0.0
+        wrenches[:, _TORQUE][:, :2] = crosses(floor, wrenches[:, _FORCE])[:, :2]
+    return wrenches
 
 
 class LagClasses(NamedTuple):
@@ -48,6 +83,7 @@ class JetsParams(NamedTuple):
     Attributes:
         wrenches: torque about the vehicle origin, force, mass flow at full thrust, shape (n_jets, 7).
         forces: size of each jet's force, lbf or N, shape (n_jets,).
+        time_constants_s: of each jet, s, shape (n_jets,).
         lag: factors of a sample period.
         classes: see `LagClasses`.
         period_s: sample period, s.
@@ -57,6 +93,7 @@ class JetsParams(NamedTuple):
 
     wrenches: Array
     forces: Array
+    time_constants_s: Array
     lag: LagFactors
     classes: LagClasses
     period_s: float
@@ -70,7 +107,8 @@ def jets_params(
     """The true jets; arguments as the attributes of `JetsParams`, time constants in s, shape (n_jets,)."""
     return JetsParams(
         wrenches,
-        np.linalg.norm(wrenches[:, _FORCE], axis=1),
+        np.sqrt((wrenches[:, _FORCE] * wrenches[:, _FORCE]).sum(axis=1)),
+        time_constants_s,
         lag_factors(time_constants_s, period_s),
         lag_classes(wrenches, time_constants_s),
         period_s,
@@ -141,7 +179,7 @@ def wrench_profile(level: Array, coming: Array, jets: Thrusters) -> Array:
 
     Arguments as `mean_force`; shape (1 + n_classes, 7), see `maths.vehicle.rigid_body.step`.
     """
-    profile = np.empty((1 + jets.class_constants_s.size, jets.wrenches.shape[1]))
+    profile = np.empty((1 + jets.class_constants_s.size, jets.wrenches.shape[1]), dtype=coming.dtype)
     profile[0] = np.dot(coming, jets.wrenches)
     if jets.class_constants_s.size:
         difference = level - coming

@@ -24,15 +24,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from massprop_drake.errors import moment
 from massprop_drake.maths.arrays import Layout
 from massprop_drake.maths.attitude import rotation_matrix
-from massprop_drake.maths.kernels import kernel, numbers
+from massprop_drake.maths.kernels import kernel, numbers, value_of
 from massprop_drake.maths.linear_algebra import Array, cross, inverse, nonzero
 from massprop_drake.maths.mass_properties import MassProperties, joined, six_elements, symmetric
 from massprop_drake.maths.vehicle.thrust import decay_integral
@@ -136,15 +135,10 @@ def packed_structure(properties: MassProperties) -> Array:
     return STRUCTURE.pack((six_elements(properties.inertia), properties.center_of_mass))
 
 
-@lru_cache(maxsize=256)
-def _body_of_bytes(structure: bytes) -> Body:
-    read = STRUCTURE.read(np.frombuffer(structure))
-    return body_of(MassProperties(math.nan, read.center_of_mass, symmetric(read.inertia)))
-
-
 def body_of_structure(structure: Array) -> Body:
-    """The constants of motion for a `STRUCTURE`; a simulator asks at every step."""
-    return _body_of_bytes(structure.tobytes())
+    """The constants of motion for a `STRUCTURE`."""
+    read = STRUCTURE.read(structure)
+    return body_of(MassProperties(math.nan, read.center_of_mass, symmetric(read.inertia)))
 
 
 class Jump(NamedTuple):
@@ -181,12 +175,18 @@ def jumped(state: Array, structure: Array, jumps: tuple[Jump, ...]) -> tuple[Arr
         jumps: one after the other.
     """
     read = STRUCTURE.read(structure)
-    properties = MassProperties(float(state[MASS]), read.center_of_mass, symmetric(read.inertia))
+    properties = MassProperties(state[MASS], read.center_of_mass, symmetric(read.inertia))
     for jump in jumps:
         after = joined(properties, jump.mass, jump.position, jump.inertia)
         state = with_properties(state, properties, after)
         properties = after
     return state, packed_structure(properties)
+
+
+@kernel
+def since_start(value: Any, start: Any) -> Any:
+    """Rounds a value as `RigidBodyPlant` holds it: by its start, a parameter, and the change since, which is state."""
+    return start + (value - start)
 
 
 def initial_state(mass: float) -> Array:
@@ -329,12 +329,12 @@ def step(
     lagging = []
     for index in range(transient.shape[0]):
         row, tau = transient[index], time_constants_s[index]
-        used += float(row[6]) * decay_integral(tau, duration_s)
+        used += value_of(row[6]) * decay_integral(tau, duration_s)
         if nonzero(row):
             lagging.append((row, tau))
             fastest = min(fastest, tau)
-    require_mass(float(state[MASS]), float(steady[6]) * duration_s + used)
-    longest = _longest_substep(state, steady, lagging, duration_s, body)
+    require_mass(value_of(state[MASS]), value_of(steady[6]) * duration_s + used)
+    longest = value_of(_longest_substep(state, steady, lagging, duration_s, body))
     turns = duration_s / longest * _LARGEST_ANGLE / (2.0 * math.pi)
     if not turns <= _MOST_TURNS:
         raise SpunUpError(turns)
@@ -348,7 +348,7 @@ def step(
         state = _substep(state, steady, amplitudes, length, body)
         elapsed += length
     quaternion = state[QUATERNION]
-    state[QUATERNION] = quaternion / math.sqrt(float(np.dot(quaternion, quaternion)))
+    state[QUATERNION] = quaternion / np.sqrt(np.dot(quaternion, quaternion))
     return state
 
 
@@ -398,7 +398,7 @@ def _substep(
 @kernel
 def _gathered(amplitudes: list[_Decay], elapsed_s: float) -> Array:
     """Impulse of the decaying wrenches since the substep began, and their mass flow now, shape (8,)."""
-    gathered = np.zeros(N_WRENCH + 1)
+    gathered = np.zeros(N_WRENCH + 1, dtype=amplitudes[0][0].dtype)
     for row, tau in amplitudes:
         gathered[:N_WRENCH] += row * decay_integral(tau, elapsed_s)
         gathered[N_WRENCH] += row[6] * math.exp(-elapsed_s / tau)
@@ -432,7 +432,7 @@ def with_properties(state: Array, before: MassProperties, after: MassProperties)
     shift = after.center_of_mass - before.center_of_mass
     result = state.copy()
     result[POSITION] += moved @ shift
-    result[VELOCITY] += moved @ np.cross(state[RATE], shift)
+    result[VELOCITY] += moved @ cross(state[RATE], shift)
     result[MASS] = after.mass
     return result
 

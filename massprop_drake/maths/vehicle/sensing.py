@@ -19,6 +19,7 @@ import numpy as np
 
 from massprop_drake.maths.kernels import kernel, numbers
 from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.noise import Seed, uniform_phase
 
 
 def increment_noise(reading_variance: float) -> Array:
@@ -217,6 +218,42 @@ class SensorErrors(NamedTuple):
     phase: Array
     delay: int
     limit: float
+
+
+class Draws(NamedTuple):
+    """Draws of a package, made by the seed before its first sample.
+
+    Attributes:
+        name: of the package.
+        marks: whether the phase of the quantizer is drawn.
+        tones: of vibration, whose phases are.
+        bandwidth_hz: corner of the package's low-pass, Hz; None: unlimited.
+    """
+
+    name: str
+    marks: bool
+    tones: tuple[Tone, ...] = ()
+    bandwidth_hz: float | None = None
+
+
+def with_draws(model: SensorModel, draws: Draws, seed: Seed) -> SensorModel:
+    """Adds the phases that a seed draws to the errors of a package.
+
+    Args:
+        model: with the phases before the draw.
+        draws: see `Draws`.
+        seed: of the run.
+    """
+    phase, shaking = model.phase, model.vibration
+    if draws.marks:
+        phase = phase + uniform_phase(seed, draws.name, 3)
+    if draws.tones:
+        tones = [
+            tone._replace(phase=uniform_phase(seed, f"vibration {number} of {draws.name}", 3))
+            for number, tone in enumerate(draws.tones)
+        ]
+        shaking = vibration(tones, 1.0 + model.scale_factor, draws.bandwidth_hz, integrates=model.integrates)
+    return model._replace(phase=phase, vibration=shaking)
 
 
 _STILL = np.empty(0)  # vibration where there is none

@@ -15,7 +15,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from massprop_drake.maths.kernels import kernel
+from massprop_drake.maths.kernels import kernel, value_of
 from massprop_drake.maths.linear_algebra import Array
 
 _Level = TypeVar("_Level", float, Array)  # of one jet, or of all
@@ -42,7 +42,7 @@ def lag_factors(time_constants_s: Array, period_s: float) -> LagFactors:
         time_constants_s: time constant of each jet, s, zero or positive, shape (n_jets,).
         period_s: the sample period, s.
     """
-    ratio = np.zeros_like(time_constants_s)
+    ratio = np.zeros(time_constants_s.shape, dtype=np.result_type(time_constants_s, np.asarray(period_s)))
     lagged = time_constants_s > 0.0
     ratio[lagged] = time_constants_s[lagged] / period_s
     remaining = np.zeros_like(ratio)
@@ -64,7 +64,7 @@ def mean_level(level: _Level, target: _Level, mean: _Level) -> _Level:
 
 def level_at(level: Array, target: Array, time_constants_s: Array, elapsed_s: float) -> Array:
     """Level at a time, s, after the period began; the target itself where there is no lag."""
-    if elapsed_s <= 0.0:
+    if value_of(elapsed_s) <= 0.0:
         return np.where(time_constants_s > 0.0, level, target)
     return level_after(level, target, lag_factors(time_constants_s, elapsed_s).remaining)
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths import attitude
+from massprop_drake.maths.kernels import value_of
 from massprop_drake.maths.linear_algebra import Array, cross
 from massprop_drake.maths.vehicle.rigid_body import POSITION, QUATERNION, RATE, VELOCITY
 
@@ -44,18 +45,22 @@ def pose_read(body: Array, center: Array, noise: Array, model: PoseModel) -> Arr
         noise: independent standard normal numbers, shape (8,).
         model: see `PoseModel`.
     """
-    late_s = model.time_std_s * float(noise[6])
-    poor = POOR if 0.5 * math.erfc(-float(noise[7]) / math.sqrt(2.0)) < model.outliers else 1.0
-    rate = body[RATE]
-    turned = attitude.propagated(body[QUATERNION], rate, late_s)
+    late_s = model.time_std_s * value_of(noise[6])
+    poor = POOR if 0.5 * math.erfc(-value_of(noise[7]) / math.sqrt(2.0)) < model.outliers else 1.0
+    turned = body[QUATERNION]
+    if late_s == 0.0:
+        turned = turned / np.sqrt(np.dot(turned, turned))
+    else:
+        turned = attitude.propagated(turned, body[RATE], late_s)
     arm = attitude.rotation_matrix(turned) @ (model.point - center)
-    reading = np.full(7, np.nan)
+    reading = np.full(7, np.nan, dtype=body.dtype)
     plane = np.array([1.0, 1.0, 0.0]) if model.planar else np.ones(3)
     if math.isfinite(model.position_std):
         moved = body[POSITION] + late_s * body[VELOCITY] + arm
         reading[:3] = moved + poor * model.position_std * plane * noise[:3]
     if math.isfinite(model.attitude_std):
-        about = poor * model.attitude_std * (1.0 - plane if model.planar else plane) * noise[3:6]
+        errors = np.array([value_of(number) for number in noise[3:6]])
+        about = poor * model.attitude_std * (1.0 - plane if model.planar else plane) * errors
         reading[3:] = attitude.multiply(turned, attitude.from_rotation_vector(about))
     return reading
 

@@ -6,7 +6,6 @@ The truth's side of a failure; how one is found stands in `maths.estimation.dete
 from __future__ import annotations
 
 from enum import IntEnum
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -64,15 +63,26 @@ class FailureTable(NamedTuple):
     amounts: Array
 
 
-@lru_cache(maxsize=64)
+def as_levels(failures: tuple[Failure, ...], thrusts: Array) -> tuple[Failure, ...]:
+    """Failures with the force of a leak, lbf or N, as a level of its jet.
+
+    Args:
+        failures: amount of a leak: its force.
+        thrusts: true thrust of each jet, lbf or N, shape (n_jets,).
+    """
+    return tuple(
+        one._replace(amount=one.amount / thrusts[one.jet]) if one.kind == FailureKind.LEAK else one for one in failures
+    )
+
+
 def failure_table(failures: tuple[Failure, ...]) -> FailureTable:
-    """The arrays of some failures; made once for each."""
+    """The arrays of some failures."""
     return FailureTable(
         np.array([failure.jet for failure in failures], dtype=np.int_),
         np.array([int(failure.kind) for failure in failures], dtype=np.int_),
         np.array([failure.start_s for failure in failures], dtype=float),
         np.array([failure.end_s for failure in failures], dtype=float),
-        np.array([failure.amount for failure in failures], dtype=float),
+        np.array([failure.amount for failure in failures] or np.zeros(0)),
     )
 
 

@@ -1,4 +1,4 @@
-"""Adds what disturbs the vehicle to what its jets give."""
+"""Torque and force on the vehicle besides those of its jets."""
 
 from __future__ import annotations
 
@@ -7,60 +7,112 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.common import RandomDistribution
-from pydrake.systems.framework import LeafSystem
+from pydrake.systems.framework import LeafSystem_
 
-from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, disturbed, next_deviation
+from massprop_drake.maths.kernels import value_of
+from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, deviation_before, disturbed, next_deviation
 from massprop_drake.maths.vehicle.rigid_body import N_WRENCH
+from massprop_drake.systems.caching import state_of
 from massprop_drake.systems.layouts import STRUCTURE
+from massprop_drake.systems.parameters import Named, Parameters
+from massprop_drake.systems.scalars import float_class, template
+from massprop_drake.systems.vehicle.noise_source import seed_in
 
 Array = NDArray[np.float64]
 
+_DEVIATION, _BEGUN = slice(0, 6), 6  # of the state
+_AXES = ("torque_x", "torque_y", "torque_z", "force_x", "force_y", "force_z")
 
-class Disturbance(LeafSystem):
-    """A slowly changing torque and force, added to the wrench of the jets on its way to the body.
 
-    Ports:
-        jets (in, 7 (1 + n_lags)): `wrench` or `wrench_profile` of `ReactionJets`.
-        structure (in, 9): see `RigidBodyPlant`; the torque is about the center of mass as it is.
-        noise (in, 6): independent standard normal numbers, new at each sample.
-        wrench (out, 7 (1 + n_lags)): the sum, for the body.
+@template
+def Disturbance_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
+    """The disturbance for a scalar type T, see `Disturbance`."""
 
-    State: deviation (6) from the mean, torque and force, over the sample now running; at t_k before the update, over
-    the one that ended.
+    class Push(LeafSystem_[T]):
+        """A slowly changing torque and force, added to the wrench of the jets on its way to the body.
 
-    Timing: held over each sample. A stepped body's wrench is that of the coming sample, a continuous one's of the
-    running one.
+        Ports:
+            jets (in, 7 (1 + n_lags)): `wrench` or `wrench_profile` of `ReactionJets`.
+            structure (in, 9): see `RigidBodyPlant`; the torque is about the center of mass as it is.
+            noise (in, 6): independent standard normal numbers, new at each sample.
+            seed (in, 1): varies the seed of the deviation before the start, see `noise_seed`. Optional.
+            wrench (out, 7 (1 + n_lags)): the sum, for the body.
 
-    Args:
-        model: mean, size and correlation.
-        period_s: sample period, s.
-        stepped: whether the body is stepped, and so asks for the coming sample.
-        n_lags: of the jets' profile.
-    """
+        Parameters: see `parameters`: mean (torque_x to force_z) and std, 1-sigma of the deviation from it,
+        ft-lbf and lbf or N-m and N.
 
-    def __init__(self, model: DisturbanceModel, *, period_s: float, stepped: bool, n_lags: int = 0):
-        super().__init__()
-        self.set_name("disturbance")
-        self._model, self._stepped = model, stepped
-        size = N_WRENCH * (1 + n_lags)
-        self._jets = self.DeclareVectorInputPort("jets", size)
-        self._structure = self.DeclareVectorInputPort("structure", STRUCTURE.size)
-        self._noise = self.DeclareVectorInputPort("noise", 6, RandomDistribution.kGaussian)
-        self._deviation = self.DeclareDiscreteState(model.before)
-        needed = [self._jets, self._structure, *([self._noise] if stepped else [])]
-        tickets = {self.input_port_ticket(port.get_index()) for port in needed} | {self.xd_ticket()}
-        self.DeclareVectorOutputPort("wrench", size, self._calc_wrench, prerequisites_of_calc=tickets)
-        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
+        State: deviation (6) from the mean, torque and force, over the sample now running; at t_k before the update,
+        over the one that ended. Then 1 since the first update, 0 before it, when the deviation is the seed's.
 
-    def _coming(self, context: Any) -> Array:
-        deviation = context.get_discrete_state(self._deviation).CopyToVector()
-        return next_deviation(deviation, self._noise.Eval(context), self._model)
+        Timing: held over each sample. A stepped body's wrench is that of the coming sample, a continuous one's of the
+        running one.
 
-    def _calc_wrench(self, context: Any, output: Any) -> None:
-        held = context.get_discrete_state(self._deviation).CopyToVector()
-        deviation = self._coming(context) if self._stepped else held
-        center = STRUCTURE.read(self._structure.Eval(context)).center_of_mass
-        output.SetFromVector(disturbed(self._jets.Eval(context), self._model.mean + deviation, center))
+        Scalars: float, AutoDiffXd and Expression.
 
-    def _update(self, context: Any, state: Any) -> None:
-        state.set_value(self._deviation, self._coming(context))
+        Args:
+            model: mean, size and correlation; its deviation before the start counts where no seed is given.
+            period_s: sample period, s.
+            stepped: whether the body is stepped, and so asks for the coming sample.
+            n_lags: of the jets' profile.
+            seed: of the run, which draws the deviation before the start; None: that of the model.
+
+        Attributes:
+            parameters: those in a context, by name.
+        """
+
+        def _construct(
+            self,
+            model: DisturbanceModel,
+            *,
+            period_s: float,
+            stepped: bool,
+            n_lags: int = 0,
+            seed: int | None = None,
+            converter: Any = None,
+        ) -> None:
+            LeafSystem_[T].__init__(self, converter)
+            self.set_name("disturbance")
+            self._made = {"period_s": period_s, "stepped": stepped, "n_lags": n_lags, "seed": seed}
+            self._model, self._stepped, self._seed = model, stepped, seed
+            self.parameters = Parameters(self, T, {"mean": Named(model.mean, _AXES), "std": Named(model.std, _AXES)})
+            size = N_WRENCH * (1 + n_lags)
+            self._jets = self.DeclareVectorInputPort("jets", size)
+            self._structure = self.DeclareVectorInputPort("structure", STRUCTURE.size)
+            self._noise = self.DeclareVectorInputPort("noise", 6, RandomDistribution.kGaussian)
+            self._varied = self.DeclareVectorInputPort("seed", 1)
+            self.DeclareDiscreteState(_BEGUN + 1)
+            needed = [self._jets, self._structure, self._varied, *([self._noise] if stepped else [])]
+            tickets = {self.input_port_ticket(port.get_index()) for port in needed}
+            tickets |= {self.xd_ticket(), self.parameters.ticket}
+            self.DeclareVectorOutputPort("wrench", size, self._calc_wrench, prerequisites_of_calc=tickets)
+            self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
+
+        def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            Push._construct(self, other._model, converter=converter, **other._made)
+
+        def _held(self, context: Any) -> Any:
+            """Deviation over the running sample, shape (6,)."""
+            state = state_of(context)
+            if value_of(state[_BEGUN]):
+                return state[_DEVIATION]
+            if self._seed is None:
+                return self._model.before
+            return deviation_before(seed_in(context, self._varied, self._seed), self.parameters.get(context).std)
+
+        def _coming(self, context: Any) -> Any:
+            model = self._model._replace(std=self.parameters.get(context).std)
+            return next_deviation(self._held(context), self._noise.Eval(context), model)
+
+        def _calc_wrench(self, context: Any, output: Any) -> None:
+            deviation = self._coming(context) if self._stepped else self._held(context)
+            center = STRUCTURE.read(self._structure.Eval(context)).center_of_mass
+            total = self.parameters.get(context).mean + deviation
+            output.SetFromVector(disturbed(self._jets.Eval(context), total, center))
+
+        def _update(self, context: Any, state: Any) -> None:
+            state.set_value(np.append(self._coming(context), T(1.0)))
+
+    return Push
+
+
+Disturbance: Any = float_class(Disturbance_, "Disturbance")

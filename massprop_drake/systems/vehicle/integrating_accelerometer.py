@@ -2,43 +2,59 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from numpy.typing import ArrayLike
 
 from massprop_drake.maths.vehicle.sensing import SensorModel
 from massprop_drake.systems.arguments import vector
-from massprop_drake.systems.vehicle.sensor import Sensor, StatedPackage
+from massprop_drake.systems.scalars import float_class, template
+from massprop_drake.systems.vehicle.sensor import Sensor_, StatedPackage
 
 
-class IntegratingAccelerometer(Sensor):
-    """Measures the time integral, in body axes, of the specific force where it stands.
+@template
+def IntegratingAccelerometer_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
+    """The package for a scalar type T, see `IntegratingAccelerometer`."""
 
-    Ports, state and timing as `Sensor`; the reading is in ft/s or m/s. A rigid body's motion about its
-    center of mass is part of it (3-17); gravity is not.
+    class VelocityTriad(Sensor_[T]):  # type: ignore[misc, valid-type]
+        """Measures the time integral, in body axes, of the specific force where it stands.
 
-    Assumptions and limitations: its axes are the body's. A bandwidth limits the integral, a bias is one
-    of the acceleration.
+        Ports, parameters, state, timing and scalars as `Sensor`; the reading is in ft/s or m/s. A rigid body's motion
+        about its center of mass is part of it (3-17); gravity is not.
 
-    Args:
-        package: its name, or a package of a vehicle, such as `vehicle.accelerometer("acc1")`; see `Sensor`.
-        model: its errors; default those that the package states.
-        position: in the vehicle frame, ft or m, shape (3,); default that of the package.
-        compiled: whether its kernel is.
+        Assumptions and limitations: its axes are the body's. A bandwidth limits the integral, a bias is one
+        of the acceleration.
 
-    Raises:
-        ValueError: when it is no vector, or there is none.
-    """
+        Args:
+            package: its name, or a package of a vehicle, such as `vehicle.accelerometer("acc1")`; see `Sensor`.
+            model: its errors; default those that the package states.
+            position: in the vehicle frame, ft or m, shape (3,); default that of the package.
+            chance: `draws`, `seed` and `compiled` as `Sensor` has them.
 
-    def __init__(
-        self,
-        package: str | StatedPackage,
-        model: SensorModel | None = None,
-        *,
-        position: ArrayLike | None = None,
-        compiled: bool = False,
-    ):
-        name = package if isinstance(package, str) else package.name
-        place = getattr(package, "position", None) if position is None else position
-        if place is None:
-            raise ValueError(f"accelerometer '{name}': where does it stand? Give its position")
-        made = vector(f"accelerometer '{name}': position", place, 3)
-        super().__init__(package, model, made, compiled=compiled)
+        Raises:
+            ValueError: when the position is no vector, or there is none.
+        """
+
+        def _construct(
+            self,
+            package: str | StatedPackage,
+            model: SensorModel | None = None,
+            *,
+            position: ArrayLike | None = None,
+            converter: Any = None,
+            **chance: Any,
+        ) -> None:
+            name = package if isinstance(package, str) else package.name
+            place = getattr(package, "position", None) if position is None else position
+            if place is None:
+                raise ValueError(f"accelerometer '{name}': where does it stand? Give its position")
+            made = vector(f"accelerometer '{name}': position", place, 3)
+            Sensor_[T].__init__(self, package, model, made, converter=converter, **chance)
+
+        def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            Sensor_[T].__init__(self, other, converter=converter)
+
+    return VelocityTriad
+
+
+IntegratingAccelerometer: Any = float_class(IntegratingAccelerometer_, "IntegratingAccelerometer")

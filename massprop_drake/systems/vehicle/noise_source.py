@@ -4,24 +4,67 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-from pydrake.systems.framework import InputPort, LeafSystem
-from pydrake.systems.primitives import LinearSystem
+from pydrake.systems.framework import (
+    BasicVector_,
+    Diagram,
+    DiagramBuilder,
+    InputPort,
+    LeafSystem_,
+    NumericParameterIndex,
+)
+from pydrake.systems.primitives import ConstantVectorSource, MultilayerPerceptron, PerceptronActivationType
 
+from massprop_drake.maths.kernels import value_of
 from massprop_drake.maths.noise import Seed, normal_sample, varied
+from massprop_drake.systems.scalars import float_class, template
 
 
-def noise_seed(period_s: float) -> LinearSystem:
+@template
+def SeedLatch_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
+    """A latch for a scalar type T, from whose input to its output a number passes when parameters change.
+
+    A perceptron's output counts as new at every time, and would make anew at every sample all that is drawn before a
+    run. To draw a context tells all of its systems that parameters have changed, so the latch waits for that.
+    """
+
+    class Latch(LeafSystem_[T]):
+        """Passes a number on when parameters of the context change; its own is there to be told of that."""
+
+        def _construct(self, converter: Any = None) -> None:
+            LeafSystem_[T].__init__(self, converter)
+            port = self.DeclareVectorInputPort("drawn", 1)
+            told = self.numeric_parameter_ticket(
+                NumericParameterIndex(self.DeclareNumericParameter(BasicVector_[T](1)))
+            )
+
+            def calc(context: Any, output: Any) -> None:
+                output.SetFromVector(port.Eval(context))
+
+            self.DeclareVectorOutputPort("seed", 1, calc, prerequisites_of_calc={told})
+
+        def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            Latch._construct(self, converter=converter)
+
+    return Latch
+
+
+def noise_seed() -> Diagram:
     """A number in the context that varies the seed of all chance: zero, until `SetRandomContext` draws it.
 
-    It is discrete state that its update leaves as it is: of a system made in Python, Drake draws no state.
-
-    Args:
-        period_s: sample period, s, so that no instant is added to those of the other systems.
+    It is the parameter of a perceptron with one weight. Of a system made in Python, Drake draws neither state nor
+    parameters, and a perceptron is its one system that draws a parameter, so that no state is added to a diagram.
+    Set it by `SetRandomContext` or `SetDefaultContext` alone, of this diagram or of one around it, see `SeedLatch_`.
     """
-    one, none = np.eye(1), np.zeros((1, 0))
-    seed = LinearSystem(A=one, B=none, C=one, D=none, time_period=period_s)
-    seed.configure_random_state(covariance=one)
+    builder = DiagramBuilder()
+    one = builder.AddNamedSystem("one", ConstantVectorSource([1.0]))
+    drawn = builder.AddNamedSystem(
+        "drawn", MultilayerPerceptron(layers=[1, 1], activation_type=PerceptronActivationType.kIdentity)
+    )
+    latch = builder.AddNamedSystem("latch", SeedLatch_[float]())
+    builder.Connect(one.get_output_port(), drawn.get_input_port())
+    builder.Connect(drawn.get_output_port(), latch.get_input_port())
+    builder.ExportOutput(latch.get_output_port(), "seed")
+    seed = builder.Build()
     seed.set_name("noise_seed")
     return seed
 
@@ -34,37 +77,53 @@ def seed_in(context: Any, port: InputPort, seed: int) -> Seed:
         port: connected to a `noise_seed`; where it is not, the seed is the run's own.
         seed: of the run.
     """
-    return varied(seed, port.Eval(context)[0]) if port.HasValue(context) else seed
+    return varied(seed, value_of(port.Eval(context)[0])) if port.HasValue(context) else seed
 
 
-class NoiseSource(LeafSystem):
-    """Serves independent standard normal numbers, the same ones however often they are asked for.
+@template
+def NoiseSource_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
+    """The source for a scalar type T, see `NoiseSource`."""
 
-    Sample k of a stream is a pure function of the seed, the stream's name and k (see
-    `massprop_drake.maths.noise`), so a log and a filter that read a port at the same time see the same
-    value, and adding a stream changes no other.
+    class Streams(LeafSystem_[T]):
+        """Serves independent standard normal numbers, the same ones however often they are asked for.
 
-    Ports:
-        seed (in, 1): varies the seed, see `noise_seed`. Optional.
-        <stream> (out, size): standard normal numbers of sample k = round(t / period).
+        Sample k of a stream is a pure function of the seed, the stream's name and k (see
+        `massprop_drake.maths.noise`), so a log and a filter that read a port at the same time see the same
+        value, and adding a stream changes no other.
 
-    Timing: a port's value changes at k * period.
+        Ports:
+            seed (in, 1): varies the seed, see `noise_seed`. Optional.
+            <stream> (out, size): standard normal numbers of sample k = round(t / period).
 
-    Args:
-        seed: of the run.
-        period_s: sample period, s.
-        streams: name and size of each stream.
-    """
+        Timing: a port's value changes at k * period.
 
-    def __init__(self, seed: int, *, period_s: float, streams: dict[str, int]):
-        super().__init__()
-        self.set_name("noise_source")
-        port = self.DeclareVectorInputPort("seed", 1)
-        needs = {self.time_ticket(), self.input_port_ticket(port.get_index())}
-        for stream, size in streams.items():
+        Scalars: float, AutoDiffXd and Expression; the numbers have no derivatives, and time must be a number.
 
-            def calc(context: Any, output: Any, stream: str = stream, size: int = size) -> None:
-                number = round(context.get_time() / period_s)
-                output.SetFromVector(normal_sample(seed_in(context, port, seed), stream, number, size))
+        Args:
+            seed: of the run.
+            period_s: sample period, s.
+            streams: name and size of each stream.
+        """
 
-            self.DeclareVectorOutputPort(stream, size, calc, prerequisites_of_calc=needs)
+        def _construct(self, seed: int, *, period_s: float, streams: dict[str, int], converter: Any = None) -> None:
+            LeafSystem_[T].__init__(self, converter)
+            self.set_name("noise_source")
+            self._made = seed, period_s, streams
+            port = self.DeclareVectorInputPort("seed", 1)
+            needs = {self.time_ticket(), self.input_port_ticket(port.get_index())}
+            for stream, size in streams.items():
+
+                def calc(context: Any, output: Any, stream: str = stream, size: int = size) -> None:
+                    number = round(value_of(context.get_time()) / period_s)
+                    output.SetFromVector(normal_sample(seed_in(context, port, seed), stream, number, size))
+
+                self.DeclareVectorOutputPort(stream, size, calc, prerequisites_of_calc=needs)
+
+        def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            seed, period_s, streams = other._made
+            Streams._construct(self, seed, period_s=period_s, streams=streams, converter=converter)
+
+    return Streams
+
+
+NoiseSource: Any = float_class(NoiseSource_, "NoiseSource")

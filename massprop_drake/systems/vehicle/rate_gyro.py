@@ -2,15 +2,37 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from massprop_drake.maths.vehicle.sensing import SensorModel
-from massprop_drake.systems.vehicle.sensor import Sensor, StatedPackage
+from massprop_drake.systems.scalars import float_class, template
+from massprop_drake.systems.vehicle.sensor import Sensor_, StatedPackage
 
 
-class RateGyro(Sensor):
-    """Measures the angular rate, rad/s, body axes; ports, state and timing as `Sensor`.
+@template
+def RateGyro_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
+    """The package for a scalar type T, see `RateGyro`."""
 
-    Assumptions and limitations: the package's axes are the body's; its position does not matter.
-    """
+    class RateTriad(Sensor_[T]):  # type: ignore[misc, valid-type]
+        """Measures the angular rate, rad/s, body axes; ports, parameters, state, timing and scalars as `Sensor`.
 
-    def __init__(self, package: str | StatedPackage, model: SensorModel | None = None, *, compiled: bool = False):
-        super().__init__(package, model, compiled=compiled)
+        Assumptions and limitations: the package's axes are the body's; its position does not matter.
+        """
+
+        def _construct(
+            self,
+            package: str | StatedPackage,
+            model: SensorModel | None = None,
+            *,
+            converter: Any = None,
+            **chance: Any,
+        ) -> None:
+            Sensor_[T].__init__(self, package, model, converter=converter, **chance)
+
+        def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            Sensor_[T].__init__(self, other, converter=converter)
+
+    return RateTriad
+
+
+RateGyro: Any = float_class(RateGyro_, "RateGyro")

@@ -2,142 +2,229 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import BasicVector, LeafSystem
+from pydrake.symbolic import Expression
+from pydrake.systems.framework import BasicVector_, DiscreteStateIndex, LeafSystem_
 
-from massprop_drake.maths.kernels import chosen, held
-from massprop_drake.maths.mass_properties import MassProperties
+from massprop_drake.errors import InputError
+from massprop_drake.maths.kernels import chosen, held, value_of
+from massprop_drake.maths.linear_algebra import is_positive_definite
+from massprop_drake.maths.mass_properties import MassProperties, six_elements, symmetric
 from massprop_drake.maths.vehicle import ports, rigid_body
 from massprop_drake.maths.vehicle.ports import Motion
-from massprop_drake.maths.vehicle.rigid_body import MASS, N_WRENCH, RATE, Jump, OutOfMassError, SpunUpError
+from massprop_drake.maths.vehicle.rigid_body import (
+    MASS,
+    N_STATE,
+    N_WRENCH,
+    RATE,
+    STRUCTURE,
+    Jump,
+    OutOfMassError,
+    SpunUpError,
+)
+from massprop_drake.systems.caching import Cached
+from massprop_drake.systems.parameters import Named, Parameters
+from massprop_drake.systems.scalars import float_class, refuse, template
 
 Array = NDArray[np.float64]
 
 _LEAST_TIME_S = 1e-9  # that the mass must last in a continuous plant, whose steps shrink with what is left
 
 
-class RigidBodyPlant(LeafSystem):
-    """A free rigid body under the wrench of its jets, without gravity.
+@template
+def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
+    """The plant for a scalar type T, see `RigidBodyPlant`."""
 
-    Equations, frames and the order of the state: `massprop_drake.maths.vehicle.rigid_body`.
+    class Plant(LeafSystem_[T]):
+        """A free rigid body under the wrench of its jets, without gravity.
 
-    Ports:
-        wrench (in, 7, continuous plant only): torque about the vehicle origin (3), force (3), body
-            axes, and mass flow, at this instant. Required.
-        wrench_profile (in, 7 (1 + n_lags), stepped plant only): see `ReactionJets`. Required.
-        body_state (out, 23): the state. No feedthrough.
-        structure (out, 9): the state of that name. No feedthrough.
-        mass_properties (out, 10): the true ten parameters, see `maths.mass_properties`.
+        Equations, frames and the order of the state: `massprop_drake.maths.vehicle.rigid_body`.
 
-    State: body_state (23), continuous or discrete; structure (9), discrete: inertia about the center
-    of mass (11, 22, 33, 23, 13, 12) and center of mass. They are state, not parameters, because a
-    payload may leave.
+        Ports:
+            wrench (in, 7, continuous plant only): torque about the vehicle origin (3), force (3), body
+                axes, and mass flow, at this instant. Required.
+            wrench_profile (in, 7 (1 + n_lags), stepped plant only): see `ReactionJets`. Required.
+            body_state (out, 23): see `rigid_body`. No feedthrough.
+            structure (out, 9): inertia about the center of mass (11, 22, 33, 23, 13, 12) and center of mass. No
+                feedthrough.
+            mass_properties (out, 10): the true ten parameters, see `maths.mass_properties`.
 
-    Timing: a stepped plant's update at t_k carries the body from t_k to t_k+1 under the command
-    decided at t_k; a continuous one is integrated by the simulator.
+        Parameters: mass properties at the start, see `parameters`: mass, slug or kg; center_of_mass (x, y, z), vehicle
+        frame, ft or m; inertia (xx, yy, zz, yz, xz, xy) about the center of mass, body axes, slug-ft^2 or kg-m^2.
 
-    Args:
-        properties: mass properties at the start.
-        time_step: 0 for a continuous plant; positive, s: steps of this length.
-        lag_time_constants_s: of the profile's dying parts, s.
-        initial_rate: rad/s, body axes, shape (3,).
-        jumps: of the mass properties.
-        period_s: sample period, s; needed with jumps.
-        compiled: whether the step's kernel is.
-    """
+        State: body (23), continuous or discrete: as `body_state`, but of the mass the change since the start. With
+        jumps structure_change (9), discrete: of the structure since the start. Drake's events cannot change parameters,
+        so what a payload or propellant changes is state.
 
-    def __init__(
-        self,
-        properties: MassProperties,
-        *,
-        time_step: float,
-        lag_time_constants_s: tuple[float, ...] = (),
-        initial_rate: Array | None = None,
-        jumps: tuple[Jump, ...] = (),
-        period_s: float = 0.0,
-        compiled: bool = False,
-    ):
-        super().__init__()
-        self.set_name("rigid_body")
-        self._time_step = time_step
-        self._compiled = compiled
-        motion = Motion(np.array(lag_time_constants_s, dtype=float), time_step)
-        self._kernel, self._held = chosen(ports.stepped, compiled), held(motion, compiled)
-        start = rigid_body.initial_state(properties.mass)
-        if initial_rate is not None:
-            start[RATE] = initial_rate
-        self._structure = self.DeclareDiscreteState(rigid_body.packed_structure(properties))
-        if time_step == 0.0:
-            self._wrench = self.DeclareVectorInputPort("wrench", N_WRENCH)
-            self._state = self.DeclareContinuousState(BasicVector(start))
-            self.DeclareStateOutputPort("body_state", self._state)
-        else:
-            self._wrench = self.DeclareVectorInputPort("wrench_profile", N_WRENCH * (1 + len(lag_time_constants_s)))
-            self._state = self.DeclareDiscreteState(start)
-            self.DeclareStateOutputPort("body_state", self._state)
-            self.DeclarePeriodicDiscreteUpdateEvent(period_sec=time_step, offset_sec=0.0, update=self._update)
-        self._jumps = rigid_body.jumps_by_sample(jumps, period_s) if jumps else {}
-        self._period_s = period_s
-        if jumps:
-            self.DeclarePeriodicUnrestrictedUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._jump)
-        self.DeclareStateOutputPort("structure", self._structure)
-        self.DeclareVectorOutputPort(
-            "mass_properties",
-            10,
-            self._calc_mass_properties,
-            prerequisites_of_calc={self.xd_ticket(), self.xc_ticket()},
-        )
+        Timing: a stepped plant's update at t_k carries the body from t_k to t_k+1 under the command
+        decided at t_k; a continuous one is integrated by the simulator.
 
-    def _body(self, context: Any) -> rigid_body.Body:
-        return rigid_body.body_of_structure(context.get_discrete_state(self._structure).get_value())
+        Scalars: float and AutoDiffXd; Expression for a continuous plant.
 
-    def _body_state(self, context: Any) -> Array:
-        if self._time_step == 0.0:
-            return context.get_continuous_state_vector().CopyToVector()
-        return context.get_discrete_state(self._state).CopyToVector()
+        Args:
+            properties: mass properties at the start, the parameters' defaults.
+            time_step: 0 for a continuous plant; positive, s: steps of this length.
+            lag_time_constants_s: of the profile's dying parts, s.
+            initial_rate: rad/s, body axes, shape (3,).
+            jumps: of the mass properties.
+            period_s: sample period, s; needed with jumps.
+            compiled: whether the step's kernel is.
 
-    def _calc_mass_properties(self, context: Any, output: Any) -> None:
-        body = self._body(context)
-        mass = float(self._body_state(context)[MASS])
-        output.SetFromVector(np.array([*body.inverse, *body.center, 1.0 / mass]))
+        Attributes:
+            parameters: the mass properties in a context, by name.
 
-    def DoCalcTimeDerivatives(self, context: Any, derivatives: Any) -> None:  # noqa: N802 (overrides Drake's)
-        """The continuous plant's equations of motion."""
-        if self._time_step == 0.0:
-            wrench = self._wrench.Eval(context)
-            body, state = self._body(context), self._body_state(context)
+        Raises:
+            InputError: in a conversion of a stepped plant to Expression; in a simulation, when the inertia in the
+                context is not positive definite.
+        """
+
+        def _construct(
+            self,
+            properties: MassProperties,
+            *,
+            time_step: float,
+            lag_time_constants_s: tuple[float, ...] = (),
+            initial_rate: Array | None = None,
+            jumps: tuple[Jump, ...] = (),
+            period_s: float = 0.0,
+            compiled: bool = False,
+            converter: Any = None,
+        ) -> None:
+            LeafSystem_[T].__init__(self, converter)
+            self.set_name("rigid_body")
+            self._made = (properties, time_step, lag_time_constants_s, initial_rate, jumps, period_s, compiled)
+            self._time_step = time_step
+            self._compiled = compiled and T is float and time_step != 0.0
+            motion = Motion(np.array(lag_time_constants_s, dtype=float), time_step)
+            self._kernel, self._held = chosen(ports.stepped, self._compiled), held(motion, self._compiled)
+            self.parameters = Parameters(
+                self,
+                T,
+                {
+                    "mass": Named(properties.mass),
+                    "center_of_mass": Named(properties.center_of_mass, "xyz"),
+                    "inertia": Named(six_elements(properties.inertia), ("xx", "yy", "zz", "yz", "xz", "xy")),
+                },
+            )
+            start = rigid_body.initial_state(0.0)  # no change of the mass yet
+            if initial_rate is not None:
+                start[RATE] = initial_rate
+            vector = BasicVector_[T](N_STATE)
+            vector.SetFromVector(np.array([T(value) for value in start.tolist()]))
+            changed = {self.parameters.ticket}
+            if time_step == 0.0:
+                self._wrench = self.DeclareVectorInputPort("wrench", N_WRENCH)
+                self._state = self.DeclareContinuousState(vector)
+            else:
+                self._wrench = self.DeclareVectorInputPort("wrench_profile", N_WRENCH * (1 + len(lag_time_constants_s)))
+                self._state = self.DeclareDiscreteState(vector)
+                self.DeclarePeriodicDiscreteUpdateEvent(period_sec=time_step, offset_sec=0.0, update=self._update)
+            self._jumps = rigid_body.jumps_by_sample(jumps, period_s) if jumps else {}
+            self._period_s = period_s
+            self._structure_change = None
+            if jumps:
+                self._structure_change = self.DeclareDiscreteState(STRUCTURE.size)
+                self.DeclarePeriodicUnrestrictedUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._jump)
+                changed.add(self.discrete_state_ticket(DiscreteStateIndex(self._structure_change)))
+            self._constants = Cached(self, "constants of motion", self._compute_constants, changed)
+            moving = {self.parameters.ticket, self.xd_ticket(), self.xc_ticket()}
+            self.DeclareVectorOutputPort("body_state", N_STATE, self._calc_body_state, prerequisites_of_calc=moving)
+            self.DeclareVectorOutputPort(
+                "structure", STRUCTURE.size, self._calc_structure, prerequisites_of_calc=changed
+            )
+            self.DeclareVectorOutputPort(
+                "mass_properties", 10, self._calc_mass_properties, prerequisites_of_calc=moving
+            )
+
+        def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            properties, time_step, *_ = other._made
+            steps = ["moves by steps whose number depends on the state"] if time_step and T is Expression else []
+            refuse(T, f"plant '{other.get_name()}'", steps, "set plant.time_step: 0")
+            names = ("time_step", "lag_time_constants_s", "initial_rate", "jumps", "period_s", "compiled")
+            made = dict(zip(names, other._made[1:], strict=True))
+            Plant._construct(self, properties, converter=converter, **made)
+
+        def _structure(self, context: Any) -> Any:
+            values = self.parameters.get(context)
+            structure = np.concatenate((values.inertia, values.center_of_mass))
+            if self._structure_change is None:
+                return structure
+            return structure + context.get_discrete_state(self._structure_change).CopyToVector()
+
+        def _compute_constants(self, context: Any) -> Any:
+            """The constants of motion, a holder of them, and the mass at the start."""
+            structure = self._structure(context)
+            if T is float and not is_positive_definite(symmetric(STRUCTURE.read(structure).inertia)):
+                raise InputError(
+                    f"plant '{self.get_name()}': inertia (xx, yy, zz, yz, xz, xy) must be positive definite, got "
+                    f"{STRUCTURE.read(structure).inertia.tolist()}"
+                )
+            constants = rigid_body.body_of_structure(structure)
+            return constants, held(constants, self._compiled), self.parameters.get(context).mass
+
+        def _body(self, context: Any) -> Any:
+            """State of the body with its whole mass, shape (23,)."""
+            if self._time_step == 0.0:
+                body = context.get_continuous_state_vector().CopyToVector()
+            else:
+                body = context.get_discrete_state(self._state).CopyToVector()
+            body[MASS] += self._constants.get(context)[-1]
+            return body
+
+        def _calc_body_state(self, context: Any, output: Any) -> None:
+            output.SetFromVector(self._body(context))
+
+        def _calc_structure(self, context: Any, output: Any) -> None:
+            output.SetFromVector(self._structure(context))
+
+        def _calc_mass_properties(self, context: Any, output: Any) -> None:
+            constants, *_ = self._constants.get(context)
+            output.SetFromVector(np.array([*constants.inverse, *constants.center, 1.0 / self._body(context)[MASS]]))
+
+        def DoCalcTimeDerivatives(self, context: Any, derivatives: Any) -> None:  # noqa: N802 (overrides Drake's)
+            """The continuous plant's equations of motion."""
+            if self._time_step == 0.0:
+                wrench = self._wrench.Eval(context)
+                (constants, *_), body = self._constants.get(context), self._body(context)
+                if T is not Expression:
+                    self._require_mass(context, body, wrench)
+                derivatives.get_mutable_vector().SetFromVector(rigid_body.derivative(body, wrench, constants))
+
+        def _require_mass(self, context: Any, body: Any, wrench: Any) -> None:
             try:
-                rigid_body.require_mass(float(state[MASS]), _LEAST_TIME_S * float(wrench[-1]))
+                rigid_body.require_mass(value_of(body[MASS]), _LEAST_TIME_S * value_of(wrench[-1]))
             except OutOfMassError as error:
-                raise error.at(context.get_time()) from None
-            derivatives.get_mutable_vector().SetFromVector(rigid_body.derivative(state, wrench, body))
+                raise error.at(value_of(context.get_time())) from None
 
-    def _jump(self, context: Any, state: Any) -> None:
-        structure = context.get_discrete_state(self._structure).CopyToVector()
-        jumps = self._jumps.get(round(context.get_time() / self._period_s), ())
-        body_state, structure = rigid_body.jumped(self._body_state(context), structure, jumps)
-        state.get_mutable_discrete_state(self._structure).SetFromVector(structure)
-        if self._time_step == 0.0:
-            state.get_mutable_continuous_state().SetFromVector(body_state)
-        else:
-            state.get_mutable_discrete_state(self._state).SetFromVector(body_state)
+        def _jump(self, context: Any, state: Any) -> None:
+            jumps = self._jumps.get(round(value_of(context.get_time()) / self._period_s), ())
+            if not jumps:
+                return
+            start = self.parameters.get(context)
+            body, structure = rigid_body.jumped(self._body(context), self._structure(context), jumps)
+            body[MASS] -= start.mass
+            change = structure - np.concatenate((start.inertia, start.center_of_mass))
+            state.get_mutable_discrete_state(self._structure_change).SetFromVector(change)
+            if self._time_step == 0.0:
+                state.get_mutable_continuous_state().SetFromVector(body)
+            else:
+                state.get_mutable_discrete_state(self._state).SetFromVector(body)
 
-    def _update(self, context: Any, state: Any) -> None:
-        profile, before = self._wrench.Eval(context), self._body_state(context)
-        structure = context.get_discrete_state(self._structure).CopyToVector()
-        constants = _constants(structure.tobytes(), self._compiled)
-        try:
-            after = self._kernel(before, profile, constants, self._held)
-        except (OutOfMassError, SpunUpError) as error:
-            raise error.at(context.get_time()) from None
-        state.set_value(self._state, after)
+        def _update(self, context: Any, state: Any) -> None:
+            body, profile = context.get_discrete_state(self._state).CopyToVector(), self._wrench.Eval(context)
+            _, constants, mass = self._constants.get(context)
+            body[MASS] += mass
+            try:
+                after = self._kernel(body, profile, constants, self._held)
+            except (OutOfMassError, SpunUpError) as error:
+                raise error.at(value_of(context.get_time())) from None
+            after[MASS] -= mass
+            state.set_value(self._state, after)
+
+    return Plant
 
 
-@lru_cache(maxsize=256)
-def _constants(structure: bytes, compiled: bool) -> Any:
-    """A holder of the constants of motion for a structure."""
-    return held(rigid_body.body_of_structure(np.frombuffer(structure)), compiled)
+RigidBodyPlant: Any = float_class(RigidBodyPlant_, "RigidBodyPlant")

@@ -1,4 +1,4 @@
-"""What rate gyros and integrating accelerometers have in common."""
+"""The package of three sensors, common to rate gyros and integrating accelerometers."""
 
 from __future__ import annotations
 
@@ -7,17 +7,23 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.autodiffutils import AutoDiffXd
 from pydrake.common import RandomDistribution
-from pydrake.systems.framework import LeafSystem
+from pydrake.symbolic import Expression
+from pydrake.systems.framework import LeafSystem_
 
-from massprop_drake.maths.kernels import chosen, held
+from massprop_drake.errors import InputError
+from massprop_drake.maths.kernels import chosen, held, value_of
 from massprop_drake.maths.vehicle import ports
 from massprop_drake.maths.vehicle.ports import Sensing
 from massprop_drake.maths.vehicle.rigid_body import N_STATE
-from massprop_drake.maths.vehicle.sensing import SensorModel, vibrating
+from massprop_drake.maths.vehicle.sensing import Draws, SensorModel, vibrating, with_draws
 from massprop_drake.systems.arguments import vector
 from massprop_drake.systems.caching import Cached, state_of
 from massprop_drake.systems.layouts import NOISE
+from massprop_drake.systems.parameters import Named, Parameters
+from massprop_drake.systems.scalars import float_class, refuse, template
+from massprop_drake.systems.vehicle.noise_source import seed_in
 
 Array = NDArray[np.float64]
 
@@ -64,88 +70,176 @@ def stated(package: StatedPackage) -> SensorModel:
     )
 
 
-class Sensor(LeafSystem):
-    """A package of three sensors along the body axes, with the errors of `maths.sensing.SensorModel`.
+@template
+def Sensor_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
+    """The package for a scalar type T, see `Sensor`."""
 
-    Ports:
-        body_state (in, 23): see `RigidBodyPlant`. Required.
-        noise (in, 6): independent standard normal numbers, new at each sample. Required when the
-            model is noisy.
-        reading (out, 3): body axes.
+    class Triad(LeafSystem_[T]):
+        """A package of three sensors along the body axes, with the errors of `maths.sensing.SensorModel`.
 
-    State: memory (10 + 3 delay), see `maths.sensing.sense`; none for a model that remembers nothing.
+        Ports:
+            body_state (in, 23): see `RigidBodyPlant`. Required.
+            noise (in, 6): independent standard normal numbers, new at each sample. Required when the
+                model is noisy.
+            seed (in, 1, with draws alone): varies the seed of the phases, see `noise_seed`. Optional.
+            reading (out, 3): body axes.
 
-    Timing: the reading at t_k is of the body at t_k, or `delay` samples before; vibration is taken at t_k too.
+        Parameters: see `parameters`. scale_factor (x, y, z), relative; bias (x, y, z), of a reading or, of an
+        accelerometer, of its time derivative; walk_std and noise_std, 1-sigma of a sample; quantum, 0: none; phase
+        (x, y, z) of the quantizer's marks, quanta, to which a drawn one is added; limit, largest reading either way.
 
-    Args:
-        package: its name, which is that of the system; or a package of a vehicle, such as `vehicle.gyro("gyro")`.
-        model: its errors; default those that the package states, which then must be one: quantum, noise and range.
-        position: of integrating accelerometers, vehicle frame, ft or m, shape (3,); None: they are rate gyros.
-        compiled: whether its kernel is.
+        State: memory (10 + 3 delay), see `maths.sensing.sense`; none for a model that remembers nothing.
 
-    Raises:
-        ValueError: when a vector of the model has not three elements.
-    """
+        Timing: the reading at t_k is of the body at t_k, or `delay` samples before; vibration is taken at t_k too.
 
-    def __init__(
-        self,
-        package: str | StatedPackage,
-        model: SensorModel | None = None,
-        position: Array | None = None,
-        *,
-        compiled: bool = False,
-    ):
-        super().__init__()
-        self.set_name(package if isinstance(package, str) else package.name)
-        if model is None:
-            if isinstance(package, str):
-                raise ValueError(f"sensor '{package}': a name alone has no errors; give its model, or a package")
-            model = stated(package)
-        for name in ("scale_factor", "bias", "phase"):
-            vector(f"sensor '{self.get_name()}': {name}", getattr(model, name), 3)
-        self._model = model
-        self._exact = model.exact
-        read: Any = ports.exact_reading if self._exact else ports.reading
-        read = ports.remembered_reading if model.remembers else read
-        self._kernel = chosen(read, compiled)
-        place = np.zeros(3) if position is None else position
-        self._held = held(Sensing(model.errors, position is not None, place), compiled)
-        self._body_state = self.DeclareVectorInputPort("body_state", N_STATE)
-        self._noise = self.DeclareVectorInputPort("noise", NOISE.size, RandomDistribution.kGaussian)
-        inputs = {self.input_port_ticket(self._body_state.get_index())}
-        if model.noisy:
-            inputs.add(self.input_port_ticket(self._noise.get_index()))
-        if model.vibration is not None:
-            inputs.add(self.time_ticket())
-        if model.remembers:
-            self.DeclareDiscreteState(model.memory_size)
-            self._step = Cached(self, "step", self._compute, {self.xd_ticket(), *inputs})
-            self.DeclareVectorOutputPort(
-                "reading", 3, self._calc_remembering, prerequisites_of_calc={self._step.ticket}
+        Scalars: float; AutoDiffXd without quantum and limit; Expression also without memory, and
+        with noise_std and time as numbers.
+
+        Args:
+            package: its name, or a package of a vehicle, such as `vehicle.gyro("gyro")`.
+            model: its errors, the parameters' defaults; default those that the package states: quantum, noise and
+                range.
+            position: in the vehicle frame, ft or m, shape (3,); None: a rate gyro.
+            draws: phases that a seed draws.
+            seed: of the run.
+            compiled: whether its kernel is.
+
+        Attributes:
+            parameters: those in a context, by name.
+
+        Raises:
+            ValueError: when there is a name without a model, or a vector of it has not three elements.
+            InputError: in a conversion of readings without derivatives; in a simulation, when parameters ask for noise
+                or memory that the model has not.
+        """
+
+        def _construct(
+            self,
+            package: str | StatedPackage,
+            model: SensorModel | None = None,
+            position: Array | None = None,
+            *,
+            draws: Draws | None = None,
+            seed: int = 0,
+            compiled: bool = False,
+            converter: Any = None,
+        ) -> None:
+            LeafSystem_[T].__init__(self, converter)
+            self.set_name(package if isinstance(package, str) else package.name)
+            if model is None:
+                if isinstance(package, str):
+                    raise ValueError(f"sensor '{package}': a name alone has no errors; give its model, or a package")
+                model = stated(package)
+            for name in ("scale_factor", "bias", "phase"):
+                vector(f"sensor '{self.get_name()}': {name}", getattr(model, name), 3)
+            self._made = {"model": model, "position": position, "draws": draws, "seed": seed, "compiled": compiled}
+            self._model, self._draws, self._seed = model, draws, seed
+            self._compiled = compiled and T is float
+            self._gathers, self._place = position is not None, np.zeros(3) if position is None else position
+            self.parameters = Parameters(
+                self,
+                T,
+                {
+                    "scale_factor": Named(model.scale_factor, "xyz"),
+                    "bias": Named(model.bias, "xyz"),
+                    "walk_std": Named(model.walk_std),
+                    "noise_std": Named(model.noise_std),
+                    "quantum": Named(model.quantum),
+                    "phase": Named(model.phase, "xyz"),
+                    "limit": Named(model.limit),
+                },
             )
-            self.DeclarePeriodicDiscreteUpdateEvent(period_sec=model.period_s, offset_sec=0.0, update=self._update)
-        else:
-            self.DeclareVectorOutputPort("reading", 3, self._calc_direct, prerequisites_of_calc=inputs)
+            self._body_state = self.DeclareVectorInputPort("body_state", N_STATE)
+            self._noise = self.DeclareVectorInputPort("noise", NOISE.size, RandomDistribution.kGaussian)
+            of_model = {self.parameters.ticket}
+            if draws is not None:
+                self._varied = self.DeclareVectorInputPort("seed", 1)
+                of_model.add(self.input_port_ticket(self._varied.get_index()))
+            self._sensing = Cached(self, "errors", self._compute_sensing, of_model)
+            inputs = {self._sensing.ticket, self.input_port_ticket(self._body_state.get_index())}
+            if model.noisy:
+                inputs.add(self.input_port_ticket(self._noise.get_index()))
+            if model.vibration is not None:
+                inputs.add(self.time_ticket())
+            if model.remembers:
+                self.DeclareDiscreteState(model.memory_size)
+                self._step = Cached(self, "step", self._compute, {self.xd_ticket(), *inputs})
+                self.DeclareVectorOutputPort(
+                    "reading", 3, self._calc_remembering, prerequisites_of_calc={self._step.ticket}
+                )
+                self.DeclarePeriodicDiscreteUpdateEvent(period_sec=model.period_s, offset_sec=0.0, update=self._update)
+            else:
+                self.DeclareVectorOutputPort("reading", 3, self._calc_direct, prerequisites_of_calc=inputs)
 
-    def _chance(self, context: Any) -> tuple[Array, Array]:
-        """Noise and vibration at a sample."""
-        noise = self._noise.Eval(context) if self._model.noisy else _QUIET
-        return noise, vibrating(self._model, context.get_time())
+        def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            _refuse_jumps(T, other.get_name(), other._model)
+            Triad._construct(self, other.get_name(), converter=converter, **other._made)
 
-    def _calc_direct(self, context: Any, output: Any) -> None:
-        body = self._body_state.Eval(context)
-        if self._exact:
-            output.SetFromVector(self._kernel(body, self._held))
-        else:
-            output.SetFromVector(self._kernel(body, *self._chance(context), self._held))
+        def _errors_in(self, context: Any) -> SensorModel:
+            """Errors by the parameters in a context, before the draw."""
+            values = self.parameters.get(context)
+            scalars = ("quantum", "limit", "noise_std", "walk_std")
+            numbers: dict[str, Any] = {name: value_of(getattr(values, name)) for name in scalars}
+            numbers["phase"] = np.array([value_of(number) for number in values.phase])
+            # the bias of a gyro may be symbolic, since it decides nothing
+            bias = np.array([value_of(number) for number in values.bias]) if self._gathers else np.zeros(3)
+            model, where = self._model._replace(bias=bias, **numbers), f"sensor '{self.get_name()}'"
+            _refuse_jumps(T, self.get_name(), model)
+            if model.noisy and not self._model.noisy:
+                raise InputError(f"{where} has no noise: build it with a noise_std above zero to vary that")
+            if model.remembers and not self._model.remembers:
+                raise InputError(f"{where} has no memory: build it with a bias or a walk_std to vary these")
+            if T is AutoDiffXd:
+                model = model._replace(noise_std=values.noise_std, walk_std=values.walk_std)
+            return model._replace(scale_factor=values.scale_factor, bias=values.bias)
 
-    def _compute(self, context: Any) -> Array:
-        body = self._body_state.Eval(context)
-        row: Array = self._kernel(body, state_of(context), *self._chance(context), self._held)
-        return row
+        def _compute_sensing(self, context: Any) -> tuple[Any, Any, SensorModel | None]:
+            """The kernel of a reading, a holder for it, and the errors; None where it takes neither noise nor time."""
+            model = self._errors_in(context)
+            if self._draws is not None:
+                model = with_draws(model, self._draws, seed_in(context, self._varied, self._seed))
+            exact = T is float and model.exact and not self._model.remembers
+            read: Any = ports.remembered_reading if self._model.remembers else ports.reading
+            kernel = chosen(ports.exact_reading if exact else read, self._compiled)
+            holder = held(Sensing(model.errors, self._gathers, self._place), self._compiled)
+            return kernel, holder, None if exact else model
 
-    def _calc_remembering(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._step.get(context)[_READING])
+        def _chance(self, context: Any, model: SensorModel) -> tuple[Array, Array]:
+            """Noise and vibration at a sample."""
+            noise = self._noise.Eval(context) if self._model.noisy else _QUIET
+            return noise, vibrating(model, context.get_time())
 
-    def _update(self, context: Any, state: Any) -> None:
-        state.set_value(self._step.get(context)[_AFTER])
+        def _calc_direct(self, context: Any, output: Any) -> None:
+            (kernel, holder, model), body = self._sensing.get(context), self._body_state.Eval(context)
+            if model is None:
+                output.SetFromVector(kernel(body, holder))
+            else:
+                output.SetFromVector(kernel(body, *self._chance(context, model), holder))
+
+        def _compute(self, context: Any) -> Any:
+            (kernel, holder, model), body = self._sensing.get(context), self._body_state.Eval(context)
+            return kernel(body, state_of(context), *self._chance(context, model), holder)
+
+        def _calc_remembering(self, context: Any, output: Any) -> None:
+            output.SetFromVector(self._step.get(context)[_READING])
+
+        def _update(self, context: Any, state: Any) -> None:
+            state.set_value(self._step.get(context)[_AFTER])
+
+    return Triad
+
+
+Sensor: Any = float_class(Sensor_, "Sensor")
+
+
+def _refuse_jumps(scalar: Any, name: str, model: SensorModel) -> None:
+    """Refuses readings without derivatives for scalars that want them."""
+    reasons = []
+    if model.quantum > 0.0:
+        reasons.append("quantizes its readings")
+    if model.limit < math.inf:
+        reasons.append("saturates at its range")
+    remedy = f"give it sensors.errors: [{{sensor: {name}, quantum: 0}}] and no range, or leave the sensor out"
+    refuse(scalar, f"sensor '{name}'", reasons, remedy)
+    reasons = ["remembers (bandwidth_hz, drift of its bias, or delay_samples)"] if model.remembers else []
+    refuse(scalar if scalar is Expression else float, f"sensor '{name}'", reasons, "leave these errors out")

@@ -6,82 +6,127 @@ from typing import Any
 
 import numpy as np
 from pydrake.common import RandomDistribution
-from pydrake.systems.framework import LeafSystem
+from pydrake.systems.framework import LeafSystem_
 
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.rigid_body import N_STATE, STRUCTURE
 from massprop_drake.maths.vehicle.tracking import N_NOISE, PoseModel, pose_read, velocity_read
 from massprop_drake.systems.arguments import vector
+from massprop_drake.systems.scalars import float_class, refuse, template
 
 
-class Tracker(LeafSystem):
-    """What trackers have in common.
+@template
+def Tracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
+    """The base of trackers for a scalar type T, see `Tracker`."""
 
-    Ports:
-        body_state (in, 23), structure (in, 9): see `RigidBodyPlant`. Required.
-        noise (in, n_noise): independent standard normal numbers, new at each sample. Required.
-        reading (out, size): in the fixed frame.
+    class Sighting(LeafSystem_[T]):
+        """The base of all trackers.
 
-    State: none.
+        Ports:
+            body_state (in, 23), structure (in, 9): see `RigidBodyPlant`. Required.
+            noise (in, n_noise): independent standard normal numbers, new at each sample. Required.
+            reading (out, size): in the fixed frame.
 
-    Timing: the reading at t_k is of the body at t_k, but for the error of the stamp.
+        State: none.
 
-    Attributes:
-        n_noise: how many numbers it takes at each sample.
-    """
+        Timing: the reading at t_k is of the body at t_k, but for the error of the stamp.
 
-    def __init__(self, name: str, size: int, n_noise: int):
-        super().__init__()
-        self.set_name(name)
-        self.n_noise = n_noise
-        self._body_state = self.DeclareVectorInputPort("body_state", N_STATE)
-        self._structure = self.DeclareVectorInputPort("structure", STRUCTURE.size)
-        self._noise = self.DeclareVectorInputPort("noise", n_noise, RandomDistribution.kGaussian)
-        inputs = (self._body_state, self._structure, self._noise)
-        read = {self.input_port_ticket(port.get_index()) for port in inputs}
-        self.DeclareVectorOutputPort("reading", size, self._calc, prerequisites_of_calc=read)
+        Attributes:
+            n_noise: count of the numbers that it takes at each sample.
+        """
 
-    def _read(self, body: Array, center: Array, noise: Array) -> Array:
-        raise NotImplementedError
+        def _construct(self, name: str, size: int, n_noise: int, *, converter: Any = None) -> None:
+            LeafSystem_[T].__init__(self, converter)
+            self.set_name(name)
+            self._sizes = name, size, n_noise
+            self.n_noise = n_noise
+            self._body_state = self.DeclareVectorInputPort("body_state", N_STATE)
+            self._structure = self.DeclareVectorInputPort("structure", STRUCTURE.size)
+            self._noise = self.DeclareVectorInputPort("noise", n_noise, RandomDistribution.kGaussian)
+            inputs = (self._body_state, self._structure, self._noise)
+            read = {self.input_port_ticket(port.get_index()) for port in inputs}
+            self.DeclareVectorOutputPort("reading", size, self._calc, prerequisites_of_calc=read)
 
-    def _calc(self, context: Any, output: Any) -> None:
-        center = STRUCTURE.read(self._structure.Eval(context)).center_of_mass
-        output.SetFromVector(self._read(self._body_state.Eval(context), center, self._noise.Eval(context)))
+        def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            Sighting._construct(self, *other._sizes, converter=converter)
 
+        def _read(self, body: Any, center: Any, noise: Any) -> Any:
+            raise NotImplementedError
 
-class PoseTracker(Tracker):
-    """Measures position and attitude, see `maths.vehicle.tracking`; ports, state and timing as `Tracker`.
+        def _calc(self, context: Any, output: Any) -> None:
+            center = STRUCTURE.read(self._structure.Eval(context)).center_of_mass
+            output.SetFromVector(self._read(self._body_state.Eval(context), center, self._noise.Eval(context)))
 
-    The reading (7) is the tracked point's position, ft or m, and the quaternion from body to fixed frame, scalar
-    first; NaN for what is not measured.
-
-    Args:
-        name: of the sensor.
-        model: see `PoseModel`.
-    """
-
-    def __init__(self, name: str, model: PoseModel):
-        super().__init__(name, 7, N_NOISE)
-        vector(f"sensor '{name}': point", model.point, 3)
-        self._model = model
-
-    def _read(self, body: Array, center: Array, noise: Array) -> Array:
-        return pose_read(body, center, noise, self._model)
+    return Sighting
 
 
-class VelocityTracker(Tracker):
-    """Measures the velocity of a point, ft/s or m/s, fixed frame; ports, state and timing as `Tracker`.
+@template
+def PoseTracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
+    """The tracker of poses for a scalar type T, see `PoseTracker`."""
 
-    Args:
-        name: of the sensor.
-        position: of the point, vehicle frame, ft or m, shape (3,).
-        noise_std: of each component, 1-sigma.
-    """
+    class PoseSeen(Tracker_[T]):  # type: ignore[misc, valid-type]
+        """Measures position and attitude, see `maths.vehicle.tracking`; ports, state and timing as `Tracker`.
 
-    def __init__(self, name: str, *, position: Array, noise_std: float):
-        super().__init__(name, 3, 3)
-        self._position = vector(f"sensor '{name}': position", np.asarray(position, dtype=float), 3)
-        self._noise_std = noise_std
+        The reading (7) is the tracked point's position, ft or m, and the quaternion from body to fixed frame, scalar
+        first; NaN for a part that is not measured.
 
-    def _read(self, body: Array, center: Array, noise: Array) -> Array:
-        return velocity_read(body, center, noise, self._position, self._noise_std)
+        Scalars: float; AutoDiffXd and Expression where time_std_s and outliers are 0.
+
+        Args:
+            name: of the sensor.
+            model: see `PoseModel`.
+
+        Raises:
+            InputError: in a conversion of readings without derivatives.
+        """
+
+        def _construct(self, name: str, model: PoseModel, *, converter: Any = None) -> None:
+            Tracker_[T].__init__(self, name, 7, N_NOISE, converter=converter)
+            vector(f"sensor '{name}': point", model.point, 3)
+            self._model = model
+
+        def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            name, model = other.get_name(), other._model
+            chance = ["has stamps or readings that are wrong by chance"] if model.time_std_s or model.outliers else []
+            refuse(T, f"sensor '{name}'", chance, "set its time_std_s and outliers to 0, or leave the sensor out")
+            PoseSeen._construct(self, name, model, converter=converter)
+
+        def _read(self, body: Any, center: Any, noise: Any) -> Any:
+            return pose_read(body, center, noise, self._model)
+
+    return PoseSeen
+
+
+@template
+def VelocityTracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
+    """The tracker of velocities for a scalar type T, see `VelocityTracker`."""
+
+    class VelocitySeen(Tracker_[T]):  # type: ignore[misc, valid-type]
+        """Measures the velocity of a point, ft/s or m/s, fixed frame; ports, state and timing as `Tracker`.
+
+        Scalars: float, AutoDiffXd and Expression.
+
+        Args:
+            name: of the sensor.
+            position: of the point, vehicle frame, ft or m, shape (3,).
+            noise_std: of each component, 1-sigma.
+        """
+
+        def _construct(self, name: str, *, position: Array, noise_std: float, converter: Any = None) -> None:
+            Tracker_[T].__init__(self, name, 3, 3, converter=converter)
+            self._position = vector(f"sensor '{name}': position", np.asarray(position, dtype=float), 3)
+            self._noise_std = noise_std
+
+        def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            made = {"position": other._position, "noise_std": other._noise_std}
+            VelocitySeen._construct(self, other.get_name(), converter=converter, **made)
+
+        def _read(self, body: Any, center: Any, noise: Any) -> Any:
+            return velocity_read(body, center, noise, self._position, self._noise_std)
+
+    return VelocitySeen
+
+
+Tracker: Any = float_class(Tracker_, "Tracker")
+PoseTracker: Any = float_class(PoseTracker_, "PoseTracker")
+VelocityTracker: Any = float_class(VelocityTracker_, "VelocityTracker")

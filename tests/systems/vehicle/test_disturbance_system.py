@@ -38,11 +38,11 @@ def _disturbance(*, stepped: bool, n_lags: int = 0) -> tuple[Disturbance, Any]:
 @pytest.mark.parametrize("stepped", [False, True])
 def test_topology(*, stepped: bool) -> None:
     dut, context = _disturbance(stepped=stepped, n_lags=2)
-    assert inputs(dut) == {"jets": 21, "structure": 9, "noise": 6}
+    assert inputs(dut) == {"jets": 21, "structure": 9, "noise": 6, "seed": 1}
     assert outputs(dut) == {"wrench": 21}
-    assert feedthrough(dut) == {"wrench": {"jets", "structure", *(["noise"] if stepped else [])}}
+    assert feedthrough(dut) == {"wrench": {"jets", "structure", "seed", *(["noise"] if stepped else [])}}
     assert context.num_continuous_states() == 0
-    np.testing.assert_array_equal(context.get_discrete_state(0).CopyToVector(), MODEL.before)
+    assert not context.get_discrete_state(0).CopyToVector().any()
 
 
 def test_a_stepped_body_gets_that_of_the_coming_sample_and_a_continuous_one_that_of_the_running_one() -> None:
@@ -60,6 +60,20 @@ def test_a_stepped_body_gets_that_of_the_coming_sample_and_a_continuous_one_that
     continuous, context = _disturbance(stepped=False)
     advance(continuous, context)  # the update at the sample, and then the sample runs
     np.testing.assert_allclose(continuous.GetOutputPort("wrench").Eval(context), jets + added(1.1), rtol=1e-14)
+
+
+def test_it_starts_as_a_seed_draws() -> None:
+    drawn = Disturbance(MODEL, period_s=PERIOD_S, stepped=False, seed=4)
+    context = drawn.CreateDefaultContext()
+    for name, value in (("jets", np.zeros(7)), ("structure", np.ones(9)), ("noise", np.zeros(6))):
+        drawn.GetInputPort(name).FixValue(context, value)
+    force = drawn.GetOutputPort("wrench").Eval(context)[3:6]
+    np.testing.assert_array_equal(force, (MEAN + normal_sample(4, "disturbance before the start", 0, 6))[3:])
+    drawn.parameters.set(context, std_force_x=0.0, mean_force_y=7.0)
+    force = drawn.GetOutputPort("wrench").Eval(context)[3:6]
+    assert force[0] == MEAN[3]
+    drawn.GetInputPort("seed").FixValue(context, [0.5])
+    assert drawn.GetOutputPort("wrench").Eval(context)[4] != force[1]
 
 
 def test_what_dies_away_is_passed_on_as_it_is() -> None:

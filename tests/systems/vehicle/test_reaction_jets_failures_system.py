@@ -79,11 +79,18 @@ def test_a_failure_that_ends() -> None:
 
 
 def test_a_leak_pushes_besides_what_is_commanded_and_uses_propellant() -> None:
-    dut, context = make(Failure(0, FailureKind.LEAK, 0.0, math.inf, amount=0.1))
+    # half a lbf of a jet of 5 lbf
+    dut, context = make(Failure(0, FailureKind.LEAK, 0.0, math.inf, amount=0.5))
     command(dut, context, [1.0, 0.0, 0.0], NONE)
     np.testing.assert_allclose(out(dut, context, "wrench_profile"), 1.1 * WRENCHES[0], rtol=1e-12)
     command(dut, context, NONE, NONE)
     np.testing.assert_allclose(out(dut, context, "wrench_profile"), 0.1 * WRENCHES[0], rtol=1e-12)
+    np.testing.assert_allclose(out(dut, context, "thrust"), [0.5, 0.0, 0.0], rtol=1e-12)
+
+
+def test_a_leak_is_of_its_force_whatever_the_jet_s_thrust() -> None:
+    dut, context = make(Failure(0, FailureKind.LEAK, 0.0, math.inf, amount=0.5))
+    dut.parameters.set(context, thrust_factor_0=0.8)
     np.testing.assert_allclose(out(dut, context, "thrust"), [0.5, 0.0, 0.0], rtol=1e-12)
 
 

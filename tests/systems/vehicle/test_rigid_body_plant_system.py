@@ -45,6 +45,7 @@ def test_topology_of_the_stepped_plant(lags: tuple[float, ...]) -> None:
     # the sensors read the body at t_k before the command of t_k moves it
     assert feedthrough(dut) == {"body_state": set(), "structure": set(), "mass_properties": set()}
     assert context.num_continuous_states() == 0
+    assert context.num_discrete_state_groups() == 1
 
 
 def test_topology_of_the_continuous_plant() -> None:
@@ -52,6 +53,7 @@ def test_topology_of_the_continuous_plant() -> None:
     assert inputs(dut) == {"wrench": 7}
     assert outputs(dut) == {"body_state": 23, "structure": 9, "mass_properties": 10}
     assert feedthrough(dut) == {"body_state": set(), "structure": set(), "mass_properties": set()}
+    assert context.has_only_continuous_state()
     assert context.num_continuous_states() == 23
     assert dut.GetUniquePeriodicDiscreteUpdateAttribute() is None
 
@@ -147,10 +149,10 @@ def test_derivatives_of_the_continuous_plant() -> None:
     np.testing.assert_allclose(derivative[SPIN_INTEGRAL], [0.01, 0.04, 0.0, 0.0, 0.0, 0.02], rtol=1e-13, atol=1e-18)
 
 
-def test_the_structure_in_the_context_is_the_one_that_moves() -> None:
+def test_the_inertia_in_the_context_is_the_one_that_turns() -> None:
     # a body whose inertia about x is changed in the context turns by the new one
     dut, context = _stepped()
-    context.get_mutable_discrete_state(0).get_mutable_value()[0] = 8.0
+    dut.parameters.set(context, inertia_xx=8.0)
     np.testing.assert_allclose(dut.GetOutputPort("mass_properties").Eval(context)[0], 0.125, rtol=1e-15)
     dut.GetInputPort("wrench_profile").FixValue(context, [0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     update(dut, context)
