@@ -11,11 +11,11 @@ course of a run, noise and intermittent failures, is that of the scenario's seed
 from __future__ import annotations
 
 import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
-from massprop_drake.diagrams._wiring import built
+from massprop_drake.diagrams._wiring import built, export_outputs
 from massprop_drake.inputs import params
-from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.scenario import PlantBlock, Scenario
 from massprop_drake.inputs.vehicle import Accelerometer, PoseSensor, SensorPackage, VelocitySensor
 from massprop_drake.maths.vehicle.sensing import SensorModel
 from massprop_drake.systems.vehicle.disturbance import Disturbance
@@ -28,8 +28,13 @@ from massprop_drake.systems.vehicle.sensor import Sensor
 from massprop_drake.systems.vehicle.trackers import PoseTracker, Tracker, VelocityTracker
 
 
-def build(scenario: Scenario) -> Diagram:
+def build(scenario: Scenario, body: System | None = None) -> Diagram:
     """The vehicle diagram of a scenario.
+
+    Args:
+        scenario: with the vehicle.
+        body: in place of that of the scenario, with the ports of a continuous `RigidBodyPlant`; other ports that it
+            has are exported under their names.
 
     Ports:
         command (in, n_jets), held_command (in, n_jets): see `ReactionJets`.
@@ -40,6 +45,7 @@ def build(scenario: Scenario) -> Diagram:
         body_state (out, 23), structure (out, 9), mass_properties (out, 10): the truth, see
             `RigidBodyPlant`.
         thrust (out, n_jets): mean force over the coming sample, see `ReactionJets`.
+        joint_positions (out, n): of a multibody plant that has joints, see `MultibodyVehicle`.
     """
     vehicle = scenario.vehicle_data
     period = vehicle.sample_period_s
@@ -56,18 +62,7 @@ def build(scenario: Scenario) -> Diagram:
             compiled=scenario.execution.compiled,
         ),
     )
-    body = builder.AddNamedSystem(
-        "rigid_body",
-        RigidBodyPlant(
-            params.true_properties(scenario),
-            time_step=params.time_step(scenario),
-            lag_time_constants_s=jets.lag_time_constants_s,
-            initial_rate=np.array(scenario.plant.initial_rate),
-            jumps=params.mass_jumps(scenario),
-            period_s=period,
-            compiled=scenario.execution.compiled,
-        ),
-    )
+    body = builder.AddSystem(_body(scenario, jets.lag_time_constants_s) if body is None else body)
     stepped = params.time_step(scenario) != 0.0
     wrench = "wrench_profile" if stepped else "wrench"
     noisy: list[Sensor | Disturbance | Tracker] = []
@@ -112,10 +107,29 @@ def build(scenario: Scenario) -> Diagram:
         for system in noisy:
             builder.Connect(noise.GetOutputPort(system.get_name()), system.GetInputPort("noise"))
 
-    for name in ("body_state", "structure", "mass_properties"):
-        builder.ExportOutput(body.GetOutputPort(name), name)
+    for port in map(body.get_input_port, range(body.num_input_ports())):
+        if port.get_name() != wrench:
+            builder.ExportInput(port, port.get_name())
+    export_outputs(builder, [body])
     builder.ExportOutput(jets.GetOutputPort("thrust"), "thrust")
     return built(builder, "vehicle")
+
+
+def _body(scenario: Scenario, lag_time_constants_s: tuple[float, ...]) -> System:
+    """The body that a scenario flies."""
+    if not isinstance(scenario.plant, PlantBlock):
+        from massprop_drake.diagrams import multibody  # noqa: PLC0415 (loads Drake's multibody library)
+
+        return multibody.body(scenario.plant)
+    return RigidBodyPlant(
+        params.true_properties(scenario),
+        time_step=params.time_step(scenario),
+        lag_time_constants_s=lag_time_constants_s,
+        initial_rate=np.array(scenario.plant.initial_rate),
+        jumps=params.mass_jumps(scenario),
+        period_s=scenario.vehicle_data.sample_period_s,
+        compiled=scenario.execution.compiled,
+    )
 
 
 def _tracker(sensor: PoseSensor | VelocitySensor, scenario: Scenario) -> Tracker:

@@ -98,6 +98,9 @@ class Simulated:
             )
             ApplySimulatorConfig(config, self._simulator)
         self._root = self._simulator.get_mutable_context()
+        moving = self._part("multibody_vehicle")
+        if moving is not None:
+            moving.set_initial_velocities(self._root)
         self._began = False
         self._logged_s = -math.inf  # time of the last row
 
