@@ -13,7 +13,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from massprop_drake.diagrams import vehicle as vehicle_diagram
 from massprop_drake.inputs import params
-from massprop_drake.inputs.model_file import blamed
+from massprop_drake.inputs.model_file import blamed, model_joints
 from massprop_drake.inputs.scenario import MultibodyBlock, PlantBlock, Scenario
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.systems.multibody.multibody_vehicle import FROM_PLANT, BodyBridge, MultibodyVehicle
@@ -36,6 +36,7 @@ def body(block: MultibodyBlock) -> MultibodyVehicle:
             rate=np.array(block.initial_rate),
             moves=params.joint_moves(block),
             drive_frequency_hz=block.drive_frequency_hz,
+            shown=[joint.name for joint in model_joints(block.model)],
         )
 
 

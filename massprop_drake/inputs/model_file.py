@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
+from typing import NamedTuple
 from xml.etree import ElementTree
 
 from massprop_drake.errors import InputError, suggestion
@@ -14,6 +16,10 @@ from massprop_drake.inputs.yaml import exists, read_text
 
 _SUFFIXES = (".sdf", ".urdf")
 _NEEDED = {"sdf": ("mass", "inertia/ixx", "inertia/iyy", "inertia/izz"), "robot": ("mass", "inertia")}
+_POSITIONS = {
+    **dict.fromkeys(("revolute", "continuous"), (1, "rad")),
+    **{"prismatic": (1, "{length}"), "universal": (2, "rad"), "ball": (3, "rad")},
+}
 _ELSEWHERE = {"mesh": "draw it with boxes, cylinders and the like", "include": "put the other model's text in"}
 
 
@@ -48,6 +54,46 @@ def model_text(model: str, folder: Path) -> str:
     return text.strip() + "\n"
 
 
+class ModelJoint(NamedTuple):
+    """A joint between two links of a model.
+
+    Attributes:
+        name: of the joint.
+        positions: numbers that say how it stands.
+        unit: of these, with {length} for the vehicle's.
+    """
+
+    name: str
+    positions: int
+    unit: str
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of its positions: that of the joint, with an axis where there are several."""
+        return (self.name,) if self.positions == 1 else tuple(f"{self.name}_{axis}" for axis in "xyz"[: self.positions])
+
+
+def model_joints(text: str) -> tuple[ModelJoint, ...]:
+    """The joints of a model that move, in its order, but for those whose name is not the only one of its kind.
+
+    Args:
+        text: of the model, SDF or URDF.
+    """
+    found = [
+        ModelJoint(str(joint.get("name")), *_POSITIONS[kind])
+        for joint in ElementTree.fromstring(text.strip()).iter("joint")
+        if (kind := str(joint.get("type"))) in _POSITIONS and _parent(joint) != "world"
+    ]
+    names = [joint.name for joint in found]
+    return tuple(joint for joint in found if names.count(joint.name) == 1)
+
+
+def _parent(joint: ElementTree.Element) -> str:
+    """Name of a joint's parent link: an attribute in URDF, a text in SDF."""
+    parent = joint.find("parent")
+    return "" if parent is None else parent.get("link", (parent.text or "").strip())
+
+
 def require_model(text: str, where: str) -> None:
     """Makes sure that a text is SDF or URDF whose links all have mass and inertia, and that it is complete.
 
@@ -80,6 +126,17 @@ def require_model(text: str, where: str) -> None:
             raise InputError(
                 f"{where}link '{name}' has no <{missing.rpartition('/')[2]}>: every link needs its own mass and inertia"
             )
+        mass = inertial.find("mass") if inertial is not None else None
+        given = "" if mass is None else mass.get("value", mass.text or "").strip()
+        if not _is_positive(given):
+            raise InputError(f"{where}link '{name}': mass must be a positive number, got '{given}'")
+
+
+def _is_positive(number: str) -> bool:
+    try:
+        return 0.0 < float(number) < math.inf
+    except ValueError:
+        return False
 
 
 @contextlib.contextmanager

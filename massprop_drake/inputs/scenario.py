@@ -34,7 +34,7 @@ from massprop_drake.inputs.model import (
     refusal,
     validated,
 )
-from massprop_drake.inputs.model_file import model_text
+from massprop_drake.inputs.model_file import model_joints, model_text
 from massprop_drake.inputs.vehicle import MassPropertiesModel, Vehicle, load_vehicle, symmetric_inertia
 from massprop_drake.inputs.yaml import Document, FieldPath, exists, read_text
 from massprop_drake.maths.linear_algebra import is_covariance
@@ -213,6 +213,16 @@ class MultibodyBlock(_Plant):
     drive_frequency_hz: Real = described(
         2.0, "natural frequency of the joints' drives, critically damped", "Hz", gt=0.0, le=100.0
     )
+
+    @property
+    def joint_columns(self) -> tuple[str, ...]:
+        """Names of the joints' positions, as `joint_positions` has them."""
+        return tuple(column for joint in model_joints(self.model) for column in joint.columns)
+
+    @property
+    def joint_units(self) -> tuple[str, ...]:
+        """Unit of each of them, with {length} for the vehicle's."""
+        return tuple(joint.unit for joint in model_joints(self.model) for _ in joint.columns)
 
     @model_validator(mode="after")
     def _one_at_a_time(self) -> MultibodyBlock:

@@ -36,7 +36,7 @@ from massprop_drake.results.spool import Spool
 from massprop_drake.results.summary import Findings, Timing, looked_back_on, not_summed_up, summarize
 from massprop_drake.runners.logs import Intake, estimation_signals, for_json
 from massprop_drake.runners.moment import Moment
-from massprop_drake.signals import is_own
+from massprop_drake.signals import JOINTS, is_own
 from massprop_drake.systems.autopilot.jet_selection_program import JetSelectionProgram
 from massprop_drake.systems.layouts import STRUCTURE
 
@@ -252,7 +252,7 @@ def _signals(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
     wrench = (level[:, np.newaxis] @ vehicle.wrenches)[:, 0]  # row by row: a product's last bit depends on its rows
     torque, signals["force"] = np.hsplit(wrench, 2)
     signals["torque"] = torque - np.cross(structure["center_of_mass"], signals["force"])
-    for name in ("hand_controllers", "attitude_error", "request", "selection_counts", "out_of_use"):
+    for name in (JOINTS, "hand_controllers", "attitude_error", "request", "selection_counts", "out_of_use"):
         if name in logs:
             signals[name] = logs[name]
     signals |= estimation_signals(scenario, logs)

@@ -21,6 +21,7 @@ from massprop_drake.maths.estimation.filter import Groups
 from massprop_drake.maths.vehicle.rigid_body import QUATERNION, RATE
 from massprop_drake.runners.logs import ESTIMATION, state_groups
 from massprop_drake.runners.moment import Moment
+from massprop_drake.signals import JOINTS
 from massprop_drake.systems.layouts import RECONFIGURATION, ROTATION_REPORT, STRUCTURE
 
 Array = NDArray[np.float64]
@@ -30,6 +31,7 @@ _LOGGED = (
     "structure",
     "command",
     "thrust",
+    JOINTS,
     "hand_controllers",
     "attitude_error",
     "request",
@@ -145,6 +147,7 @@ class Simulated:
             self._output("body_state")[RATE],
             float(report.rotation_nis) if report.rotation_used else math.nan,
             tuple(self._output(name) for name in self._sensors),
+            np.empty(0) if self._port(JOINTS) is None else self._output(JOINTS),
         )
 
     def finish(self, *, interrupted: bool = False) -> tuple[Array, Groups]:

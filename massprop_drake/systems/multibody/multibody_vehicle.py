@@ -59,11 +59,7 @@ class MultibodyVehicle(Diagram):
     Ports:
         wrench (in, 7): see `BodyWrench`. Required.
         body_state (out, 23), structure (out, 9), mass_properties (out, 10): see `BodyMotion`.
-        joint_positions (out, n): of all joints but the one to the world, in the order of `joint_names`; where there
-            are any.
-
-    Attributes:
-        joint_names: names of the positions that joints have.
+        joint_positions (out, n): of the joints that are shown, rad, ft or m; where there are any.
 
     Args:
         plant: continuous and finalized; it becomes part of the diagram.
@@ -72,6 +68,7 @@ class MultibodyVehicle(Diagram):
         rate: of the body at the start, rad/s, body axes, shape (3,).
         moves: of driven joints by name; all other joints are free.
         drive_frequency_hz: see `JointDrive`.
+        shown: names of joints.
 
     Raises:
         ValueError: when the plant is discrete, there is no such body or joint, or the vehicle is not free.
@@ -87,6 +84,7 @@ class MultibodyVehicle(Diagram):
         rate: Array,
         moves: Mapping[str, Sequence[Move]],
         drive_frequency_hz: float,
+        shown: Sequence[str] = (),
     ):
         super().__init__()
         carrier = body_of(plant, body)
@@ -105,13 +103,14 @@ class MultibodyVehicle(Diagram):
         builder.ExportInput(bridge.GetInputPort("wrench"), "wrench")
         for name in TRUTH:
             builder.ExportOutput(bridge.GetOutputPort(name), name)
-        places, self.joint_names = joint_places(plant)
+        joints = [plant.GetJointByName(name) for name in shown]
+        places = [joint.position_start() + n for joint in joints for n in range(joint.num_positions())]
         if places:
             chosen = np.zeros((len(places), plant.num_multibody_states()))
             chosen[range(len(places)), places] = 1.0
-            joints = builder.AddNamedSystem("joint_positions", MatrixGain(chosen))
-            builder.Connect(plant.get_state_output_port(), joints.get_input_port())
-            builder.ExportOutput(joints.get_output_port(), "joint_positions")
+            picked = builder.AddNamedSystem("joint_positions", MatrixGain(chosen))
+            builder.Connect(plant.get_state_output_port(), picked.get_input_port())
+            builder.ExportOutput(picked.get_output_port(), "joint_positions")
         builder.BuildInto(self)
         self.set_name("multibody_vehicle")
 
@@ -123,18 +122,3 @@ class MultibodyVehicle(Diagram):
         """
         context = self._plant.GetMyMutableContextFromRoot(root)
         self._plant.SetVelocities(context, self._velocities)
-
-
-def joint_places(plant: MultibodyPlant) -> tuple[list[int], tuple[str, ...]]:
-    """Places of the joints' positions in a plant's state, and their names, `<joint>` or `<joint>_<position>`."""
-    world = plant.world_body().index()
-    places: list[int] = []
-    names: list[str] = []
-    for index in plant.GetJointIndices():
-        joint = plant.get_joint(index)
-        if joint.parent_body().index() == world or not joint.num_positions():
-            continue
-        first, count = joint.position_start(), joint.num_positions()
-        places += range(first, first + count)
-        names += [joint.name()] if count == 1 else [f"{joint.name()}_{joint.position_suffix(n)}" for n in range(count)]
-    return places, tuple(names)

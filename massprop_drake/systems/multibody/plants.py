@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import re
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -19,6 +20,7 @@ from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.attached_bodies import Bodies, BodyPlaces, center_velocity, composite
 
 _DRAKE = "drake"  # its logger
+_PLACE = re.compile(r"(<literal-string>\.\w+:\d+: )?(error|warning): |Failure at \S+ in ")
 
 
 def parsed_plant(text: str, *, scene_graph: SceneGraph | None = None) -> MultibodyPlant:
@@ -67,8 +69,8 @@ def _warnings() -> Iterator[list[str]]:
 
 
 def _line(text: str) -> str:
-    """A message of Drake's in one line."""
-    return " ".join(text.removeprefix("error: ").split())
+    """A message of Drake's in one line, without the places in Drake and in the text that it begins with."""
+    return " ".join(_PLACE.sub("", text).split())
 
 
 def require_continuous(plant: MultibodyPlant) -> None:
@@ -95,7 +97,7 @@ def body_of(plant: MultibodyPlant, body: str | RigidBody | BodyIndex) -> RigidBo
     if isinstance(body, str):
         found = [one for one in _bodies(plant) if one.name() == body]
         if len(found) > 1:
-            raise ValueError(f"{len(found)} bodies of the MultibodyPlant are named '{body}'; give the body itself")
+            raise ValueError(f"{len(found)} bodies of the MultibodyPlant are named '{body}'; rename all but one")
         if not found:
             names = sorted({one.name() for one in _bodies(plant)})
             raise ValueError(f"'{body}' is no body of the MultibodyPlant; bodies are: {', '.join(names)}")
