@@ -6,6 +6,8 @@ gyros, accelerometers <--------------body_state---- body_bridge <--body_poses, .
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody
@@ -18,6 +20,7 @@ from massprop_drake.inputs.scenario import MultibodyBlock, PlantBlock, Scenario
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.systems.multibody.multibody_vehicle import FROM_PLANT, BodyBridge, MultibodyVehicle
 from massprop_drake.systems.multibody.plants import body_of, floating_base, joint_named, parsed_plant
+from massprop_drake.systems.multibody.star_tracker import StarTracker
 
 
 def body(block: MultibodyBlock) -> MultibodyVehicle:
@@ -70,6 +73,7 @@ def add_thrusters_and_sensors(
     vehicle: Vehicle | Scenario,
     body: str | RigidBody | BodyIndex,
     *,
+    star_trackers: Sequence[StarTracker] = (),
     name: str = "thrusters_and_sensors",
 ) -> Diagram:
     """Adds jets and sensors of a vehicle to a MultibodyPlant that is in a builder already, and connects them.
@@ -84,23 +88,27 @@ def add_thrusters_and_sensors(
         vehicle: such as `load_vehicle("servicer")`, in the units of the plant; or a scenario with one, for failures,
             sensor errors, disturbance and seed. Its `plant` but for these plays no part.
         body: name, index or the body itself, which carries jets and sensors; its frame is the vehicle frame.
+        star_trackers: sensors of the attitude besides; a port each, by its name.
         name: of the diagram.
 
     Raises:
         ValueError: when the plant is discrete, not finalized, has no such body, or its forces come from elsewhere.
     """
-    scenario = vehicle if isinstance(vehicle, Scenario) else Scenario(vehicle=vehicle, plant=PlantBlock(time_step=0.0))
-    forces = plant.get_applied_spatial_force_input_port()
+    scenario = vehicle if isinstance(vehicle, Scenario) else Scenario(vehicle=vehicle)
+    if isinstance(scenario.plant, PlantBlock):
+        continuous = scenario.plant.model_copy(update={"time_step": 0.0})
+        scenario = scenario.model_copy(update={"plant": continuous})
     bridge = BodyBridge(plant, body)
-    added = vehicle_diagram.build(scenario, bridge)
+    forces = plant.get_applied_spatial_force_input_port()
+    if builder.IsConnectedOrExported(forces):
+        raise ValueError(
+            "the MultibodyPlant's port 'applied_spatial_force' is connected already; connect an "
+            "ExternallyAppliedSpatialForceMultiplexer in its place, and to that Thrusters and the sensors one by one"
+        )
+    added = vehicle_diagram.build(scenario, bridge, star_trackers)
     added.set_name(name)
     builder.AddSystem(added)
     for port in FROM_PLANT:
         builder.Connect(plant.GetOutputPort(port), added.GetInputPort(port))
-    if builder.IsConnectedOrExported(forces):
-        raise ValueError(
-            "the MultibodyPlant's port 'applied_spatial_force' is connected already; connect an "
-            "ExternallyAppliedSpatialForceMultiplexer to it after the jets are added"
-        )
     builder.Connect(added.GetOutputPort("spatial_forces"), forces)
     return added

@@ -10,6 +10,8 @@ course of a run, noise and intermittent failures, is that of the scenario's seed
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
@@ -28,13 +30,14 @@ from massprop_drake.systems.vehicle.sensor import Sensor
 from massprop_drake.systems.vehicle.trackers import PoseTracker, Tracker, VelocityTracker
 
 
-def build(scenario: Scenario, body: System | None = None) -> Diagram:
+def build(scenario: Scenario, body: System | None = None, trackers: Sequence[Tracker] = ()) -> Diagram:
     """The vehicle diagram of a scenario.
 
     Args:
         scenario: with the vehicle.
         body: in place of that of the scenario, with the ports of a continuous `RigidBodyPlant`; other ports that it
             has are exported under their names.
+        trackers: besides those of the vehicle.
 
     Ports:
         command (in, n_jets), held_command (in, n_jets): see `ReactionJets`.
@@ -89,11 +92,11 @@ def build(scenario: Scenario, body: System | None = None) -> Diagram:
         if model.noisy:
             noisy.append(sensor)
 
-    for seen in vehicle.tracked:
-        tracker = builder.AddNamedSystem(seen.name, _tracker(seen, scenario))
+    for tracker in (*(_tracker(seen, scenario) for seen in vehicle.tracked), *trackers):
+        builder.AddSystem(tracker)
         for name in ("body_state", "structure"):
             builder.Connect(body.GetOutputPort(name), tracker.GetInputPort(name))
-        builder.ExportOutput(tracker.GetOutputPort("reading"), seen.name)
+        builder.ExportOutput(tracker.GetOutputPort("reading"), tracker.get_name())
         noisy.append(tracker)
 
     comes_and_goes = any(failure.kind == "intermittent" for failure in scenario.failures)

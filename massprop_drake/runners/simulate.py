@@ -230,7 +230,8 @@ def _scenario_to_blame(scenario: Scenario) -> Iterator[None]:
             raise
         raise InputError(
             f"scenario '{scenario.name}': plant.accuracy: the continuous plant cannot be integrated to "
-            f"{scenario.plant.accuracy:g}; ask for less, or leave out plant.time_step for steps of high order"
+            f"{scenario.plant.accuracy:g}; ask for less"
+            + (", or leave out plant.time_step for steps of high order" if scenario.plant.kind == "rigid" else "")
         ) from error
 
 

@@ -6,6 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from massprop_drake.maths.linear_algebra import Array
 
 
@@ -56,25 +58,27 @@ def reference(start: float, moves: Sequence[Move], time_s: float) -> JointRefere
     return JointReference(position, 0.0, 0.0)
 
 
-def drive_force(wanted: JointReference, position: float, rate: float, inertia: float, frequency_hz: float) -> float:
-    """Generalized force of a critically damped proportional-derivative drive with feedforward.
+def drive_forces(
+    wanted: Sequence[JointReference], positions: Array, rates: Array, inertia: Array, frequency_hz: float
+) -> Array:
+    """Generalized forces of critically damped proportional-derivative drives with feedforward, shape (n,).
 
     Args:
-        wanted: see `reference`.
-        position, rate: of the joint.
-        inertia: effective inertia that the joint moves.
+        wanted: of each driven joint, see `reference`.
+        positions, rates: of them, shape (n,).
+        inertia: which they move, see `driven_inertia`, shape (n, n).
         frequency_hz: natural frequency of the closed loop, Hz.
     """
-    w = 2.0 * math.pi * frequency_hz
-    error, error_rate = wanted.position - position, wanted.rate - rate
-    return inertia * (wanted.acceleration + 2.0 * w * error_rate + w * w * error)
+    w, (told, told_rates, told_accelerations) = 2.0 * math.pi * frequency_hz, np.array(wanted).T
+    forces: Array = inertia @ (told_accelerations + 2.0 * w * (told_rates - rates) + w * w * (told - positions))
+    return forces
 
 
-def effective_inertias(inverse_mass_matrix: Array, places: Sequence[int]) -> tuple[float, ...]:
-    """Inertia that each joint moves while nothing else holds: 1 / (M^-1)_jj.
+def driven_inertia(mass_matrix: Array, places: Sequence[int]) -> Array:
+    """Inertia that driven joints move, with all else free: (S M^-1 S^T)^-1, shape (n, n).
 
     Args:
-        inverse_mass_matrix: M^-1, shape (n, n).
-        places: of the joints among the generalized velocities.
+        mass_matrix: M, of all generalized velocities.
+        places: of the driven joints among these, which S picks.
     """
-    return tuple(1.0 / float(inverse_mass_matrix[place, place]) for place in places)
+    return np.linalg.inv(np.linalg.inv(mass_matrix)[np.ix_(places, places)])

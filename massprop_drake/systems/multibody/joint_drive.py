@@ -3,32 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.vehicle.joint_moves import Move, drive_force, effective_inertias, reference
+from massprop_drake.maths.vehicle.joint_moves import Move, drive_forces, driven_inertia, reference
 from massprop_drake.systems.multibody.plants import joint_named
 
 
-class _Driven(NamedTuple):
-    """A driven joint: its places in state and velocities, where it starts, what it does and moves."""
-
-    position_at: int
-    velocity_at: int
-    start: float
-    moves: Sequence[Move]
-    inertia: float
-
-
 class JointDrive(LeafSystem):
-    """Holds joints where they start and moves them when told, each by a drive of its own.
+    """Holds joints where they start, and moves them when told.
 
-    The drive is critically damped, with feedforward; see `maths.vehicle.joint_moves`. Its inertia is that which the
-    joint moves at the start, so the closed loop's frequency changes somewhat as an arm unfolds.
+    The drives are critically damped, with feedforward; see `maths.vehicle.joint_moves`. They are told the inertia that
+    the joints move at the start, so that the frequency of the closed loop changes as an arm unfolds.
 
     Ports:
         state (in, nq + nv): of the plant. Required.
@@ -51,31 +41,22 @@ class JointDrive(LeafSystem):
     ):
         super().__init__()
         self.set_name("joint_drive")
-        self._frequency_hz, self._nv = frequency_hz, plant.num_velocities()
+        self._frequency_hz, self._size = frequency_hz, plant.num_velocities()
+        joints = [joint_named(plant, name) for name in moves]
+        self._velocities = [joint.velocity_start() for joint in joints]  # places of the driven joints among them
+        self._positions = [joint.position_start() for joint in joints]
+        self._rates = [plant.num_positions() + place for place in self._velocities]  # in the state
         context = plant.CreateDefaultContext()
         plant.SetPositions(context, positions)
-        inverse = np.linalg.inv(plant.CalcMassMatrix(context))
-        joints = [joint_named(plant, name) for name in moves]
-        inertias = effective_inertias(inverse, [joint.velocity_start() for joint in joints])
-        self._driven = [
-            _Driven(
-                joint.position_start(),
-                joint.velocity_start(),
-                float(positions[joint.position_start()]),
-                told,
-                inertia,
-            )
-            for joint, told, inertia in zip(joints, moves.values(), inertias, strict=True)
-        ]
-        self._nq = plant.num_positions()
+        self._inertia = driven_inertia(plant.CalcMassMatrix(context), self._velocities)
+        self._told = list(zip(positions[self._positions].tolist(), moves.values(), strict=True))
         state = self._state = self.DeclareVectorInputPort("state", plant.num_multibody_states())
         needs = {self.input_port_ticket(state.get_index()), self.time_ticket()}
-        self.DeclareVectorOutputPort("generalized_force", self._nv, self._calc, prerequisites_of_calc=needs)
+        self.DeclareVectorOutputPort("generalized_force", self._size, self._calc, prerequisites_of_calc=needs)
 
     def _calc(self, context: Any, output: Any) -> None:
-        state, forces = self._state.Eval(context), np.zeros(self._nv)
-        for joint in self._driven:
-            wanted = reference(joint.start, joint.moves, context.get_time())
-            position, rate = state[joint.position_at], state[self._nq + joint.velocity_at]
-            forces[joint.velocity_at] = drive_force(wanted, position, rate, joint.inertia, self._frequency_hz)
+        state, time_s, forces = self._state.Eval(context), context.get_time(), np.zeros(self._size)
+        wanted = [reference(start, moves, time_s) for start, moves in self._told]
+        positions, rates = state[self._positions], state[self._rates]
+        forces[self._velocities] = drive_forces(wanted, positions, rates, self._inertia, self._frequency_hz)
         output.SetFromVector(forces)

@@ -157,9 +157,7 @@ def floating_base(plant: MultibodyPlant, body: RigidBody) -> RigidBody:
     for one in attached(plant, body):
         if one.is_floating_base_body():
             return one
-    raise ValueError(
-        f"body '{body.name()}' must be free, but a joint of the model holds it to the world; leave that out"
-    )
+    raise ValueError(f"body '{body.name()}' must be free, but a joint holds it to the world; leave that joint out")
 
 
 def joint_named(plant: MultibodyPlant, name: str) -> Joint:
