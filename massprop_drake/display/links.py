@@ -61,13 +61,15 @@ class Links:
         """Where the links stand in the vehicle frame.
 
         Args:
-            joint_positions: of all joints, in the order of the signal of that name, shape (n_joints,).
+            joint_positions: of all joints, in the order of the signal of that name, shape (n_joints,); empty: unknown,
+                so that they stand as the model has them.
 
         Returns:
             Position, ft or m, and quaternion of each link, one after the other, shape (7 count,).
         """
         positions = self._plant.GetPositions(self._context)
-        positions[self._places] = joint_positions
+        if joint_positions.size:
+            positions[self._places] = joint_positions
         self._plant.SetPositions(self._context, positions)
         poses = [
             self._plant.CalcRelativeTransform(self._context, self._carrier.body_frame(), link.body_frame())

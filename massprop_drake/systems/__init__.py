@@ -10,6 +10,7 @@ from typing import Any
 
 _HOMES = {
     "AttitudeReference": "autopilot.attitude_reference",
+    "BodyMotion": "multibody.body_motion",
     "ConvergenceMonitor": "estimation.convergence_monitor",
     "Disturbance": "vehicle.disturbance",
     "FailureDetector": "estimation.failure_detector",
@@ -29,7 +30,9 @@ _HOMES = {
     "RigidBodyPlant": "vehicle.rigid_body_plant",
     "RotationEstimator": "estimation.rotation_estimator",
     "Sensor": "vehicle.sensor",
+    "StarTracker": "multibody.star_tracker",
     "TelemetrySource": "estimation.telemetry_source",
+    "Thrusters": "multibody.thrusters",
 }
 
 __all__ = sorted(_HOMES)  # noqa: PLE0605 (the names are those of the mapping above)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from multibody_probe import arm
+from multibody_probe import ARM, arm
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.framework import DiagramBuilder
@@ -136,6 +136,17 @@ def test_a_plant_of_ones_own_is_flown_estimated_and_reported(tmp_path: Path) -> 
     assert 0.0 < np.arccos(np.minimum(error, 1.0)).max() < 4e-4
     folder = found.save(tmp_path / "own", pictures=False)
     assert (folder / "report.html").exists()
+
+
+def test_the_documentations_script_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "multibody.md").read_text(encoding="utf-8")
+    script = page.partition("```python\n")[2].partition("```")[0]
+    assert len([line for line in script.splitlines() if line]) <= 30
+    monkeypatch.chdir(tmp_path)
+    Path("my_servicer.sdf").write_text(ARM, encoding="utf-8")
+    exec(script.replace('"plant={', '"duration_s=1", "plant={'), {})
+    assert Run.load("runs/mine")["command"].any()
+    assert Path("runs/mine/report.html").exists()
 
 
 def test_jets_and_sensors_come_with_a_vehicle_alone() -> None:

@@ -16,7 +16,7 @@ from massprop_drake.systems.multibody.body_wrench import BodyWrench
 from massprop_drake.systems.vehicle.reaction_jets import ReactionJets
 
 
-class StatedJets(Protocol):
+class _StatedJets(Protocol):
     """The jets of a vehicle, see `inputs.vehicle.Vehicle`."""
 
     @property
@@ -66,7 +66,7 @@ class Thrusters(Diagram):
 
     def __init__(
         self,
-        vehicle: StatedJets,
+        vehicle: _StatedJets,
         plant: MultibodyPlant,
         body: str | RigidBody | BodyIndex,
         *,
