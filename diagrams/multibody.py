@@ -15,7 +15,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from massprop_drake.diagrams import vehicle as vehicle_diagram
 from massprop_drake.inputs import params
-from massprop_drake.inputs.model_file import blamed, model_joints
+from massprop_drake.inputs.model_file import blamed, model_joints, model_kind
 from massprop_drake.inputs.scenario import MultibodyBlock, PlantBlock, Scenario
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.systems.multibody.multibody_vehicle import FROM_PLANT, BodyBridge, MultibodyVehicle
@@ -46,7 +46,7 @@ def body(block: MultibodyBlock) -> MultibodyVehicle:
 def _checked(block: MultibodyBlock) -> MultibodyPlant:
     """The plant of a block, in which everything that the block names has been found."""
     with blamed("plant.model"):
-        plant = parsed_plant(block.model)
+        plant = parsed_plant(block.model, model_kind(block.model))
     with blamed("plant.body"):
         floating_base(plant, body_of(plant, block.body))
     starts, moves = ([entry.joint for entry in entries] for entries in (block.joints, block.moves))

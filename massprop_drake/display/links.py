@@ -11,7 +11,7 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex
 
-from massprop_drake.inputs.model_file import model_joints
+from massprop_drake.inputs.model_file import model_joints, model_kind
 from massprop_drake.inputs.scenario import MultibodyBlock
 
 Array = NDArray[np.float64]
@@ -35,7 +35,7 @@ class Links:
         self._graph = SceneGraph()
         self._plant = MultibodyPlant(0.0)
         self._plant.RegisterAsSourceForSceneGraph(self._graph)
-        Parser(self._plant).AddModelsFromString(block.model, "urdf" if "<robot" in block.model else "sdf")
+        Parser(self._plant).AddModelsFromString(block.model, model_kind(block.model))
         self._plant.Finalize()
         self._context = self._plant.CreateDefaultContext()
         self._links = [self._plant.get_body(BodyIndex(number)) for number in range(1, self._plant.num_bodies())]

@@ -8,7 +8,7 @@ import os
 from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 from xml.etree import ElementTree
 
 from massprop_drake.errors import InputError, suggestion
@@ -52,6 +52,11 @@ def model_text(model: str, folder: Path) -> str:
         raise InputError(f"'{model}' is neither a bundled model nor the file {beside}{suggestion(model, known)}")
     require_model(text, f"{model}: ")
     return text.strip() + "\n"
+
+
+def model_kind(text: str) -> Literal["sdf", "urdf"]:
+    """The format of a model's text, which is one."""
+    return "urdf" if ElementTree.fromstring(text.strip()).tag == "robot" else "sdf"
 
 
 class ModelJoint(NamedTuple):

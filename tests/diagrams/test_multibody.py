@@ -100,6 +100,16 @@ def test_what_drake_or_the_model_does_not_have_gets_one_message(overrides: list[
         require_model(scenario)
 
 
+def test_a_urdf_flies_too() -> None:
+    urdf = (
+        "<robot name='m'><!-- not <sdf> --><link name='bus'><inertial><origin xyz='0.02 0 -0.01'/><mass value='180'/>"
+        "<inertia ixx='50' iyy='26' izz='55' ixy='0' ixz='0' iyz='0'/></inertial></link></robot>"
+    )
+    found = simulate(load_scenario("servicer_slosh", ["duration_s=0.5", f'plant.model="{urdf}"']))
+    np.testing.assert_allclose(found["truth"][-1, 6:], [0.02, 0.0, -0.01, 1.0 / 180.0], rtol=1e-12, atol=1e-14)
+    assert "joint_positions" not in found.signals
+
+
 def test_a_rigid_plant_has_no_model_to_check() -> None:
     require_model(load_scenario("sample_maneuver"))
 

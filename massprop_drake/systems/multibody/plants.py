@@ -7,10 +7,9 @@ import logging
 import re
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
-from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
@@ -23,20 +22,17 @@ _DRAKE = "drake"  # its logger
 _PLACE = re.compile(r"(<literal-string>\.\w+:\d+: )?(error|warning): |Failure at \S+ in ")
 
 
-def parsed_plant(text: str, *, scene_graph: SceneGraph | None = None) -> MultibodyPlant:
-    """Makes a continuous MultibodyPlant without gravity from the text of a model.
+def parsed_plant(text: str, kind: Literal["sdf", "urdf"]) -> MultibodyPlant:
+    """Makes a continuous MultibodyPlant from the text of a model, without gravity and contact.
 
     Args:
-        text: SDF or URDF.
-        scene_graph: takes the model's visuals; None: nothing does, and there is no contact either.
+        text: of the model.
+        kind: its format.
 
     Raises:
         ValueError: when Drake cannot make a plant of it, or an inertia in it is none.
     """
     plant = MultibodyPlant(0.0)
-    if scene_graph is not None:
-        plant.RegisterAsSourceForSceneGraph(scene_graph)
-    kind = "urdf" if "<robot" in text else "sdf"
     with _warnings() as warned:
         try:
             Parser(plant).AddModelsFromString(text, kind)
