@@ -25,12 +25,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pydrake.systems.framework import Diagram, DiagramBuilder, InputPortIndex, LeafSystem
+from pydrake.systems.framework import DiagramBuilder, InputPortIndex, LeafSystem
 
-from massprop_drake.diagrams._wiring import built
+from massprop_drake.diagrams._wiring import Diagram
 from massprop_drake.inputs import params
-from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.inputs.vehicle import SensorPackage
+from massprop_drake.inputs.scenario import Scenario, resolved
+from massprop_drake.inputs.vehicle import SensorPackage, Vehicle
 from massprop_drake.maths.estimation.detector import Detector
 from massprop_drake.maths.mass_properties import N_ROTATION
 from massprop_drake.systems.estimation._readings import Package
@@ -45,7 +45,7 @@ from massprop_drake.systems.estimation.pose_estimator import PoseEstimator
 from massprop_drake.systems.estimation.rotation_estimator import RotationEstimator
 
 
-def build(scenario: Scenario) -> Diagram:
+def build(scenario: Scenario) -> MassPropertyEstimator:
     """The estimation diagram of a scenario.
 
     Ports:
@@ -70,8 +70,41 @@ def build(scenario: Scenario) -> Diagram:
         <pose> (in, 7), <velocity> (in, 3), for each sensor in a fixed frame, and pose_report (out, 16 + 2 n_jets), with
             the filter of poses: see `PoseEstimator`.
     """
+    return MassPropertyEstimator(scenario)
+
+
+class MassPropertyEstimator(Diagram):
+    """The estimators of a vehicle in one system, ready to be connected.
+
+        estimator = builder.AddSystem(MassPropertyEstimator(load_vehicle("lander")))
+
+    Ports: see `build`. Connect each gyro, each accelerometer and `jet_commands`, then read `estimate`.
+
+    Timing: the outputs at t_k use the readings at t_k, with the commands of [t_k-1, t_k).
+
+    Args:
+        vehicle: nominal mass properties, jets and sensors, estimated with the usual settings; or a scenario, whose
+            settings are taken.
+        name: of the system.
+
+    Attributes:
+        scenario: vehicle and settings, what `simulate` takes.
+
+    Raises:
+        InputError: when the vehicle is one that cannot be estimated.
+    """
+
+    def __init__(self, vehicle: Vehicle | Scenario, name: str = "estimation"):
+        scenario = vehicle if isinstance(vehicle, Scenario) else resolved({"vehicle": vehicle})
+        builder = DiagramBuilder()
+        _add_parts(builder, scenario)
+        super().__init__(builder, name)
+        self.scenario = scenario
+
+
+def _add_parts(builder: DiagramBuilder, scenario: Scenario) -> None:
+    """Adds impulse model, filters and detector, and exports their ports."""
     vehicle = scenario.vehicle_data
-    builder = DiagramBuilder()
     impulses = builder.AddNamedSystem(
         "impulse_model",
         ImpulseModel(
@@ -91,7 +124,6 @@ def build(scenario: Scenario) -> Diagram:
         _add_hypotheses(builder, scenario, method, filters[-1])
     elif method is not None:
         _add_detector(builder, scenario, method, (impulses, *filters), commands)
-    return built(builder, "estimation")
 
 
 def _add_thesis(builder: DiagramBuilder, scenario: Scenario, impulses: ImpulseModel) -> tuple[LeafSystem, ...]:

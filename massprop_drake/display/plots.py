@@ -80,7 +80,7 @@ class Source(NamedTuple):
 
     @property
     def simulated(self) -> bool:
-        """Whether the truth is known; if not, the signals come from telemetry."""
+        """Whether the true mass properties are known."""
         return "truth" in self.signals
 
     @property
@@ -141,15 +141,18 @@ def _of_comparison(run: Source) -> dict[str, Callable[[Source], Plot]]:
 def _of_motion(run: Source) -> dict[str, Callable[[Source], Plot]]:
     """What the vehicle did; of recorded telemetry what was read in place of what was true."""
     found: dict[str, Callable[[Source], Plot]] = {}
-    if not run.simulated:
-        if run.vehicle.accelerometers:
-            found["accelerometer_velocities"] = accelerometer_velocities
+    if "velocity" not in run.signals and run.vehicle.accelerometers:
+        found["accelerometer_velocities"] = accelerometer_velocities
+    if "rate" in run.signals:
+        found["rates"] = rates
+    else:
         found |= {"gyro_readings": gyro_readings} if run.vehicle.gyros else {"rates_estimated": rates_estimated}
-        return found | _of_place(run) | _of_jets(run)
-    found["rates"] = rates
     if "attitude_error" in run.signals:
         found["attitude_error"] = attitude_error
-    found |= {"velocities": velocities, **_of_place(run), **_of_jets(run), "torques": torques, "forces": forces}
+    if "velocity" in run.signals:
+        found["velocities"] = velocities
+    found |= {**_of_place(run), **_of_jets(run)}
+    found |= {name: plot for name, signal, plot in _OF_THRUST if signal in run.signals}
     if "attitude_error" in run.signals:
         found["phase_plane"] = phase_plane
     return found
@@ -214,10 +217,11 @@ def positions(run: Source) -> Plot:
             for sensor in run.vehicle.poses
             if sensor.name in run.signals
         ]
-        if run.simulated:
+        known = "position" in run.signals
+        if known:
             marks.append(Line(run.time_s, run.signals["position"][:, axis], TRUTH_COLOR, "true center of mass"))
         estimate = run.signals["position_estimate"][:, axis]
-        marks.append(Line(run.time_s, estimate, COLORS[axis], "estimated center of mass", dashed=run.simulated))
+        marks.append(Line(run.time_s, estimate, COLORS[axis], "estimated center of mass", dashed=known))
         panels.append(Panel(AXES[axis], run.vehicle.unit_names["length"], tuple(marks)))
     meaning = "what is read is the place of the point that is followed"
     return _plot(run, "positions", "Position in the fixed frame", panels, meaning=meaning)
@@ -283,6 +287,9 @@ def torques(run: Source) -> Plot:
 def forces(run: Source) -> Plot:
     """Applied force (figure 5-5)."""
     return _vector(run, "forces", "force", "Applied force", steps=True, axes=run.moving)
+
+
+_OF_THRUST = (("torques", "torque", torques), ("forces", "force", forces))
 
 
 def gyro_readings(run: Source) -> Plot:
@@ -386,10 +393,10 @@ def _firings(run: Source, name: str, title: str, label: str, rows: Sequence[_Row
     """Bars of command and, where it is known, of true thrust below; that of failed jets untold in another color."""
     command = np.nan_to_num(run.signals["command"]) > 0.0
     marks = [
-        _bars(run, rows, command, -0.2 if run.simulated else 0.0, None, "commanded"),
+        _bars(run, rows, command, -0.2 if "thrust" in run.signals else 0.0, None, "commanded"),
     ]
     meaning = ""
-    if run.simulated:
+    if "thrust" in run.signals:
         level = run.signals["thrust"] / np.linalg.norm(run.vehicle.thrusts, axis=1)
         seen = motion.plumes(level, command, failing(run.time_s, run.scenario))
         marks.append(_bars(run, rows, seen["given"], 0.2, TRUTH_COLOR, "thrust"))
@@ -430,7 +437,7 @@ def failing(time_s: Array, scenario: Scenario) -> NDArray[np.bool_]:
 def propellant(run: Source) -> Plot:
     """Propellant used, by what the jets gave or, where that is not known, by what they were told."""
     full, flows = np.linalg.norm(run.vehicle.thrusts, axis=1), params.plant_mass_flows(run.scenario)
-    level = run.signals["thrust"] / full if run.simulated else np.nan_to_num(run.signals["command"])
+    level = run.signals["thrust"] / full if "thrust" in run.signals else np.nan_to_num(run.signals["command"])
     rate = (level * flows).sum(axis=1) * run.vehicle.sample_period_s
     used = np.concatenate([[0.0], np.cumsum(rate[:-1])])
     line = Line(run.time_s, used, COLORS[0])
@@ -789,7 +796,7 @@ def failure_magnitude(run: Source) -> Plot:
     """
     marks: list[Mark] = []
     alarm = run.where("alarm")
-    if run.simulated:
+    if "thrust" in run.signals:
         jets = run.signals["suspected_jet"][alarm, 0]
         suspected = jets[~np.isnan(jets)].astype(int).tolist()
         failed = [run.vehicle.jet_index(failure.jet) for failure in run.scenario.failures]

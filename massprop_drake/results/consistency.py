@@ -39,7 +39,8 @@ class Diagnosis(NamedTuple):
 
     Attributes:
         kind: "factor", "jet", "thrust", "lag", "torque", "drag", "gyro_bias", "acceleration_bias", "gyro_scale",
-            "gyro_sign", "accelerometer_scale", "accelerometer_sign", "drift", "jitter", "noise" or "start".
+            "gyro_sign", "accelerometer_scale", "accelerometer_sign", "oscillation", "drift", "jitter", "noise" or
+            "start".
         reason: in words.
         statistic: of its test.
         threshold: that it exceeds.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from massprop_drake.inputs import factors, params
 from massprop_drake.inputs.factors import Factor
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.maths.estimation import hindsight
+from massprop_drake.maths.estimation import hindsight, oscillation
 from massprop_drake.maths.estimation.filter import Instruments
 from massprop_drake.maths.estimation.filters.joint import chi_square_limit
 from massprop_drake.maths.estimation.hindsight import Fit, Model, Reckoned, ScoreTest, Stretch
@@ -102,6 +102,7 @@ def model(scenario: Scenario) -> Model:
         sigma=sigma,
         compute=hindsight.compute(compiled=scenario.execution.compiled),
         at_stamps=scenario.joint.switching == "stamps" if joint else None,
+        walks=(scenario.joint.rate_walk, scenario.joint.velocity_walk) if joint else (0.0, 0.0),
     )
     places = hindsight.columns(made)
     sigma[places.properties] = _PRIOR * setup.widest
@@ -315,6 +316,11 @@ def looked_back(
         names = names_of(scenario)
         chosen = _some(parts, until_s, made)
         diagnoses, fit = diagnosed(chosen, begin, made, names)
+        if until_s < math.inf and _excess(fit) > 0.0:  # what was declared may be the doing of what moves inside
+            every = _some(parts, math.inf, made)
+            whole = hindsight.fitted(every, _from(begin, made), made)
+            if not _is_covered(every, whole, made):
+                diagnoses = _oscillating(every, whole, made, names) or diagnoses
         if diagnoses or apart is not None or _excess(fit) > 0.0 or fit.normal.readings < _FEWEST:
             scaled = _rescaled(parts, begin, made, scenario)
             if scaled is not None:
@@ -326,8 +332,8 @@ def looked_back(
         if resumed or jumped or not hindsight.possible(fit.at):
             return Hindsight(np.full(10, np.nan), tuple(diagnoses))
         start, drift = params.initial_covariance(scenario), _drift(scenario, fit.at)
-        whole = sum(one.time_s.size for one in chosen) == sum(one.time_s.size for one in parts)
-        known = fit.normal.information if whole else None
+        all_of_it = sum(one.time_s.size for one in chosen) == sum(one.time_s.size for one in parts)
+        known = fit.normal.information if all_of_it else None
         bound = hindsight.least_deviation(parts, fit.at, start, drift, steady(made), known)
     return Hindsight(bound, tuple(diagnoses))
 
@@ -382,7 +388,7 @@ def diagnosed(parts: Sequence[Stretch], begin: Array, made: Model, names: Names)
     if fit.normal.is_finite and (wider := _reaching(fit.at[:10], made)) is not made:
         made = wider
         fit = first = hindsight.fitted(parts, fit.at, made)
-    if fit.normal.readings < _FEWEST or not fit.normal.is_finite:
+    if fit.normal.readings < _FEWEST or not fit.normal.is_finite or _is_covered(parts, fit, made):
         return found, first
     fit, reckoned, found = _switched(parts, fit, made)
     while len(found) < _MOST:
@@ -401,8 +407,28 @@ def diagnosed(parts: Sequence[Stretch], begin: Array, made: Model, names: Names)
     if not found and fit.normal.per_reading > _HOPELESS:
         fit, found = _turned_right(parts, fit, made, names)
     if not any(one.kind == "jet" for one in found):  # what a failed jet leaves is no fault of sensors
-        found += _scattered(fit, names)
+        found += _oscillating(parts, fit, reckoned, names) or _scattered(fit, names)
     return found, first
+
+
+def _is_covered(parts: Sequence[Stretch], fit: Fit, made: Model) -> bool:
+    """Tests whether the stated walks of rate and velocity leave as much as is left, which then contradicts nothing."""
+    return any(made.walks) and hindsight.possible(fit.at) and oscillation.is_covered(parts, fit, made)
+
+
+def _oscillating(parts: Sequence[Stretch], fit: Fit, made: Model, names: Names) -> list[Diagnosis]:
+    """Looks for a mode inside the vehicle, such as slosh or a panel, that explains what drifts."""
+    if _excess(fit) == 0.0 or not hindsight.possible(fit.at):
+        return []
+    mode = oscillation.strongest_mode(parts, fit, made)
+    if mode is None or mode.misfit - _SCATTER * mode.readings > (1.0 - _EXPLAINED) * _excess(fit):
+        return []
+    rate, velocity = oscillation.covering_walk(parts, fit, made, mode.change)
+    words = (
+        f"something inside moves at {mode.frequency_hz:.2g} Hz, such as slosh or a panel; joint.rate_walk="
+        f"{rate:.2g} and joint.velocity_walk={velocity:.2g} would cover it"
+    )
+    return [Diagnosis("oscillation", words, fit.normal.per_reading, mode.misfit / mode.readings)]
 
 
 def _from(begin: Array, made: Model) -> Array:

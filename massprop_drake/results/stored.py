@@ -247,7 +247,8 @@ _ALWAYS = {
     *("angular_impulse", "linear_impulse", "usable", "firing"),
     *(name for name in ROTATION_REPORT if name in SIGNALS),
 } - _LATER
-_TRUTH = {"rate", "attitude", "position", "velocity", "truth", "thrust", "torque", "force"}
+_TRUTH = {"rate", "attitude", "position", "velocity", "truth", "thrust", "torque", "force"}  # each may be unknown
+_THRUST = {"thrust", "force"}
 _AUTOPILOT = {"hand_controllers", "attitude_error", "request", "selection_counts", "out_of_use"}
 _JOINT = set(JOINT_REPORT.logged)
 _MASS = {name for name in MASS_REPORT if name in SIGNALS} - _LATER
@@ -297,7 +298,7 @@ def read_history(
 
 def _require_groups(names: set[str], vehicle: Vehicle) -> None:
     """Raises ValueError when a signal is missing."""
-    for group in ({"time_s"} | _ALWAYS | set(vehicle.sensor_names()), _TRUTH, _AUTOPILOT, _MASS, _JOINT, _DETECTOR):
+    for group in ({"time_s"} | _ALWAYS | set(vehicle.sensor_names()), _THRUST, _AUTOPILOT, _MASS, _JOINT, _DETECTOR):
         missing = sorted(group - names)
         if missing and ("time_s" in group or group & names):
             raise ValueError(f"'{missing[0]}' is missing")

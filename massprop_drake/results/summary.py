@@ -448,7 +448,8 @@ def summarize(
         timing: how long it took.
         parts: makes what may fail.
     """
-    estimate, deviation, truth = (signals.last(name) for name in ("estimate", "standard_deviation", "truth"))
+    estimate, deviation = signals.last("estimate"), signals.last("standard_deviation")
+    truth = signals.last("truth") if "truth" in signals else np.full(10, np.nan)
     return composed(
         scenario,
         duration_s=float(signals.last("time_s")),
@@ -465,7 +466,9 @@ def summarize(
         bound=None,
         autopilot=parts.make("autopilot", lambda: _flown(scenario, signals), AutopilotSummary(0, 0.0)),
         timing=timing,
-        injected=parts.make("injected", lambda: what_became(scenario, signals, found.detections), None),
+        injected=parts.make("injected", lambda: what_became(scenario, signals, found.detections), None)
+        if "thrust" in signals
+        else None,
     )
 
 
@@ -658,10 +661,11 @@ def _firings(signals: Spool) -> int:
 
 
 def _propellant(scenario: Scenario, signals: Spool) -> float:
-    """Propellant used, slug or kg: what the thrust of every sample took."""
+    """Propellant used, slug or kg: what the thrust of every sample took or, where it is not known, its command."""
     vehicle = scenario.vehicle_data
     full, flows = np.linalg.norm(vehicle.thrusts, axis=1), params.plant_mass_flows(scenario)
-    flow = np.concatenate([np.sum(thrust / full * flows, axis=1) for thrust in _intervals(signals, "thrust")])
+    name, full = ("thrust", full) if "thrust" in signals else ("command", np.ones_like(full))
+    flow = np.concatenate([np.nansum(level / full * flows, axis=1) for level in _intervals(signals, name)])
     return float(flow.sum() * vehicle.sample_period_s)
 
 

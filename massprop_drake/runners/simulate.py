@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -20,7 +20,7 @@ from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.autopilot.jet_selection import activity_vectors
 from massprop_drake.maths.estimation.filter import Groups
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
-from massprop_drake.maths.mass_properties import N_ROTATION, MassProperties, symmetric
+from massprop_drake.maths.mass_properties import CENTER_OF_MASS, N_ROTATION, MassProperties, symmetric
 from massprop_drake.maths.vehicle.rigid_body import (
     MASS,
     POSITION,
@@ -73,17 +73,19 @@ class Engine(Protocol):
         """Mean time per cycle spent in the mathematics of each part, microseconds."""
 
 
-def _engine(scenario: Scenario, diagram: Any, log: Sequence[Any]) -> Engine:
+def _engine(scenario: Scenario, diagram: Any, log: Sequence[Any], truth: Mapping[str, Any] | None) -> Engine:
     """The engine that a scenario names; a diagram of one's own has Drake's simulator."""
     if log and not hasattr(diagram, "GetMutableSystems"):
         raise InputError("simulate: log takes output ports of systems of a DiagramBuilder, given as diagram")
+    if truth is not None and diagram is None:
+        raise InputError("simulate: truth names output ports of a diagram of your own, given as diagram")
     if scenario.execution.engine == "loop" and diagram is None:
         from massprop_drake.runners.loop import Loop  # noqa: PLC0415 (each engine loads what it needs)
 
         return Loop(scenario)
     from massprop_drake.runners.simulated import Simulated  # noqa: PLC0415 (loads the whole of Drake's framework)
 
-    return Simulated(scenario, diagram, log)
+    return Simulated(scenario, diagram, log, truth)
 
 
 def simulate(
@@ -91,6 +93,7 @@ def simulate(
     *,
     diagram: Any = None,
     log: Sequence[Any] = (),
+    truth: Mapping[str, Any] | None = None,
     progress: Callable[[float], None] | None = None,
     watch: Callable[[Moment], None] | None = None,
     folder: Path | None = None,
@@ -104,9 +107,14 @@ def simulate(
     Args:
         scenario: with hand-controller windows (closed loop) or a jet schedule (open loop).
         diagram: a Drake diagram of your own that flies the scenario, or its `DiagramBuilder`; None: the bundled one.
-            It has the output ports of the diagrams `vehicle` and `estimation` and a `command`, exported or, in a
-            builder, on its systems, and the sample period of the scenario's vehicle.
+            It has a `MassPropertyEstimator` or the output ports of one, exported or, in a builder, on its systems, and
+            the sample period of the scenario's vehicle. Readings and `command` are output ports of those names or, in
+            a builder, whatever feeds the estimator.
         log: output ports of systems in that builder, kept as signals `<system>.<port>`.
+        truth: output ports of that diagram, or their names, by what they truly are: `rate` (3), `attitude` (4),
+            `position` and `velocity` of the center of mass in the fixed frame (3 each), `mass_properties` (10) and
+            `thrust` (n_jets), as the ports of `diagrams.vehicle` have them. None: those of that diagram, if they are
+            there; without any the run knows no truth.
         progress: called now and then with the simulated time, s.
         watch: called at every sample with what there is to see.
         folder: where a temporary file with the signals of a long run may lie; default the system's place for such.
@@ -120,7 +128,7 @@ def simulate(
             loses definiteness by the scenario's numbers, with the time; or when that file cannot be written.
         ArithmeticError: when the jet selection's solver fails.
     """
-    flight = _FlyingRun(scenario, _engine(scenario, diagram, log), Intake(scenario, folder))
+    flight = _FlyingRun(scenario, _engine(scenario, diagram, log, truth), Intake(scenario, folder))
     try:
         flight.fly(progress, watch)
         return flight.finished(PartsMade(strict=True), look_back=look_back)
@@ -196,6 +204,8 @@ class _FlyingRun:
             return None
         unknown: tuple[Array, Groups] = np.full((10, 10), np.nan), {}
         self._state = parts.make("filter state", lambda: self._engine.finish(interrupted=True), unknown)
+        if self._engine.logged:
+            parts.make("the last sample", self._take, None)
         run = self.finished(parts, look_back=isinstance(error, Exception))
         run.note_end(error, early=signals.n_rows <= self._intervals)
         return run
@@ -238,28 +248,34 @@ def _scenario_to_blame(scenario: Scenario) -> Iterator[None]:
 def _signals(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
     """The logged ports taken apart into named signals."""
     vehicle = scenario.vehicle_data
-    body, structure = logs["body_state"], STRUCTURE.columns(logs["structure"])
-    signals = {
-        "time_s": logs["time_s"],
-        "rate": body[:, RATE],
-        "attitude": body[:, QUATERNION],
-        "position": body[:, POSITION],
-        "velocity": body[:, VELOCITY],
-        "truth": _truth(body[:, MASS], logs["structure"]),
-        "command": logs["command"],
-        "thrust": logs["thrust"],
-    }
-    level = logs["thrust"] / np.linalg.norm(vehicle.thrusts, axis=1)
-    wrench = (level[:, np.newaxis] @ vehicle.wrenches)[:, 0]  # row by row: a product's last bit depends on its rows
-    torque, signals["force"] = np.hsplit(wrench, 2)
-    signals["torque"] = torque - np.cross(structure["center_of_mass"], signals["force"])
-    for name in (JOINTS, "hand_controllers", "attitude_error", "request", "selection_counts", "out_of_use"):
+    signals = {"time_s": logs["time_s"]} | _of_the_truth(scenario, logs)
+    for name in ("command", JOINTS, "hand_controllers", "attitude_error", "request", "selection_counts", "out_of_use"):
         if name in logs:
             signals[name] = logs[name]
     signals |= estimation_signals(scenario, logs)
     seen = (sensor.name for sensor in vehicle.tracked)
     for name in (*vehicle.sensor_names(), *seen, *filter(is_own, logs)):
         signals[name] = logs[name]
+    return signals
+
+
+def _of_the_truth(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
+    """The true signals, as far as the logged ports give them."""
+    named = ("rate", "attitude", "position", "velocity", "truth")
+    signals: dict[str, Array] = {name: logs[name] for name in named if name in logs}
+    if "body_state" in logs:
+        body = logs["body_state"]
+        parts = {"rate": RATE, "attitude": QUATERNION, "position": POSITION, "velocity": VELOCITY}
+        signals = {name: body[:, part] for name, part in parts.items()}
+        signals["truth"] = _truth(body[:, MASS], logs["structure"])
+    if "thrust" in logs:
+        signals["thrust"] = logs["thrust"]
+        level = logs["thrust"] / np.linalg.norm(scenario.vehicle_data.thrusts, axis=1)
+        # row by row: a product's last bit depends on its rows
+        wrench = (level[:, np.newaxis] @ scenario.vehicle_data.wrenches)[:, 0]
+        torque, signals["force"] = np.hsplit(wrench, 2)
+        if "truth" in signals:
+            signals["torque"] = torque - np.cross(signals["truth"][:, CENTER_OF_MASS], signals["force"])
     return signals
 
 

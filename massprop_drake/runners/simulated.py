@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import LogVectorOutput, Multiplexer
 
 from massprop_drake.diagrams import closed_loop, open_loop
-from massprop_drake.errors import InputError, moment
-from massprop_drake.inputs import params
+from massprop_drake.diagrams.estimation import MassPropertyEstimator
+from massprop_drake.errors import InputError, moment, suggestion
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.estimation.filter import Groups
+from massprop_drake.maths.mass_properties import CENTER_OF_MASS
 from massprop_drake.maths.vehicle.rigid_body import QUATERNION, RATE
 from massprop_drake.runners.logs import ESTIMATION, state_groups
 from massprop_drake.runners.moment import Moment
@@ -25,24 +26,24 @@ from massprop_drake.signals import JOINTS
 from massprop_drake.systems.layouts import RECONFIGURATION, ROTATION_REPORT, STRUCTURE
 
 Array = NDArray[np.float64]
+Truth = Mapping[str, OutputPort | str]
 
-_LOGGED = (
-    "body_state",
-    "structure",
-    "command",
-    "thrust",
-    JOINTS,
-    "hand_controllers",
-    "attitude_error",
-    "request",
-    "selection_counts",
-    "out_of_use",
-    *ESTIMATION,
-)
-
-
+# true quantities that a diagram of one's own may give, with the signal of each
+TRUTH = {
+    "rate": "rate",
+    "attitude": "attitude",
+    "position": "position",
+    "velocity": "velocity",
+    "mass_properties": "truth",
+    "thrust": "thrust",
+}
+_SIZES = {"rate": 3, "attitude": 4, "position": 3, "velocity": 3, "mass_properties": 10}  # thrust: one for each jet
+_BUNDLED_TRUTH = ("body_state", "structure", "thrust")
+_AUTOPILOT = ("hand_controllers", "attitude_error", "request", "selection_counts", "out_of_use")
 _DETECTORS = ("failure_detector", "hypothesis_detector", "thrust_factor_detector")
-_NEEDED = ("body_state", "structure", "command", "thrust", "impulses", "rotation_report")
+_NEEDED = ("command", "impulses", "rotation_report", "covariance")
+_UNLOGGED = ("covariance", "estimate", "standard_deviation", "reconfiguration")
+_HELD = "held_command"
 
 
 class Simulated:
@@ -50,13 +51,16 @@ class Simulated:
 
     Args:
         scenario: to run.
-        diagram: that runs it, built or still to be built; None: the bundled one. What a run keeps is taken from the
-            output ports of the diagram or, of one still to be built, of its systems; of ports of one name from the
-            system that was added first.
+        diagram: that runs it, built or still to be built; None: the bundled one.
         log: more output ports to keep, of systems that are still to be built.
+        truth: output ports of true quantities, or their names, see `TRUTH`; None: those of the bundled vehicle, where
+            the diagram has them.
+
+    Output ports are found by name, on the diagram or, of one still to be built, on its systems; the system that was
+    added first comes first. In a builder, a reading or command without a port of its name is what feeds the estimator.
 
     Raises:
-        InputError: when the diagram has not what a run keeps.
+        InputError: when the diagram lacks what a run keeps, or the table of the truth is wrong.
     """
 
     def __init__(
@@ -64,34 +68,29 @@ class Simulated:
         scenario: Scenario,
         diagram: Diagram | DiagramBuilder | None = None,
         log: Sequence[OutputPort] = (),
+        truth: Truth | None = None,
     ):
         vehicle = scenario.vehicle_data
         builder = diagram if isinstance(diagram, DiagramBuilder) else DiagramBuilder()
         if builder is not diagram:
             whole = diagram or (open_loop if scenario.jet_schedule else closed_loop).build(scenario)
             builder.AddNamedSystem(whole.get_name() or "diagram", whole)
-        self._sensors = vehicle.sensor_names()
-        seen = [sensor.name for sensor in vehicle.tracked]
+        self._sensors, self._n_jets = vehicle.sensor_names(), len(vehicle.jets)
         self._systems = builder.GetSystems()
-        names = (*_LOGGED, *self._sensors, *seen)
-        ports = {name: port for name in names if (port := self._port(name)) is not None}
-        missing = [name for name in (*_NEEDED, *self._sensors, *seen, "covariance") if self._port(name) is None]
-        if missing:
-            raise InputError(
-                f"the diagram has no output port '{missing[0]}', which a run keeps: it must have those of the diagrams "
-                "vehicle and estimation, and a command, as its own or, of a DiagramBuilder, on its systems"
-            )
+        self._estimation = self._part(lambda system: isinstance(system, MassPropertyEstimator))
+        self._ports = self._found(scenario, _feeding(self._estimation, builder)) | self._true(truth)
+        ports = {name: port for name, port in self._ports.items() if name not in _UNLOGGED}
         ports |= {f"{port.get_system().get_name()}.{port.get_name()}": port for port in log}
-        period_s = vehicle.sample_period_s
         # one log, since each takes an event a sample
         sizes = [port.size() for port in ports.values()]
         side_by_side = builder.AddSystem(Multiplexer(sizes))
         for place, port in enumerate(ports.values()):
             builder.Connect(port, side_by_side.get_input_port(place))
         self._columns = dict(zip(ports, pairwise(np.cumsum([0, *sizes]).tolist()), strict=True))
-        self._sink = LogVectorOutput(side_by_side.get_output_port(), builder, period_s)
+        self._sink = LogVectorOutput(side_by_side.get_output_port(), builder, vehicle.sample_period_s)
         self._simulator = Simulator(builder.Build())
-        if params.time_step(scenario) == 0.0:
+        self._root = self._simulator.get_mutable_context()
+        if self._root.num_continuous_states():
             config = SimulatorConfig(
                 integration_scheme=scenario.plant.integrator,
                 max_step_size=vehicle.sample_period_s,
@@ -99,18 +98,18 @@ class Simulated:
                 use_error_control=True,
             )
             ApplySimulatorConfig(config, self._simulator)
-        self._root = self._simulator.get_mutable_context()
-        moving = self._part("multibody_vehicle")
+        moving = self._part(lambda system: hasattr(system, "set_initial_velocities"))
         if moving is not None:
             moving.set_initial_velocities(self._root)
-        self._began = False
+        self._began = self._ended = False
+        self._waiting: dict[str, Array] = {}  # the last row, where its command is known a sample later
         self._logged_s = -math.inf  # time of the last row
 
     @property
     def logged(self) -> int:
         """Number of rows since the logs were emptied."""
         count: int = self._sink.FindLog(self._root).num_samples()
-        return count
+        return count + (1 if self._waiting else 0)
 
     def advance(self, reached_s: float) -> None:
         """Runs up to a time and logs every sample up to it, that at the time itself included."""
@@ -126,29 +125,53 @@ class Simulated:
         self._logged_s = float(times_s[-1]) if times_s.size else self._logged_s
         logs = {name: rows[:, first:last].copy() for name, (first, last) in self._columns.items()}
         log.Clear()
-        return {"time_s": times_s, **logs}
+        return self._with_commands({"time_s": times_s, **logs})
+
+    def _with_commands(self, logs: dict[str, Array]) -> dict[str, Array]:
+        """Rows with the command of the coming sample: where only the one that ended is known, that of the next row."""
+        if _HELD not in logs:
+            return logs
+        if self._waiting:
+            logs = {name: np.concatenate([self._waiting[name], rows]) for name, rows in logs.items()}
+        beyond = np.full((1, self._n_jets), np.nan)
+        logs["command"] = np.vstack([logs[_HELD][1:], beyond])
+        kept = None if self._ended else -1
+        self._waiting = {} if self._ended else {name: rows[-1:] for name, rows in logs.items() if name != "command"}
+        return {name: rows[:kept] for name, rows in logs.items()}
 
     def moment(self) -> Moment:
         """What there is to see at the last sample."""
-        thrust = self._output("thrust")
-        removed = np.zeros(thrust.size, dtype=bool)
-        if self._port("reconfiguration") is not None:
-            removed = RECONFIGURATION.sized(jets=thrust.size).read(self._output("reconfiguration")).removed != 0.0
+        unknown = np.full(self._n_jets, np.nan)
+        removed = np.zeros(self._n_jets, dtype=bool)
+        if "reconfiguration" in self._ports:
+            removed = RECONFIGURATION.sized(jets=self._n_jets).read(self._output("reconfiguration")).removed != 0.0
         report = ROTATION_REPORT.read(self._output("rotation_report"))
+        attitude, center, rate = self._seen()
         return Moment(
             self._root.get_time(),
-            self._output("body_state")[QUATERNION],
-            STRUCTURE.read(self._output("structure")).center_of_mass,
-            thrust,
+            attitude,
+            center,
+            self._output("thrust") if "thrust" in self._ports else unknown,
             self._output("estimate"),
             self._output("standard_deviation"),
             removed,
-            self._output("command"),
-            self._output("body_state")[RATE],
+            self._output("command" if "command" in self._ports else _HELD),
+            rate,
             float(report.rotation_nis) if report.rotation_used else math.nan,
             tuple(self._output(name) for name in self._sensors),
-            np.empty(0) if self._port(JOINTS) is None else self._output(JOINTS),
+            self._output(JOINTS) if JOINTS in self._ports else np.empty(0),
         )
+
+    def _seen(self) -> tuple[Array, Array, Array]:
+        """True attitude, center of mass and rate now; NaN where the diagram does not give them."""
+        if "body_state" in self._ports:
+            body = self._output("body_state")
+            return body[QUATERNION], STRUCTURE.read(self._output("structure")).center_of_mass, body[RATE]
+        attitude, rate, properties = (
+            self._output(TRUTH[name]) if TRUTH[name] in self._ports else np.full(_SIZES[name], np.nan)
+            for name in ("attitude", "rate", "mass_properties")
+        )
+        return attitude, properties[CENTER_OF_MASS], rate
 
     def finish(self, *, interrupted: bool = False) -> tuple[Array, Groups]:
         """Covariance of the ten estimates, shape (10, 10), and the estimators' state, after the last sample.
@@ -156,38 +179,98 @@ class Simulated:
         Args:
             interrupted: something was raised on the way; its logs have been emptied.
         """
+        self._ended = True
         covariance = self._output("covariance").reshape(10, 10)
         if interrupted:
             if self._logged_s != self._root.get_time():
                 raise RuntimeError(f"the sample at {moment(self._root.get_time())} s was not logged")
             self._simulator.Initialize()  # Drake's condition for going on from where it was interrupted
+            self._sink.FindMutableLog(self._root).Clear()  # which has logged the sample once more
         self._simulator.AdvancePendingEvents()  # the sample at the end is used like any other
-        estimation = self._part("estimation")
-        return covariance, {} if estimation is None else state_groups(estimation, self._root)
+        return covariance, {} if self._estimation is None else state_groups(self._estimation, self._root)
 
     def cycle_times(self, cycles: int) -> dict[str, float | None]:
         """Mean time per cycle spent in the mathematics of each part, microseconds."""
-        estimation, autopilot = self._part("estimation"), self._part("autopilot")
-        return _cycle_times(estimation, autopilot, cycles)
+        autopilot = self._part(lambda system: system.get_name() == "autopilot")
+        return _cycle_times(self._estimation, autopilot, cycles)
 
-    def _port(self, name: str) -> OutputPort | None:
+    # ------------------------------------------------------------------------------------- its ports
+
+    def _found(self, scenario: Scenario, feeding: Mapping[str, OutputPort]) -> dict[str, OutputPort]:
+        """The output ports that a run keeps, by name, but those of the truth."""
+        seen = [sensor.name for sensor in scenario.vehicle_data.tracked]
+        wanted = ("command", JOINTS, *_AUTOPILOT, *ESTIMATION, *_UNLOGGED, *self._sensors, *seen)
+        found = {name: port for name in wanted if (port := self._named(name) or feeding.get(name)) is not None}
+        if self._named("command") is None and "jet_commands" in feeding:
+            found.pop("command", None)
+            found[_HELD] = feeding["jet_commands"]
+        needed = (*_NEEDED, *self._sensors, *seen)
+        missing = [name for name in needed if name not in found and not (name == "command" and _HELD in found)]
+        if missing:
+            raise InputError(
+                f"the diagram has no output port '{missing[0]}', which a run keeps: it needs a MassPropertyEstimator, "
+                "its readings and its commands, as ports of those names or, in a DiagramBuilder, connected to it"
+            )
+        return found
+
+    def _true(self, truth: Truth | None) -> dict[str, OutputPort]:
+        """The output ports of the truth: those of a table by signal, or those of the bundled vehicle."""
+        if truth is None:
+            there = {name: port for name in _BUNDLED_TRUTH if (port := self._named(name)) is not None}
+            return there if len(there) == len(_BUNDLED_TRUTH) else {}
+        return {TRUTH[name]: self._true_port(name, port) for name, port in truth.items() if _require_known(name)}
+
+    def _true_port(self, name: str, port: OutputPort | str) -> OutputPort:
+        """The output port of a true quantity.
+
+        Raises:
+            InputError: when there is none of that name, or it has another size.
+        """
+        found = self._named(port) if isinstance(port, str) else port
+        if found is None:
+            raise InputError(f"truth: {name}: the diagram has no output port '{port}'")
+        size = _SIZES.get(name, self._n_jets)
+        if found.get_data_type().name != "kVectorValued" or found.size() != size:
+            told = f"{found.size()} numbers" if found.get_data_type().name == "kVectorValued" else "no vector"
+            raise InputError(f"truth: {name}: must be a port of {size} numbers; '{found.get_name()}' has {told}")
+        return found
+
+    def _named(self, name: str) -> OutputPort | None:
         """The output port of a name, of the system that was added first; None where there is none."""
         return next((one.GetOutputPort(name) for one in self._systems if one.HasOutputPort(name)), None)
 
     def _output(self, name: str) -> Array:
-        port: Any = self._port(name)
+        port: Any = self._ports[name]
         value: Array = port.Eval(port.get_system().GetMyContextFromRoot(self._root))
         return value
 
-    def _part(self, name: str) -> Any:
-        """The part of a name, of the diagram or of one in it; None where there is none."""
+    def _part(self, is_it: Callable[[System], bool]) -> Any:
+        """The first part, of the diagram or of one in it, that passes a test; None where there is none."""
         waiting = list(self._systems)
         while waiting:
             system = waiting.pop(0)
-            if system.get_name() == name:
+            if is_it(system):
                 return system
             waiting += system.GetSystems() if isinstance(system, Diagram) else []
         return None
+
+
+def _require_known(name: str) -> bool:
+    """Raises InputError when a table of the truth names what no run keeps."""
+    if name not in TRUTH:
+        raise InputError(f"truth: no run keeps a true {name!r}{suggestion(name, list(TRUTH))}")
+    return True
+
+
+def _feeding(estimation: System | None, builder: DiagramBuilder) -> dict[str, OutputPort]:
+    """The output ports connected to an estimator's input ports, by these ones' names."""
+    if estimation is None:
+        return {}
+    return {
+        estimation.get_input_port(into).get_name(): source.get_output_port(out)
+        for (system, into), (source, out) in builder.connection_map().items()
+        if system is estimation
+    }
 
 
 def _cycle_times(estimation: Any, autopilot: Any, cycles: int) -> dict[str, float | None]:

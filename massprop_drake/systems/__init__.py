@@ -23,6 +23,7 @@ _HOMES = {
     "JetSelection": "autopilot.jet_selection",
     "JointEstimator": "estimation.joint_estimator",
     "MassEstimator": "estimation.mass_estimator",
+    "MassPropertyEstimator": "massprop_drake.diagrams.estimation",  # a diagram of systems
     "NoiseSource": "vehicle.noise_source",
     "PhaseSpaceController": "autopilot.phase_space_controller",
     "RateGyro": "vehicle.rate_gyro",
@@ -41,4 +42,5 @@ __all__ = sorted(_HOMES)  # noqa: PLE0605 (the names are those of the mapping ab
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    home = _HOMES[name]
+    return getattr(import_module(home if home.startswith("massprop_drake.") else f"{__name__}.{home}"), name)

@@ -119,7 +119,7 @@ def test_a_rigid_plant_has_no_model_to_check() -> None:
 
 def _flown(plant: MultibodyPlant, *overrides: str, **given: Any) -> tuple[Run, dict[str, np.ndarray]]:
     """A run of a user's own plant, flown by our autopilot and estimated, and what star trackers read."""
-    scenario = load_scenario("servicer_slosh", ["duration_s=3", "plant={time_step: 0}", *overrides])
+    scenario = load_scenario("servicer_slosh", ["duration_s=3", "plant.kind=rigid", *overrides])
     builder = DiagramBuilder()
     builder.AddSystem(plant)
     flown = add_thrusters_and_sensors(builder, plant, scenario, "bus", **given)
@@ -154,7 +154,7 @@ def test_the_documentations_script_runs(tmp_path: Path, monkeypatch: pytest.Monk
     assert len([line for line in script.splitlines() if line]) <= 30
     monkeypatch.chdir(tmp_path)
     Path("my_servicer.sdf").write_text(ARM, encoding="utf-8")
-    exec(script.replace('"plant={', '"duration_s=1", "plant={'), {})
+    exec(script.replace('"plant.kind', '"duration_s=1", "plant.kind'), {})
     assert Run.load("runs/mine")["command"].any()
     assert Path("runs/mine/report.html").exists()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 
 import numpy as np
@@ -150,3 +151,48 @@ def test_a_diagnosis_makes_a_run_inconsistent_and_is_kept(sample_run: Run) -> No
     assert again.identifiability == sample_run.results.identifiability
     del content["consistency"]["diagnoses"]
     assert Summary.from_json(content).consistency.diagnoses == ()
+
+
+# ------------------------------------------------------------------------------- what moves inside
+
+
+def sloshing(run: Run, frequency_hz: float, share: float) -> Array:
+    """Rates that a pendulum of a share of the mass adds, by its spring, driven by the force of the jets, rad/s."""
+    vehicle, period_s = run.scenario.vehicle_data, run.scenario.vehicle_data.sample_period_s
+    omega, damping, finer = 2.0 * np.pi * frequency_hz, 0.02, 40
+    moved, speed, speeds = np.zeros(3), np.zeros(3), []
+    for force in np.array(run["force"]):
+        speeds.append(speed)
+        for _ in range(finer):
+            pull = force / vehicle.nominal.mass + 2.0 * damping * omega * speed + omega**2 * moved
+            speed = speed - pull * period_s / finer
+            moved = moved + speed * period_s / finer
+    arm = np.array([20.0, 3.0, -4.0])  # ft, from the center of mass
+    momentum = share * vehicle.nominal.mass * np.array(speeds)
+    return -np.cross(arm, momentum) @ np.linalg.inv(vehicle.nominal.inertia)
+
+
+@pytest.mark.parametrize("frequency_hz", [0.06, 0.5])
+def test_slosh_is_told_with_its_frequency(sample_run: Run, frequency_hz: float) -> None:
+    added = sloshing(sample_run, frequency_hz, 0.02)
+    (found,) = looked(sample_run, gyro=lambda rates: rates + added).diagnoses
+    assert found.kind == "oscillation"
+    words = re.fullmatch(
+        r"something inside moves at ([\d.]+) Hz, such as slosh or a panel; "
+        r"joint.rate_walk=(\S+) and joint.velocity_walk=(\S+) would cover it",
+        found.reason,
+    )
+    assert words is not None
+    assert float(words[1]) == pytest.approx(frequency_hz, rel=0.05)
+    # the walk is at least what the readings are moved by in a second, per root of a second
+    assert float(words[2]) > 0.5 * np.abs(added[12:] - added[:-12]).std()
+    walks = (f"joint.rate_walk={words[2]}", f"joint.velocity_walk={words[3]}")
+    assert looked(sample_run, *walks, gyro=lambda rates: rates + added).diagnoses == ()
+    assert looked(sample_run, *walks, gyro=lambda rates: rates + 5.0 * added).diagnoses
+
+
+def test_a_walk_has_no_frequency(sample_run: Run) -> None:
+    walk = np.cumsum(np.random.default_rng(1).normal(0.0, 2e-5, sample_run["gyro"].shape), axis=0)
+    found = looked(sample_run, gyro=lambda rates: rates + walk).diagnoses
+    assert found
+    assert "oscillation" not in {one.kind for one in found}

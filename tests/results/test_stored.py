@@ -72,7 +72,7 @@ def _promising(shape: str) -> Callable[[Members], None]:
 HISTORIES: dict[str, tuple[Callable[[Members], Any], str]] = {
     "no times": (lambda members: members.pop("time_s.npy"), "'time_s' is missing"),
     "no gyro": (lambda members: members.pop("gyro.npy"), "'gyro' is missing"),
-    "half the truth": (lambda members: members.pop("attitude.npy"), "'attitude' is missing"),
+    "half the thrust": (lambda members: members.pop("force.npy"), "'force' is missing"),
     "half the detector": (lambda members: members.pop("likelihood.npy"), "'likelihood' is missing"),
     "a row too few": (_put("rate.npy", lambda values: values[:-1]), r"'rate.npy' has shape \(87, 3\), expected"),
     "a column too many": (

@@ -7,12 +7,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import MatrixGain
 
-from massprop_drake import InputError, Run, Scenario, load_scenario, simulate
+from massprop_drake import InputError, Run, Scenario, load_scenario, load_vehicle, simulate
 from massprop_drake.diagrams import autopilot, closed_loop, estimation, vehicle
 from massprop_drake.display.page import report_html
+from massprop_drake.inputs import params
 from massprop_drake.maths.vehicle.rigid_body import N_STATE
+from massprop_drake.systems import JetSchedule, MassPropertyEstimator
 
 
 class Doubled(LeafSystem):
@@ -91,6 +94,130 @@ def test_a_diagram_that_is_built_is_run(scenario: Scenario, bundled: Run) -> Non
 
 def test_parts_that_are_wired_by_hand_are_found(scenario: Scenario, bundled: Run) -> None:
     assert_same(simulate(scenario, diagram=by_hand(scenario, estimating=True)), bundled)
+
+
+# ------------------------------------------------------------------- ports of other names, truth by a table
+
+
+def plant(scenario: Scenario) -> Diagram:
+    """Jets, body and sensors that fly a schedule, with ports of names that a run does not know."""
+    parts = DiagramBuilder()
+    schedule = parts.AddSystem(JetSchedule(params.commands(scenario), period_s=scenario.vehicle_data.sample_period_s))
+    body = parts.AddNamedSystem("body", vehicle.build(scenario))
+    for name in ("command", "held_command"):
+        parts.Connect(schedule.GetOutputPort(name), body.GetInputPort(name))
+    parts.ExportOutput(schedule.GetOutputPort("held_command"), "u")
+    for name in (*scenario.vehicle_data.sensor_names(), "mass_properties", "thrust"):
+        parts.ExportOutput(body.GetOutputPort(name), f"y_{name}")
+    slices = {"w": slice(4, 7), "q": slice(0, 4), "v": slice(10, 13)}
+    for name, part in slices.items():
+        picked = parts.AddNamedSystem(name, MatrixGain(np.eye(N_STATE)[part]))
+        parts.Connect(body.GetOutputPort("body_state"), picked.get_input_port())
+        parts.ExportOutput(picked.get_output_port(), name)
+    made = parts.Build()
+    made.set_name("mine")
+    return made
+
+
+def beside_a_plant(scenario: Scenario) -> DiagramBuilder:
+    """An estimator beside that plant."""
+    builder = DiagramBuilder()
+    mine = builder.AddSystem(plant(scenario))
+    estimator = builder.AddSystem(MassPropertyEstimator(scenario))
+    builder.Connect(mine.GetOutputPort("u"), estimator.GetInputPort("jet_commands"))
+    for name in scenario.vehicle_data.sensor_names():
+        builder.Connect(mine.GetOutputPort(f"y_{name}"), estimator.GetInputPort(name))
+    return builder
+
+
+@pytest.fixture(scope="module")
+def scheduled() -> Scenario:
+    return load_scenario("jet_pulses", ["duration_s=6"])
+
+
+@pytest.fixture(scope="module")
+def open_loop_run(scheduled: Scenario) -> Run:
+    return simulate(scheduled)
+
+
+TABLE = {"rate": "w", "attitude": "q", "velocity": "v", "mass_properties": "y_mass_properties", "thrust": "y_thrust"}
+
+
+def test_a_table_names_the_truth_of_a_plant_of_ones_own(
+    scheduled: Scenario, open_loop_run: Run, tmp_path: Path
+) -> None:
+    run = simulate(scheduled, diagram=beside_a_plant(scheduled), truth=TABLE)
+    assert {"rate", "attitude", "velocity", "truth", "thrust"} <= set(run.signals)
+    assert "position" not in run.signals
+    for name in set(run.signals) - {"command"}:
+        # what is derived from the mass reciprocal may differ in the last bit
+        np.testing.assert_allclose(run[name], open_loop_run[name], rtol=1e-14, err_msg=name)
+    np.testing.assert_array_equal(run["command"][:-1], open_loop_run["command"][:-1])
+    assert np.isnan(run["command"][-1]).all()  # nobody knows it yet
+    np.testing.assert_allclose(run.results.truth, open_loop_run.results.truth, rtol=1e-14)
+    assert run.state["states"] == open_loop_run.state["states"]
+    again = Run.load(run.save(tmp_path / "run", replay=True))
+    np.testing.assert_array_equal(again["rate"], run["rate"])
+    assert "within 3 sigma of the truth" in report_html(again)
+
+
+def test_without_a_truth_the_run_knows_none(scheduled: Scenario, open_loop_run: Run, tmp_path: Path) -> None:
+    run = simulate(scheduled, diagram=beside_a_plant(scheduled))
+    assert not {"rate", "attitude", "velocity", "position", "truth", "thrust", "torque", "force"} & set(run.signals)
+    np.testing.assert_array_equal(run["estimate"], open_loop_run["estimate"])
+    assert np.isnan(run.results.truth).all()
+    assert run.results.injected is None
+    assert run.results.autopilot.propellant_mass == pytest.approx(
+        open_loop_run.results.autopilot.propellant_mass, rel=0.05
+    )
+    again = Run.load(run.save(tmp_path / "run", replay=True))
+    assert "The truth is unknown" in report_html(again)
+    assert {path.stem for path in (tmp_path / "run" / "figures").iterdir()} >= {"gyro_readings", "mass_reciprocal"}
+
+
+def test_a_part_of_the_truth_is_enough(scheduled: Scenario, tmp_path: Path) -> None:
+    run = simulate(scheduled, diagram=beside_a_plant(scheduled), truth={"rate": "w"})
+    assert {"rate", "attitude", "truth"} & set(run.signals) == {"rate"}
+    run.save(tmp_path / "run", replay=True)
+    assert Run.load(tmp_path / "run")["rate"].shape == run["rate"].shape
+
+
+def test_commands_are_shifted_across_blocks_of_a_log(scheduled: Scenario, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = simulate(scheduled, diagram=beside_a_plant(scheduled))
+    longer = scheduled.model_copy(update={"duration_s": 200.0})
+    run = simulate(longer, diagram=beside_a_plant(longer))  # in blocks of some thousand rows
+    assert run.time_s.size == 2501
+    np.testing.assert_array_equal(np.diff(run.time_s).round(9), 0.08)
+    np.testing.assert_array_equal(run["command"][: whole.time_s.size - 1], whole["command"][:-1])
+    assert np.isnan(run["command"]).any(axis=1).nonzero()[0].tolist() == [2500]
+
+
+@pytest.mark.parametrize(
+    ("truth", "message"),
+    [
+        ({"rates": "w"}, "truth: no run keeps a true 'rates'; did you mean 'rate'?"),
+        ({"rate": "omega"}, "truth: rate: the diagram has no output port 'omega'"),
+        ({"rate": "q"}, "truth: rate: must be a port of 3 numbers; 'q' has 4 numbers"),
+    ],
+)
+def test_a_wrong_table_is_refused(scheduled: Scenario, truth: dict[str, str], message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        simulate(scheduled, diagram=beside_a_plant(scheduled), truth=truth)
+    assert str(caught.value) == message
+
+
+def test_a_table_needs_a_diagram(scheduled: Scenario) -> None:
+    with pytest.raises(InputError, match="truth names output ports of a diagram of your own"):
+        simulate(scheduled, truth=TABLE)
+
+
+@pytest.mark.parametrize("of", ["lander", "free_flyer", "tracked_flyer"])
+def test_an_estimator_is_made_of_a_vehicle_alone(of: str) -> None:
+    known = load_vehicle(of)
+    dut = MassPropertyEstimator(known)
+    assert dut.GetInputPort("jet_commands").size() == len(known.jets)
+    assert dut.GetOutputPort("estimate").size() == 10
+    assert dut.scenario.vehicle_data == known
 
 
 def test_what_a_run_keeps_must_be_there(scenario: Scenario) -> None:

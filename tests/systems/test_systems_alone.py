@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from pydrake.systems.framework import System
+from pydrake.systems.framework import Diagram, LeafSystem
 
 from massprop_drake import InputError, load_vehicle, systems
 from massprop_drake.inputs.vehicle import Vehicle
@@ -52,6 +52,6 @@ def test_wrenches_are_rows() -> None:
 
 def test_every_system_has_a_public_name() -> None:
     for name in systems.__all__:
-        assert issubclass(getattr(systems, name), System), name
+        assert issubclass(getattr(systems, name), (LeafSystem, Diagram)), name
     with pytest.raises(AttributeError, match="has no attribute 'Nothing'"):
         systems.Nothing  # noqa: B018

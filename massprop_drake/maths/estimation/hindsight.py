@@ -166,6 +166,8 @@ class Model(NamedTuple):
         sigma: their 1-sigma; zero: not reckoned with, shape (n,).
         compute: see `Compute`.
         at_stamps: whether commands switch at the stamps, and not at regular ticks; None: not asked, at these.
+        walks: of the rate and of the velocity by unmodeled torques and forces, 1-sigma after one second; the fit does
+            not reckon with them.
     """
 
     period_s: float
@@ -181,6 +183,7 @@ class Model(NamedTuple):
     sigma: Array
     compute: Compute = Compute()
     at_stamps: bool | None = None
+    walks: tuple[float, float] = (0.0, 0.0)
 
 
 class Stretch(NamedTuple):
@@ -926,6 +929,49 @@ def _normal(at: Array, course: _Course, model: Model, wanted: NDArray[np.bool_] 
     total.score[kept] = vector
     misfit, count, _ = total.by_package.sum(axis=0).tolist()
     return total._replace(misfit=misfit, readings=count)
+
+
+class Residuals(NamedTuple):
+    """Residuals of one component of a sensor over a stretch, in units of a reading's 1-sigma.
+
+    Attributes:
+        package, axis: of the component.
+        rows: that say something new, shape (r,).
+        left: reading less what is expected, mean taken off, shape (r,).
+        derivatives: of what is expected by all unknowns, likewise, shape (n, r).
+        scale: 1-sigma of a reading, rad/s, ft/s or m/s.
+    """
+
+    package: int
+    axis: int
+    rows: NDArray[np.int_]
+    left: Array
+    derivatives: Array
+    scale: float
+
+
+def residuals(stretch: Stretch, at: Array, model: Model) -> tuple[list[Residuals], Array]:
+    """Residuals about a point, and the motion that is expected there.
+
+    Args:
+        stretch: of at least two rows.
+        at: all unknowns, shape (n,); see `possible`.
+        model: see `Model`.
+
+    Returns:
+        Of every component with two rows at least; then rate and velocity that jets and coupling have given since the
+        beginning, shape (6, m).
+    """
+    expected = _expected(at, _course_at(_read(stretch, model), at, model), model)
+    fixed, design = _fixed(expected, at, model), _design(expected, at, model, reckoned(model))
+    found = []
+    for part in _components(expected, fixed, at, model):
+        batch, scale = _batch([part]), float(np.sqrt(model.variances[part.package]))
+        x = np.zeros((at.shape[0], part.rows.size))
+        x[design.kept] = batch.without_means(_derivatives(design, batch, fixed, at, model))[: design.kept.size]
+        left = batch.without_means(part.left.copy())
+        found.append(Residuals(part.package, part.axis, part.rows, left / scale, x / scale, scale))
+    return found, np.concatenate((expected.rate, expected.velocity))
 
 
 def _fast(expected: _Expected, model: Model) -> Array:
