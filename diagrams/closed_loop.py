@@ -16,8 +16,12 @@ from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 
 
-def build(scenario: Scenario) -> Diagram:
+def build(scenario: Scenario, *, findings: bool = False) -> Diagram:
     """The closed-loop diagram of a scenario.
+
+    Args:
+        scenario: with windows of the hand controllers.
+        findings: see `estimation.build`.
 
     Ports: none in; out every output of the `vehicle`, `autopilot` and `estimation` diagrams, by the same
     names.
@@ -29,7 +33,7 @@ def build(scenario: Scenario) -> Diagram:
     builder = DiagramBuilder()
     pilot = builder.AddNamedSystem("autopilot", autopilot.build(scenario))
     body = builder.AddNamedSystem("vehicle", vehicle.build(scenario))
-    estimators = builder.AddNamedSystem("estimation", estimation.build(scenario))
+    estimators = builder.AddNamedSystem("estimation", estimation.build(scenario, findings=findings))
 
     builder.Connect(body.GetOutputPort(gyro), pilot.GetInputPort("gyro"))
     builder.Connect(pilot.GetOutputPort("command"), body.GetInputPort("command"))

@@ -17,7 +17,10 @@ impulses,
 
 where the impulse model, whose output logs keep, leads nowhere. The filter in a fixed frame does likewise, with the
 sensors of `poses` and `velocities` besides, as `pose_estimator` with its `thrust_factor_detector`. Any other filter of
-the registry takes their place, too.
+the registry takes their place, too. With `findings` a monitor follows the reports of all:
+
+    rotation_report, mass_report, detector_report --> findings_monitor --> failed_jets, detections, verdict
+
 The same diagram serves the closed loop, the open loop and recorded telemetry.
 """
 
@@ -25,7 +28,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pydrake.systems.framework import DiagramBuilder, InputPortIndex, LeafSystem
+from pydrake.systems.framework import DiagramBuilder, InputPortIndex, LeafSystem, OutputPortIndex
 
 from massprop_drake.diagrams._wiring import Diagram
 from massprop_drake.inputs import params
@@ -33,20 +36,37 @@ from massprop_drake.inputs.scenario import Scenario, resolved
 from massprop_drake.inputs.vehicle import SensorPackage, Vehicle
 from massprop_drake.maths.estimation.detector import Detector
 from massprop_drake.maths.mass_properties import N_ROTATION
+from massprop_drake.results.monitoring import FlightMonitor
 from massprop_drake.systems.estimation._readings import Package
 from massprop_drake.systems.estimation.convergence_monitor import ConvergenceMonitor
 from massprop_drake.systems.estimation.failure_detector import FailureDetector
 from massprop_drake.systems.estimation.filter_estimator import FilterEstimator
+from massprop_drake.systems.estimation.findings_monitor import FindingsMonitor
 from massprop_drake.systems.estimation.hypothesis_detector import HypothesisDetector
 from massprop_drake.systems.estimation.impulse_model import ImpulseModel
 from massprop_drake.systems.estimation.joint_estimator import JointEstimator
 from massprop_drake.systems.estimation.mass_estimator import MassEstimator
 from massprop_drake.systems.estimation.pose_estimator import PoseEstimator
 from massprop_drake.systems.estimation.rotation_estimator import RotationEstimator
+from massprop_drake.systems.layouts import (
+    DETECTOR_REPORT,
+    HYPOTHESIS_REPORT,
+    JOINT_REPORT,
+    MASS_REPORT,
+    ROTATION_REPORT,
+)
+
+# reports from which findings are made, and the systems whose own are called otherwise than the detector's
+_REPORTS = (ROTATION_REPORT, MASS_REPORT, JOINT_REPORT, DETECTOR_REPORT, HYPOTHESIS_REPORT)
+_REPORTERS = {"rotation_estimator": "rotation_report", "mass_estimator": "mass_report"}
 
 
-def build(scenario: Scenario) -> MassPropertyEstimator:
+def build(scenario: Scenario, *, findings: bool = False) -> MassPropertyEstimator:
     """The estimation diagram of a scenario.
+
+    Args:
+        scenario: for the vehicle and the settings of the estimators.
+        findings: whether it says what the flight has shown so far, which takes some tens of microseconds a sample.
 
     Ports:
         jet_commands (in, n_jets): fraction commanded over the interval that ends now, 0 to 1, NaN where not
@@ -67,10 +87,12 @@ def build(scenario: Scenario) -> MassPropertyEstimator:
         reconfiguration (out, 7 + n_jets), closed (out, n_jets), held_closed (out, n_jets),
             detector_report (out, 14 + 4 n_jets), with a detector: see `FailureDetector`.
         hypothesis_report (out, 13 + 8 n_jets), with that of the joint filter or of poses: see `HypothesisDetector`.
-        <pose> (in, 7), <velocity> (in, 3), for each sensor in a fixed frame, and pose_report (out, 16 + 2 n_jets), with
+        <pose> (in, 7), <velocity> (in, 3), for each sensor in a fixed frame, and pose_report (out, 24 + 2 n_jets), with
             the filter of poses: see `PoseEstimator`.
+        failed_jets (out, n_jets), detections (out, abstract), verdict (out, abstract), with `findings`: see
+            `FindingsMonitor`; they close no loop.
     """
-    return MassPropertyEstimator(scenario)
+    return MassPropertyEstimator(scenario, findings=findings)
 
 
 class MassPropertyEstimator(Diagram):
@@ -86,6 +108,7 @@ class MassPropertyEstimator(Diagram):
         vehicle: nominal mass properties, jets and sensors, estimated with the usual settings; or a scenario, whose
             settings are taken.
         name: of the system.
+        findings: see `build`.
 
     Attributes:
         scenario: vehicle and settings, what `simulate` takes.
@@ -94,15 +117,15 @@ class MassPropertyEstimator(Diagram):
         InputError: when the vehicle is one that cannot be estimated.
     """
 
-    def __init__(self, vehicle: Vehicle | Scenario, name: str = "estimation"):
+    def __init__(self, vehicle: Vehicle | Scenario, name: str = "estimation", *, findings: bool = True):
         scenario = vehicle if isinstance(vehicle, Scenario) else resolved({"vehicle": vehicle})
         builder = DiagramBuilder()
-        _add_parts(builder, scenario)
+        _add_parts(builder, scenario, findings=findings)
         super().__init__(builder, name)
         self.scenario = scenario
 
 
-def _add_parts(builder: DiagramBuilder, scenario: Scenario) -> None:
+def _add_parts(builder: DiagramBuilder, scenario: Scenario, *, findings: bool) -> None:
     """Adds impulse model, filters and detector, and exports their ports."""
     vehicle = scenario.vehicle_data
     impulses = builder.AddNamedSystem(
@@ -124,6 +147,8 @@ def _add_parts(builder: DiagramBuilder, scenario: Scenario) -> None:
         _add_hypotheses(builder, scenario, method, filters[-1])
     elif method is not None:
         _add_detector(builder, scenario, method, (impulses, *filters), commands)
+    if findings:
+        _add_findings(builder, scenario)
 
 
 def _add_thesis(builder: DiagramBuilder, scenario: Scenario, impulses: ImpulseModel) -> tuple[LeafSystem, ...]:
@@ -313,6 +338,31 @@ def _add_hypotheses(builder: DiagramBuilder, scenario: Scenario, method: Detecto
     for name in ("reconfiguration", "closed", "held_closed", "hypothesis_report"):
         builder.ExportOutput(detector.GetOutputPort(name), name)
     builder.ExportOutput(detector.GetOutputPort("report"), "detector_report")
+
+
+def _add_findings(builder: DiagramBuilder, scenario: Scenario) -> None:
+    """Adds what follows the reports of filters and detector."""
+    found = {}
+    for system in builder.GetSystems():
+        for index in map(OutputPortIndex, range(system.num_output_ports())):
+            port = system.get_output_port(index)
+            own = _REPORTERS.get(system.get_name(), "detector_report")
+            found[own if port.get_name() == "report" else port.get_name()] = port
+    jets = len(scenario.vehicle_data.jets)
+    layouts = {layout.name: layout.sized(jets=jets) for layout in _REPORTS if layout.name in found}
+    sensors = [package.name for package in (*params.gyros(scenario), *params.accelerometers(scenario))]
+    monitor = builder.AddNamedSystem(
+        "findings_monitor",
+        FindingsMonitor(
+            FlightMonitor(scenario.vehicle_data, sensors, layouts),
+            reports={name: layout.size for name, layout in layouts.items()},
+            period_s=scenario.vehicle_data.sample_period_s,
+        ),
+    )
+    for name in layouts:
+        builder.Connect(found[name], monitor.GetInputPort(name))
+    for name in ("failed_jets", "detections", "verdict"):
+        builder.ExportOutput(monitor.GetOutputPort(name), name)
 
 
 def _packages(sensors: Sequence[SensorPackage]) -> tuple[Package, ...]:

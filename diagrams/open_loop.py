@@ -14,8 +14,12 @@ from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.systems.autopilot.jet_schedule import JetSchedule
 
 
-def build(scenario: Scenario) -> Diagram:
+def build(scenario: Scenario, *, findings: bool = False) -> Diagram:
     """The open-loop diagram of a scenario.
+
+    Args:
+        scenario: with a jet schedule.
+        findings: see `estimation.build`.
 
     Ports: none in; out every output of the `vehicle` and `estimation` diagrams and of `JetSchedule`, by
     the same names.
@@ -25,7 +29,7 @@ def build(scenario: Scenario) -> Diagram:
         "jet_schedule", JetSchedule(params.commands(scenario), period_s=scenario.vehicle_data.sample_period_s)
     )
     body = builder.AddNamedSystem("vehicle", vehicle.build(scenario))
-    estimators = builder.AddNamedSystem("estimation", estimation.build(scenario))
+    estimators = builder.AddNamedSystem("estimation", estimation.build(scenario, findings=findings))
 
     builder.Connect(schedule.GetOutputPort("command"), body.GetInputPort("command"))
     builder.Connect(schedule.GetOutputPort("held_command"), body.GetInputPort("held_command"))

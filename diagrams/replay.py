@@ -13,7 +13,7 @@ from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.systems.estimation.telemetry_source import TelemetrySource
 
 
-def build(scenario: Scenario, *, first_row: int = 0) -> Diagram:
+def build(scenario: Scenario, *, first_row: int = 0, findings: bool = False) -> Diagram:
     """The replay diagram of a scenario: the `estimation` diagram, unchanged, fed from a record.
 
     Ports: none in; out every output of the `estimation` diagram and of `TelemetrySource`, by the same
@@ -23,11 +23,12 @@ def build(scenario: Scenario, *, first_row: int = 0) -> Diagram:
         scenario: for the vehicle and the settings of the estimators; what it says of the true vehicle and of
             what is flown plays no part.
         first_row: number of the record's first row; later than zero when an earlier part went before.
+        findings: see `estimation.build`.
     """
     vehicle = scenario.vehicle_data
     tracked = {sensor.name: len(sensor.columns) for sensor in vehicle.tracked}
     builder = DiagramBuilder()
-    estimators = builder.AddNamedSystem("estimation", estimation.build(scenario))
+    estimators = builder.AddNamedSystem("estimation", estimation.build(scenario, findings=findings))
     source = builder.AddNamedSystem(
         "telemetry_source",
         TelemetrySource(

@@ -32,7 +32,10 @@ default_role = "py:obj"
 nitpick_ignore_regex = [
     ("py:obj", r".*"),
     ("py:(class|data|exc)", r"(?!massprop_drake\.).*"),  # types of other packages, which are not linked
-    ("py:class", r"massprop_drake\.(.*\._|inputs\.model\.M$|systems\.caching\.T$|maths\.kernels\.F$).*"),  # private
+    (
+        "py:class",
+        r"massprop_drake\.(.*\._|inputs\.model\.M$|systems\.(caching|stopwatch)\.T$|maths\.kernels\.F$).*",
+    ),  # private
     ("py:class", r"massprop_drake\.(.*race\.Record$).*"),
 ]
 autodoc_member_order = "bysource"

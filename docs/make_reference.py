@@ -1,4 +1,6 @@
-"""Writes the tables of keys in vehicle.md, scenario.md, campaign.md and records.md, and the defaults in all pages.
+"""Writes the tables of keys and of ports' elements, and the defaults in all pages.
+
+The keys stand in vehicle.md, scenario.md, campaign.md and records.md, the elements in reference/ports.md.
 
 The text above the tables is kept, but for the defaults: what follows `<!-- default mass.jump -->` in a page, between
 backquotes, is the default of that key.
@@ -19,9 +21,10 @@ from massprop_drake.inputs.model import Key, keys
 from massprop_drake.inputs.record_map import map_keys
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.systems.views import JETS, PORTS, elements
 
 DOCS = Path(__file__).parent
-PAGES: dict[str, Callable[[], list[Key]]] = {
+KEYS: dict[str, Callable[[], list[Key]]] = {
     "vehicle.md": partial(keys, Vehicle),
     "scenario.md": partial(keys, Scenario),
     "campaign.md": campaign_keys,
@@ -30,15 +33,16 @@ PAGES: dict[str, Callable[[], list[Key]]] = {
 MARK = "<!-- docs/make_reference.py writes what follows from the code: edit the descriptions there -->"
 HEADINGS = ("key", "type", "unit", "default", "range", "meaning")
 _TOLD = re.compile(r"<!-- default ([^>]+) -->`[^`\n]*`")
+_MOST = 10  # elements of a field that are all shown
 _LONG = 12  # characters of a number beyond which its page shows six digits
 
 
-def updated(text: str, found: Sequence[Key]) -> str:
+def updated(text: str, tables: str) -> str:
     """A page's text with its tables made anew.
 
     Args:
         text: of the page; what stands before `MARK` is kept.
-        found: the keys to show.
+        tables: in Markdown.
 
     Raises:
         ValueError: when the page has no `MARK`.
@@ -46,7 +50,7 @@ def updated(text: str, found: Sequence[Key]) -> str:
     introduction, mark, _ = text.partition(MARK)
     if not mark:
         raise ValueError(f"the page has no line '{MARK}' to write below")
-    return f"{introduction}{MARK}\n\n{reference(found)}"
+    return f"{introduction}{MARK}\n\n{tables}"
 
 
 def reference(found: Sequence[Key]) -> str:
@@ -96,6 +100,26 @@ def _default(key: Key) -> str:
     return f"`{value:.6g}`{degrees}"
 
 
+def ports() -> str:
+    """A table of the ports whose elements have names, in Markdown."""
+    rows = [("port", "elements"), ("---", "---"), *((f"`{port}`", _elements_of(port)) for port in PORTS)]
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in rows) + "\n"
+
+
+def _elements_of(port: str) -> str:
+    """The names of a port's elements, field by field."""
+    return ", ".join(_shortened([_named(part) for part in of_field]) for of_field in elements(port).values())
+
+
+def _named(part: Sequence[str]) -> str:
+    return "`" + "_".join("<jet>" if word == JETS else word for word in part if word) + "`"
+
+
+def _shortened(names: Sequence[str]) -> str:
+    """Names of a field; of many the first two and the last."""
+    return ", ".join(names if len(names) <= _MOST else [*names[:2], "...", names[-1]])
+
+
 def told(text: str, defaults: Mapping[str, str]) -> str:
     """A page's text with the defaults that its prose tells.
 
@@ -112,6 +136,11 @@ def told(text: str, defaults: Mapping[str, str]) -> str:
     return _TOLD.sub(lambda found: f"<!-- default {found[1]} -->{defaults[found[1]]}", text)
 
 
+def tables() -> dict[str, str]:
+    """The tables by page, in Markdown."""
+    return {page: reference(found()) for page, found in KEYS.items()} | {"reference/ports.md": ports()}
+
+
 def all_defaults() -> dict[str, str]:
     """The defaults of a vehicle's and a scenario's keys, as they are written."""
     return {key.name: _default(key) for key in (*keys(Vehicle), *keys(Scenario))}
@@ -124,12 +153,12 @@ def pages() -> list[Path]:
 
 def main() -> None:
     """Writes the pages."""
-    defaults = all_defaults()
+    defaults, made = all_defaults(), {DOCS / page: text for page, text in tables().items()}
     for page in pages():
         before = page.read_text(encoding="utf-8")
         text = told(before, defaults)
-        if page.parent == DOCS and page.name in PAGES:
-            text = updated(text, PAGES[page.name]())
+        if page in made:
+            text = updated(text, made[page])
         if text != before:
             page.write_text(text, encoding="utf-8")
 

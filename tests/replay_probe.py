@@ -55,7 +55,8 @@ def replayed(telemetry: Path, scenario: Scenario) -> Opinion:
     reader = Reader(telemetry, vehicle, gyro=gyro, after=None, stream=None)
     for number, rows in enumerate(reader):
         readings = {**rows.readings, **_by_sensor(rows, vehicle)}
-        last = source.extend(rows.time_s, readings, rows.commands, rows.outside_wrench)
+        own = source.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+        last = source.extend(own, rows.time_s, readings, rows.commands, rows.outside_wrench)
         if number == 0:
             simulator.Initialize()
         simulator.AdvanceTo((last + _AHEAD) * period_s)

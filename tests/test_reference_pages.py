@@ -43,10 +43,10 @@ def examples(tmp_path: Path) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("name", ["vehicle.md", "scenario.md", "campaign.md", "records.md"])
+@pytest.mark.parametrize("name", ["vehicle.md", "scenario.md", "campaign.md", "records.md", "reference/ports.md"])
 def test_page_matches_the_code(name: str, make_reference: ModuleType) -> None:
     page = (DOCS / name).read_text(encoding="utf-8")
-    expected = make_reference.updated(page, make_reference.PAGES[name]())
+    expected = make_reference.updated(page, make_reference.tables()[name])
     assert page == expected, "run 'python docs/make_reference.py' and commit what it writes"
 
 
@@ -84,7 +84,7 @@ def test_a_default_in_prose_is_written_anew(make_reference: ModuleType) -> None:
 
 def test_page_without_its_mark_is_refused(make_reference: ModuleType) -> None:
     with pytest.raises(ValueError, match="the page has no line"):
-        make_reference.updated("# A page\n", keys(Vehicle))
+        make_reference.updated("# A page\n", make_reference.ports())
 
 
 def test_example_vehicle_is_valid(examples: Path) -> None:

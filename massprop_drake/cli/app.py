@@ -13,7 +13,7 @@ import typer
 from massprop_drake.cli import campaigns, completion
 from massprop_drake.cli.options import Compiled, Figures, Force, Json, Overrides, Quiet, Report, Schema, View
 from massprop_drake.cli.streams import note, say
-from massprop_drake.errors import InputError, suggestion
+from massprop_drake.errors import InputError
 
 app = typer.Typer(
     name="massprop",
@@ -319,6 +319,58 @@ def report_run(
     _tell(pages.write(pages.REPORT, folder, out, force=force, watch=context.obj.watch), as_json, quiet)
 
 
+@app.command("export", epilog="Example: `massprop export runs/leak_named --to mcap --out leak.mcap`")
+def export_run(
+    context: typer.Context,
+    folder: _Folder,
+    to: Annotated[
+        str,
+        typer.Option(
+            metavar="mcap|rerun",
+            help="mcap: for Foxglove and PlotJuggler; rerun: for Rerun. Each needs the extra of its name.",
+            autocompletion=completion.formats,
+        ),
+    ],
+    out: Annotated[
+        Path | None, typer.Option(help="File to write; default run.mcap or run.rrd in the run's folder.")
+    ] = None,
+    epoch: Annotated[
+        str | None,
+        typer.Option(help="What time of day the run's time zero is, a date or seconds since 1970; default none."),
+    ] = None,
+    live: Annotated[
+        bool,
+        typer.Option("--live", help="Play the run to an open viewer on this machine instead; Ctrl-C ends it."),
+    ] = False,
+    speed: Annotated[float, typer.Option(help="With --live: times real time.")] = 1.0,
+    port: Annotated[
+        int | None,
+        typer.Option(min=1, max=65535, help="With --live: where Foxglove is to connect to, or Rerun listens."),
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Writes a run for Foxglove, PlotJuggler or Rerun: signals, frames, a scene and events; or plays it to them."""
+    from massprop_drake.cli import exports, show
+
+    asked = exports.ExportOptions(to, epoch, force)
+    if live:
+        if out is not None:
+            raise InputError("--live: writes no file; give --out without it")
+        address = exports.play(folder, asked, port, speed, quiet=quiet)
+        if as_json:
+            show.as_json(address)
+        return
+    written = exports.write(folder, out, asked, context.obj.watch)
+    if as_json:
+        show.as_json(written._asdict())
+    elif not quiet:
+        say(f"{written.file}: {written.bytes / 1e6:.3g} MB, {len(written.signals)} signals, {written.rows} samples")
+        for line in written.notes:
+            say(f"  {line}")
+
+
 def _tell(target: Path, as_json: bool, quiet: bool) -> None:
     """Says which file was written."""
     from massprop_drake.cli import show
@@ -362,11 +414,15 @@ def reproduce(
         show.reproduced(results, out)
 
 
-@app.command(epilog="Example: `massprop graph closed_loop estimation --out graphs`")
+@app.command(epilog="Example: `massprop graph closed_loop my_loop.py:build --out graphs`")
 def graph(
     diagrams: Annotated[
         list[str] | None,
-        typer.Argument(help="Names as `massprop list` shows; default all.", autocompletion=completion.diagrams),
+        typer.Argument(
+            help="Names as `massprop list` shows; default all. Of your own MODULE:FUNCTION or FILE.py:FUNCTION, which "
+            "takes nothing and returns a Diagram, a DiagramBuilder or a System.",
+            autocompletion=completion.diagrams,
+        ),
     ] = None,
     like: Annotated[
         str | None,
@@ -381,24 +437,21 @@ def graph(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Exports graphs of diagrams as DOT and SVG."""
+    """Exports graphs of diagrams as DOT and SVG, ours and your own."""
     from massprop_drake.cli import show, sources
     from massprop_drake.display import graphs
-    from massprop_drake.results.folder import require_files, write_files
+    from massprop_drake.results.folder import require_files, require_no_run, write_files
 
-    case = None if like is None else sources.recovered(like, [])
-    names = diagrams or graphs.names_for(case)
-    for name in names:
-        if name not in graphs.DIAGRAMS:
-            raise InputError(f"'{name}' is no diagram{suggestion(name, list(graphs.DIAGRAMS))}")
+    builders = sources.diagrams(diagrams, like)
+    require_no_run(out)
     require_files(
         out,
-        [f"{name}{part}.{kind}" for name in names for part in ("", "_overview") for kind in ("dot", "svg")],
+        [f"{name}{part}.{kind}" for name in builders for part in ("", "_overview") for kind in ("dot", "svg")],
         force=force,
     )
     files, drawn = {}, True
-    for name in names:
-        diagram = graphs.build(name, case)
+    for name, build in builders.items():
+        diagram = build()
         shallow = graphs.dot_text(diagram, 1)
         deep = graphs.dot_text(diagram, 2)
         drawings = {"": shallow, "_overview": graphs.overview_text(diagram)}

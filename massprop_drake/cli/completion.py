@@ -28,6 +28,11 @@ def diagrams(incomplete: str) -> list[str]:
     return [name for name in names if name.startswith(incomplete) and not name.startswith("_")]
 
 
+def formats(incomplete: str) -> list[str]:
+    """Offers the formats to export to."""
+    return [name for name in ("mcap", "rerun") if name.startswith(incomplete)]
+
+
 def runs(incomplete: str) -> list[str]:
     """Offers folders of runs, here and in `runs`, and folders on the way to others."""
     beside = Path(incomplete or ".") if incomplete.endswith("/") or not incomplete else Path(incomplete).parent

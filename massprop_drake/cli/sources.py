@@ -8,12 +8,12 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from massprop_drake.cli import show
+from massprop_drake.cli import functions, show
 from massprop_drake.cli.options import Schema
 from massprop_drake.cli.streams import note
-from massprop_drake.errors import InputError, in_words
+from massprop_drake.errors import InputError, in_words, suggestion
 from massprop_drake.inputs.campaign import (
     CampaignSpec,
     bundled_campaigns,
@@ -144,6 +144,42 @@ def recovered(scenario: str | Path, overrides: list[str]) -> Scenario:
                 f"{path.name.lstrip('0') or '0'}' flies it and keeps it"
             )
     return load_scenario(scenario, overrides)
+
+
+def diagrams(names: Sequence[str] | None, like: str | None) -> dict[str, Callable[[], Any]]:
+    """Finds diagrams to draw: functions that build them, by the names of their files.
+
+    Args:
+        names: ours, or functions of the user's own, see `functions.call`; None or none: all that a scenario has.
+        like: scenario to build ours for; None: those that they are drawn for.
+
+    Raises:
+        InputError: when one is not there, or two would have one name.
+    """
+    from massprop_drake.display import graphs  # noqa: PLC0415 (loads Drake's framework)
+
+    case = None if like is None else recovered(like, [])
+    found: dict[str, Callable[[], Any]] = {}
+    for name in dict.fromkeys(names or graphs.names_for(case)):
+        own = functions.is_named(name)
+        if not own and name not in graphs.DIAGRAMS:
+            raise InputError(f"'{name}' is no diagram{suggestion(name, list(graphs.DIAGRAMS))}")
+        if own and case is not None:
+            raise InputError(f"--like: '{name}' is built by a function of your own, which takes no scenario")
+        stem = functions.file_stem(name) if own else name
+        if stem in found:
+            raise InputError(f"{name}: its files would be called {stem}, as those of another; draw it apart")
+        found[stem] = partial(_built_by, name) if own else partial(graphs.build, name, case)
+    return found
+
+
+def _built_by(target: str) -> Any:
+    """The diagram that a function of the user's own makes."""
+    from massprop_drake.display import graphs  # noqa: PLC0415 (loads Drake's framework)
+
+    made = functions.call(target)
+    with functions.guarded(target):
+        return graphs.as_diagram(made, target)
 
 
 class Described(NamedTuple):

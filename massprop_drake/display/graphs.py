@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import importlib
 import itertools
 import re
@@ -9,10 +10,11 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from pydrake.systems.framework import Diagram
+from pydrake.systems.framework import Diagram, DiagramBuilder, InputPortIndex, OutputPortIndex, System
 
+from massprop_drake.errors import InputError
 from massprop_drake.inputs.scenario import Scenario, load_scenario
 
 
@@ -56,6 +58,34 @@ def build(name: str, scenario: Scenario | None = None) -> Diagram:
     module = importlib.import_module(f"massprop_drake.diagrams.{drawn.module}")
     diagram: Diagram = module.build(scenario or load_scenario(drawn.scenario))
     return diagram
+
+
+def as_diagram(made: Any, source: str) -> Diagram:
+    """The diagram to draw of what a user's function returned: a diagram, a builder of one, or one system by itself.
+
+    Args:
+        made: by the function.
+        source: its name, for messages.
+
+    Raises:
+        InputError: when it is anything else.
+        RuntimeError: when the builder cannot build.
+    """
+    if isinstance(made, Diagram):
+        return made
+    if isinstance(made, DiagramBuilder):
+        return made.Build()
+    if not isinstance(made, System):
+        raise InputError(
+            f"{source}: returned {type(made).__name__}; it must return a Diagram, a DiagramBuilder or a System"
+        )
+    builder = DiagramBuilder()
+    builder.AddSystem(made)
+    for index in range(made.num_input_ports()):
+        builder.ExportInput(made.get_input_port(InputPortIndex(index)), made.get_input_port(index).get_name())
+    for index in range(made.num_output_ports()):
+        builder.ExportOutput(made.get_output_port(OutputPortIndex(index)), made.get_output_port(index).get_name())
+    return builder.Build()
 
 
 def names_for(scenario: Scenario | None) -> list[str]:
@@ -120,7 +150,7 @@ def overview_text(diagram: Diagram) -> str:
         own = to.get_input_port(to_port).get_name()
         carried.setdefault(ends, []).append(own if name in _SAY_NOTHING else name)
     lines = [
-        f'digraph "{diagram.get_name()}" {{',
+        f"digraph {_quoted(diagram.get_name())} {{",
         f"rankdir=LR; nodesep=0.35; ranksep=0.5; {_FONT}",
         'node [shape=box, style="rounded,filled", fillcolor="#eef2f7", color="#5a6675", fontsize=14]; '
         'edge [fontsize=12, color="#33475b", fontcolor="#33475b"];',
@@ -128,13 +158,19 @@ def overview_text(diagram: Diagram) -> str:
     for system in systems:
         kind = type(system).__name__
         what = "" if kind == "Diagram" else f'<BR/><FONT POINT-SIZE="12">{kind}</FONT>'
-        lines.append(f'"{system.get_name()}" [label=<<B>{system.get_name()}</B>{what}>];')
+        name = system.get_name()
+        lines.append(f"{_quoted(name)} [label=<<B>{html.escape(name)}</B>{what}>];")
     for (source, to), signals in sorted(carried.items()):
         shown = sorted(set(signals))
         more = len(shown) - _SIGNALS
         said = shown if more <= 0 else [*shown[: _SIGNALS - 1], f"and {more + 1} more"]
-        lines.append(f'"{source}" -> "{to}" [label="{_BREAK.join(said)}"];')
+        lines.append(f"{_quoted(source)} -> {_quoted(to)} [label={_quoted(_BREAK.join(said))}];")
     return "\n".join([*lines, "}"]) + "\n"
+
+
+def _quoted(text: str) -> str:
+    """Text as Graphviz takes it for a name or a label."""
+    return '"' + text.replace('"', r"\"") + '"'
 
 
 _BREAK = r"\n"  # as Graphviz writes the end of a line

@@ -10,8 +10,9 @@ import logging
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Box, Cylinder, Ellipsoid, Meshcat, MeshcatCone, MeshcatParams, Rgba, Sphere
-from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.math import RigidTransform, RotationMatrix
 
+from massprop_drake.display import solids
 from massprop_drake.display.links import Links
 from massprop_drake.display.style import (
     ESTIMATE_COLOR,
@@ -40,7 +41,7 @@ _FIELD = np.radians(75.0)  # of Meshcat's camera, from top to bottom
 _CLOSE = 1.15  # distance of the camera over that from which a ball around the vehicle fits: room for what is beside
 _BODY = "/world/body"
 _STRUCTURE = f"{_BODY}/structure"  # the vehicle frame
-_MARKS = {"failed": (FAILED_COLOR, 1.0), "found": (SUSPECT_COLOR, 1.5)}  # color and size
+_MARKS = {"failed": FAILED_COLOR, "found": SUSPECT_COLOR}
 
 
 class Stage:
@@ -61,9 +62,9 @@ class Stage:
     def __init__(self, vehicle: Vehicle, *, truth: bool, links: Links | None = None):
         self._vehicle = vehicle
         self.links = links if links is not None and links.drawn else None
-        self._extent = _extent(vehicle)
-        self.axis = round_length(0.45 * self._extent)
-        self.spread = (0.002 * self._extent, 0.35 * self._extent)
+        self._extent = solids.extent(vehicle)
+        self.axis = solids.round_length(0.45 * self._extent)
+        self.spread = solids.spread_limits(vehicle)
         self.meshcat = _quiet_meshcat()
         self._prepare()
         self._draw_body()
@@ -73,18 +74,15 @@ class Stage:
 
     def add_mark(self, kind: str, jet: int) -> None:
         """Adds a hidden mark to a jet, "failed" or "found"."""
-        color, size = _MARKS[kind]
         path = f"{_STRUCTURE}/marks/{kind}{jet}"
-        self.meshcat.SetObject(path, Sphere(0.022 * size * self._extent), _rgba(color, 0.55))
+        self.meshcat.SetObject(path, Sphere(solids.mark_radius(self._vehicle, kind)), _rgba(_MARKS[kind], 0.55))
         self.meshcat.SetTransform(path, RigidTransform(self._vehicle.positions[jet]))
         self.meshcat.SetProperty(path, "visible", False)
 
     def add_payload(self, number: int, mass: float, position: Array) -> None:
         """Adds a payload, slug or kg, at a point of the vehicle frame, ft or m, shape (3,)."""
-        share = mass / self._vehicle.nominal.mass
-        radius = 0.1 * self._extent * min(max(share, 0.02), 2.0) ** (1.0 / 3.0)
         path = f"{_STRUCTURE}/payloads/{number}"
-        self.meshcat.SetObject(path, Sphere(radius), _rgba(PAYLOAD_COLOR, 0.6))
+        self.meshcat.SetObject(path, Sphere(solids.payload_radius(self._vehicle, mass)), _rgba(PAYLOAD_COLOR, 0.6))
         self.meshcat.SetTransform(path, RigidTransform(position))
 
     # --------------------------------------------------------------------------------------- parts
@@ -96,14 +94,14 @@ class Stage:
             self.meshcat.SetProperty(path, "visible", False)
         self.meshcat.SetProperty("/Background/<object>", "top_color", [0.93, 0.95, 0.98])
         self.meshcat.SetProperty("/Background/<object>", "bottom_color", [0.75, 0.79, 0.85])
-        away = _VIEW / np.linalg.norm(_VIEW) * _CLOSE * _radius(self._vehicle) / np.sin(0.5 * _FIELD)
+        away = _VIEW / np.linalg.norm(_VIEW) * _CLOSE * solids.radius(self._vehicle) / np.sin(0.5 * _FIELD)
         self.meshcat.SetCameraPose(scale * away, np.zeros(3))
 
     def _draw_body(self) -> None:
         if self.links is not None:
             self.links.draw(self.meshcat, f"{_STRUCTURE}/links")
             return
-        for number, solid in enumerate(self._vehicle.shape or _box(self._vehicle)):
+        for number, solid in enumerate(solids.shape(self._vehicle)):
             _draw_solid(self.meshcat, f"{_STRUCTURE}/shape/{number}", solid)
 
     def _draw_axes(self) -> None:
@@ -115,22 +113,21 @@ class Stage:
             self.meshcat.SetTransform(path, RigidTransform(_along(direction), 0.5 * length * direction))
 
     def _draw_jets(self) -> None:
-        vehicle, extent = self._vehicle, self._extent
-        strongest = max(jet.thrust for jet in vehicle.jets)
+        vehicle = self._vehicle
+        lengths = solids.plume_lengths(vehicle, np.array([jet.thrust for jet in vehicle.jets])).tolist()
         for index, jet in enumerate(vehicle.jets):
             path = f"{_STRUCTURE}/jets/{index}"
             outwards = -vehicle.thrusts[index] / jet.thrust
             self.meshcat.SetTransform(path, RigidTransform(_along(outwards), vehicle.positions[index]))
-            nozzle = 0.016 * extent
+            nozzle = solids.nozzle_length(vehicle)
             shape = MeshcatCone(nozzle, 0.5 * nozzle, 0.5 * nozzle)
             self.meshcat.SetObject(f"{path}/nozzle", shape, Rgba(0.25, 0.28, 0.33, 1.0))
-            length = (0.05 + 0.11 * (jet.thrust / strongest) ** 0.5) * extent
-            plume = MeshcatCone(length, 0.2 * length, 0.2 * length)
+            plume = MeshcatCone(lengths[index], 0.2 * lengths[index], 0.2 * lengths[index])
             self.meshcat.SetObject(f"{path}/plume", plume, _rgba(PLUME_COLOR, 0.75))
             self.meshcat.SetProperty(f"{path}/plume", "visible", False)
 
     def _draw_centers(self, truth: bool) -> None:
-        radius = 0.012 * self._extent
+        radius = solids.center_radius(self._vehicle)
         if truth:
             self.meshcat.SetObject(f"{_BODY}/center", Sphere(radius), _rgba(TRUTH_COLOR, 0.45))
         path = f"{_STRUCTURE}/estimate"
@@ -149,59 +146,8 @@ def _quiet_meshcat() -> Meshcat:
         log.setLevel(level)
 
 
-def _extent(vehicle: Vehicle) -> float:
-    """Returns the largest dimension of the vehicle, jets and solids, along an axis, ft or m."""
-    return float(np.ptp(_corners(vehicle), axis=0).max()) or 1.0
-
-
-def _radius(vehicle: Vehicle) -> float:
-    """Returns the distance from the nominal center of mass of the farthest point of the vehicle, ft or m."""
-    return float(np.linalg.norm(_corners(vehicle) - vehicle.nominal.center_of_mass, axis=1).max()) or 1.0
-
-
-def _corners(vehicle: Vehicle) -> Array:
-    """Returns points on the outside of the vehicle, jets and solids, ft or m, shape (n, 3)."""
-    solids = [_turned(solid).multiply(_outside(solid).T).T for solid in vehicle.shape]
-    return np.vstack([vehicle.positions, *solids])
-
-
-def _turned(solid: Solid) -> RigidTransform:
-    """Returns where a solid stands in the vehicle frame."""
-    return RigidTransform(RollPitchYaw(np.radians(solid.rotation_deg)), np.array(solid.position))
-
-
-def round_length(length: float) -> float:
-    """Returns the longest with one digit that is no longer."""
-    power = 10.0 ** np.floor(np.log10(length))
-    return float(f"{power * np.floor(length / power * (1.0 + 1e-9)):.0e}")
-
-
-def _outside(solid: Solid) -> Array:
-    """Returns corners of a solid, or of a box around it, in its own axes, ft or m, shape (n, 3)."""
-    match solid:
-        case PlateSolid():
-            outline = np.array(solid.outline)
-            return np.column_stack([outline, np.zeros(len(outline))])
-        case BoxSolid():
-            half = 0.5 * np.array(solid.size)
-        case EllipsoidSolid():
-            return np.vstack([np.diag(solid.radii), -np.diag(solid.radii)])
-        case CylinderSolid() | ConeSolid():
-            half = np.array([0.5 * solid.length, *solid.radii])
-    signs = np.stack(np.meshgrid(*[(-1.0, 1.0)] * 3), axis=-1).reshape(-1, 3)
-    return np.asarray(signs * half)
-
-
-def _box(vehicle: Vehicle) -> tuple[Solid, ...]:
-    """Makes a box that spans the jets, for a vehicle without a shape."""
-    low, high = vehicle.positions.min(axis=0), vehicle.positions.max(axis=0)
-    size = np.maximum(0.9 * (high - low), 0.15 * float((high - low).max() or 1.0))
-    middle = 0.5 * (low + high)
-    return (BoxSolid(kind="box", size=tuple(size.tolist()), position=tuple(middle.tolist())),)
-
-
 def _draw_solid(meshcat: Meshcat, path: str, solid: Solid) -> None:
-    place = _turned(solid)
+    place = RigidTransform(RotationMatrix(solids.rotation(solid)), np.array(solid.position))
     color = _rgba(solid.color, _OPACITY)
     match solid:
         case BoxSolid():
@@ -209,39 +155,21 @@ def _draw_solid(meshcat: Meshcat, path: str, solid: Solid) -> None:
         case EllipsoidSolid():
             meshcat.SetObject(path, Ellipsoid(*solid.radii), color)
         case CylinderSolid():
-            vertices, faces = _cylinder(solid.length, solid.radii)
-            meshcat.SetTriangleMesh(path, vertices, faces, color)
+            _draw_mesh(meshcat, path, solids.cylinder(solid.length, solid.radii), color)
         case ConeSolid():
             # Meshcat's cone stands on its point: turned so that the point looks along +x
             meshcat.SetObject(f"{path}/cone", MeshcatCone(solid.length, solid.radii[1], solid.radii[0]), color)
             point = np.array([0.5 * solid.length, 0.0, 0.0])
             meshcat.SetTransform(f"{path}/cone", RigidTransform(_along(np.array([-1.0, 0.0, 0.0])), point))
         case PlateSolid():
-            vertices, faces = _plate(np.array(solid.outline), solid.thickness)
-            meshcat.SetTriangleMesh(path, vertices, faces, color)
+            _draw_mesh(meshcat, path, solids.plate(np.array(solid.outline), solid.thickness), color)
     meshcat.SetTransform(path, place)
 
 
-def _plate(outline: Array, thickness: float) -> tuple[Array, NDArray[np.int_]]:
-    """Makes the vertices (3, n) and triangles (3, k) of a plate, every face seen from both sides."""
-    count = outline.shape[0]
-    sides = [np.column_stack([outline, np.full(count, side)]) for side in (-0.5 * thickness, 0.5 * thickness)]
-    faces = []
-    for base in (0, count):
-        faces += [(base, base + corner, base + corner + 1) for corner in range(1, count - 1)]
-    for corner in range(count):
-        following = (corner + 1) % count
-        faces += [(corner, following, count + following), (corner, count + following, count + corner)]
-    both = faces + [face[::-1] for face in faces]
-    return np.vstack(sides).T, np.array(both).T
-
-
-def _cylinder(length: float, radii: tuple[float, float]) -> tuple[Array, NDArray[np.int_]]:
-    """Makes the vertices and triangles of a cylinder along x."""
-    angle = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
-    outline = np.column_stack([radii[0] * np.cos(angle), radii[1] * np.sin(angle)])
-    vertices, faces = _plate(outline, length)
-    return vertices[[2, 0, 1]], faces
+def _draw_mesh(meshcat: Meshcat, path: str, mesh: tuple[Array, NDArray[np.int_]], color: Rgba) -> None:
+    """Draws triangles, each seen from both sides."""
+    vertices, faces = mesh
+    meshcat.SetTriangleMesh(path, vertices.T, np.vstack([faces, faces[:, ::-1]]).T, color)
 
 
 def _along(direction: Array) -> RotationMatrix:

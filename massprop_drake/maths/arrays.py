@@ -136,11 +136,13 @@ class Layout:
         """The fields of a log with a row per sample: for each its columns, shape (n, its size)."""
         return {key: log[:, part] for key, part in self._slices.items()}
 
+    def shapes(self) -> Iterator[tuple[str, tuple[int | str, ...]]]:
+        """The fields and their shapes, (1,) for a number or a flag."""
+        return ((key, _sizes(shape)) for key, shape in self._shapes.items())
+
     def describe(self) -> str:
         """The fields and their sizes as a port's documentation lists them."""
-        return ", ".join(
-            f"{key} ({' x '.join(str(size) for size in _sizes(shape))})" for key, shape in self._shapes.items()
-        )
+        return ", ".join(f"{key} ({' x '.join(map(str, shape))})" for key, shape in self.shapes())
 
 
 _new: Any = tuple.__new__

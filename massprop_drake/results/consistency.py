@@ -106,13 +106,32 @@ def ruled(mean: float, within: float) -> bool:
 
 
 class Tally:
-    """Counts the NIS of one filter, in whatever blocks they come."""
+    """Counts the NIS of one filter, in whatever blocks they come.
+
+    Attributes:
+        NUMBERS: names of the numbers that it comes to.
+    """
+
+    NUMBERS = ("n", "sum", "sum_within", "beyond_tail", "beyond_quarter")
 
     def __init__(self) -> None:
         self.n = 0
         self._sum = self._sum_within = 0.0
         self._beyond = [0, 0]
         self._explained = [0, 0, 0]  # samples of which it is known why they are what they are, and those beyond
+
+    @classmethod
+    def of(cls, numbers: Array) -> Tally:
+        """A tally that goes on from what another came to, `NUMBERS`; what is explained is not among them."""
+        tally = cls()
+        n, tally._sum, tally._sum_within, *beyond = numbers.tolist()
+        tally.n, tally._beyond = int(n), list(map(int, beyond))
+        return tally
+
+    @property
+    def numbers(self) -> Array:
+        """Its counts and sums, `NUMBERS`."""
+        return np.array([self.n, self._sum, self._sum_within, *self._beyond], dtype=float)
 
     def add(self, nis: Array, components: Array) -> None:
         """Takes in the NIS of samples that were used, as `used_nis` gives them, shape (n,) each."""

@@ -22,6 +22,8 @@ from massprop_drake.results import manifest
 from massprop_drake.results.exchange import Stage, drop, lock, locked, recover, set_aside, stage
 from massprop_drake.results.manifest import Manifest
 
+Written = bytes | Callable[[Path], object]  # a file's content, or what writes it to a path where nothing is
+
 _NAMED = 3  # files that a message names
 _COUNTED = 1000  # files that it counts at the most
 _ELSEWHERE = "give another folder"
@@ -164,6 +166,20 @@ def _placed(whole: Path, place: Place, prepared: Stage) -> Path | None:
         return prepared.exchanged(whole, path)
 
 
+def require_no_run(folder: Path) -> None:
+    """Checks that a folder is neither a run's or a campaign's, nor a part of one.
+
+    Raises:
+        InputError: when it is.
+    """
+    with _told(folder):
+        path = _found(folder)
+        _require_apart(folder, path)
+        owned = manifest.read(path)
+        if (path / _MARKER).is_file() or (owned is not None and owned.has(path / "summary.json", path)):
+            raise InputError(f"{folder}: is the folder of a run or campaign; {_ELSEWHERE}")
+
+
 def require_files(folder: Path, names: Iterable[str], *, force: bool = False) -> None:
     """Checks, before any work is done, that files of a folder's own can be written into it.
 
@@ -178,7 +194,7 @@ def require_files(folder: Path, names: Iterable[str], *, force: bool = False) ->
     _require(folder, names, _Rule(force))
 
 
-def write_files(folder: Path, files: Mapping[str, bytes], *, force: bool = False, found: str | None = None) -> None:
+def write_files(folder: Path, files: Mapping[str, Written], *, force: bool = False, found: str | None = None) -> None:
     """Writes files of a folder's own into it, each whole or not at all, and lists them in its manifest.
 
     Args:
@@ -209,7 +225,9 @@ def require_file(path: Path, kind: str, *, force: bool = False, reads: Iterable[
     _require(path.parent, [path.name], _Rule(force, kind, tuple(map(Path, reads))))
 
 
-def write_file(path: Path, content: bytes, kind: str, *, force: bool = False, reads: Iterable[str | Path] = ()) -> None:
+def write_file(
+    path: Path, content: Written, kind: str, *, force: bool = False, reads: Iterable[str | Path] = ()
+) -> None:
     """Writes a file that stands alone, whole or not at all.
 
     In a folder with a manifest it is listed there, too.
@@ -320,7 +338,7 @@ def _require(folder: Path, names: Iterable[str], rule: _Rule) -> None:
         rule.in_the_way(folder, path, names)
 
 
-def _write(folder: Path, files: Mapping[str, bytes], rule: _Rule, found: str | None = None) -> None:
+def _write(folder: Path, files: Mapping[str, Written], rule: _Rule, found: str | None = None) -> None:
     """Writes files into a folder by a rule, and lists them where it has a manifest, or is to have one."""
     with _told(folder):
         path = _found(folder)
@@ -328,7 +346,10 @@ def _write(folder: Path, files: Mapping[str, bytes], rule: _Rule, found: str | N
         with stage(path) as prepared:
             ready = {name: prepared.partial / str(number) for number, name in enumerate(files)}
             for name, content in files.items():
-                ready[name].write_bytes(content)
+                if callable(content):
+                    content(ready[name])
+                else:
+                    ready[name].write_bytes(content)
             with locked(path):
                 before = manifest.read(path)
                 if found is not None and (before is None or before.id != found):
@@ -340,7 +361,7 @@ def _write(folder: Path, files: Mapping[str, bytes], rule: _Rule, found: str | N
                 if begun is None:
                     _put(ready, path)
                     return
-                entries = {name: manifest.entry(content) for name, content in files.items()}
+                entries = {name: manifest.entry(file) for name, file in ready.items()}
                 parents = {str(parent) for name in files for parent in list(Path(name).parents)[:-1]}
                 after = begun.model_copy(update={"folders": tuple(sorted({*begun.folders, *parents}))})
                 _note(after.model_copy(update={"pending": entries}), prepared.partial, path)

@@ -66,7 +66,7 @@ class Manifest(_Model):
     def lists(self, name: str, path: Path) -> bool:
         """Tests whether a path holds the regular file that is listed under a name, unchanged."""
         expected = [entries[name] for entries in (self.files, self.pending) if name in entries]
-        return bool(expected) and _is_plain(path) and _entry(path) in expected
+        return bool(expected) and _is_plain(path) and entry(path) in expected
 
 
 def empty() -> Manifest:
@@ -80,7 +80,7 @@ def listing(folder: Path) -> Manifest:
     return empty().model_copy(
         update={
             "folders": tuple(name for name, path in found if path.is_dir()),
-            "files": {name: _entry(path) for name, path in found if not path.is_dir()},
+            "files": {name: entry(path) for name, path in found if not path.is_dir()},
         }
     )
 
@@ -126,9 +126,11 @@ def discard(folder: Path) -> bool:
     return True
 
 
-def entry(content: bytes) -> FileEntry:
-    """What a manifest says of a file with some content."""
-    return FileEntry(sha256=hashlib.sha256(content).hexdigest(), bytes=len(content))
+def entry(path: Path) -> FileEntry:
+    """Entry of a file in a manifest."""
+    with path.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+        return FileEntry(sha256=digest, bytes=file.tell())
 
 
 def sealed(text: str, kind: str) -> bytes:
@@ -177,9 +179,3 @@ def _is_same(one: Path, other: Path) -> bool:
 
 def _is_plain(path: Path) -> bool:
     return path.is_file() and not path.is_symlink()
-
-
-def _entry(path: Path) -> FileEntry:
-    with path.open("rb") as file:
-        digest = hashlib.file_digest(file, "sha256").hexdigest()
-        return FileEntry(sha256=digest, bytes=file.tell())

@@ -20,7 +20,7 @@ from massprop_drake.inputs.model import validated, yaml_text
 from massprop_drake.inputs.scenario import MultibodyBlock, Scenario, load_scenario
 from massprop_drake.inputs.yaml import exists, read_text
 from massprop_drake.results.exchange import recover
-from massprop_drake.results.folder import Place, require_writable, whole_folder
+from massprop_drake.results.folder import Place, require_writable, whole_folder, write_file
 from massprop_drake.results.parts import Ended, PartsMade
 from massprop_drake.results.spool import Signals, Spool, blocks, write_npz
 from massprop_drake.results.stored import STATE_FILE, FilterState, read_history, read_json, storable
@@ -295,6 +295,26 @@ class Run:
 
         replay = path.with_name("replay.html")
         _put(path, report_html(self, replay=replay.name if replay.exists() else None))
+
+    def export(self, to: str, path: str | Path, *, epoch_s: float | None = None, force: bool = False) -> Path:
+        """Writes the run for viewers of others: signals with units, frames, a scene and messages.
+
+        Args:
+            to: "mcap", for Foxglove and PlotJuggler, or "rerun".
+            path: of the file; it appears whole or not at all, and replaces nothing.
+            epoch_s: time of the run's time zero, s since 1970; None: times are those of the run.
+            force: keep a file that is there as `<path>.1`, `<path>.2`, ....
+
+        Raises:
+            InputError: when there is no such format, the package that writes it is missing, a file is there, or it
+                cannot be written.
+        """
+        from massprop_drake.display import export  # noqa: PLC0415 (loads an extra)
+
+        target, kind = Path(path), export.chosen(to).name
+        content = export.Content(self, epoch_s=epoch_s)
+        write_file(target, lambda ready: export.write(content, to, ready), kind, force=force)
+        return target
 
     def note_end(self, error: BaseException, *, early: bool) -> None:
         """Notes in the results what has ended the run.

@@ -106,8 +106,9 @@ class EstimationLog:
             layouts.append(MASS_REPORT)
         if self._own is not None:
             layouts.append(self._own)
+        self._judged = DETECTOR_REPORT.sized(jets=jets)
         if self._detector is not None:
-            layouts += [DETECTOR_REPORT.sized(jets=jets), *([self._said] if self._said else [])]
+            layouts += [self._judged, *([self._said] if self._said else [])]
         self.rows = {layout.name: np.empty((count, layout.size)) for layout in layouts}
 
     def put(self, index: int, done: EstimationStep, before: Any) -> None:
@@ -126,7 +127,7 @@ class EstimationLog:
         if self._own is not None:
             rows[self._own.name][index] = self._own.pack(filtered.own)
         if judgment is not None:
-            rows["detector_report"][index] = detector_row(judgment, before)
+            rows["detector_report"][index] = detector_row(judgment, before, self._judged)
             if self._said is not None:
                 rows[self._said.name][index] = self._said.pack(judgment.own)
 
@@ -253,7 +254,7 @@ def state_groups(diagram: Any, context: Any) -> Groups:
     for system in diagram.GetSystems():
         own = system.GetMyContextFromRoot(context)
         state = own.get_discrete_state()
-        if own.num_abstract_states():  # a detector whose state is no vector
+        if hasattr(system, "kept"):  # a detector whose state is no vector
             groups[system.get_name()] = system.kept(own)
         elif state.num_groups():  # a system of the estimators keeps one vector
             groups[system.get_name()] = state.get_vector(0).CopyToVector()

@@ -41,6 +41,7 @@ from massprop_drake.runners.moment import Moment
 from massprop_drake.runners.trackers import Trackers
 from massprop_drake.systems.autopilot.selector import Reconfiguration, SelectionState, Selector
 from massprop_drake.systems.layouts import REQUEST
+from massprop_drake.systems.stopwatch import JET_SELECTION, Stopwatch
 
 Array = NDArray[np.float64]
 
@@ -117,6 +118,7 @@ class Loop:
         self._size = self._row = 0  # rows of the last block; those of it that are filled in
         self._sample = self._taken = 0  # the next one; rows taken from the blocks
         self._ending = params.sample_count(scenario) + 1
+        self._stopwatch = Stopwatch()
 
     def _covered(self) -> Whole | None:
         """The estimation, where one kernel has it and the flight: nothing is to be done between the two."""
@@ -130,11 +132,12 @@ class Loop:
 
     def advance(self, reached_s: float) -> None:
         """Runs up to a time and logs every sample up to it, that at the time itself included."""
-        while self._sample * self._period_s <= reached_s:
-            try:
-                self._fill(reached_s)
-            except (OutOfMassError, SpunUpError) as error:
-                raise error.at(self._sample * self._period_s) from None
+        with self._stopwatch:
+            while self._sample * self._period_s <= reached_s:
+                try:
+                    self._fill(reached_s)
+                except (OutOfMassError, SpunUpError) as error:
+                    raise error.at(self._sample * self._period_s) from None
 
     def _fill(self, reached_s: float) -> None:
         """Goes on to a time, or to the end of a block, from the readings of each sample to those of the next."""
@@ -252,7 +255,8 @@ class Loop:
         mean: dict[str, float | None] = {name: 1e6 * spent / cycles for name, spent in self._known.spent_s.items()}
         if self._whole is not None:  # not apart from the vehicle
             mean["estimators"] = None
-        selection = None if self._selection is None else 1e6 * self._selection.selector.stopwatch.spent_s / cycles
+        spent_s = self._stopwatch.spent_s.get(JET_SELECTION, 0.0)
+        selection = None if self._selection is None else 1e6 * spent_s / cycles
         detector = mean.get("detector") if self._params.detector is not None else None
         return {"estimators": mean["estimators"], "detector": detector, "jet_selection": selection}
 

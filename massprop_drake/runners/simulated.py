@@ -24,6 +24,7 @@ from massprop_drake.runners.logs import ESTIMATION, state_groups
 from massprop_drake.runners.moment import Moment
 from massprop_drake.signals import JOINTS
 from massprop_drake.systems.layouts import RECONFIGURATION, ROTATION_REPORT, STRUCTURE
+from massprop_drake.systems.stopwatch import DETECTOR, ESTIMATORS, JET_SELECTION, Stopwatch
 
 Array = NDArray[np.float64]
 Truth = Mapping[str, OutputPort | str]
@@ -40,7 +41,6 @@ TRUTH = {
 _SIZES = {"rate": 3, "attitude": 4, "position": 3, "velocity": 3, "mass_properties": 10}  # thrust: one for each jet
 _BUNDLED_TRUTH = ("body_state", "structure", "thrust")
 _AUTOPILOT = ("hand_controllers", "attitude_error", "request", "selection_counts", "out_of_use")
-_DETECTORS = ("failure_detector", "hypothesis_detector", "thrust_factor_detector")
 _NEEDED = ("command", "impulses", "rotation_report", "covariance")
 _UNLOGGED = ("covariance", "estimate", "standard_deviation", "reconfiguration")
 _HELD = "held_command"
@@ -103,6 +103,7 @@ class Simulated:
             moving.set_initial_velocities(self._root)
         self._began = self._ended = False
         self._waiting: dict[str, Array] = {}  # the last row, where its command is known a sample later
+        self._stopwatch = Stopwatch()
         self._logged_s = -math.inf  # time of the last row
 
     @property
@@ -113,10 +114,11 @@ class Simulated:
 
     def advance(self, reached_s: float) -> None:
         """Runs up to a time and logs every sample up to it, that at the time itself included."""
-        if not self._began:
-            self._simulator.Initialize()
-            self._began = True
-        self._simulator.AdvanceTo(reached_s)
+        with self._stopwatch:
+            if not self._began:
+                self._simulator.Initialize()
+                self._began = True
+            self._simulator.AdvanceTo(reached_s)
 
     def emptied(self) -> dict[str, Array]:
         """What has been logged, by port, and the times; the logs are empty then."""
@@ -186,13 +188,16 @@ class Simulated:
                 raise RuntimeError(f"the sample at {moment(self._root.get_time())} s was not logged")
             self._simulator.Initialize()  # Drake's condition for going on from where it was interrupted
             self._sink.FindMutableLog(self._root).Clear()  # which has logged the sample once more
-        self._simulator.AdvancePendingEvents()  # the sample at the end is used like any other
+        with self._stopwatch:
+            self._simulator.AdvancePendingEvents()  # the sample at the end is used like any other
         return covariance, {} if self._estimation is None else state_groups(self._estimation, self._root)
 
     def cycle_times(self, cycles: int) -> dict[str, float | None]:
         """Mean time per cycle spent in the mathematics of each part, microseconds."""
-        autopilot = self._part(lambda system: system.get_name() == "autopilot")
-        return _cycle_times(self._estimation, autopilot, cycles)
+        spent = {part: 1e6 * spent_s / cycles for part, spent_s in self._stopwatch.spent_s.items()}
+        selects = self._part(lambda system: system.get_name() == "jet_selection") is not None
+        selection = spent.get(JET_SELECTION, 0.0 if selects else None)
+        return {"estimators": spent.get(ESTIMATORS, 0.0), "detector": spent.get(DETECTOR), "jet_selection": selection}
 
     # ------------------------------------------------------------------------------------- its ports
 
@@ -241,7 +246,8 @@ class Simulated:
 
     def _output(self, name: str) -> Array:
         port: Any = self._ports[name]
-        value: Array = port.Eval(port.get_system().GetMyContextFromRoot(self._root))
+        with self._stopwatch:
+            value: Array = port.Eval(port.get_system().GetMyContextFromRoot(self._root))
         return value
 
     def _part(self, is_it: Callable[[System], bool]) -> Any:
@@ -271,17 +277,3 @@ def _feeding(estimation: System | None, builder: DiagramBuilder) -> dict[str, Ou
         for (system, into), (source, out) in builder.connection_map().items()
         if system is estimation
     }
-
-
-def _cycle_times(estimation: Any, autopilot: Any, cycles: int) -> dict[str, float | None]:
-    """Mean time per cycle spent in the mathematics of each part, microseconds; None for a part is none."""
-    spent = {
-        system.get_name(): 1e6 * system.stopwatch.spent_s / cycles
-        for system in ([] if estimation is None else estimation.GetSystems())
-        if hasattr(system, "stopwatch")
-    }
-    detector = next((spent.pop(name) for name in _DETECTORS if name in spent), None)
-    selection = None
-    if autopilot is not None and autopilot.HasSubsystemNamed("jet_selection"):
-        selection = 1e6 * autopilot.GetSubsystemByName("jet_selection").stopwatch.spent_s / cycles
-    return {"estimators": sum(spent.values()), "detector": detector, "jet_selection": selection}

@@ -14,6 +14,7 @@ _HOMES = {
     "ConvergenceMonitor": "estimation.convergence_monitor",
     "Disturbance": "vehicle.disturbance",
     "FailureDetector": "estimation.failure_detector",
+    "FindingsMonitor": "estimation.findings_monitor",
     "FilterEstimator": "estimation.filter_estimator",
     "HandControllers": "autopilot.hand_controllers",
     "HypothesisDetector": "estimation.hypothesis_detector",
@@ -26,6 +27,8 @@ _HOMES = {
     "MassPropertyEstimator": "massprop_drake.diagrams.estimation",  # a diagram of systems
     "NoiseSource": "vehicle.noise_source",
     "PhaseSpaceController": "autopilot.phase_space_controller",
+    "PoseEstimator": "estimation.pose_estimator",
+    "PoseTracker": "vehicle.trackers",
     "RateGyro": "vehicle.rate_gyro",
     "ReactionJets": "vehicle.reaction_jets",
     "RigidBodyPlant": "vehicle.rigid_body_plant",
@@ -34,6 +37,7 @@ _HOMES = {
     "StarTracker": "multibody.star_tracker",
     "TelemetrySource": "estimation.telemetry_source",
     "Thrusters": "multibody.thrusters",
+    "VelocityTracker": "vehicle.trackers",
 }
 
 __all__ = sorted(_HOMES)  # noqa: PLE0605 (the names are those of the mapping above)

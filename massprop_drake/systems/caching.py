@@ -1,10 +1,9 @@
-"""A cache entry that several ports and an update share, so that they cannot disagree."""
+"""Cache entries: results that several ports and an update share, so that they cannot disagree, and workspaces."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterable
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 from pydrake.common.value import Value
 from pydrake.systems.framework import DependencyTicket, LeafSystem, ValueProducer
@@ -14,23 +13,6 @@ from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
 T = TypeVar("T")
 
 NOTHING = ()  # in an abstract value, which cannot hold None in every version of Drake
-
-
-class Stopwatch:
-    """Adds up the time that a system's mathematics takes, without its inputs' evaluation.
-
-    A measurement of the computer, not of the model: no result depends on it.
-    """
-
-    def __init__(self) -> None:
-        self.spent_s = 0.0
-
-    def measure(self, function: Callable[..., T], *arguments: Any) -> T:
-        """Calls a function and adds the time it took."""
-        began = time.perf_counter()
-        result = function(*arguments)
-        self.spent_s += time.perf_counter() - began
-        return result
 
 
 class Cached:
@@ -68,6 +50,45 @@ class Cached:
     def get(self, context: Any) -> Any:
         """The result for a context."""
         return self._entry.EvalAbstract(context).get_value()[0]
+
+
+class Scratch(Generic[T]):
+    """A workspace that each context has its own of, and that a computation may change.
+
+    No answer may depend on what the workspace has been used for: it saves time alone. In Drake a cache entry that
+    depends on nothing; a clone of a context begins with a new one.
+
+    Args:
+        system: the system it belongs to.
+        description: name of the entry.
+        make: makes a workspace.
+    """
+
+    def __init__(self, system: LeafSystem, description: str, make: Callable[[], T]):
+        producer = ValueProducer(allocate=lambda: Value[object](_Workspace(make)), calc=lambda _context, _value: None)
+        self._entry = system.DeclareCacheEntry(description, producer, {system.nothing_ticket()})
+
+    def get(self, context: Any) -> T:
+        """The workspace of a context."""
+        workspace: T = self._entry.EvalAbstract(context).get_value().get()
+        return workspace
+
+
+class _Workspace(Generic[T]):
+    """What a context holds of a `Scratch`, made when it is first asked for."""
+
+    def __init__(self, make: Callable[[], T]):
+        self._make = make
+        self._made: tuple[T, ...] = ()
+
+    def get(self) -> T:
+        if not self._made:
+            self._made = (self._make(),)
+        return self._made[0]
+
+    def __deepcopy__(self, _memo: Any) -> _Workspace[T]:
+        """One that is still to be made."""
+        return _Workspace(self._make)
 
 
 def state_of(context: Any) -> Array:

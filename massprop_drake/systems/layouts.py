@@ -83,7 +83,12 @@ def impulse_row(impulses: Impulses) -> Array:
     return IMPULSES.pack((impulses.angular_impulse, impulses.linear_impulse, impulses.usable, impulses.firing))
 
 
-def detector_row(judgment: Judgment, before: Any) -> Array:
-    """What is logged of a detector's cycle, as `DETECTOR_REPORT`; known forces are those of the state before."""
-    of_jets = (judgment.likelihood, judgment.magnitude, before.force, before.variance)
-    return DETECTOR_REPORT.sized(jets=before.force.size).pack((*judgment.status, *of_jets))
+def detector_row(judgment: Judgment, before: Any, layout: Layout) -> Array:
+    """Row of a detector's cycle for logs, packed as `DETECTOR_REPORT` of as many jets as the detector has.
+
+    Args:
+        judgment: of the sample.
+        before: state of the detector before it, whose known forces are reported.
+        layout: `DETECTOR_REPORT`, sized.
+    """
+    return layout.pack((*judgment.status, judgment.likelihood, judgment.magnitude, before.force, before.variance))

@@ -15,9 +15,10 @@ from massprop_drake import Run, load_vehicle
 from massprop_drake.inputs.model import yaml_text
 from massprop_drake.results.folder import write_files
 
+EXPORTS = ("run.mcap", "run.rrd")
 RUN_FILES = (
     *("scenario.yaml", "summary.json", "telemetry.csv", "history.npz", "filter_state.json", "manifest.json"),
-    *("report.html", "replay.html", "figures/rates.png"),
+    *("report.html", "replay.html", *EXPORTS, "figures/rates.png"),
 )
 CAMPAIGN_FILES = (
     *("campaign.yaml", "base.yaml", "plan.parquet", "results/000000-000011.parquet", ".massprop", "manifest.json"),
@@ -32,11 +33,14 @@ COMMANDS = {
     "report": ("report", "A"),
     "view of a case": ("view", "K/cases/0001"),
     "campaign compare": ("campaign", "compare", "K"),
+    "export": ("export", "A", "--to", "mcap"),
+    "export of a case": ("export", "K/cases/0001", "--to", "rerun"),
     "map": ("map", "log.csv", "--vehicle", "vehicle.yaml"),
     "map of a bag": ("map", "bag", "--vehicle", "vehicle.yaml"),
 }
 READS = {"map": {"log.csv", "vehicle.yaml"}, "map of a bag": {"bag/metadata.yaml", "bag/bag.db3", "vehicle.yaml"}}
 REWRITTEN = {("view", "A/replay.html"): {"A/report.html"}, ("report", "A/report.html"): set()}  # and what leads to it
+REWRITTEN[("export", "A/run.mcap")] = set()
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +52,7 @@ def built(tmp_path_factory: pytest.TempPathFactory, short_run: Run) -> Path:
     try:
         for name in ("A", "B", "K/cases/0001"):
             short_run.save(here / name, pictures=False, report=False)
-            pages = dict.fromkeys(("figures/rates.png", "report.html", "replay.html"), b"a page")
+            pages = dict.fromkeys(("figures/rates.png", "report.html", "replay.html", *EXPORTS), b"a page")
             write_files(here / name, pages)
         shutil.move("K", "kept")
         folder(Path("K"), SWEPT.format(cases=6), many(2, 6))
@@ -129,7 +133,7 @@ def test_a_file_is_known_by_any_path(massprop: Massprop, here: Path, target: str
     os.mkfifo(here / "pipe")
     before = _contents()
     for force in ((), ("--force",)):
-        for command in (("compare", "A", "B"), ("view", "A")):
+        for command in (("compare", "A", "B"), ("view", "A"), ("export", "A", "--to", "rerun")):
             done = massprop(*command, "--out", target, *force)
             assert (done.status, done.out) == (2, "")
             assert done.err.startswith(f"massprop: {target}: {words}")

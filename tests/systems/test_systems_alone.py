@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import ast
+import inspect
+import re
+import textwrap
+
 import numpy as np
 import pytest
-from pydrake.systems.framework import Diagram, LeafSystem
+from pydrake.systems.framework import Diagram, LeafSystem, System
 
-from massprop_drake import InputError, load_vehicle, systems
+from massprop_drake import InputError, load_scenario, load_vehicle, systems
+from massprop_drake.diagrams import closed_loop, open_loop, replay
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.vehicle.rigid_body import N_STATE, RATE
 from massprop_drake.systems import ImpulseModel, IntegratingAccelerometer, RateGyro
@@ -53,5 +59,38 @@ def test_wrenches_are_rows() -> None:
 def test_every_system_has_a_public_name() -> None:
     for name in systems.__all__:
         assert issubclass(getattr(systems, name), (LeafSystem, Diagram)), name
+    assert {type(system).__name__ for system in _parts_of_diagrams()} <= set(systems.__all__)
     with pytest.raises(AttributeError, match="has no attribute 'Nothing'"):
         systems.Nothing  # noqa: B018
+
+
+def _parts_of_diagrams() -> list[System]:
+    """Every system of ours in the diagrams with each filter."""
+    waiting: list[System] = [
+        closed_loop.build(load_scenario("leak_named")),
+        closed_loop.build(load_scenario("stuck_on_29", ["estimation.filter=thesis"])),
+        *(open_loop.build(load_scenario("air_bearing_pulses")), replay.build(load_scenario("air_bearing_pulses"))),
+    ]
+    found: list[System] = []
+    while waiting:
+        system = waiting.pop()
+        if isinstance(system, Diagram):
+            waiting += system.GetSystems()
+        elif type(system).__module__.startswith("massprop_drake"):
+            found.append(system)
+    return found
+
+
+@pytest.mark.parametrize("name", systems.__all__)
+def test_a_system_changes_no_attribute_of_its_own(name: str) -> None:
+    """What changes is in the context: attributes are set when the system is made and its parts are declared."""
+    for kind in getattr(systems, name).__mro__:
+        if not kind.__module__.startswith("massprop_drake"):
+            continue
+        (tree,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
+        assert isinstance(tree, ast.ClassDef)
+        for method in tree.body:
+            if isinstance(method, ast.FunctionDef) and not re.match("__init__$|_declare", method.name):
+                stored = [node for node in ast.walk(method) if isinstance(node, ast.Attribute | ast.Subscript)]
+                changed = [ast.unparse(node) for node in stored if isinstance(node.ctx, ast.Store | ast.Del)]
+                assert [one for one in changed if one.startswith("self.")] == [], f"{kind.__name__}.{method.name}"

@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from massprop_drake.maths.estimation.filters.joint import chi_square_limit
 from massprop_drake.maths.estimation.hindsight import Fit, Model, Residuals, Stretch, residuals
 from massprop_drake.maths.linear_algebra import Array
 
@@ -63,7 +64,7 @@ class _Part(NamedTuple):
     components: list[Residuals]
 
 
-class _Flight(NamedTuple):
+class _Linearized(NamedTuple):
     """All stretches about the fit, and their normal equations in units of what is known beforehand."""
 
     parts: list[_Part]
@@ -85,7 +86,7 @@ def strongest_mode(stretches: Sequence[Stretch], fit: Fit, model: Model) -> Mode
         fit: about which all is taken.
         model: see `hindsight.Model`.
     """
-    flight = _flight([_part(stretch, fit.at, model) for stretch in stretches], fit, model)
+    flight = _linearized([_part(stretch, fit.at, model) for stretch in stretches], fit, model)
     longest_s = max((part.time_s[-1] for part in flight.parts), default=0.0)
     frequencies = _frequencies(longest_s, model.period_s)
     if not frequencies.size:
@@ -169,9 +170,8 @@ def _all_lines(
 @cache
 def _by_chance(lines: int) -> float:
     """Largest of so many lines, over its expectation, that chance exceeds at a rate of `_RATE`."""
-    from scipy.special import gammainccinv  # noqa: PLC0415 (slow to load)
-
-    return float(gammainccinv(_NEIGHBORS, _RATE / lines)) / _NEIGHBORS
+    degrees = 2 * _NEIGHBORS
+    return chi_square_limit(_RATE / lines, degrees) / degrees
 
 
 def _frequencies(length_s: float, period_s: float) -> Array:
@@ -214,7 +214,7 @@ def driven(steps: Array, time_s: Array, frequency_hz: float, damping: float) -> 
     return moved
 
 
-def _flight(parts: list[_Part], fit: Fit, model: Model) -> _Flight:
+def _linearized(parts: list[_Part], fit: Fit, model: Model) -> _Linearized:
     free = np.flatnonzero(model.sigma > 0.0)
     sigma = model.sigma[free]
     information, vector = np.eye(free.size), (model.prior[free] - fit.at[free]) / sigma
@@ -224,10 +224,10 @@ def _flight(parts: list[_Part], fit: Fit, model: Model) -> _Flight:
         information += x @ x.T
         vector += x @ one.left
         misfit += float(one.left @ one.left)
-    return _Flight(parts, fit.at.size, free, sigma, information, vector, misfit)
+    return _Linearized(parts, fit.at.size, free, sigma, information, vector, misfit)
 
 
-def _with_mode(flight: _Flight, frequency_hz: float, damping: float) -> Mode:
+def _with_mode(flight: _Linearized, frequency_hz: float, damping: float) -> Mode:
     """The misfit once the coefficients of a mode are fitted to every component, and the unknowns once more."""
     information, vector, misfit = flight.information.copy(), flight.vector.copy(), flight.misfit
     readings = 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from massprop_drake.maths.autopilot.ports import Burning
 from massprop_drake.maths.kernels import chosen, held
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 from massprop_drake.systems.autopilot.selector import SelectionState, Selector
-from massprop_drake.systems.caching import Cached
+from massprop_drake.systems.caching import Cached, Scratch
 from massprop_drake.systems.layouts import RECONFIGURATION, REQUEST
 
 Array = NDArray[np.float64]
@@ -80,7 +81,8 @@ class JetSelection(LeafSystem):
         super().__init__()
         self.set_name("jet_selection")
         n_jets = wrenches.shape[0]
-        self._selector = Selector(
+        make = partial(
+            Selector,
             wrenches=wrenches,
             mass_flows=mass_flows,
             minimum_on_times_s=minimum_on_times_s,
@@ -88,7 +90,7 @@ class JetSelection(LeafSystem):
             mass_properties=mass_properties,
             period_s=period_s,
         )
-        self.stopwatch = self._selector.stopwatch
+        self._selector = Scratch(self, "selector", make)
         self._going_on, self._fired = chosen(ports.going_on, compiled), chosen(ports.fired, compiled)
         some_request = Request(np.zeros(3), np.zeros(3), np.inf, Urgency.NONE)
         self._held = held(Burning(forces_of(wrenches), period_s, some_request), compiled)
@@ -101,7 +103,7 @@ class JetSelection(LeafSystem):
         self._estimate = self.DeclareVectorInputPort("estimate", 10)
         self._converged = self.DeclareVectorInputPort("converged", 1)
         self._reconfiguration = self.DeclareVectorInputPort("reconfiguration", self._layout.size)
-        self._groups = SelectionState._make(self.DeclareDiscreteState(part) for part in self._selector.initial)
+        self._groups = SelectionState._make(self.DeclareDiscreteState(part) for part in make().initial)
         self._burst = Cached(self, "burst", self._compute, {self.xd_ticket(), self.all_input_ports_ticket()})
         self.DeclareVectorOutputPort("command", n_jets, self._calc_command, prerequisites_of_calc={self._burst.ticket})
         self.DeclareStateOutputPort("held_command", self._groups.command)
@@ -130,7 +132,7 @@ class JetSelection(LeafSystem):
         if row[_SELECTS] == 0.0:
             return row[_FIRED], ()
         asked_for = self._layout.read(told) if there else None
-        burst = self._selector.decide(self._state(context), REQUEST.read(request), properties, asked_for)
+        burst = self._selector.get(context).decide(self._state(context), REQUEST.read(request), properties, asked_for)
         return self._fired(burst.remaining, reciprocal, self._held), burst[1:]
 
     def _calc_command(self, context: Any, output: Any) -> None:

@@ -84,7 +84,10 @@ def _made(most: Array, cost: Array) -> _Program:
 
 
 class JetSelectionProgram:
-    """Chooses on-times of least propellant for a six-dimensional rate-change request.
+    """Chooses on-times of least propellant for a six-dimensional rate-change request: a workspace.
+
+    Every call sets all numbers that the solver reads, or finds them as they are to be, and the solver begins each time
+    anew: an answer depends on the arguments alone. It is not for several threads at once.
 
     Args:
         mass_flows: propellant each jet uses at full thrust, slug/s or kg/s, positive, shape (n_jets,).

@@ -23,8 +23,8 @@ from massprop_drake.systems.autopilot.jet_selection_program import (
     Outcome,
     Selection,
 )
-from massprop_drake.systems.caching import Stopwatch
 from massprop_drake.systems.layouts import REFUSED, SELECTION_COUNTS
+from massprop_drake.systems.stopwatch import JET_SELECTION, timed
 
 Array = NDArray[np.float64]
 
@@ -81,7 +81,10 @@ class Reconfiguration(NamedTuple):
 
 
 class Selector:
-    """Decides which jets fire; remembers no more itself than what it has reckoned last.
+    """Decides which jets fire: a workspace, which keeps the linear program and what was reckoned last to save time.
+
+    An answer depends on the arguments of `decide` alone, never on earlier calls: what is kept is used again only for
+    the same numbers. It is not for several threads at once; a diagram has one in each context.
 
     Args:
         wrenches: torque about the vehicle origin and force of each jet, shape (n_jets, 6).
@@ -92,7 +95,6 @@ class Selector:
         period_s: control period, s.
 
     Attributes:
-        stopwatch: of the linear program.
         initial: nothing asked for yet.
     """
 
@@ -106,7 +108,6 @@ class Selector:
         mass_properties: Array,
         period_s: float,
     ):
-        self.stopwatch = Stopwatch()
         self._wrenches = wrenches
         self._least = least_cycles(minimum_on_times_s, period_s)
         self._selectable = selectable
@@ -171,7 +172,7 @@ class Selector:
 
         def solved(wanted: Array, longest_s: float) -> Selection:
             limits = self._longest(out_of_use, longest_s)
-            return self.stopwatch.measure(self._program.solve, activity, wanted, limits)
+            return timed(JET_SELECTION, self._program.solve, activity, wanted, limits)
 
         asked = np.concatenate([request.rate_change, request.velocity_change])
         if wrench is None:

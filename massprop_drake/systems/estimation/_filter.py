@@ -14,7 +14,7 @@ from massprop_drake.maths.estimation.filter import Filter, FilterStep, Interval
 from massprop_drake.maths.estimation.impulses import Impulses
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import converged
-from massprop_drake.systems.caching import NOTHING, Cached, Stopwatch
+from massprop_drake.systems.caching import NOTHING, Cached
 from massprop_drake.systems.estimation._readings import Package, Readings
 from massprop_drake.systems.layouts import ADAPTATION, IMPULSES, KNOWN_FORCE, MASS_REPORT, ROTATION_REPORT
 
@@ -54,7 +54,6 @@ class FilterSystem(LeafSystem):
     def __init__(self, name: str, n_levels: int):
         super().__init__()
         self.set_name(name)
-        self.stopwatch = Stopwatch()
         self._n_levels = n_levels
         self._inputs: list[Any] = []
 

@@ -15,7 +15,7 @@ from massprop_drake.maths.estimation.filter import NOT_MEASURED
 from massprop_drake.maths.kernels import compiled as compiled_form
 from massprop_drake.maths.kernels import held
 from massprop_drake.maths.linear_algebra import Array, nonzero
-from massprop_drake.systems.caching import Cached, Stopwatch, state_of
+from massprop_drake.systems.caching import Cached, state_of
 from massprop_drake.systems.layouts import (
     ADAPTATION,
     DETECTOR_REPORT,
@@ -25,6 +25,7 @@ from massprop_drake.systems.layouts import (
     RECONFIGURATION,
     detector_row,
 )
+from massprop_drake.systems.stopwatch import DETECTOR, timed
 
 _NO_KNOWN_FORCE = np.zeros(KNOWN_FORCE.size)
 _NOT_MEASURED, _USABLE = EVIDENCE.pack(NOT_MEASURED), IMPULSES.slice("usable").start
@@ -75,7 +76,7 @@ class FailureDetector(LeafSystem):
         self._jets = jets
         n_jets = jets.thrusts.size
         self._reconfiguration = RECONFIGURATION.sized(jets=n_jets)
-        self.stopwatch = Stopwatch()
+        self._logged = DETECTOR_REPORT.sized(jets=n_jets)
 
         self._command = self.DeclareVectorInputPort("jet_commands", n_jets)
         self._impulses = self.DeclareVectorInputPort("impulses", IMPULSES.size)
@@ -109,7 +110,7 @@ class FailureDetector(LeafSystem):
             ("adaptation", ADAPTATION.size, self._calc_adaptation),
             ("reconfiguration", self._reconfiguration.size, self._calc_reconfiguration),
             ("closed", n_jets, self._calc_closed),
-            ("report", DETECTOR_REPORT.sized(jets=n_jets).size, self._calc_report),
+            ("report", self._logged.size, self._calc_report),
         ):
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={self._judgment.ticket})
         self.DeclareVectorOutputPort(
@@ -127,11 +128,11 @@ class FailureDetector(LeafSystem):
         seen = self._evidence.Eval(context) if told[_USABLE] else _NOT_MEASURED
         time_s = context.get_time()
         if self._compiled:
-            row: Array = self.stopwatch.measure(self._kernel, vector, time_s, command, told, seen, self._held)
+            row: Array = timed(DETECTOR, self._kernel, vector, time_s, command, told, seen, self._held)
             return row
         before, impulses = self._state(vector), IMPULSES.read(told)
         evidence = evidence_of(time_s, command, impulses, EVIDENCE.read(seen) if impulses.usable else NOT_MEASURED)
-        judgment: Judgment = self.stopwatch.measure(self._detector.judge, before, evidence, self._params)
+        judgment: Judgment = timed(DETECTOR, self._detector.judge, before, evidence, self._params)
         state, todo = judgment.state, judgment.adaptation
         return np.concatenate(
             (
@@ -139,7 +140,7 @@ class FailureDetector(LeafSystem):
                 (judgment.status.detector_event == Event.DECLARED,),
                 state.force @ self._jets.unit_wrenches,
                 vector if state is before else self._layout.pack(state),
-                detector_row(judgment, before),
+                detector_row(judgment, before, self._logged),
             )
         )
 

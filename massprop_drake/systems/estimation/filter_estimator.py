@@ -11,6 +11,7 @@ from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.systems.estimation._filter import Measured, WholeFilterSystem
 from massprop_drake.systems.estimation._readings import Package
 from massprop_drake.systems.layouts import EVIDENCE
+from massprop_drake.systems.stopwatch import ESTIMATORS, timed
 
 
 class FilterEstimator(WholeFilterSystem):
@@ -75,13 +76,13 @@ class FilterEstimator(WholeFilterSystem):
     def _measure(self, context: Any) -> Measured:
         state, interval = self._restored(context), self._interval(context)
         rates, velocities = self._gyros.eval(context), self._accelerometers.eval(context)
-        measurement = self.stopwatch.measure(self._method.measure, state, rates, velocities, interval, self._params)
+        measurement = timed(ESTIMATORS, self._method.measure, state, rates, velocities, interval, self._params)
         return Measured(state, interval, measurement, None)
 
     def _finish(self, measured: Measured, adaptation: Adaptation) -> FilterStep:
         state, interval, measurement, _ = measured
-        step: FilterStep = self.stopwatch.measure(
-            self._method.finish, state, measurement, interval, adaptation, self._params
+        step: FilterStep = timed(
+            ESTIMATORS, self._method.finish, state, measurement, interval, adaptation, self._params
         )
         return step
 

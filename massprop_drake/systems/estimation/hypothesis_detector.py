@@ -11,8 +11,9 @@ from pydrake.systems.framework import LeafSystem
 from massprop_drake.maths.estimation.detector import Detector, Event, Jets, Judgment
 from massprop_drake.maths.estimation.detectors import hypotheses
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.systems.caching import NOTHING, Cached, Stopwatch
+from massprop_drake.systems.caching import NOTHING, Cached
 from massprop_drake.systems.layouts import DETECTOR_REPORT, HYPOTHESIS_REPORT, RECONFIGURATION, detector_row
+from massprop_drake.systems.stopwatch import DETECTOR, timed
 
 
 class Memory(NamedTuple):
@@ -71,8 +72,8 @@ class HypothesisDetector(LeafSystem):
         self._params, self._jets, self._method = params, jets, method
         n_jets = jets.thrusts.size
         self._reconfiguration = RECONFIGURATION.sized(jets=n_jets)
+        self._logged = DETECTOR_REPORT.sized(jets=n_jets)
         self._report = HYPOTHESIS_REPORT.sized(jets=n_jets)
-        self.stopwatch = Stopwatch()
         self._evidence = self.DeclareAbstractInputPort("evidence", Value[object](NOTHING))
         start = Memory(method.initial(params), None, -np.inf)
         self._memory = self.DeclareAbstractState(Value[object](start))
@@ -86,7 +87,7 @@ class HypothesisDetector(LeafSystem):
         for name, size, calc in (
             ("reconfiguration", self._reconfiguration.size, self._calc_reconfiguration),
             ("closed", n_jets, self._calc_closed),
-            ("report", DETECTOR_REPORT.sized(jets=n_jets).size, self._calc_report),
+            ("report", self._logged.size, self._calc_report),
             ("hypothesis_report", self._report.size, self._calc_hypotheses),
         ):
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc=judged)
@@ -108,7 +109,7 @@ class HypothesisDetector(LeafSystem):
         if memory.judgment is not None and memory.time_s == time_s:
             return memory
         evidence = self._evidence.Eval(context)
-        judgment = self.stopwatch.measure(self._method.judge, memory.state, evidence, self._params)
+        judgment = timed(DETECTOR, self._method.judge, memory.state, evidence, self._params)
         return Memory(memory.state, judgment, time_s)
 
     def _judged(self, context: Any) -> Judgment:
@@ -137,7 +138,7 @@ class HypothesisDetector(LeafSystem):
 
     def _calc_report(self, context: Any, output: Any) -> None:
         before, judgment, _ = self._judgment.get(context)
-        output.SetFromVector(detector_row(judgment, before))
+        output.SetFromVector(detector_row(judgment, before, self._logged))
 
     def _calc_hypotheses(self, context: Any, output: Any) -> None:
         output.SetFromVector(self._report.pack(self._judged(context).own))

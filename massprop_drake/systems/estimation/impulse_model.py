@@ -14,8 +14,9 @@ from massprop_drake.maths.estimation.ports import Lagging
 from massprop_drake.maths.kernels import chosen, held
 from massprop_drake.maths.vehicle.thrust import lag_factors
 from massprop_drake.systems.arguments import rows, vector
-from massprop_drake.systems.caching import Cached, Stopwatch, state_of
+from massprop_drake.systems.caching import Cached, state_of
 from massprop_drake.systems.layouts import IMPULSE_MEMORY, IMPULSES, KNOWN_FORCE
+from massprop_drake.systems.stopwatch import ESTIMATORS, timed
 
 Array = NDArray[np.float64]
 
@@ -56,7 +57,6 @@ class ImpulseModel(LeafSystem):
         wrenches = rows("impulse model: wrenches", wrenches, 6)
         n_jets = wrenches.shape[0]
         time_constants_s = vector("impulse model: time_constants_s", time_constants_s, n_jets)
-        self.stopwatch = Stopwatch()
         lagging = Lagging(wrenches * period_s, lag_factors(time_constants_s, period_s), period_s)
         self._kernel, self._held = chosen(ports.impulses, compiled), held(lagging, compiled)
         self._command = self.DeclareVectorInputPort("jet_commands", n_jets)
@@ -82,7 +82,7 @@ class ImpulseModel(LeafSystem):
         """As `ports.impulses` has it."""
         outside = self._outside.Eval(context) if self._outside.HasValue(context) else _NOTHING_OUTSIDE
         given = state_of(context), self._command.Eval(context), outside, self._held
-        row: Array = self.stopwatch.measure(self._kernel, *given)
+        row: Array = timed(ESTIMATORS, self._kernel, *given)
         return row
 
     def _calc_impulses(self, context: Any, output: Any) -> None:

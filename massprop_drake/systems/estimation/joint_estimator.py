@@ -14,6 +14,7 @@ from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.systems.estimation._filter import RememberingFilterSystem
 from massprop_drake.systems.estimation._readings import Package
 from massprop_drake.systems.layouts import JOINT_REPORT
+from massprop_drake.systems.stopwatch import ESTIMATORS, timed
 
 
 class JointEstimator(RememberingFilterSystem):
@@ -82,7 +83,7 @@ class JointEstimator(RememberingFilterSystem):
         outside = self._outside.Eval(context) if self._outside.HasValue(context) else np.zeros(6)
         told = Told(time_s, stamp_s, self._command.Eval(context).copy(), coming, outside)
         rates, velocities = self._gyros.eval(context), self._accelerometers.eval(context)
-        return self.stopwatch.measure(joint.step, state, rates, velocities, told, self._params)
+        return timed(ESTIMATORS, joint.step, state, rates, velocities, told, self._params)
 
     def _finish_sample(self, context: Any, measurement: Measurement) -> FilterStep:
         return self._as_judged(context, joint.done(measurement, self._params), joint.FILTER, self._params)

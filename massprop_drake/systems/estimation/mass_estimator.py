@@ -21,6 +21,7 @@ from massprop_drake.systems.caching import state_of
 from massprop_drake.systems.estimation._filter import FilterSystem, Measured
 from massprop_drake.systems.estimation._readings import Package
 from massprop_drake.systems.layouts import EVIDENCE, MASS_ESTIMATE, MASS_REPORT, TURNING
+from massprop_drake.systems.stopwatch import ESTIMATORS, timed
 
 _NOT_MEASURED = EVIDENCE.pack(NOT_MEASURED)
 _INNOVATION, _COVARIANCE = slice(0, 3), slice(3, 12)
@@ -121,10 +122,11 @@ class MassEstimator(FilterSystem):
         """What it makes of the sample: `Measured`, or as `ports.evidence` has it, where that is compiled."""
         if self._compiled:
             given = state_of(context), self._accelerometers.eval(context), self._turning.Eval(context)
-            return self.stopwatch.measure(self._move, *given, *self._told(context), self._held)
+            return timed(ESTIMATORS, self._move, *given, *self._told(context), self._held)
         state, before = self._known(context)
         velocities, interval, turning = self._accelerometers.eval(context), self._interval(context), self._seen(context)
-        measurement = self.stopwatch.measure(
+        measurement = timed(
+            ESTIMATORS,
             mass_filter.measure,
             state,
             before,
@@ -138,8 +140,15 @@ class MassEstimator(FilterSystem):
     def _finish(self, measured: Measured, adaptation: Adaptation) -> MassCycle:
         state, interval, measurement, _ = measured
         impulses = interval.impulses
-        cycle: MassCycle = self.stopwatch.measure(
-            mass_filter.finish, state, measurement, impulses.usable, impulses.firing, adaptation, self._params
+        cycle: MassCycle = timed(
+            ESTIMATORS,
+            mass_filter.finish,
+            state,
+            measurement,
+            impulses.usable,
+            impulses.firing,
+            adaptation,
+            self._params,
         )
         return cycle
 
@@ -147,7 +156,7 @@ class MassEstimator(FilterSystem):
         """The report and the state after it, one after the other."""
         measured: Any = self._measurement.get(context)
         if self._compiled:
-            return self.stopwatch.measure(self._weigh, measured, self._asked(context), self._held)
+            return timed(ESTIMATORS, self._weigh, measured, self._asked(context), self._held)
         cycle = self._finish(measured, self._adapted(context))
         velocities, _ = measured.readings
         report = MASS_REPORT.pack(thesis.mass_report(measured.measurement, cycle))

@@ -17,6 +17,7 @@ from massprop_drake.maths.mass_properties import converged_rows
 from massprop_drake.systems.estimation._filter import RememberingFilterSystem
 from massprop_drake.systems.estimation._readings import Package
 from massprop_drake.systems.layouts import POSE_REPORT
+from massprop_drake.systems.stopwatch import ESTIMATORS, timed
 
 _NOT_MADE = Impulses(np.zeros(3), np.zeros(3), False, False, np.empty(0), np.empty(0))  # the filter makes its own
 
@@ -100,7 +101,7 @@ class PoseEstimator(RememberingFilterSystem):
         rates = self._gyros.eval(context) if self._gyros.ports else np.empty((0, 3))
         velocities = self._accelerometers.eval(context) if self._accelerometers.ports else np.empty((0, 3))
         interval = Interval(_NOT_MADE, NO_KNOWN_FORCE, told)
-        return self.stopwatch.measure(pose.measure, state, rates, velocities, interval, self._params)
+        return timed(ESTIMATORS, pose.measure, state, rates, velocities, interval, self._params)
 
     def _finish_sample(self, context: Any, measurement: Measurement) -> FilterStep:
         step = pose.finish(measurement.state, measurement, None, NO_ADAPTATION, self._params)

@@ -24,6 +24,7 @@ from massprop_drake.systems.caching import state_of
 from massprop_drake.systems.estimation._filter import FilterSystem, Measured
 from massprop_drake.systems.estimation._readings import Package
 from massprop_drake.systems.layouts import ROTATION_REPORT, TURNING
+from massprop_drake.systems.stopwatch import ESTIMATORS, timed
 
 
 class RotationEstimator(FilterSystem):
@@ -123,18 +124,18 @@ class RotationEstimator(FilterSystem):
         """What it makes of the sample: `Measured`, or as `ports.turning` has it, where that is compiled."""
         if self._compiled:
             given = state_of(context), self._gyros.eval(context), *self._told(context), self._held
-            return self.stopwatch.measure(self._turn, *given)
+            return timed(ESTIMATORS, self._turn, *given)
         state, memory = self._known(context)
         rates, interval = self._gyros.eval(context), self._interval(context)
         known = thesis.rotation_interval(interval, self._thrust_errors)
-        measurement = self.stopwatch.measure(rotation_filter.measure, state, memory, rates, known, self._params)
+        measurement = timed(ESTIMATORS, rotation_filter.measure, state, memory, rates, known, self._params)
         return Measured(state, interval, measurement, rates)
 
     def _finish(self, measured: Measured, adaptation: Adaptation) -> RotationCycle:
         state, interval, measurement, _ = measured
         learning = thesis.is_learning(interval)
-        cycle: RotationCycle = self.stopwatch.measure(
-            rotation_filter.finish, state, measurement, learning, adaptation, self._params
+        cycle: RotationCycle = timed(
+            ESTIMATORS, rotation_filter.finish, state, measurement, learning, adaptation, self._params
         )
         return cycle
 
@@ -142,7 +143,7 @@ class RotationEstimator(FilterSystem):
         """The report and the state after it, one after the other."""
         measured: Any = self._measurement.get(context)
         if self._compiled:
-            return self.stopwatch.measure(self._rotate, measured, self._asked(context), self._held)
+            return timed(ESTIMATORS, self._rotate, measured, self._asked(context), self._held)
         cycle = self._finish(measured, self._adapted(context))
         memory = thesis.rotation_memory(measured.measurement, measured.readings)
         report = ROTATION_REPORT.pack(thesis.rotation_report(measured.measurement, cycle))

@@ -3,13 +3,43 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.common.value import Value
 from pydrake.systems.framework import LeafSystem
 
 Array = NDArray[np.float64]
+
+
+class ServedRows(NamedTuple):
+    """Rows that a source serves, and the one before them, of which command and outside wrench alone count.
+
+    Never changed; other rows are another one.
+
+    Attributes:
+        first: number of the first row that is served; each array begins with the row before it.
+        time_s: in the record, s, shape (n + 1,).
+        readings: by sensor, shape (n + 1, its size).
+        commands: of the interval that starts at each row, shape (n + 1, n_jets).
+        outside_wrench: of that interval, shape (n + 1, 6).
+    """
+
+    first: int
+    time_s: Array
+    readings: Mapping[str, Array]
+    commands: Array
+    outside_wrench: Array
+
+    @property
+    def next(self) -> int:
+        """Number of the row after the last one."""
+        return self.first + self.time_s.size - 1
+
+    def __deepcopy__(self, _memo: Any) -> ServedRows:
+        """Itself: a clone of a context shares what is never changed."""
+        return self
 
 
 class TelemetrySource(LeafSystem):
@@ -25,13 +55,19 @@ class TelemetrySource(LeafSystem):
             (3), lbf or N, body axes, mean over the interval that ends now.
         record_time (out, 1): time of row k in the record, s.
 
-    State: none. Row k is a pure function of k, k = round(t/T): what is served at a time never changes,
-    though only a window of the rows is kept, which the caller moves on with `extend` before the
-    simulator gets there.
+    State: none. Row k is a pure function of k, k = round(t/T): what is served at a time never changes, though a
+    context holds some rows alone.
+
+    Parameters: abstract, `ServedRows`: the rows of a context, at first none. Whoever runs the diagram moves them on
+    with `extend` before the simulator gets there, and runs a little beyond the last row, which is used up then:
+
+        source = diagram.GetSubsystemByName("telemetry_source")
+        last = source.extend(source.GetMyMutableContextFromRoot(root), time_s, readings, commands, None)
+        simulator.AdvanceTo((last + 0.25) * period_s)
 
     Timing: at t_k the readings are those of row k, and the command that of the interval that ended, so
     that what follows sees what it saw when the record was made. Before the first row all jets are off,
-    as in `JetSchedule`, unless `before` says otherwise.
+    as in `JetSchedule`, unless `begin` says otherwise.
 
     Args:
         sensors: names of the packages.
@@ -53,44 +89,56 @@ class TelemetrySource(LeafSystem):
         super().__init__()
         self.set_name("telemetry_source")
         self._period_s = period_s
-        # the window: rows first - 1 (its command alone is known) to the last
-        self._first = self._next = first_row
-        self._time_s = np.full(1, np.nan)
         sizes = dict.fromkeys(sensors, 3) | dict(tracked or {})
-        self._readings = {name: np.full((1, size), np.nan) for name, size in sizes.items()}
-        self._commands = np.zeros((1, n_jets))
-        self._wrench = np.zeros((1, 6))
+        before = {name: np.full((1, size), np.nan) for name, size in sizes.items()}
+        none = ServedRows(first_row, np.full(1, np.nan), before, np.zeros((1, n_jets)), np.zeros((1, 6)))
+        self._rows = self.DeclareAbstractParameter(Value[object](none))
         for name, size in sizes.items():
-            self._declare(name, size, lambda row, name=name: self._readings[name][row])  # type: ignore[misc]
-        self._declare("jet_commands", n_jets, lambda row: self._held(row - 1))
-        self._declare("command", n_jets, lambda row: self._commands[row])
-        self._declare("outside_wrench", 6, lambda row: self._wrench[row - 1])
-        self._declare("record_time", 1, lambda row: self._time_s[row : row + 1])
+            self._declare(name, size, lambda rows, k, name=name: rows.readings[name][k])  # type: ignore[misc]
+        self._declare("jet_commands", n_jets, lambda rows, k: rows.commands[k - 1])
+        self._declare("command", n_jets, lambda rows, k: rows.commands[k])
+        self._declare("outside_wrench", 6, lambda rows, k: rows.outside_wrench[k - 1])
+        self._declare("record_time", 1, lambda rows, k: rows.time_s[k : k + 1])
 
-    def _declare(self, name: str, size: int, served: Callable[[int], Array]) -> None:
+    def _declare(self, name: str, size: int, served: Callable[[ServedRows, int], Array]) -> None:
         def calc(context: Any, output: Any) -> None:
-            output.SetFromVector(served(self._place(context)))
+            output.SetFromVector(served(*self._place(context)))
 
-        self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={self.time_ticket()})
+        read = {self.time_ticket(), self.pa_ticket()}
+        self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc=read)
 
-    def _held(self, row: int) -> Array:
-        return self._commands[row]
+    def _held(self, context: Any) -> ServedRows:
+        rows: ServedRows = context.get_abstract_parameter(self._rows).get_value()
+        return rows
 
-    def begin(self, command: Array, outside_wrench: Array) -> None:
+    def _hold(self, context: Any, rows: ServedRows) -> None:
+        for array in (rows.time_s, *rows.readings.values(), rows.commands, rows.outside_wrench):
+            array.flags.writeable = False
+        context.get_mutable_abstract_parameter(self._rows).set_value(rows)
+
+    def begin(self, context: Any, command: Array, outside_wrench: Array) -> None:
         """Sets what the row before the first one commanded; before any row has been given.
 
         Args:
+            context: of the source.
             command: shape (n_jets,).
             outside_wrench: shape (6,).
         """
-        self._commands[-1], self._wrench[-1] = command, outside_wrench
+        rows = self._held(context)
+        self._hold(context, rows._replace(commands=np.array([command]), outside_wrench=np.array([outside_wrench])))
 
     def extend(
-        self, time_s: Array, readings: Mapping[str, Array], commands: Array, outside_wrench: Array | None
+        self,
+        context: Any,
+        time_s: Array,
+        readings: Mapping[str, Array],
+        commands: Array,
+        outside_wrench: Array | None,
     ) -> int:
-        """Adds rows, and drops those before them but for the last.
+        """Gives a context the next rows, in place of those before them but for the last.
 
         Args:
+            context: of the source.
             time_s: in the record, s, shape (n,).
             readings: by sensor, shape (n, its size).
             commands: of the interval that starts at each row, shape (n, n_jets).
@@ -99,19 +147,24 @@ class TelemetrySource(LeafSystem):
         Returns:
             The number of the last row.
         """
+        held = self._held(context)
         if outside_wrench is None:
             outside_wrench = np.zeros((time_s.size, 6))
-        self._time_s = np.concatenate([self._time_s[-1:], time_s])
-        self._readings = {name: np.vstack([kept[-1:], readings[name]]) for name, kept in self._readings.items()}
-        self._commands = np.vstack([self._commands[-1:], commands])
-        self._wrench = np.vstack([self._wrench[-1:], outside_wrench])
-        self._first, self._next = self._next, self._next + time_s.size
-        return self._next - 1
+        rows = ServedRows(
+            held.next,
+            np.concatenate([held.time_s[-1:], time_s]),
+            {name: np.vstack([kept[-1:], readings[name]]) for name, kept in held.readings.items()},
+            np.vstack([held.commands[-1:], commands]),
+            np.vstack([held.outside_wrench[-1:], outside_wrench]),
+        )
+        self._hold(context, rows)
+        return rows.next - 1
 
-    def _place(self, context: Any) -> int:
-        row = round(context.get_time() / self._period_s)
-        if not self._first <= row < self._next:
+    def _place(self, context: Any) -> tuple[ServedRows, int]:
+        """The rows of a context, and where the row of its time stands in their arrays."""
+        rows, row = self._held(context), round(context.get_time() / self._period_s)
+        if not rows.first <= row < rows.next:
             raise IndexError(
-                f"telemetry_source: row {row} is not in the window of rows {self._first} to {self._next - 1}"
+                f"telemetry_source: row {row} is not in the window of rows {rows.first} to {rows.next - 1}"
             )
-        return row - self._first + 1
+        return rows, row - rows.first + 1

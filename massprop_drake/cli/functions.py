@@ -1,0 +1,172 @@
+"""Functions of the user's own, named as MODULE:FUNCTION or FILE.py:FUNCTION."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import importlib.util
+import inspect
+import logging
+import os
+import re
+import sys
+import traceback
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import massprop_drake
+from massprop_drake.cli.streams import note
+from massprop_drake.errors import InputError, suggestion
+
+_OURS = str(Path(massprop_drake.__file__).parent)
+
+
+def is_named(word: str) -> bool:
+    """Tests whether a word names a function, `module:function`."""
+    return ":" in word
+
+
+def file_stem(target: str) -> str:
+    """A name for files about a function: of the last part of its module, and its own."""
+    where, _, name = target.rpartition(":")
+    return re.sub(r"\W+", "_", f"{Path(where.removesuffix('.py')).name.rpartition('.')[2]}_{name}")
+
+
+@contextlib.contextmanager
+def guarded(target: str) -> Iterator[None]:
+    """Turns whatever code of the user's raises into one message; what it prints goes to the error stream.
+
+    Args:
+        target: as given, for the message.
+
+    Raises:
+        InputError: with the error's own words, file and line.
+    """
+    with _logged_by_drake() as logged:
+        try:
+            with contextlib.redirect_stdout(sys.stderr):
+                yield
+        except InputError:
+            raise
+        except (Exception, SystemExit) as error:  # Drake ends the process where a demand is not met, and logs why
+            said = error.msg if isinstance(error, SyntaxError) else str(error)
+            words = " ".join("; ".join([*logged, said]).split()) or "no message"
+            raise InputError(f"{target}: {type(error).__name__}: {words}{_place(error)}") from None
+    for line in logged:
+        note(line)
+
+
+@contextlib.contextmanager
+def _logged_by_drake() -> Iterator[list[str]]:
+    """Collects what Drake logs, in place of its lines on the error stream."""
+    logger, logged = logging.getLogger("drake"), _Logged()
+    propagates, logger.propagate = logger.propagate, False
+    logger.addHandler(logged)
+    try:
+        yield logged.lines
+    finally:
+        logger.removeHandler(logged)
+        logger.propagate = propagates
+
+
+class _Logged(logging.Handler):
+    """Collects log records as lines."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self.lines: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.lines.append(record.getMessage())
+
+
+def call(target: str) -> Any:
+    """Calls a function without arguments and returns what it makes.
+
+    Args:
+        target: `module:function`, of a module that Python finds from the current folder on, or `file.py:function`.
+
+    Raises:
+        InputError: when there is no such module or function, it needs arguments, or it raises.
+    """
+    where, _, name = target.rpartition(":")
+    if not where or not name:
+        raise InputError(f"{target}: give MODULE:FUNCTION or FILE.py:FUNCTION, such as my_loop.py:build")
+    function = _function(_module(where, target), name, target)
+    with guarded(target):
+        return function()
+
+
+def _module(where: str, target: str) -> ModuleType:
+    """The module of a name or a file, imported."""
+    if not (where.endswith(".py") or os.sep in where):
+        with _found_from(Path.cwd()), guarded(target):
+            try:
+                return importlib.import_module(where)
+            except ModuleNotFoundError as error:
+                if error.name is None or not f"{where}.".startswith(f"{error.name}."):
+                    raise
+            raise InputError(
+                f"{target}: there is no module '{where}' here; of a file give its path, such as {where}.py"
+            )
+    path = Path(where)
+    if not path.is_file():
+        raise InputError(f"{target}: there is no file {where}")
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    if spec is None or spec.loader is None:
+        raise InputError(f"{target}: {where} is no Python file")
+    module = importlib.util.module_from_spec(spec)
+    with _found_from(path.resolve().parent), guarded(target):
+        spec.loader.exec_module(module)
+    return module
+
+
+@contextlib.contextmanager
+def _found_from(folder: Path) -> Iterator[None]:
+    """Lets Python find modules in a folder first."""
+    sys.path.insert(0, str(folder))
+    try:
+        yield
+    finally:
+        with contextlib.suppress(ValueError):  # the code may have taken it away
+            sys.path.remove(str(folder))
+
+
+def _function(module: ModuleType, name: str, target: str) -> Callable[[], Any]:
+    """A function of a module that can be called without arguments."""
+    function = getattr(module, name, None)
+    if not callable(function):
+        what = "is no function" if hasattr(module, name) else "is not there"
+        own = [key for key, value in vars(module).items() if inspect.isfunction(value) and not key.startswith("_")]
+        raise InputError(f"{target}: '{name}' {what}{suggestion(name, own)}")
+    try:
+        parameters = list(inspect.signature(function).parameters.values())
+    except (TypeError, ValueError):  # of a function that is not Python's
+        parameters = []
+    variable = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+    needed = [one.name for one in parameters if one.default is one.empty and one.kind not in variable]
+    if needed:
+        raise InputError(f"{target}: needs arguments, {', '.join(needed)}; give a function that needs none")
+    made: Callable[[], Any] = function
+    return made
+
+
+def _place(error: BaseException) -> str:
+    """File and line from which an error comes: the last that is neither of a package, ours included, nor of Python."""
+    if isinstance(error, SyntaxError) and error.filename:
+        return f" ({_shown(error.filename)}, line {error.lineno})"
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [frame for frame in frames if not _is_installed(frame.filename)]
+    return f" ({_shown(own[-1].filename)}, line {own[-1].lineno})" if own else ""
+
+
+def _is_installed(filename: str) -> bool:
+    return filename.startswith(("<", _OURS, sys.prefix, sys.base_prefix)) or "site-packages" in Path(filename).parts
+
+
+def _shown(filename: str) -> str:
+    """A path from the current folder on, where it is below that."""
+    path, here = Path(filename), Path.cwd()
+    return str(path.relative_to(here) if path.is_relative_to(here) else path)

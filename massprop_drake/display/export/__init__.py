@@ -1,0 +1,137 @@
+"""Exports of a run for the viewers of others: Foxglove and PlotJuggler by MCAP, and Rerun."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from massprop_drake.display.export.content import Content as Content
+from massprop_drake.display.export.content import Outline, SampleBlock
+from massprop_drake.errors import InputError
+
+if TYPE_CHECKING:
+    from massprop_drake.results.run import Run
+
+_FRAME_S = 0.05  # between two things that are sent to a viewer
+_LOOK_S = 0.5  # between two looks at whether a viewer has come
+
+
+class Format(NamedTuple):
+    """A format to export to.
+
+    Attributes:
+        name: as `--to` takes it.
+        ending: of its files.
+        package: of Python that writes it.
+        module: of ours that calls the package.
+    """
+
+    name: str
+    ending: str
+    package: str
+    module: str
+
+
+FORMATS = {
+    one.name: one
+    for one in (
+        Format("mcap", "mcap", "foxglove-sdk", "foxglove_stream"),
+        Format("rerun", "rrd", "rerun-sdk", "rerun_stream"),
+    )
+}
+
+
+def chosen(name: str) -> Format:
+    """Returns the format of a name.
+
+    Raises:
+        InputError: when there is none, or the package that writes it is not installed.
+    """
+    if name not in FORMATS:
+        raise InputError(f"'{name}' is no format to export to; valid are: {', '.join(FORMATS)}")
+    _stream(FORMATS[name])
+    return FORMATS[name]
+
+
+def write(content: Content, to: str, path: Path) -> None:
+    """Writes a run into a new file of a format.
+
+    Raises:
+        InputError: when the format is not known, or its package is missing.
+    """
+    _stream(chosen(to)).write(content, path)
+
+
+class Replay:
+    """Plays a run to a viewer on this machine at the speed at which it happened.
+
+    Args:
+        run: simulated, or estimated from telemetry.
+        to: name of the format, whose viewer it is.
+        port: of the viewer or, for Foxglove, of the server that it connects to; None: the usual one.
+        speed: times real time.
+        epoch_s: time of the run's time zero, s since 1970; None: times are those of the run.
+
+    Attributes:
+        address: of the viewer or the server.
+        is_served: whether the viewer connects to us, so that it has to be waited for.
+
+    Raises:
+        InputError: as `write`; or there is no viewer, the port is taken, or the speed is not above zero.
+    """
+
+    def __init__(self, run: Run, to: str, *, port: int | None = None, speed: float = 1.0, epoch_s: float | None = None):
+        if not (math.isfinite(speed) and speed > 0.0):
+            raise InputError(f"--speed {speed:g}: must be a number above zero, such as 10 for ten times real time")
+        stream = _stream(chosen(to))
+        self._content, self._speed = Content(run, epoch_s=epoch_s), speed
+        self._viewer = stream.connected(self._content.outline, stream.PORT if port is None else port)
+        self.address: str = self._viewer.address
+        self.is_served: bool = self._viewer.is_served
+
+    @property
+    def outline(self) -> Outline:
+        """The part of the content that does not change during the run."""
+        return self._content.outline
+
+    def play(self) -> None:
+        """Waits for a viewer, then sends everything at its time; ends with the run."""
+        try:
+            while not self._viewer.wait(_LOOK_S):
+                pass
+            self._viewer.begin()
+            began = time.monotonic()
+            for rows in self._content.stretches():
+                for part in _parts(rows, round(1e9 * _FRAME_S * self._speed)):
+                    due_s = 1e-9 * int(part.time_ns[0] - self.outline.start_ns) / self._speed
+                    time.sleep(max(0.0, began + due_s - time.monotonic()))
+                    self._viewer.put(part)
+        finally:
+            self.close()
+
+    def close(self) -> None:
+        """Ends the connection, which `play` does itself."""
+        self._viewer.close()
+
+
+def _parts(rows: SampleBlock, length_ns: int) -> Iterator[SampleBlock]:
+    """SampleBlock in parts that are as long as a viewer's frame, or of one row."""
+    first, times = 0, rows.time_ns
+    for row in range(1, times.size + 1):
+        if row == times.size or times[row] - times[first] >= length_ns:
+            yield rows.part(first, row)
+            first = row
+
+
+def _stream(form: Format) -> Any:
+    """Loads the module that writes a format."""
+    try:
+        return import_module(f"{__name__}.{form.module}")
+    except ImportError:
+        raise InputError(
+            f"exporting to {form.name} needs {form.package}: pip install 'massprop-drake[{form.name}]'"
+        ) from None

@@ -1,0 +1,245 @@
+"""A run as a recording of Rerun, into an .rrd file or to a viewer that follows it."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+
+from massprop_drake.display.export.content import (
+    PARENTS,
+    VEHICLE,
+    WORLD,
+    Arrows,
+    Balls,
+    Content,
+    Outline,
+    SampleBlock,
+    Series,
+)
+from massprop_drake.display.solids import round_length
+from massprop_drake.errors import InputError
+
+Array = NDArray[np.float64]
+
+PORT = 9876  # where viewers listen
+_HOST = "127.0.0.1"
+_WAIT_S = 2.0  # for a viewer to answer
+_APPLICATION = "massprop_drake"
+_TIMELINE = "run_time"
+_EVENTS = "events"
+_LEVELS = {"info": rr.TextLogLevel.INFO, "warning": rr.TextLogLevel.WARN, "error": rr.TextLogLevel.ERROR}
+_PLOTS = {
+    "inverse inertia": ("estimate/I*", "truth/I*"),
+    "center of mass": ("estimate/*_cm", "truth/*_cm"),
+    "mass reciprocal": ("estimate/m_inv", "truth/m_inv"),
+    "rate": ("rate", "rate_estimate"),
+    "NIS": ("rotation_nis", "mass_nis"),
+    "commands": ("command",),
+    "likelihood": ("likelihood",),
+}
+
+
+class RerunStream:
+    """Logs a run into a recording.
+
+    Args:
+        outline: of the run.
+        recording: with a file or a viewer.
+    """
+
+    def __init__(self, outline: Outline, recording: rr.RecordingStream):
+        self._outline, self._recording = outline, recording
+
+    def begin(self) -> None:
+        """Logs what does not change: the vehicle's surface, the frames of its jets, and names of curves."""
+        outline, put = self._outline, self._put_static
+        self._recording.send_recording_name(outline.title)
+        put(WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_DOWN)
+        put(_place(VEHICLE), rr.TransformAxes3D(axis_length=round_length(0.45 * outline.extent)))
+        for number, mesh in enumerate(outline.body):
+            put(f"{_place(VEHICLE)}/shape/{number}", _surface(mesh.triangles, mesh.color))
+        for name, (place, turned) in outline.jets.items():
+            frame = rr.Transform3D(translation=place, quaternion=rr.Quaternion(xyzw=turned[[1, 2, 3, 0]]))
+            put(f"{_place(VEHICLE)}/jets/{rr.escape_entity_path_part(name)}", frame)
+        for name in ("marks", "centers", "payloads"):
+            put(f"{_place(VEHICLE)}/{name}", rr.Ellipsoids3D.from_fields(fill_mode="transparentfillmajorwireframe"))
+        for series in outline.series.values():
+            named = _names(series)
+            for path, columns in _curves(series):
+                put(path, rr.SeriesLines(names=named[columns]))
+        notes = "\n".join(f"- {note}" for note in outline.notes)
+        put("about", rr.TextDocument(f"# {outline.title}\n\n{notes}\n", media_type=rr.MediaType.MARKDOWN))
+
+    def put(self, rows: SampleBlock) -> None:
+        """Logs rows and messages."""
+        for name, values in rows.signals.items():
+            series = self._outline.series[name]
+            for path, columns in _curves(series):
+                numbers = np.ascontiguousarray(values[:, columns])
+                batch = rr.Scalars.columns(scalars=numbers.ravel())
+                self._send(path, rows.time_ns, batch.partition([numbers.shape[1]] * len(numbers)))
+        for name, (places, turns) in rows.frames.items():
+            known = np.isfinite(places).all(axis=1) & np.isfinite(turns).all(axis=1)
+            frames = rr.Transform3D.columns(translation=places[known], quaternion=turns[known][:, [1, 2, 3, 0]])
+            self._send(_place(name), rows.time_ns[known], frames)
+        for name, changes in rows.scene.items():
+            times = rows.time_ns[[row for row, _ in changes]]
+            self._send(f"{_place(VEHICLE)}/{name}", times, _drawn([part for _, part in changes]))
+        if rows.messages:
+            times = np.array([time_ns for time_ns, _ in rows.messages])
+            said = [message for _, message in rows.messages]
+            texts = rr.TextLog.columns(
+                text=[f"{one.source}: {one.text}" for one in said], level=[_LEVELS[one.level] for one in said]
+            )
+            self._send(_EVENTS, times, texts)
+
+    def _put_static(self, path: str, part: Any) -> None:
+        self._recording.log(path, part, static=True)
+
+    def _send(self, path: str, time_ns: NDArray[np.int64], columns: Iterable[Any]) -> None:
+        if not time_ns.size:
+            return
+        if self._outline.has_epoch:
+            times = rr.TimeColumn(_TIMELINE, timestamp=time_ns.astype("datetime64[ns]"))
+        else:
+            times = rr.TimeColumn(_TIMELINE, duration=time_ns.astype("timedelta64[ns]"))
+        self._recording.send_columns(path, indexes=[times], columns=columns, strict=True)
+
+
+def write(content: Content, path: Path) -> None:
+    """Writes a run into an .rrd file."""
+    recording = rr.RecordingStream(_APPLICATION)
+    recording.save(path, default_blueprint=_blueprint(content.outline))
+    with recording:
+        stream = RerunStream(content.outline, recording)
+        stream.begin()
+        for rows in content.stretches():
+            stream.put(rows)
+    recording.disconnect()
+
+
+class RerunViewer:
+    """Sends a run to a viewer that is open on this machine.
+
+    Attributes:
+        address: of the viewer.
+        is_served: the viewer was there before us.
+
+    Args:
+        outline: of the run.
+        port: at which the viewer listens.
+
+    Raises:
+        InputError: when no viewer is there.
+    """
+
+    is_served = False
+
+    def __init__(self, outline: Outline, port: int):
+        self.address = f"rerun+http://{_HOST}:{port}/proxy"
+        try:
+            socket.create_connection((_HOST, port), _WAIT_S).close()
+        except OSError:
+            raise InputError(
+                f"--port {port}: no viewer of Rerun listens there on this machine; start one first: rerun --port {port}"
+            ) from None
+        self._recording = rr.RecordingStream(_APPLICATION)
+        self._recording.connect_grpc(self.address, default_blueprint=_blueprint(outline))
+        self._stream = RerunStream(outline, self._recording)
+
+    def wait(self, seconds: float) -> bool:
+        """Tells that a viewer is there."""
+        return True
+
+    def begin(self) -> None:
+        """Sends what does not change."""
+        self._stream.begin()
+
+    def put(self, rows: SampleBlock) -> None:
+        """Sends rows at once."""
+        self._stream.put(rows)
+        self._recording.flush()
+
+    def close(self) -> None:
+        """Ends the connection; the viewer keeps what it has."""
+        self._recording.flush()
+        self._recording.disconnect()
+
+
+connected = RerunViewer
+
+
+def _curves(series: Series) -> list[tuple[str, slice]]:
+    """Paths of a signal's curves with the columns of each: columns of several units have paths of their own."""
+    path = f"signals/{rr.escape_entity_path_part(series.name)}"
+    if not series.is_mixed:
+        return [(path, slice(None))]
+    return [
+        (f"{path}/{rr.escape_entity_path_part(component)}", slice(column, column + 1))
+        for column, component in enumerate(series.components)
+    ]
+
+
+def _names(series: Series) -> list[str]:
+    """Names of a signal's curves, with their units."""
+    alone = len(series.components) == 1
+    return [
+        (series.name if alone else f"{series.name} {component}") + ("" if unit == "-" else f", {unit}")
+        for component, unit in zip(series.components, series.units, strict=True)
+    ]
+
+
+def _place(frame: str) -> str:
+    """Path of a frame: below that of its parent."""
+    return frame if frame == WORLD else f"{_place(PARENTS[frame])}/{frame}"
+
+
+def _surface(triangles: Array, color: tuple[int, int, int, int]) -> rr.Mesh3D:
+    """Triangles with the normal of each at its corners, so that a viewer shades them."""
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return rr.Mesh3D(
+        vertex_positions=triangles.reshape(-1, 3), vertex_normals=np.repeat(normals, 3, axis=0), albedo_factor=color
+    )
+
+
+def _drawn(parts: Sequence[Arrows | Balls]) -> Any:
+    """Parts of a scene, one a row."""
+    lengths = [len(part.colors) for part in parts]
+    colors = [color for part in parts for color in part.colors]
+    first, second = (np.vstack([part[index] for part in parts] or [np.empty((0, 3))]) for index in (0, 1))
+    if parts and isinstance(parts[0], Arrows):
+        return rr.Arrows3D.columns(origins=first, vectors=second, colors=colors).partition(lengths)
+    return rr.Ellipsoids3D.columns(centers=first, half_sizes=second, colors=colors).partition(lengths)
+
+
+def _blueprint(outline: Outline) -> rrb.Blueprint:
+    """Layout that a viewer opens with: the scene, plots of the main signals, and messages."""
+    paths = {
+        path.removeprefix("signals/"): f"/{path}" for series in outline.series.values() for path, _ in _curves(series)
+    }
+    plots = []
+    for title, wanted in _PLOTS.items():
+        found = [path for pattern in wanted for name, path in paths.items() if Path(name).match(pattern)]
+        if found:
+            plots.append(rrb.TimeSeriesView(origin="/signals", contents=found, name=title))
+    scene = rrb.Spatial3DView(origin=f"/{WORLD}", name="vehicle")
+    log = rrb.TextLogView(origin=f"/{_EVENTS}", name="events")
+    half = (len(plots) + 1) // 2
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(scene, log, row_shares=[3, 1]),
+            rrb.Vertical(rrb.Tabs(*plots[:half]), rrb.Tabs(*plots[half:])),
+            column_shares=[1, 1],
+        ),
+        rrb.TimePanel(timeline=_TIMELINE, state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
+    )

@@ -1,0 +1,221 @@
+"""The solids that draw a vehicle: where they stand, how large they are, and their surfaces as triangles."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.inputs.vehicle import (
+    BoxSolid,
+    ConeSolid,
+    CylinderSolid,
+    EllipsoidSolid,
+    PlateSolid,
+    Solid,
+    Vehicle,
+)
+
+Array = NDArray[np.float64]
+
+_AROUND = 48  # corners of a circle
+_NOZZLE = 0.016  # length of a nozzle over the vehicle's extent
+_NOZZLE_CORNERS = 12
+_MARKS = {"failed": 0.022, "found": 0.033}  # radius over the vehicle's extent
+
+
+def shape(vehicle: Vehicle) -> tuple[Solid, ...]:
+    """Solids of a vehicle; one that has none is a box that spans its jets."""
+    return vehicle.shape or (_box(vehicle),)
+
+
+def rotation(solid: Solid) -> Array:
+    """Rotation matrix from a solid's own axes to the vehicle frame, by roll, pitch and yaw, shape (3, 3)."""
+    (sr, sp, sy), (cr, cp, cy) = (turn(np.radians(solid.rotation_deg)).tolist() for turn in (np.sin, np.cos))
+    about_z = np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
+    about_y = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
+    return about_z @ about_y @ about_x
+
+
+def extent(vehicle: Vehicle) -> float:
+    """Largest dimension of a vehicle, jets and solids, along an axis, ft or m."""
+    return float(np.ptp(_corners(vehicle), axis=0).max()) or 1.0
+
+
+def radius(vehicle: Vehicle) -> float:
+    """Distance from the nominal center of mass of the farthest point of a vehicle, ft or m."""
+    return float(np.linalg.norm(_corners(vehicle) - vehicle.nominal.center_of_mass, axis=1).max()) or 1.0
+
+
+def nozzle_length(vehicle: Vehicle) -> float:
+    """Length that a nozzle is drawn with, ft or m; its width is the same."""
+    return _NOZZLE * extent(vehicle)
+
+
+def plume_lengths(vehicle: Vehicle, thrust: Array) -> Array:
+    """Lengths that plumes are drawn with, ft or m: by the root of the thrust, so that a small one is still seen.
+
+    Args:
+        vehicle: for its size and its strongest jet.
+        thrust: of any shape, lbf or N, above zero.
+    """
+    strongest = max(jet.thrust for jet in vehicle.jets)
+    return np.asarray((0.05 + 0.11 * np.sqrt(thrust / strongest)) * extent(vehicle))
+
+
+def round_length(length: float) -> float:
+    """Longest length with one digit that is no longer, of an axis."""
+    power = 10.0 ** np.floor(np.log10(length))
+    return float(f"{power * np.floor(length / power * (1.0 + 1e-9)):.0e}")
+
+
+def mark_radius(vehicle: Vehicle, kind: str) -> float:
+    """Radius of the ball that marks a jet, ft or m.
+
+    Args:
+        vehicle: for its size.
+        kind: "failed" or "found".
+    """
+    return _MARKS[kind] * extent(vehicle)
+
+
+def center_radius(vehicle: Vehicle) -> float:
+    """Radius of the ball that marks the center of mass, ft or m."""
+    return 0.012 * extent(vehicle)
+
+
+def spread_limits(vehicle: Vehicle) -> tuple[float, float]:
+    """Least and largest half axis of the 3-sigma ellipsoid that is shown, ft or m."""
+    return 0.002 * extent(vehicle), 0.35 * extent(vehicle)
+
+
+def payload_radius(vehicle: Vehicle, mass: float) -> float:
+    """Radius of the ball that shows a payload, by the root of its share of the vehicle's mass, ft or m."""
+    share = mass / vehicle.nominal.mass
+    return 0.1 * extent(vehicle) * float(min(max(share, 0.02), 2.0) ** (1.0 / 3.0))
+
+
+def triangles(solid: Solid) -> Array:
+    """Surface of a solid in the vehicle frame, ft or m, corners counterclockwise from outside, shape (n, 3, 3)."""
+    match solid:
+        case BoxSolid():
+            x, y, z = 0.5 * np.array(solid.size)
+            vertices, faces = plate(np.array([(-x, -y), (x, -y), (x, y), (-x, y)]), 2.0 * float(z))
+        case PlateSolid():
+            vertices, faces = plate(np.array(solid.outline), solid.thickness)
+        case CylinderSolid():
+            vertices, faces = cylinder(solid.length, solid.radii)
+        case ConeSolid():
+            vertices, faces = _cone(solid.length, solid.radii, _AROUND)
+        case EllipsoidSolid():
+            vertices, faces = _ball()
+            vertices = vertices * np.array(solid.radii)
+    return np.asarray(vertices[faces] @ rotation(solid).T + np.array(solid.position))
+
+
+def nozzle(vehicle: Vehicle, jet: int) -> Array:
+    """Surface of a jet's nozzle in the vehicle frame, open towards its plume, shape (n, 3, 3)."""
+    length = nozzle_length(vehicle)
+    vertices, faces = _cone(length, (0.5 * length, 0.5 * length), _NOZZLE_CORNERS)
+    outwards = -vehicle.thrusts[jet] / np.linalg.norm(vehicle.thrusts[jet])
+    side = np.cross(outwards, np.eye(3)[np.abs(outwards).argmin()])
+    side /= np.linalg.norm(side)
+    axes = np.stack([-outwards, side, np.cross(-outwards, side)])  # the point of the cone is in the jet
+    return np.asarray((vertices - [0.5 * length, 0.0, 0.0])[faces] @ axes + vehicle.positions[jet])
+
+
+def plate(outline: Array, thickness: float) -> tuple[Array, NDArray[np.int_]]:
+    """Vertices of a plate across z, shape (n, 3), and its triangles by their indices, shape (k, 3).
+
+    Args:
+        outline: corners of the plate in order, x and y, shape (m, 2); convex.
+        thickness: along z.
+    """
+    x, y = outline.T
+    if np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) < 0.0:  # twice the area: clockwise
+        outline = outline[::-1]
+    count = outline.shape[0]
+    vertices = np.vstack([np.column_stack([outline, np.full(count, side)]) for side in (-0.5, 0.5)])
+    vertices[:, 2] *= thickness
+    fan = [(0, corner, corner + 1) for corner in range(1, count - 1)]
+    faces = [face[::-1] for face in fan] + [tuple(count + corner for corner in face) for face in fan]
+    for corner, following in pairwise([*range(count), 0]):
+        faces += [(corner, following, count + following), (corner, count + following, count + corner)]
+    return vertices, np.array(faces)
+
+
+def cylinder(length: float, radii: tuple[float, float]) -> tuple[Array, NDArray[np.int_]]:
+    """Vertices of a cylinder along x, shape (n, 3), and its triangles, shape (k, 3).
+
+    Args:
+        length: along x.
+        radii: half axes along y and z.
+    """
+    vertices, faces = plate(_circle(_AROUND) * radii, length)
+    return vertices[:, [2, 0, 1]], faces
+
+
+def _circle(count: int) -> Array:
+    angle = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    return np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def _cone(length: float, radii: tuple[float, float], count: int) -> tuple[Array, NDArray[np.int_]]:
+    """Vertices and triangles of a cone that points toward +x, its center halfway."""
+    base = np.column_stack([np.full(count, -0.5 * length), _circle(count) * radii])
+    vertices = np.vstack([base, [[0.5 * length, 0.0, 0.0], [-0.5 * length, 0.0, 0.0]]])
+    faces = []
+    for corner, following in pairwise([*range(count), 0]):
+        faces += [(corner, following, count), (following, corner, count + 1)]
+    return vertices, np.array(faces)
+
+
+def _ball() -> tuple[Array, NDArray[np.int_]]:
+    """Vertices and triangles of a ball of radius 1."""
+    around, rings = _AROUND // 2, _AROUND // 4
+    height = np.linspace(0.0, np.pi, rings + 1)
+    circle = _circle(around)
+    vertices = np.vstack(
+        [np.column_stack([np.sin(one) * circle, np.full(around, np.cos(one))]) for one in height.tolist()]
+    )
+    faces = []
+    for ring in range(rings):
+        for corner, following in pairwise([*range(around), 0]):
+            above, below = ring * around, (ring + 1) * around
+            if ring < rings - 1:
+                faces.append((above + corner, below + corner, below + following))
+            if ring > 0:
+                faces.append((above + corner, below + following, above + following))
+    return vertices, np.array(faces)
+
+
+def _corners(vehicle: Vehicle) -> Array:
+    """Points on the outside of a vehicle, jets and solids, ft or m, shape (n, 3)."""
+    solids = [_outside(solid) @ rotation(solid).T + np.array(solid.position) for solid in vehicle.shape]
+    return np.vstack([vehicle.positions, *solids])
+
+
+def _outside(solid: Solid) -> Array:
+    """Corners of a solid, or of a box around it, in its own axes, ft or m, shape (n, 3)."""
+    match solid:
+        case PlateSolid():
+            outline = np.array(solid.outline)
+            return np.column_stack([outline, np.zeros(len(outline))])
+        case BoxSolid():
+            half = 0.5 * np.array(solid.size)
+        case EllipsoidSolid():
+            return np.vstack([np.diag(solid.radii), -np.diag(solid.radii)])
+        case CylinderSolid() | ConeSolid():
+            half = np.array([0.5 * solid.length, *solid.radii])
+    signs = np.stack(np.meshgrid(*[(-1.0, 1.0)] * 3), axis=-1).reshape(-1, 3)
+    return np.asarray(signs * half)
+
+
+def _box(vehicle: Vehicle) -> BoxSolid:
+    """Box that spans the jets of a vehicle without a shape."""
+    low, high = vehicle.positions.min(axis=0), vehicle.positions.max(axis=0)
+    size = np.maximum(0.9 * (high - low), 0.15 * float((high - low).max() or 1.0))
+    middle = 0.5 * (low + high)
+    return BoxSolid(kind="box", size=tuple(size.tolist()), position=tuple(middle.tolist()))

@@ -1,0 +1,153 @@
+"""Findings of a flight while it goes on: detections and verdict as its summary would have them, sample by sample.
+
+By the functions that make the summary. What only a whole flight tells is not known yet: when a jump was at the
+earliest and at the latest, what hindsight shows, and which innovations a payload explains that came or left before it
+was declared.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.maths.arrays import NUMBER, Layout
+from massprop_drake.results.consistency import COMPONENTS, Consistency, Tally, judged
+from massprop_drake.results.detections import JUMP, DetectionRecord, followed, settled, weighed_before
+from massprop_drake.results.events import EventRecord, said
+from massprop_drake.signals import SYMBOLS
+
+Array = NDArray[np.float64]
+
+_COUNTS = Layout(
+    "counts",
+    rotation=len(Tally.NUMBERS),
+    mass=len(Tally.NUMBERS),
+    time_s=NUMBER,
+    mass_reciprocal=NUMBER,
+    variance=NUMBER,
+    known_force="jets",
+    known_force_variance="jets",
+)
+_KEPT = ("mass_reciprocal", "variance", "known_force", "known_force_variance")  # signals of the last sample
+
+
+class Said(NamedTuple):
+    """Words of a detector so far. Never changed; an event makes a new one.
+
+    Attributes:
+        events: in the order in which they were said.
+        detections: see `results.detections.followed`.
+    """
+
+    events: tuple[EventRecord, ...] = ()
+    detections: tuple[DetectionRecord, ...] = ()
+
+    def __deepcopy__(self, _memo: Any) -> Said:
+        """Itself: a clone of a context shares what is never changed."""
+        return self
+
+
+class FlightMonitor:
+    """Detections and verdict of a flight so far, from the reports that the ports of its estimators give.
+
+    It holds nothing of a flight: what is to be remembered goes in and comes out.
+
+    Args:
+        vehicle: for its jets.
+        sensors: packages in use, gyros first, the preferred of either first.
+        reports: layout of each report, by its port.
+
+    Attributes:
+        counts: at the start, what `counted` goes on from, shape (13 + 2 n_jets,).
+        said: at the start, what `told` goes on from.
+    """
+
+    def __init__(self, vehicle: Vehicle, sensors: Sequence[str], reports: Mapping[str, Layout]):
+        self._vehicle, self._sensors, self._reports = vehicle, sensors, reports
+        self._layout = _COUNTS.sized(jets=len(vehicle.jets))
+        self._no_force = np.zeros(len(vehicle.jets))
+        self._places = {
+            field: (port, layout.slice(field).start if shape == (1,) else layout.slice(field))
+            for port, layout in reports.items()
+            for field, shape in layout.shapes()
+        }
+        self._filters = [name for name in COMPONENTS if f"{name}_nis" in self._places]
+        nothing, unknown = np.zeros(len(Tally.NUMBERS)), (math.nan,) * 3
+        self.counts = self._layout.pack((nothing, nothing, *unknown, self._no_force, self._no_force))
+        self.said = Said()
+
+    def has_event(self, detector_report: Array) -> bool:
+        """Tests whether a detector says something at a sample."""
+        _, place = self._places["detector_event"]
+        return bool(detector_report[place] != 0.0)
+
+    def counted(self, counts: Array, time_s: float, reports: Mapping[str, Array]) -> Array:
+        """Innovations counted, and what else the next sample needs, after a sample.
+
+        Args:
+            counts: before it.
+            time_s: of it, s.
+            reports: by port.
+        """
+        after = counts.copy()
+        for name in self._filters:
+            if self._value(f"{name}_used", reports):
+                part, tally = self._layout.slice(name), Tally.of(counts[self._layout.slice(name)])
+                components = self._value(COMPONENTS[name], reports) if COMPONENTS[name] in self._places else 3.0
+                tally.add(np.array([self._value(f"{name}_nis", reports)]), np.array([components]))
+                after[part] = tally.numbers
+        after[self._layout.slice("time_s")] = time_s
+        for name in _KEPT:
+            if name in self._places:
+                after[self._layout.slice(name)] = self._value(name, reports)
+        return after
+
+    def _value(self, signal: str, reports: Mapping[str, Array]) -> Any:
+        """A signal of one sample."""
+        port, place = self._places[signal]
+        return reports[port][place]
+
+    def told(self, said_before: Said, counts: Array, time_s: float, reports: Mapping[str, Array]) -> Said:
+        """Words of the detector after a sample at which it says something; arguments as of `counted`."""
+        signals = self._signals(reports)
+        events = said(self._vehicle, self._sensors, np.array([time_s]), signals, said_before.events)
+        records = followed(self._vehicle, events, said_before.detections)
+        if "verdict" not in signals:
+            last = self._layout.columns(np.vstack([counts, self.counted(counts, time_s, reports)]))
+            times_s, reciprocal, variance = (last[name][:, 0] for name in ("time_s", "mass_reciprocal", "variance"))
+            records = weighed_before(records, times_s, reciprocal, np.sqrt(variance))
+        return Said((*said_before.events, *events), tuple(records))
+
+    def _signals(self, reports: Mapping[str, Array]) -> dict[str, Array]:
+        """Signals of one sample by name, shape (1, components)."""
+        return {
+            name: values
+            for port, row in reports.items()
+            for name, values in self._reports[port].columns(row[None]).items()
+        }
+
+    def detections(self, said_now: Said, counts: Array) -> tuple[DetectionRecord, ...]:
+        """Detections so far, their sizes as they are known now."""
+        now = self._layout.read(counts)
+        forces = now.known_force, now.known_force_variance
+        return settled(said_now.detections, *forces, now.mass_reciprocal, math.sqrt(now.variance))
+
+    def failed_jets(self, said_now: Said) -> Array:
+        """Marks with 1 each jet that a standing declaration names, alone or among others, shape (n_jets,)."""
+        failed = self._no_force.copy()
+        for record in said_now.detections:
+            if record.kind != JUMP and record.withdrawn_s is None:
+                of_cluster = (jet.designation for jet in self._vehicle.jets if jet.cluster == record.cluster)
+                for jet in record.jets or of_cluster:
+                    failed[self._vehicle.jet_index(jet)] = 1.0
+        return failed
+
+    def verdict(self, counts: Array) -> Consistency:
+        """The verdict on the innovations so far."""
+        now = self._layout.read(counts)
+        return judged(Tally.of(now.rotation), Tally.of(now.mass), np.full(len(SYMBOLS), np.nan), SYMBOLS)

@@ -1,0 +1,125 @@
+"""Says what a flight has shown so far: failed jets, detections and the verdict on the filters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import Value
+from pydrake.systems.framework import EventStatus, LeafSystem
+
+from massprop_drake.systems.caching import NOTHING
+
+Array = NDArray[np.float64]
+
+
+class Monitor(Protocol):
+    """Functions that make findings of reports, such as `results.monitoring.FlightMonitor`.
+
+    Attributes:
+        counts: at the start, a vector that changes at every sample.
+        said: at the start, a value that changes where a detector says something.
+    """
+
+    counts: Array
+    said: Any
+
+    def has_event(self, detector_report: Array) -> bool:
+        """Tests whether a detector says something at a sample."""
+
+    def counted(self, counts: Array, time_s: float, reports: Mapping[str, Array]) -> Array:
+        """The vector after a sample."""
+
+    def told(self, said_before: Any, counts: Array, time_s: float, reports: Mapping[str, Array]) -> Any:
+        """The value after a sample at which a detector says something."""
+
+    def detections(self, said_now: Any, counts: Array) -> tuple[Any, ...]:
+        """Detections so far."""
+
+    def failed_jets(self, said_now: Any) -> Array:
+        """Marks of failed jets, shape (n_jets,)."""
+
+    def verdict(self, counts: Array) -> Any:
+        """The verdict so far."""
+
+
+class FindingsMonitor(LeafSystem):
+    """Follows the reports of filters and detector, so that an autopilot can act on what they have shown.
+
+    Ports:
+        rotation_report (in, 28), mass_report (in, 11), joint_report (in, 3), detector_report (in, 14 + 4 n_jets),
+            hypothesis_report (in, 13 + 8 n_jets): those that the estimators have. Required.
+        failed_jets (out, n_jets): 1 for each jet that a standing declaration names, alone or among those that the data
+            cannot tell from it. No feedthrough.
+        detections (out, abstract): a tuple of `results.detections.DetectionRecord`, as `summary.json` has them at the
+            end, with sizes as they are known now. No feedthrough.
+        verdict (out, abstract): `results.consistency.Consistency` by the innovations so far. No feedthrough.
+
+    State: counts (13 + 2 n_jets) of the innovations so far, with mass and known forces at the last sample; abstract,
+    events and detections so far, never changed: an event makes new ones.
+
+    Timing: outputs at t_k are of the samples before t_k, so that a command that depends on them closes no loop; after
+    the update at t_k they are of that sample, too. Nothing is made for an output that nobody reads.
+
+    Args:
+        monitor: functions that make findings.
+        reports: size of each report, by its port.
+        period_s: sample period, s.
+    """
+
+    def __init__(self, monitor: Monitor, *, reports: Mapping[str, int], period_s: float):
+        super().__init__()
+        self.set_name("findings_monitor")
+        self._monitor = monitor
+        self._reports = {name: self.DeclareVectorInputPort(name, size) for name, size in reports.items()}
+        self._counts = self.DeclareDiscreteState(monitor.counts)
+        self._said = self.DeclareAbstractState(Value[object](monitor.said))
+        said = {self.xa_ticket()}
+        self.DeclareVectorOutputPort(
+            "failed_jets", monitor.failed_jets(monitor.said).size, self._calc_failed, prerequisites_of_calc=said
+        )
+        for name, calc, read in (
+            ("detections", self._calc_detections, {*said, self.xd_ticket()}),
+            ("verdict", self._calc_verdict, {self.xd_ticket()}),
+        ):
+            self.DeclareAbstractOutputPort(
+                name, alloc=lambda: Value[object](NOTHING), calc=calc, prerequisites_of_calc=read
+            )
+        when = {"period_sec": period_s, "offset_sec": 0.0}
+        self.DeclarePeriodicDiscreteUpdateEvent(**when, update=self._update)
+        if "detector_report" in reports:
+            self.DeclarePeriodicUnrestrictedUpdateEvent(**when, update=self._listen)
+
+    def _counted(self, context: Any) -> Array:
+        counts: Array = context.get_discrete_state(self._counts).CopyToVector()
+        return counts
+
+    def _heard(self, context: Any) -> Any:
+        return context.get_abstract_state(self._said).get_value()
+
+    def _given(self, context: Any) -> dict[str, Array]:
+        return {name: port.Eval(context) for name, port in self._reports.items()}
+
+    def _calc_failed(self, context: Any, output: Any) -> None:
+        output.SetFromVector(self._monitor.failed_jets(self._heard(context)))
+
+    def _calc_detections(self, context: Any, output: Any) -> None:
+        output.set_value(self._monitor.detections(self._heard(context), self._counted(context)))
+
+    def _calc_verdict(self, context: Any, output: Any) -> None:
+        output.set_value(self._monitor.verdict(self._counted(context)))
+
+    def _update(self, context: Any, state: Any) -> None:
+        after = self._monitor.counted(self._counted(context), context.get_time(), self._given(context))
+        state.set_value(self._counts, after)
+
+    def _listen(self, context: Any, state: Any) -> EventStatus:
+        # where nothing is said nothing has changed: all that has been evaluated at this time stays valid
+        if not self._monitor.has_event(self._reports["detector_report"].Eval(context)):
+            return EventStatus.DidNothing()
+        given = self._counted(context), context.get_time(), self._given(context)
+        said = self._monitor.told(self._heard(context), *given)
+        state.get_mutable_abstract_state(self._said).set_value(said)
+        return EventStatus.Succeeded()
