@@ -252,6 +252,8 @@ def state_groups(diagram: Any, context: Any) -> Groups:
     """The state of every part of the estimation diagram, by name, from the root context."""
     groups = {}
     for system in diagram.GetSystems():
+        if not getattr(system, "is_resumed", True):
+            continue
         own = system.GetMyContextFromRoot(context)
         state = own.get_discrete_state()
         if hasattr(system, "kept"):  # a detector whose state is no vector

@@ -69,6 +69,8 @@ class FindingsMonitor(LeafSystem):
         period_s: sample period, s.
     """
 
+    is_resumed = False  # a run that goes on from another one begins it anew
+
     def __init__(self, monitor: Monitor, *, reports: Mapping[str, int], period_s: float):
         super().__init__()
         self.set_name("findings_monitor")
