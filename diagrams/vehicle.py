@@ -15,14 +15,15 @@ without lag and sensors without memory; elsewhere jacobians come from `ToAutoDif
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
-from massprop_drake.diagrams._wiring import built
+from massprop_drake.diagrams._wiring import built, export_outputs
 from massprop_drake.inputs import params
-from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.scenario import PlantBlock, Scenario
 from massprop_drake.inputs.vehicle import Accelerometer, PoseSensor, SensorPackage, VelocitySensor
 from massprop_drake.systems.vehicle.disturbance import Disturbance
 from massprop_drake.systems.vehicle.integrating_accelerometer import IntegratingAccelerometer
@@ -33,8 +34,14 @@ from massprop_drake.systems.vehicle.rigid_body_plant import RigidBodyPlant
 from massprop_drake.systems.vehicle.trackers import PoseTracker, VelocityTracker
 
 
-def build(scenario: Scenario) -> Diagram:
+def build(scenario: Scenario, body: System | None = None, trackers: Sequence[System] = ()) -> Diagram:
     """The vehicle diagram of a scenario.
+
+    Args:
+        scenario: with the vehicle.
+        body: in place of that of the scenario, with the ports of a continuous `RigidBodyPlant`; other ports that it
+            has are exported under their names.
+        trackers: besides those of the vehicle.
 
     Ports:
         command (in, n_jets), held_command (in, n_jets): see `ReactionJets`.
@@ -45,6 +52,7 @@ def build(scenario: Scenario) -> Diagram:
         body_state (out, 23), structure (out, 9), mass_properties (out, 10): the truth, see
             `RigidBodyPlant`.
         thrust (out, n_jets): mean force over the coming sample, see `ReactionJets`.
+        joint_positions (out, n): of a multibody plant that has joints, see `MultibodyVehicle`.
     """
     vehicle = scenario.vehicle_data
     period = vehicle.sample_period_s
@@ -64,18 +72,7 @@ def build(scenario: Scenario) -> Diagram:
             compiled=scenario.execution.compiled,
         ),
     )
-    body = builder.AddNamedSystem(
-        "rigid_body",
-        RigidBodyPlant(
-            params.true_properties(scenario),
-            time_step=params.time_step(scenario),
-            lag_time_constants_s=jets.lag_time_constants_s,
-            initial_rate=np.array(scenario.plant.initial_rate),
-            jumps=params.mass_jumps(scenario),
-            period_s=period,
-            compiled=scenario.execution.compiled,
-        ),
-    )
+    body = builder.AddSystem(_body(scenario, jets.lag_time_constants_s) if body is None else body)
     stepped = params.time_step(scenario) != 0.0
     wrench = "wrench_profile" if stepped else "wrench"
     pushed: list[System] = []
@@ -103,16 +100,18 @@ def build(scenario: Scenario) -> Diagram:
         builder.ExportOutput(sensor.GetOutputPort("reading"), package.name)
         sensors.append(sensor)
 
-    for seen in vehicle.tracked:
-        tracker = builder.AddNamedSystem(seen.name, _tracker(seen, scenario))
+    for tracker in (*(_tracker(seen, scenario) for seen in vehicle.tracked), *trackers):
+        builder.AddSystem(tracker)
         for name in ("body_state", "structure"):
             builder.Connect(body.GetOutputPort(name), tracker.GetInputPort(name))
-        builder.ExportOutput(tracker.GetOutputPort("reading"), seen.name)
+        builder.ExportOutput(tracker.GetOutputPort("reading"), tracker.get_name())
         sensors.append(tracker)
 
     _connect_chance(builder, scenario, jets, pushed + sensors)
-    for name in ("body_state", "structure", "mass_properties"):
-        builder.ExportOutput(body.GetOutputPort(name), name)
+    for port in map(body.get_input_port, range(body.num_input_ports())):
+        if port.get_name() != wrench:
+            builder.ExportInput(port, port.get_name())
+    export_outputs(builder, [body])
     builder.ExportOutput(jets.GetOutputPort("thrust"), "thrust")
     return built(builder, "vehicle")
 
@@ -135,6 +134,23 @@ def _connect_chance(builder: DiagramBuilder, scenario: Scenario, jets: System, o
         seed = builder.AddSystem(noise_seed())
         for system in drawn:
             builder.Connect(seed.get_output_port(), system.GetInputPort("seed"))
+
+
+def _body(scenario: Scenario, lag_time_constants_s: tuple[float, ...]) -> System:
+    """The body that a scenario flies."""
+    if not isinstance(scenario.plant, PlantBlock):
+        from massprop_drake.diagrams import multibody  # noqa: PLC0415 (loads Drake's multibody library)
+
+        return multibody.body(scenario.plant)
+    return RigidBodyPlant(
+        params.true_properties(scenario),
+        time_step=params.time_step(scenario),
+        lag_time_constants_s=lag_time_constants_s,
+        initial_rate=np.array(scenario.plant.initial_rate),
+        jumps=params.mass_jumps(scenario),
+        period_s=scenario.vehicle_data.sample_period_s,
+        compiled=scenario.execution.compiled,
+    )
 
 
 def _tracker(sensor: PoseSensor | VelocitySensor, scenario: Scenario) -> System:

@@ -147,6 +147,19 @@ def velocity_signal(name: str) -> Signal:
     return Signal(name, f"reading of {name}", "{length}/s", AXES)
 
 
+JOINTS = "joint_positions"
+
+
+def joint_signal(columns: tuple[str, ...], units: tuple[str, ...]) -> Signal:
+    """Describes the positions of a multibody plant's joints.
+
+    Args:
+        columns: their names.
+        units: of each.
+    """
+    return Signal(JOINTS, "positions of the joints", "; ".join(dict.fromkeys(units)), columns)
+
+
 AGAINST = "against."  # begins the names of what a simulation beside a record reads
 
 

@@ -15,7 +15,7 @@ import pytest
 from conftest import LINKED, REPOSITORY, build, checkout
 
 PACKAGE = REPOSITORY / "massprop_drake"
-SHIPPED = (".py", ".yaml", ".html", ".css", ".js", ".txt", ".typed")
+SHIPPED = (".py", ".yaml", ".sdf", ".html", ".css", ".js", ".txt", ".typed")
 
 
 def _expected() -> dict[str, bytes]:

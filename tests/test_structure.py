@@ -217,7 +217,7 @@ def test_a_fresh_interpreter_agrees_that_no_drake_is_loaded() -> None:
 def test_drake_stays_where_it_belongs() -> None:
     users = {name for name in MODULES if "pydrake" in _outside(name)}
     elsewhere = {name for name in users if _top(name) not in {"systems", "diagrams"}}
-    assert elsewhere == {"runners.simulated", "display.graphs", "display.stage"}
+    assert elsewhere == {"runners.simulated", "display.graphs", "display.links", "display.stage"}
 
 
 def test_only_the_entry_knows_the_command_line() -> None:

@@ -31,7 +31,7 @@ class Interrupted(BaseException):
     """A signal that asks the program to end."""
 
 
-class Kept:
+class SavedWork:
     """What a command leaves on disk, told when it ends before its result is printed."""
 
     def __init__(self) -> None:
@@ -77,7 +77,7 @@ def main() -> None:
 
 def run() -> int:
     """Runs the command line that `sys.argv` holds and returns its exit status; whatever is wrong is one message."""
-    kept = Kept()
+    kept = SavedWork()
     with guarded() as output, _interruptible() as received, _warnings_in_a_line():
         try:
             try:
@@ -96,7 +96,7 @@ def run() -> int:
     return status
 
 
-def _command(kept: Kept) -> int:
+def _command(kept: SavedWork) -> int:
     for argument in sys.argv[1:]:
         require_text(argument)
     if codecs.lookup(locale.getpreferredencoding(False)).name == "ascii":
@@ -107,7 +107,7 @@ def _command(kept: Kept) -> int:
     return app(prog_name="massprop", standalone_mode=False, obj=kept) or 0
 
 
-def _failed(error: Any, kept: Kept) -> int:
+def _failed(error: Any, kept: SavedWork) -> int:
     """Says what went wrong, and what is saved nevertheless; the exit status."""
     saved = f"; {kept}" if kept.saved else ""
     if isinstance(error, InputError):
@@ -125,7 +125,7 @@ def _failed(error: Any, kept: Kept) -> int:
     return 1
 
 
-def _printed(output: Stream, kept: Kept, status: int) -> int:
+def _printed(output: Stream, kept: SavedWork, status: int) -> int:
     """Says what became of a result that could not be printed; the exit status."""
     if output.failure is None:
         return status

@@ -203,7 +203,7 @@ def checked(name: str, whose: Vehicle | None) -> Vehicle | Scenario | CampaignSp
     if name in bundled_vehicles():
         return load_vehicle(name)
     if name in bundled_scenarios():
-        return load_scenario(name)
+        return _with_model(load_scenario(name), name)
     if name in bundled_campaigns():
         return load_campaign(name)
     require_table(name)
@@ -215,4 +215,16 @@ def checked(name: str, whose: Vehicle | None) -> Vehicle | Scenario | CampaignSp
         return Described(show.about_map(validated(RecordMap, document.data, document)))
     if kind == "campaign":
         return campaign_from(document, Path(name).parent)
-    return resolved(document.data, document, Path(name).parent)
+    return _with_model(resolved(document.data, document, Path(name).parent), name)
+
+
+def _with_model(scenario: Scenario, name: str) -> Scenario:
+    """A scenario whose multibody model, if it has one, Drake can fly; raises InputError for a bad one."""
+    if scenario.plant.kind == "multibody":
+        from massprop_drake.diagrams.multibody import require_model  # noqa: PLC0415 (loads Drake's multibody library)
+
+        try:
+            require_model(scenario)
+        except InputError as error:
+            raise InputError(*(f"{name}: {one.removeprefix('scenario: ')}" for one in error.problems)) from None
+    return scenario

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.display import events, instruments, interactive, motion, plots, templates
+from massprop_drake.display.links import Links
 from massprop_drake.display.stage import Stage
 from massprop_drake.display.style import (
     ESTIMATE_COLOR,
@@ -24,11 +25,12 @@ from massprop_drake.display.style import (
     UNTOLD_COLOR,
     WITHHELD_COLOR,
 )
-from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.scenario import MultibodyBlock, Scenario
 from massprop_drake.maths.attitude import propagated
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS
 from massprop_drake.results.detections import in_words
 from massprop_drake.results.folder import write_page
+from massprop_drake.signals import JOINTS
 
 if TYPE_CHECKING:
     from massprop_drake.results.run import Run
@@ -118,7 +120,8 @@ def _scripts(page: str) -> list[str]:
 
 def scene(scenario: Scenario, *, truth: bool) -> tuple[str, Stage]:
     """Returns Meshcat's page with the vehicle as it stands, in which no text of the user's is, and its stage."""
-    stage = Stage(scenario.vehicle_data, truth=truth)
+    links = Links(scenario.plant) if isinstance(scenario.plant, MultibodyBlock) else None
+    stage = Stage(scenario.vehicle_data, truth=truth, links=links)
     for jet in range(len(scenario.vehicle_data.jets)):
         for kind in ("failed", "found"):
             stage.add_mark(kind, jet)
@@ -128,6 +131,7 @@ def scene(scenario: Scenario, *, truth: bool) -> tuple[str, Stage]:
 
 
 COLUMNS = ("time", "attitude", "center", "estimate", "deviation", "rate", "nis", "apart")  # of a row of the page
+LINKS = "links"  # one more, of a multibody model: pose of each link in the vehicle frame
 LISTS = ("given", "untold", "withheld", "failed", "found")  # of jets, for each row
 
 
@@ -144,7 +148,7 @@ def described(scenario: Scenario, stage: Stage, *, truth: bool) -> dict[str, Any
             "spread": stage.spread,
             "payloads": [{"at": jump.time_s, "docks": jump.kind == "dock"} for jump in scenario.jumps],
         },
-        "columns": list(COLUMNS),
+        "columns": [*COLUMNS, *([LINKS] if stage.links else [])],
         "limits": instruments.limits(scenario),
         "truth": truth,
         "colors": {
@@ -183,15 +187,23 @@ def _flight(run: Run, stage: Stage) -> dict[str, Any]:
         "deviation": deviation,
         **instruments.columns(run),
     }
+    told = described(scenario, stage, truth="truth" in run.signals)
+    if stage.links:
+        columns[LINKS] = np.array([stage.links.poses(row) for row in _joints(run)])
     return {
-        **described(scenario, stage, truth="truth" in run.signals),
+        **told,
         "live": False,
-        "rows": [list(row) for row in zip(*(_listed(columns[name]) for name in COLUMNS), strict=True)],
+        "rows": [list(row) for row in zip(*(_listed(columns[name]) for name in told["columns"]), strict=True)],
         "lists": {name: [np.flatnonzero(row).tolist() for row in lists[name]] for name in LISTS},
         "gaps": np.flatnonzero(np.asarray(run["gap"])[:, 0]).tolist() if "gap" in run.signals else [],
         "moments": narration(scenario, float(time_s[0]), failed, found),
         "events": _ticks(run, failed, found),
     }
+
+
+def _joints(run: Run) -> Array:
+    """Returns the positions of the joints at every sample, shape (n, n_joints)."""
+    return np.asarray(run[JOINTS]) if JOINTS in run.signals else np.empty((np.asarray(run.time_s).size, 0))
 
 
 def _listed(values: Array) -> list[Any]:

@@ -42,6 +42,7 @@ class Live:
         self._news = threading.Condition()
         failed = events.failures(scenario, scenario.duration_s)
         page, stage = flight3d.scene(scenario, truth=True)
+        self._links = stage.links
         data = {
             **flight3d.described(scenario, stage, truth=True),
             "live": True,
@@ -99,6 +100,7 @@ class Live:
             np.degrees(moment.rate),
             np.array([moment.nis]),
             np.array([self._apart(moment)]),
+            *([self._links.poses(moment.joint_positions)] if self._links else []),
         )
         listed = (interactive.numbers(value, digits=flight3d.DIGITS) for value in values)
         row = [one[0] if len(one) == 1 else one for one in listed]

@@ -52,10 +52,24 @@
 
   function turn(row) {
     const body = node("world", "body"), [w, x, y, z] = at(row, "attitude");
+    const goesOn = row + 1 < rows.length && !gaps.has(row) && !gaps.has(row + 1), from = at(row, "time");
+    const share = goesOn ? Math.max(0, now - from) / (at(row + 1, "time") - from) : 0;
     body.quaternion.set(x, y, z, w);
-    if (row + 1 < rows.length && !gaps.has(row) && !gaps.has(row + 1)) {
-      const [w2, x2, y2, z2] = at(row + 1, "attitude"), from = at(row, "time");
-      body.quaternion.slerp(body.quaternion.clone().set(x2, y2, z2, w2), Math.max(0, now - from) / (at(row + 1, "time") - from));
+    if (goesOn) {
+      const [w2, x2, y2, z2] = at(row + 1, "attitude");
+      body.quaternion.slerp(body.quaternion.clone().set(x2, y2, z2, w2), share);
+    }
+    if ("links" in column) links(at(row, "links"), goesOn ? at(row + 1, "links") : at(row, "links"), share);
+  }
+
+  // poses of a model's links in the vehicle frame, seven numbers each
+  function links(here, next, share) {
+    for (let first = 0; first < here.length; first += 7) {
+      const link = node(...structure, "links", String(first / 7));
+      const [x, y, z, qw, qx, qy, qz] = here.slice(first, first + 7), [x2, y2, z2, w2, i2, j2, k2] = next.slice(first, first + 7);
+      link.position.set(x + share * (x2 - x), y + share * (y2 - y), z + share * (z2 - z));
+      link.quaternion.set(qx, qy, qz, qw);
+      link.quaternion.slerp(link.quaternion.clone().set(i2, j2, k2, w2), share);
     }
   }
 

@@ -13,6 +13,7 @@ from pydrake.geometry import Box, Cylinder, Ellipsoid, Meshcat, MeshcatCone, Mes
 from pydrake.math import RigidTransform, RotationMatrix
 
 from massprop_drake.display import solids
+from massprop_drake.display.links import Links
 from massprop_drake.display.style import (
     ESTIMATE_COLOR,
     FAILED_COLOR,
@@ -50,14 +51,17 @@ class Stage:
         meshcat: what shows it.
         axis: length of the axes, a round number, ft or m.
         spread: least and largest half axis of the 3-sigma ellipsoid that is shown, ft or m.
+        links: of a multibody model, which take the place of the vehicle's shape; None: there are none.
 
     Args:
         vehicle: the one to show.
         truth: whether to show the true center of mass.
+        links: of its multibody model, if it has one.
     """
 
-    def __init__(self, vehicle: Vehicle, *, truth: bool):
+    def __init__(self, vehicle: Vehicle, *, truth: bool, links: Links | None = None):
         self._vehicle = vehicle
+        self.links = links if links is not None and links.drawn else None
         self._extent = solids.extent(vehicle)
         self.axis = solids.round_length(0.45 * self._extent)
         self.spread = solids.spread_limits(vehicle)
@@ -94,6 +98,9 @@ class Stage:
         self.meshcat.SetCameraPose(scale * away, np.zeros(3))
 
     def _draw_body(self) -> None:
+        if self.links is not None:
+            self.links.draw(self.meshcat, f"{_STRUCTURE}/links")
+            return
         for number, solid in enumerate(solids.shape(self._vehicle)):
             _draw_solid(self.meshcat, f"{_STRUCTURE}/shape/{number}", solid)
 

@@ -19,6 +19,8 @@ from massprop_drake.inputs.scenario import (
     Failure,
     Intermittent,
     Leak,
+    MultibodyBlock,
+    PlantBlock,
     Scenario,
     SensorErrors,
     jump_terms,
@@ -43,6 +45,7 @@ from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, NAMES, MassPro
 from massprop_drake.maths.vehicle import true_failures as failures
 from massprop_drake.maths.vehicle.cycle import VehicleParams, truth
 from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, deviation_before, kept_share
+from massprop_drake.maths.vehicle.joint_moves import Move
 from massprop_drake.maths.vehicle.reaction_jets import drawn_factors, jets_params, true_wrenches
 from massprop_drake.maths.vehicle.rigid_body import RATE, Jump, initial_state, jumps_by_sample, packed_structure
 from massprop_drake.maths.vehicle.sensing import (
@@ -331,7 +334,7 @@ def thrust_factors(scenario: Scenario) -> Array:
 
 def time_step(scenario: Scenario) -> float:
     """Step of the plant, s; zero: continuous."""
-    step = scenario.plant.time_step
+    step = scenario.plant.time_step if isinstance(scenario.plant, PlantBlock) else 0.0
     return scenario.vehicle_data.sample_period_s if step is None else step
 
 
@@ -445,6 +448,16 @@ def mass_jumps(scenario: Scenario) -> tuple[Jump, ...]:
     return tuple(Jump(jump.time_s, *jump_terms(jump)) for jump in scenario.jumps)
 
 
+def joint_moves(plant: MultibodyBlock) -> dict[str, tuple[Move, ...]]:
+    """Moves of each driven joint in the order of time; none of one that is held."""
+    told = sorted(plant.moves, key=lambda move: move.start_s)
+    driven = [start.joint for start in plant.joints if start.held] + [move.joint for move in told]
+    return {
+        name: tuple(Move(one.start_s, one.end_s, one.position) for one in told if one.joint == name)
+        for name in dict.fromkeys(driven)
+    }
+
+
 def disturbance(scenario: Scenario) -> DisturbanceModel | None:
     """Torque and force on the true vehicle besides its jets'; None: there are none."""
     block = scenario.plant.disturbance
@@ -456,8 +469,8 @@ def disturbance(scenario: Scenario) -> DisturbanceModel | None:
 
 
 def true_properties(scenario: Scenario) -> MassProperties:
-    """Mass properties of the true vehicle at the start."""
-    properties = scenario.plant.mass_properties
+    """Mass properties of the true vehicle at the start, if it is rigid; else those that are nominal."""
+    properties = scenario.plant.mass_properties if isinstance(scenario.plant, PlantBlock) else None
     return scenario.vehicle_data.nominal if properties is None else properties.properties()
 
 
@@ -491,7 +504,8 @@ def plant_mass_flows(scenario: Scenario) -> Array:
 def nominal_wrenches(scenario: Scenario) -> Array:
     """Torque about the vehicle origin, force and mass flow of each jet at nominal thrust, shape (n_jets, 7)."""
     vehicle = scenario.vehicle_data
-    flows = vehicle.mass_flows if scenario.plant.depletion else np.zeros(len(vehicle.jets))
+    depletes = isinstance(scenario.plant, PlantBlock) and scenario.plant.depletion
+    flows = vehicle.mass_flows if depletes else np.zeros(len(vehicle.jets))
     return np.column_stack([vehicle.wrenches, flows])
 
 

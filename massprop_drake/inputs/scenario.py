@@ -34,6 +34,7 @@ from massprop_drake.inputs.model import (
     refusal,
     validated,
 )
+from massprop_drake.inputs.model_file import model_joints, model_text
 from massprop_drake.inputs.vehicle import MassPropertiesModel, Vehicle, load_vehicle, symmetric_inertia
 from massprop_drake.inputs.yaml import Document, FieldPath, exists, read_text
 from massprop_drake.maths.linear_algebra import is_covariance
@@ -131,14 +132,10 @@ class DisturbanceBlock(Model):
         return value
 
 
-class PlantBlock(Model):
-    """The true vehicle."""
+class _Plant(Model):
+    """The fields common to all true vehicles."""
 
-    time_step: Real | None = described(
-        None,
-        "0: continuous, by Drake's integrator; the sample period: fixed steps of high order; null: the sample period",
-        "s",
-    )
+    kind: Literal["rigid", "multibody"]
     integrator: Literal["runge_kutta3", "runge_kutta5", "bogacki_shampine3"] = described(
         "runge_kutta5", "Drake's integration scheme for the continuous plant"
     )
@@ -156,14 +153,89 @@ class PlantBlock(Model):
     thrust_dispersion: Real = described(
         0.0, "each jet's thrust is off for good by a fraction of this 1-sigma, drawn from the seed", "-", ge=0.0, le=0.3
     )
-    depletion: Flag = described(True, "whether firing uses up mass (inertia and center of mass stay)")
-    mass_properties: MassPropertiesModel | None = described(
-        None, "true mass properties at the start; null: the vehicle's nominal ones"
-    )
     initial_rate: Vector3 = described(
         (0.0, 0.0, 0.0), "angular rate at the start, body axes", "rad/s", span=plausible.RATE
     )
     disturbance: DisturbanceBlock = described(DisturbanceBlock(), "what pushes besides the jets, drawn from the seed")
+
+
+class PlantBlock(_Plant):
+    """The true vehicle as one rigid body."""
+
+    kind: Literal["rigid"] = described("rigid", "one rigid body, whose propellant may be used up")
+    time_step: Real | None = described(
+        None,
+        "0: continuous, by Drake's integrator; the sample period: fixed steps of high order; null: the sample period",
+        "s",
+    )
+    depletion: Flag = described(True, "whether firing uses up mass (inertia and center of mass stay)")
+    mass_properties: MassPropertiesModel | None = described(
+        None, "true mass properties at the start; null: the vehicle's nominal ones"
+    )
+
+
+class JointStart(Model):
+    """A joint of the model at the start."""
+
+    joint: Text = described(..., "name; a joint of one degree of freedom")
+    position: Real = described(0.0, "at the start, from the model's zero", "rad | ft | m")
+    rate: Real = described(0.0, "at the start", "rad/s | ft/s | m/s")
+    held: Flag = described(
+        False, "whether a drive holds it where it starts; a joint of `moves` is held without this, all others are free"
+    )
+
+
+class JointMove(Model):
+    """A move of a joint by its drive, along a profile of least jerk."""
+
+    joint: Text = described(..., "name; a joint of one degree of freedom")
+    start_s: Real = described(..., "leaves where it is", "s", ge=0.0, span=plausible.TIME)
+    end_s: Real = described(..., "has arrived", "s", gt=0.0, span=plausible.TIME)
+    position: Real = described(..., "at the end of the move", "rad | ft | m")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> JointMove:
+        _require_order(self.start_s, self.end_s)
+        return self
+
+
+class MultibodyBlock(_Plant):
+    """The true vehicle as bodies and joints of a model, by Drake's MultibodyPlant."""
+
+    kind: Literal["multibody"] = described(..., "bodies and joints of an SDF or URDF model; firing uses up no mass")
+    model: Text = described(
+        ...,
+        "SDF or URDF: a bundled model, a file (relative to this one), or the text itself; its mass properties are true",
+    )
+    body: Text = described(..., "link that carries jets and sensors; its frame is the vehicle frame")
+    joints: tuple[JointStart, ...] = described((), "joints that do not start at zero and at rest, or are held")
+    moves: tuple[JointMove, ...] = described((), "moves of driven joints")
+    drive_frequency_hz: Real = described(
+        2.0, "natural frequency of the joints' drives, critically damped", "Hz", gt=0.0, le=100.0
+    )
+
+    @property
+    def joint_columns(self) -> tuple[str, ...]:
+        """Names of the joints' positions, as `joint_positions` has them."""
+        return tuple(column for joint in model_joints(self.model) for column in joint.columns)
+
+    @property
+    def joint_units(self) -> tuple[str, ...]:
+        """Unit of each of them, with {length} for the vehicle's."""
+        return tuple(joint.unit for joint in model_joints(self.model) for _ in joint.columns)
+
+    @model_validator(mode="after")
+    def _one_at_a_time(self) -> MultibodyBlock:
+        problems = list(_overlaps("moves", [(move.joint, move.start_s, move.end_s) for move in self.moves]))
+        named = [start.joint for start in self.joints]
+        problems += [
+            (("joints", index, "joint"), f"'{name}' has an entry already; give one")
+            for index, name in enumerate(named)
+            if name in named[:index]
+        ]
+        if problems:
+            raise refusal(problems)
+        return self
 
 
 class _Timed(Model):
@@ -717,7 +789,9 @@ class Scenario(Model):
     seed: Whole = described(0, "of everything drawn by chance", "-", ge=0, lt=2**63)
     maneuver: tuple[HandControllerWindow, ...] = described((), "hand-controller windows, flown by the autopilot")
     jet_schedule: tuple[JetPulse, ...] = described((), "jet commands prescribed instead, with no autopilot")
-    plant: PlantBlock = described(PlantBlock(), "the true vehicle")
+    plant: Annotated[PlantBlock | MultibodyBlock, Field(discriminator="kind")] = described(
+        PlantBlock(), "the true vehicle; each kind has keys of its own, rigid unless one is named"
+    )
     sensors: SensorsBlock = described(SensorsBlock(), "the sensors")
     autopilot: AutopilotBlock = described(AutopilotBlock(), "the autopilot")
     estimation: EstimationBlock = described(EstimationBlock(), "start of the estimators")
@@ -740,6 +814,8 @@ class Scenario(Model):
         if not isinstance(data, dict):
             return data
         chosen, given = filter_of(data), dict(data)
+        if isinstance(data.get("plant", {}), dict):
+            given["plant"] = {"kind": "rigid", **data.get("plant", {})}
         if isinstance(data.get("estimation", {}), dict):
             given["estimation"] = {"filter": chosen, **data.get("estimation", {})}
         if isinstance(data.get("detector", {}), dict) and chosen in DETECTORS_OF:
@@ -876,14 +952,14 @@ def _foreign_keys(scenario: Scenario) -> Iterator[tuple[FieldPath, str]]:
 
 
 def _overlaps(field: str, windows: list[tuple[str, float, float]]) -> Iterator[tuple[FieldPath, str]]:
-    """Finds windows of the same axis or jet that overlap, each with the first one before it that it overlaps."""
+    """Finds windows of the same axis, jet or joint that overlap, each with the first one before it that it overlaps."""
     for index, (what, start, end) in enumerate(windows):
         for other in range(index):
             if windows[other][0] == what and start < windows[other][2] and windows[other][1] < end:
                 both = (f"{moment(begin)} to {moment(until)} s" for begin, until in ((start, end), windows[other][1:]))
                 yield (
                     (field, index),
-                    f"overlaps {field}[{other}] on the same axis or jet ({what}): {' and '.join(both)}",
+                    f"overlaps {field}[{other}] on the same axis, jet or joint ({what}): {' and '.join(both)}",
                 )
                 break
 
@@ -921,19 +997,36 @@ def check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[Fi
         require("accelerometer", scenario.sensors.accelerometer, packages, "sensors", "accelerometer")
     for index, kind in enumerate((scenario.autopilot.jet_kinds or ()) if not scenario.jet_schedule else ()):
         require("jet kind", kind, vehicle.jet_kinds, "autopilot", "jet_kinds", index)
-    step, period = scenario.plant.time_step, vehicle.sample_period_s
-    if step not in (None, 0.0) and not math.isclose(step, period, rel_tol=1e-12):
-        problem = f"must be 0 (continuous) or the vehicle's sample period, {period:g} s; got {step:g}"
-        problems.append((("plant", "time_step"), problem))
-    if step == 0.0 and scenario.execution.engine == "loop":
-        problem = "loop does not cover a continuous plant, whose steps are Drake's; use diagram, or leave out "
-        problems.append((("execution", "engine"), problem + "plant.time_step"))
+    period = vehicle.sample_period_s
+    problems.extend(_of_the_plant(scenario, vehicle))
     if scenario.duration_s < period:
         problems.append((("duration_s",), f"must be at least one sample period, {period:g} s"))
     if not problems:
         found = plausible.of_scenario(scenario, vehicle)
         problems.extend((finding.path, finding.problem) for finding in found if finding.impossible)
     return problems
+
+
+def _of_the_plant(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
+    """Finds what does not go with the kind of the plant, or with its time step."""
+    period, loop = vehicle.sample_period_s, scenario.execution.engine == "loop"
+    covers = "loop does not cover a continuous plant, whose steps are Drake's; use diagram"
+    if isinstance(scenario.plant, PlantBlock):
+        step = scenario.plant.time_step
+        if step not in (None, 0.0) and not math.isclose(step, period, rel_tol=1e-12):
+            problem = f"must be 0 (continuous) or the vehicle's sample period, {period:g} s; got {step:g}"
+            yield ("plant", "time_step"), problem
+        if step == 0.0 and loop:
+            yield ("execution", "engine"), f"{covers}, or leave out plant.time_step"
+        return
+    if loop:
+        yield ("execution", "engine"), covers
+    if scenario.jumps:
+        problem = "a multibody plant knows no payload that leaves or comes; leave them out, or use plant.kind: rigid"
+        yield ("jumps",), problem
+    if vehicle.motion == "planar":
+        problem = f"multibody does not go with vehicle '{vehicle.name}', which moves in a plane; use rigid"
+        yield ("plant", "kind"), problem
 
 
 def _not_followed(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
@@ -946,6 +1039,8 @@ def _not_followed(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldP
 
 def _impossible_jumps(scenario: Scenario, vehicle: Vehicle) -> list[tuple[FieldPath, str]]:
     """Finds a payload whose arrival or departure would leave an impossible body."""
+    if not isinstance(scenario.plant, PlantBlock):
+        return []
     properties = scenario.plant.mass_properties
     body = vehicle.nominal if properties is None else properties.properties()
     order = sorted(range(len(scenario.jumps)), key=lambda index: scenario.jumps[index].time_s)
@@ -1030,6 +1125,7 @@ def resolved(data: Any, document: Document | None = None, folder: Path | None = 
     Raises:
         InputError: naming each field that is wrong.
     """
+    data = _with_model(data, document, folder or Path())
     vehicle = data.get("vehicle")
     if isinstance(vehicle, dict):  # validated by itself, so that messages name its fields
         vehicle = _inline_vehicle(vehicle, document)
@@ -1043,6 +1139,18 @@ def resolved(data: Any, document: Document | None = None, folder: Path | None = 
     if problems:
         raise InputError(*(f"{_place(path, document)}: {problem}" for path, problem in problems))
     return scenario.model_copy(update={"vehicle": vehicle})
+
+
+def _with_model(data: Any, document: Document | None, folder: Path) -> Any:
+    """Data in which the text of a multibody model stands in place of its file."""
+    plant = data.get("plant")
+    model = plant.get("model") if isinstance(plant, dict) else None
+    if not isinstance(model, str) or plant.get("kind") != "multibody":
+        return data
+    try:
+        return {**data, "plant": {**plant, "model": model_text(model, folder)}}
+    except InputError as error:
+        raise InputError(*(f"{_place(('plant', 'model'), document)}: {one}" for one in error.problems)) from None
 
 
 def _named_vehicle(vehicle: Any, folder: Path | None) -> Vehicle | None:

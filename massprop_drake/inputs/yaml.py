@@ -259,13 +259,19 @@ class _Emitter(Emitter):
 
 
 class _Representer(SafeRepresenter):
-    """Writes short lists on one line, and floats so that they read back exactly."""
+    """Writes short lists on one line, texts of several lines as such, and floats so that they read back exactly."""
 
 
 _Representer.add_representer(
     float,
     lambda representer, value: representer.represent_scalar(
         "tag:yaml.org,2002:float", repr(value).replace("inf", ".inf").replace("nan", ".nan")
+    ),
+)
+_Representer.add_representer(
+    str,
+    lambda representer, value: representer.represent_scalar(
+        "tag:yaml.org,2002:str", value, style="|" if "\n" in value.strip("\n") else None
     ),
 )
 _Representer.add_representer(

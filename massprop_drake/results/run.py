@@ -17,7 +17,7 @@ from massprop_drake.errors import InputError, in_words, suggestion
 from massprop_drake.inputs import params
 from massprop_drake.inputs.kinds import about_folder, bundled
 from massprop_drake.inputs.model import validated, yaml_text
-from massprop_drake.inputs.scenario import Scenario, load_scenario
+from massprop_drake.inputs.scenario import MultibodyBlock, Scenario, load_scenario
 from massprop_drake.inputs.yaml import exists, read_text
 from massprop_drake.results.exchange import recover
 from massprop_drake.results.folder import Place, require_writable, whole_folder, write_file
@@ -27,12 +27,14 @@ from massprop_drake.results.stored import STATE_FILE, FilterState, read_history,
 from massprop_drake.results.summary import Summary, SummaryFile, null_for_nan
 from massprop_drake.results.thinning import outstanding_rows, picked
 from massprop_drake.signals import (
+    JOINTS,
     SIGNALS,
     Signal,
     accelerometer_signal,
     gyro_signal,
     in_units,
     is_own,
+    joint_signal,
     own_signal,
     pose_signal,
     simulated_signal,
@@ -157,6 +159,8 @@ class Run:
         packages |= {sensor.name: pose_signal(sensor.name) for sensor in vehicle.poses}
         packages |= {sensor.name: velocity_signal(sensor.name) for sensor in vehicle.velocities}
         packages |= {against.name: against for against in map(simulated_signal, packages.values())}
+        if isinstance(plant := self.scenario.plant, MultibodyBlock):
+            packages[JOINTS] = joint_signal(plant.joint_columns, plant.joint_units)
         own = {name: own_signal(name, np.shape(self.signals[name])[1]) for name in self.signals if is_own(name)}
         return {name: SIGNALS.get(name) or packages.get(name) or own[name] for name in self.signals}
 
@@ -379,9 +383,9 @@ class Run:
         scenario = load_scenario(path / "scenario.yaml")
         if not read_text(path / "scenario.yaml").endswith(_END):
             raise InputError(f"{path / 'scenario.yaml'}: is cut short: it must end with '...'; run the scenario anew")
-        time_s, signals = read_history(
-            path / "history.npz", scenario.vehicle_data, whole=results.ended is None and not results.missing
-        )
+        joints = len(scenario.plant.joint_columns) if isinstance(scenario.plant, MultibodyBlock) else 0
+        whole = results.ended is None and not results.missing
+        time_s, signals = read_history(path / "history.npz", scenario.vehicle_data, joints=joints, whole=whole)
         state: dict[str, Any] = {}
         if exists(path / STATE_FILE):
             state = read_json(path / STATE_FILE)

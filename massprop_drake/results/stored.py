@@ -35,7 +35,7 @@ from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.events import EventRecord
 from massprop_drake.results.parts import PartsMade
 from massprop_drake.results.unconfirmed import UnconfirmedRecord
-from massprop_drake.signals import AXES, SIGNALS, is_own, pose_signal, velocity_signal
+from massprop_drake.signals import AXES, JOINTS, SIGNALS, is_own, pose_signal, velocity_signal
 
 Array = NDArray[np.float64]
 
@@ -257,7 +257,9 @@ _HEADER = re.compile(rb"\{'descr': '<f8', 'fortran_order': False, 'shape': \(([0
 _AT_ONCE = 2**20  # bytes
 
 
-def read_history(path: Path, vehicle: Vehicle, *, whole: bool = True) -> tuple[Array, dict[str, Array]]:
+def read_history(
+    path: Path, vehicle: Vehicle, *, joints: int = 0, whole: bool = True
+) -> tuple[Array, dict[str, Array]]:
     """Reads a run's signals.
 
     Signals that are not known are passed over.
@@ -265,6 +267,7 @@ def read_history(path: Path, vehicle: Vehicle, *, whole: bool = True) -> tuple[A
     Args:
         path: of `history.npz`.
         vehicle: whose sensors and jets they are of.
+        joints: number of positions that its joints have.
         whole: whether the run came to its end; numbers of one that did not may be anything.
 
     Returns:
@@ -274,7 +277,7 @@ def read_history(path: Path, vehicle: Vehicle, *, whole: bool = True) -> tuple[A
         InputError: when the file cannot be read, or a signal is missing or not as it should be.
     """
     columns = {name: len(signal.components) or len(vehicle.jets) for name, signal in SIGNALS.items()}
-    columns |= {name: len(AXES) for name in vehicle.sensor_names()}
+    columns |= {name: len(AXES) for name in vehicle.sensor_names()} | ({JOINTS: joints} if joints else {})
     for followed, described in ((vehicle.poses, pose_signal), (vehicle.velocities, velocity_signal)):
         columns |= {sensor.name: len(described(sensor.name).components) for sensor in followed}
     try:

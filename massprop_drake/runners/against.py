@@ -79,10 +79,15 @@ def require_comparable(record: Scenario, folder: str | Path) -> None:
         folder: of the other run.
 
     Raises:
-        InputError: when the folder holds no run, or its vehicle is another one.
+        InputError: when the folder holds no run, or its vehicle is another one, or has joints.
     """
     read_summary(Path(folder))
-    vehicle, other = record.vehicle_data, load_scenario(Path(folder) / "scenario.yaml").vehicle_data
+    flown = load_scenario(Path(folder) / "scenario.yaml")
+    if flown.plant.kind == "multibody":
+        raise InputError(
+            f"{folder}: its vehicle has joints, which a simulation beside a record lacks; give a run of a rigid one"
+        )
+    vehicle, other = record.vehicle_data, flown.vehicle_data
     alike: dict[str, tuple[Any, Any]] = {
         "jets": (vehicle.designations, other.designations),
         "sensors": (_sensors(vehicle), _sensors(other)),

@@ -24,6 +24,7 @@ class Moment(NamedTuple):
         rate: true, rad/s, shape (3,).
         nis: of the rotation filter's innovation; NaN where the sample was not used.
         readings: of each sensor package, in the vehicle's order, shape (3,) each.
+        joint_positions: of a multibody plant, rad, ft or m; empty where there are none.
     """
 
     time_s: float
@@ -37,3 +38,4 @@ class Moment(NamedTuple):
     rate: Array
     nis: float
     readings: tuple[Array, ...]
+    joint_positions: Array = np.empty(0)

@@ -36,7 +36,7 @@ from massprop_drake.results.spool import Spool
 from massprop_drake.results.summary import Findings, Timing, looked_back_on, not_summed_up, summarize
 from massprop_drake.runners.logs import Intake, estimation_signals, for_json
 from massprop_drake.runners.moment import Moment
-from massprop_drake.signals import is_own
+from massprop_drake.signals import JOINTS, is_own
 from massprop_drake.systems.autopilot.jet_selection_program import JetSelectionProgram
 from massprop_drake.systems.layouts import STRUCTURE
 
@@ -240,7 +240,8 @@ def _scenario_to_blame(scenario: Scenario) -> Iterator[None]:
             raise
         raise InputError(
             f"scenario '{scenario.name}': plant.accuracy: the continuous plant cannot be integrated to "
-            f"{scenario.plant.accuracy:g}; ask for less, or leave out plant.time_step for steps of high order"
+            f"{scenario.plant.accuracy:g}; ask for less"
+            + (", or leave out plant.time_step for steps of high order" if scenario.plant.kind == "rigid" else "")
         ) from error
 
 
@@ -248,7 +249,7 @@ def _signals(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
     """The logged ports taken apart into named signals."""
     vehicle = scenario.vehicle_data
     signals = {"time_s": logs["time_s"]} | _of_the_truth(scenario, logs)
-    for name in ("command", "hand_controllers", "attitude_error", "request", "selection_counts", "out_of_use"):
+    for name in ("command", JOINTS, "hand_controllers", "attitude_error", "request", "selection_counts", "out_of_use"):
         if name in logs:
             signals[name] = logs[name]
     signals |= estimation_signals(scenario, logs)

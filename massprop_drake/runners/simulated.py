@@ -22,6 +22,7 @@ from massprop_drake.maths.mass_properties import CENTER_OF_MASS
 from massprop_drake.maths.vehicle.rigid_body import QUATERNION, RATE
 from massprop_drake.runners.logs import ESTIMATION, state_groups
 from massprop_drake.runners.moment import Moment
+from massprop_drake.signals import JOINTS
 from massprop_drake.systems.layouts import RECONFIGURATION, ROTATION_REPORT, STRUCTURE
 from massprop_drake.systems.stopwatch import DETECTOR, ESTIMATORS, JET_SELECTION, Stopwatch
 
@@ -97,6 +98,9 @@ class Simulated:
                 use_error_control=True,
             )
             ApplySimulatorConfig(config, self._simulator)
+        moving = self._part(lambda system: hasattr(system, "set_initial_velocities"))
+        if moving is not None:
+            moving.set_initial_velocities(self._root)
         self._began = self._ended = False
         self._waiting: dict[str, Array] = {}  # the last row, where its command is known a sample later
         self._stopwatch = Stopwatch()
@@ -157,6 +161,7 @@ class Simulated:
             rate,
             float(report.rotation_nis) if report.rotation_used else math.nan,
             tuple(self._output(name) for name in self._sensors),
+            self._output(JOINTS) if JOINTS in self._ports else np.empty(0),
         )
 
     def _seen(self) -> tuple[Array, Array, Array]:
@@ -199,7 +204,7 @@ class Simulated:
     def _found(self, scenario: Scenario, feeding: Mapping[str, OutputPort]) -> dict[str, OutputPort]:
         """The output ports that a run keeps, by name, but those of the truth."""
         seen = [sensor.name for sensor in scenario.vehicle_data.tracked]
-        wanted = ("command", *_AUTOPILOT, *ESTIMATION, *_UNLOGGED, *self._sensors, *seen)
+        wanted = ("command", JOINTS, *_AUTOPILOT, *ESTIMATION, *_UNLOGGED, *self._sensors, *seen)
         found = {name: port for name in wanted if (port := self._named(name) or feeding.get(name)) is not None}
         if self._named("command") is None and "jet_commands" in feeding:
             found.pop("command", None)

@@ -11,6 +11,7 @@ from typing import Any
 
 _HOMES = {
     "AttitudeReference": "autopilot.attitude_reference",
+    "BodyMotion": "multibody.body_motion",
     "ConvergenceMonitor": "estimation.convergence_monitor",
     "Disturbance": "vehicle.disturbance",
     "Disturbance_": "vehicle.disturbance",
@@ -41,7 +42,10 @@ _HOMES = {
     "RotationEstimator": "estimation.rotation_estimator",
     "Sensor": "vehicle.sensor",
     "Sensor_": "vehicle.sensor",
+    "StarTracker": "multibody.star_tracker",
+    "StarTracker_": "multibody.star_tracker",
     "TelemetrySource": "estimation.telemetry_source",
+    "Thrusters": "multibody.thrusters",
     "VelocityTracker": "vehicle.trackers",
 }
 

@@ -1,0 +1,114 @@
+"""Vehicles that are MultibodyPlants: that of a scenario, and jets and sensors beside one of the user's own.
+
+command, held_command --> reaction_jets --wrench--> body_bridge --spatial_forces--> MultibodyPlant
+gyros, accelerometers <--------------body_state---- body_bridge <--body_poses, ...--------'
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import BodyIndex, RigidBody
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from massprop_drake.diagrams import vehicle as vehicle_diagram
+from massprop_drake.inputs import params
+from massprop_drake.inputs.model_file import blamed, model_joints, model_kind
+from massprop_drake.inputs.scenario import MultibodyBlock, PlantBlock, Scenario
+from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.systems.multibody.multibody_vehicle import FROM_PLANT, BodyBridge, MultibodyVehicle
+from massprop_drake.systems.multibody.plants import body_of, floating_base, joint_named, parsed_plant
+from massprop_drake.systems.multibody.star_tracker import StarTracker
+
+
+def body(block: MultibodyBlock) -> MultibodyVehicle:
+    """The multibody plant of a scenario's block, with the ports of a rigid one.
+
+    Raises:
+        InputError: when Drake cannot make a plant of its model, or body and joints that it names are not in it.
+    """
+    plant = _checked(block)
+    with blamed("plant"):
+        return MultibodyVehicle(
+            plant,
+            block.body,
+            positions={joint.joint: joint.position for joint in block.joints},
+            rates={joint.joint: joint.rate for joint in block.joints},
+            rate=np.array(block.initial_rate),
+            moves=params.joint_moves(block),
+            drive_frequency_hz=block.drive_frequency_hz,
+            shown=[joint.name for joint in model_joints(block.model)],
+        )
+
+
+def _checked(block: MultibodyBlock) -> MultibodyPlant:
+    """The plant of a block, in which everything that the block names has been found."""
+    with blamed("plant.model"):
+        plant = parsed_plant(block.model, model_kind(block.model))
+    with blamed("plant.body"):
+        floating_base(plant, body_of(plant, block.body))
+    starts, moves = ([entry.joint for entry in entries] for entries in (block.joints, block.moves))
+    for name, joints in (("joints", starts), ("moves", moves)):
+        for index, joint in enumerate(joints):
+            with blamed(f"plant.{name}[{index}].joint"):
+                joint_named(plant, joint)
+    return plant
+
+
+def require_model(scenario: Scenario) -> None:
+    """Makes sure that a scenario's multibody plant, if it has one, can be flown.
+
+    Raises:
+        InputError: as `body`.
+    """
+    if isinstance(scenario.plant, MultibodyBlock):
+        body(scenario.plant)
+
+
+def add_thrusters_and_sensors(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    vehicle: Vehicle | Scenario,
+    body: str | RigidBody | BodyIndex,
+    *,
+    star_trackers: Sequence[StarTracker] = (),
+    name: str = "thrusters_and_sensors",
+) -> Diagram:
+    """Adds jets and sensors of a vehicle to a MultibodyPlant that is in a builder already, and connects them.
+
+    The diagram that is added has the ports of the `vehicle` diagram: `command` and `held_command` in; each gyro and
+    accelerometer, `body_state`, `structure`, `mass_properties` and `thrust` out. The plant's port
+    `applied_spatial_force` is connected then.
+
+    Args:
+        builder: that the plant is in.
+        plant: continuous and finalized.
+        vehicle: such as `load_vehicle("servicer")`, in the units of the plant; or a scenario with one, for failures,
+            sensor errors, disturbance and seed. Its `plant` but for these plays no part.
+        body: name, index or the body itself, which carries jets and sensors; its frame is the vehicle frame.
+        star_trackers: sensors of the attitude besides; a port each, by its name.
+        name: of the diagram.
+
+    Raises:
+        ValueError: when the plant is discrete, not finalized, has no such body, or its forces come from elsewhere.
+    """
+    scenario = vehicle if isinstance(vehicle, Scenario) else Scenario(vehicle=vehicle)
+    if isinstance(scenario.plant, PlantBlock):
+        continuous = scenario.plant.model_copy(update={"time_step": 0.0})
+        scenario = scenario.model_copy(update={"plant": continuous})
+    bridge = BodyBridge(plant, body)
+    forces = plant.get_applied_spatial_force_input_port()
+    if builder.IsConnectedOrExported(forces):
+        raise ValueError(
+            "the MultibodyPlant's port 'applied_spatial_force' is connected already; connect an "
+            "ExternallyAppliedSpatialForceMultiplexer in its place, and to that Thrusters and the sensors one by one"
+        )
+    added = vehicle_diagram.build(scenario, bridge, star_trackers)
+    added.set_name(name)
+    builder.AddSystem(added)
+    for port in FROM_PLANT:
+        builder.Connect(plant.GetOutputPort(port), added.GetInputPort(port))
+    builder.Connect(added.GetOutputPort("spatial_forces"), forces)
+    return added

@@ -1,0 +1,84 @@
+"""Prescribed moves of joints: minimum-jerk profiles, and the force by which a drive follows them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.linear_algebra import Array
+
+
+class Move(NamedTuple):
+    """A move of one joint to a position, along a polynomial of least jerk.
+
+    Attributes:
+        start_s, end_s: when, s.
+        position: at the end, rad, ft or m.
+    """
+
+    start_s: float
+    end_s: float
+    position: float
+
+
+class JointReference(NamedTuple):
+    """A joint's prescribed position, rate and acceleration."""
+
+    position: float
+    rate: float
+    acceleration: float
+
+
+def reference(start: float, moves: Sequence[Move], time_s: float) -> JointReference:
+    r"""Prescribed motion at a time: with s = (t - t0) / T, q = q0 + (q1 - q0) (10 s^3 - 15 s^4 + 6 s^5).
+
+    **Source**: Flash and Hogan, 1985.
+
+    Args:
+        start: position before the first move.
+        moves: in the order of time, without overlap.
+        time_s: s.
+    """
+    position = start
+    for move in moves:
+        if time_s < move.start_s:
+            break
+        if time_s < move.end_s:
+            span, way = move.end_s - move.start_s, move.position - position
+            s = (time_s - move.start_s) / span
+            return JointReference(
+                position + way * s**3 * (10.0 - 15.0 * s + 6.0 * s * s),
+                way / span * 30.0 * s * s * (1.0 - s) ** 2,
+                way / span**2 * 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s),
+            )
+        position = move.position
+    return JointReference(position, 0.0, 0.0)
+
+
+def drive_forces(
+    wanted: Sequence[JointReference], positions: Array, rates: Array, inertia: Array, frequency_hz: float
+) -> Array:
+    """Generalized forces of critically damped proportional-derivative drives with feedforward, shape (n,).
+
+    Args:
+        wanted: of each driven joint, see `reference`.
+        positions, rates: of them, shape (n,).
+        inertia: which they move, see `driven_inertia`, shape (n, n).
+        frequency_hz: natural frequency of the closed loop, Hz.
+    """
+    w, (told, told_rates, told_accelerations) = 2.0 * math.pi * frequency_hz, np.array(wanted).T
+    forces: Array = inertia @ (told_accelerations + 2.0 * w * (told_rates - rates) + w * w * (told - positions))
+    return forces
+
+
+def driven_inertia(mass_matrix: Array, places: Sequence[int]) -> Array:
+    """Inertia that driven joints move, with all else free: (S M^-1 S^T)^-1, shape (n, n).
+
+    Args:
+        mass_matrix: M, of all generalized velocities.
+        places: of the driven joints among these, which S picks.
+    """
+    return np.linalg.inv(np.linalg.inv(mass_matrix)[np.ix_(places, places)])

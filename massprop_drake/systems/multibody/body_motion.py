@@ -1,0 +1,125 @@
+"""Motion and mass properties of a vehicle that is a MultibodyPlant, as its sensors and its truth need them."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import BodyIndex, RigidBody
+from pydrake.systems.framework import LeafSystem
+
+from massprop_drake.maths.mass_properties import MassProperties
+from massprop_drake.maths.vehicle.attached_bodies import BodyPlaces, center_velocity, composite, sensed_rates
+from massprop_drake.maths.vehicle.rigid_body import (
+    MASS,
+    N_STATE,
+    ORIGIN_VELOCITY,
+    POSITION,
+    QUATERNION,
+    RATE,
+    SPIN_INTEGRAL,
+    STRUCTURE,
+    VELOCITY,
+    packed_structure,
+)
+from massprop_drake.systems.caching import Cached
+from massprop_drake.systems.multibody.plants import attached, body_of, inertias, places, require_continuous
+
+
+class _Configuration(NamedTuple):
+    """How the bodies stand: pose of the carrier, places of all in its frame, and them all as one."""
+
+    carrier: RigidTransform
+    places: BodyPlaces
+    properties: MassProperties
+
+
+_INTEGRALS = slice(ORIGIN_VELOCITY.start, SPIN_INTEGRAL.stop)
+_PORTS = ("body_poses", "body_spatial_velocities", "body_spatial_accelerations")
+
+
+class BodyMotion(LeafSystem):
+    """Turns the motion of a MultibodyPlant's bodies into the ports of `RigidBodyPlant`, for sensors and truth.
+
+    Rate, attitude and the integrals that accelerometers gather are those of one body, whose frame is the vehicle
+    frame. Mass, center of mass with its position and velocity, and inertia are those of all bodies that joints hold
+    together with it, as they stand at the moment. Specific force is acceleration less the plant's gravity.
+
+    Ports:
+        body_poses, body_spatial_velocities, body_spatial_accelerations (in): of the plant. Required.
+        body_state (out, 23), structure (out, 9), mass_properties (out, 10): see `RigidBodyPlant`. No feedthrough
+            from accelerations, and so none from the jets.
+
+    State: integrals (9), continuous: those of specific force and of the spin, as `body_state` has them.
+
+    Args:
+        plant: continuous and finalized.
+        body: name, index or the body itself.
+
+    Raises:
+        ValueError: when the plant is discrete, has no such body, or the bodies no mass.
+
+    Assumptions and limitations: the bodies' mass properties are the plant's default parameters.
+    """
+
+    def __init__(self, plant: MultibodyPlant, body: str | RigidBody | BodyIndex):
+        super().__init__()
+        self.set_name("body_motion")
+        require_continuous(plant)
+        carrier = body_of(plant, body)
+        bodies = attached(plant, carrier)
+        self._matter = inertias(bodies)
+        self._carrier, *self._others = (int(one.index()) for one in bodies)
+        on = plant.is_gravity_enabled(carrier.model_instance())
+        self._gravity = np.array(plant.gravity_field().gravity_vector()) if on else np.zeros(3)
+
+        models = {name: plant.GetOutputPort(name).Allocate() for name in _PORTS}
+        ports = [self.DeclareAbstractInputPort(name, model) for name, model in models.items()]
+        self._poses, self._velocities, self._accelerations = ports
+        self.DeclareContinuousState(SPIN_INTEGRAL.stop - ORIGIN_VELOCITY.start)
+        poses, velocities, _ = (self.input_port_ticket(port.get_index()) for port in ports)
+        self._standing = Cached(self, "composite", self._composite, {poses})
+        moving = {self._standing.ticket, velocities, self.xc_ticket()}
+        self.DeclareVectorOutputPort("body_state", N_STATE, self._calc_body_state, prerequisites_of_calc=moving)
+        standing = {self._standing.ticket}
+        self.DeclareVectorOutputPort("structure", STRUCTURE.size, self._calc_structure, prerequisites_of_calc=standing)
+        self.DeclareVectorOutputPort("mass_properties", 10, self._calc_properties, prerequisites_of_calc=standing)
+
+    def _composite(self, context: Any) -> _Configuration:
+        poses = self._poses.Eval(context)
+        carrier = poses[self._carrier]
+        to_carrier = carrier.inverse()
+        others = [to_carrier @ poses[index] for index in self._others]
+        here = places([RigidTransform(), *others])  # that of the carrier exactly
+        return _Configuration(carrier, here, composite(self._matter, here))
+
+    def _calc_body_state(self, context: Any, output: Any) -> None:
+        carrier, here, properties = self._standing.get(context)
+        rotation, velocities = carrier.rotation().matrix(), self._velocities.Eval(context)
+        moves = [velocities[index] for index in (self._carrier, *self._others)]
+        rates, speeds = (np.array([getattr(one, part)() for one in moves]) for part in ("rotational", "translational"))
+        state = np.empty(N_STATE)
+        state[QUATERNION] = carrier.rotation().ToQuaternion().wxyz()
+        state[RATE] = velocities[self._carrier].rotational() @ rotation
+        state[POSITION] = carrier @ properties.center_of_mass
+        state[VELOCITY] = rotation @ center_velocity(self._matter, here, rates @ rotation, speeds @ rotation)
+        state[MASS] = properties.mass
+        state[_INTEGRALS] = context.get_continuous_state_vector().CopyToVector()
+        output.SetFromVector(state)
+
+    def _calc_structure(self, context: Any, output: Any) -> None:
+        output.SetFromVector(packed_structure(self._standing.get(context).properties))
+
+    def _calc_properties(self, context: Any, output: Any) -> None:
+        output.SetFromVector(self._standing.get(context).properties.vector())
+
+    def DoCalcTimeDerivatives(self, context: Any, derivatives: Any) -> None:  # noqa: N802 (overrides Drake's)
+        """The rates of the integrals."""
+        index = self._carrier
+        rotation = self._poses.Eval(context)[index].rotation().matrix()
+        rate = self._velocities.Eval(context)[index].rotational()
+        acceleration = self._accelerations.Eval(context)[index].translational()
+        rates = sensed_rates(rotation, rate, acceleration, self._gravity)
+        derivatives.get_mutable_vector().SetFromVector(rates)

@@ -1,0 +1,124 @@
+"""A MultibodyPlant with the ports of `RigidBodyPlant`: on its own, or as the bridge to one that stands elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import BodyIndex, RigidBody
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import MatrixGain
+
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.vehicle.joint_moves import Move
+from massprop_drake.systems.multibody.body_motion import BodyMotion
+from massprop_drake.systems.multibody.body_wrench import BodyWrench
+from massprop_drake.systems.multibody.joint_drive import JointDrive
+from massprop_drake.systems.multibody.plants import body_of, start_state
+
+FROM_PLANT = ("body_poses", "body_spatial_velocities", "body_spatial_accelerations")
+TRUTH = ("body_state", "structure", "mass_properties")
+
+
+class BodyBridge(Diagram):
+    """Connects a body of a MultibodyPlant with the parts of a vehicle diagram.
+
+    Ports: wrench (in, 7) and spatial_forces (out) as `BodyWrench`; body_poses, body_spatial_velocities,
+    body_spatial_accelerations (in), body_state (out, 23), structure (out, 9), mass_properties (out, 10) as
+    `BodyMotion`.
+
+    Args:
+        plant: continuous and finalized.
+        body: name, index or the body itself; its frame is the vehicle frame.
+
+    Raises:
+        ValueError: when the plant is discrete, has no such body, or the bodies no mass.
+    """
+
+    def __init__(self, plant: MultibodyPlant, body: str | RigidBody | BodyIndex):
+        super().__init__()
+        builder = DiagramBuilder()
+        force, motion = builder.AddSystem(BodyWrench(plant, body)), builder.AddSystem(BodyMotion(plant, body))
+        builder.ExportInput(force.GetInputPort("wrench"), "wrench")
+        poses = builder.ExportInput(motion.GetInputPort("body_poses"), "body_poses")
+        builder.ConnectInput(poses, force.GetInputPort("body_poses"))
+        for name in FROM_PLANT[1:]:
+            builder.ExportInput(motion.GetInputPort(name), name)
+        builder.ExportOutput(force.GetOutputPort("spatial_forces"), "spatial_forces")
+        for name in TRUTH:
+            builder.ExportOutput(motion.GetOutputPort(name), name)
+        builder.BuildInto(self)
+        self.set_name("body_bridge")
+
+
+class MultibodyVehicle(Diagram):
+    """A vehicle of several bodies, with the ports of a continuous `RigidBodyPlant`.
+
+    Ports:
+        wrench (in, 7): see `BodyWrench`. Required.
+        body_state (out, 23), structure (out, 9), mass_properties (out, 10): see `BodyMotion`.
+        joint_positions (out, n): of the joints that are shown, rad, ft or m; where there are any.
+
+    Args:
+        plant: continuous and finalized; it becomes part of the diagram.
+        body: name; its frame is the vehicle frame.
+        positions, rates: of joints at the start, by name, rad, ft or m and per s.
+        rate: of the body at the start, rad/s, body axes, shape (3,).
+        moves: of driven joints by name; all other joints are free.
+        drive_frequency_hz: see `JointDrive`.
+        shown: names of joints.
+
+    Raises:
+        ValueError: when the plant is discrete, there is no such body or joint, or the vehicle is not free.
+    """
+
+    def __init__(
+        self,
+        plant: MultibodyPlant,
+        body: str,
+        *,
+        positions: Mapping[str, float],
+        rates: Mapping[str, float],
+        rate: Array,
+        moves: Mapping[str, Sequence[Move]],
+        drive_frequency_hz: float,
+        shown: Sequence[str] = (),
+    ):
+        super().__init__()
+        carrier = body_of(plant, body)
+        start, self._velocities = start_state(plant, carrier, positions, rates, rate)
+        plant.SetDefaultPositions(start)
+        builder = DiagramBuilder()
+        bridge = builder.AddSystem(BodyBridge(plant, carrier))
+        self._plant = builder.AddNamedSystem("plant", plant)
+        for name in FROM_PLANT:
+            builder.Connect(plant.GetOutputPort(name), bridge.GetInputPort(name))
+        builder.Connect(bridge.GetOutputPort("spatial_forces"), plant.get_applied_spatial_force_input_port())
+        if moves:
+            drive = builder.AddSystem(JointDrive(plant, start, moves, frequency_hz=drive_frequency_hz))
+            builder.Connect(plant.get_state_output_port(), drive.GetInputPort("state"))
+            builder.Connect(drive.GetOutputPort("generalized_force"), plant.get_applied_generalized_force_input_port())
+        builder.ExportInput(bridge.GetInputPort("wrench"), "wrench")
+        for name in TRUTH:
+            builder.ExportOutput(bridge.GetOutputPort(name), name)
+        joints = [plant.GetJointByName(name) for name in shown]
+        places = [joint.position_start() + n for joint in joints for n in range(joint.num_positions())]
+        if places:
+            chosen = np.zeros((len(places), plant.num_multibody_states()))
+            chosen[range(len(places)), places] = 1.0
+            picked = builder.AddNamedSystem("joint_positions", MatrixGain(chosen))
+            builder.Connect(plant.get_state_output_port(), picked.get_input_port())
+            builder.ExportOutput(picked.get_output_port(), "joint_positions")
+        builder.BuildInto(self)
+        self.set_name("multibody_vehicle")
+
+    def set_initial_velocities(self, root: Any) -> None:
+        """Puts the velocities of the start into a context: of a MultibodyPlant's default, all are zero.
+
+        Args:
+            root: context of the diagram that this one is in.
+        """
+        context = self._plant.GetMyMutableContextFromRoot(root)
+        self._plant.SetVelocities(context, self._velocities)

@@ -1,0 +1,228 @@
+"""MultibodyPlants: made from SDF or URDF, checked, and asked for the bodies of a vehicle."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import re
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Literal
+
+import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import BodyIndex, Joint, RigidBody
+
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.vehicle.attached_bodies import Bodies, BodyPlaces, center_velocity, composite
+
+_DRAKE = "drake"  # its logger
+_PLACE = re.compile(r"(<literal-string>\.\w+:\d+: )?(error|warning): |Failure at \S+ in ")
+
+
+def parsed_plant(text: str, kind: Literal["sdf", "urdf"]) -> MultibodyPlant:
+    """Makes a continuous MultibodyPlant from the text of a model, without gravity and contact.
+
+    Args:
+        text: of the model.
+        kind: its format.
+
+    Raises:
+        ValueError: when Drake cannot make a plant of it, or an inertia in it is none.
+    """
+    plant = MultibodyPlant(0.0)
+    with _warnings() as warned:
+        try:
+            Parser(plant).AddModelsFromString(text, kind)
+            plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
+            plant.Finalize()
+        except (Exception, SystemExit) as error:  # a failed DRAKE_DEMAND is the latter
+            raise ValueError(f"Drake cannot read this {kind.upper()}: {_line(str(error))}") from None
+    doubt = next((text for text in warned if "nertia" in text), None)
+    if doubt is not None:
+        raise ValueError(f"Drake cannot read this {kind.upper()}: {_line(doubt)}")
+    return plant
+
+
+@contextlib.contextmanager
+def _warnings() -> Iterator[list[str]]:
+    """Collects what Drake warns of, in place of writing it."""
+    found: list[str] = []
+
+    class Collector(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            found.append(record.getMessage())
+
+    log, collector = logging.getLogger(_DRAKE), Collector(logging.WARNING)
+    handlers, propagates = log.handlers, log.propagate
+    log.handlers, log.propagate = [collector], False
+    try:
+        yield found
+    finally:
+        log.handlers, log.propagate = handlers, propagates
+
+
+def _line(text: str) -> str:
+    """A message of Drake's in one line, without the places in Drake and in the text that it begins with."""
+    return " ".join(_PLACE.sub("", text).split())
+
+
+def require_continuous(plant: MultibodyPlant) -> None:
+    """Makes sure that a plant can be the truth.
+
+    Raises:
+        ValueError: when it is discrete, whose steps are of first order only, or not finalized.
+    """
+    if plant.time_step() > 0.0:
+        raise ValueError(
+            f"the MultibodyPlant is discrete, with a time step of {plant.time_step():g} s: its steps are of first "
+            "order, too coarse for sensors; make it continuous, MultibodyPlant(time_step=0.0)"
+        )
+    if not plant.is_finalized():
+        raise ValueError("the MultibodyPlant is not finalized; call its Finalize() first")
+
+
+def body_of(plant: MultibodyPlant, body: str | RigidBody | BodyIndex) -> RigidBody:
+    """The body of a plant that a name, an index or the body itself means.
+
+    Raises:
+        ValueError: when there is none, or more than one, of that name.
+    """
+    if isinstance(body, str):
+        found = [one for one in _bodies(plant) if one.name() == body]
+        if len(found) > 1:
+            raise ValueError(f"{len(found)} bodies of the MultibodyPlant are named '{body}'; rename all but one")
+        if not found:
+            names = sorted({one.name() for one in _bodies(plant)})
+            raise ValueError(f"'{body}' is no body of the MultibodyPlant; bodies are: {', '.join(names)}")
+        return found[0]
+    return plant.get_body(body) if isinstance(body, BodyIndex) else body
+
+
+def _bodies(plant: MultibodyPlant) -> list[RigidBody]:
+    """All bodies but the world."""
+    return [plant.get_body(BodyIndex(number)) for number in range(1, plant.num_bodies())]
+
+
+def _joints(plant: MultibodyPlant) -> list[Joint]:
+    return [plant.get_joint(index) for index in plant.GetJointIndices()]
+
+
+def attached(plant: MultibodyPlant, body: RigidBody) -> tuple[RigidBody, ...]:
+    """The bodies that joints hold together with a body, which comes first; the world holds nothing together."""
+    world = plant.world_body().index()
+    neighbors: dict[BodyIndex, list[RigidBody]] = {}
+    for joint in _joints(plant):
+        one, other = joint.parent_body(), joint.child_body()
+        if world not in (one.index(), other.index()):
+            neighbors.setdefault(one.index(), []).append(other)
+            neighbors.setdefault(other.index(), []).append(one)
+    found, waiting = {body.index(): body}, deque([body])
+    while waiting:
+        for other in neighbors.get(waiting.popleft().index(), ()):
+            if other.index() not in found:
+                found[other.index()] = other
+                waiting.append(other)
+    return tuple(found.values())
+
+
+def inertias(bodies: tuple[RigidBody, ...]) -> Bodies:
+    """The mass properties of bodies as their plant has them by default.
+
+    Raises:
+        ValueError: when together they have no mass.
+    """
+    spatial = [one.default_spatial_inertia() for one in bodies]
+    masses = np.array([one.get_mass() for one in spatial])
+    if not masses.sum() > 0.0:
+        names = ", ".join(f"'{one.name()}'" for one in bodies)
+        raise ValueError(f"the mass of body {names} of the MultibodyPlant must be positive, got {masses.sum():g}")
+    centers = np.array([one.get_com() for one in spatial])
+    about_centers = [one.Shift(one.get_com()).CalcRotationalInertia().CopyToFullMatrix3() for one in spatial]
+    return Bodies(masses, centers, np.array(about_centers))
+
+
+def floating_base(plant: MultibodyPlant, body: RigidBody) -> RigidBody:
+    """The body of a vehicle that the world leaves free.
+
+    Raises:
+        ValueError: when a joint or a weld holds the vehicle to the world.
+    """
+    for one in attached(plant, body):
+        if one.is_floating_base_body():
+            return one
+    raise ValueError(f"body '{body.name()}' must be free, but a joint holds it to the world; leave that joint out")
+
+
+def joint_named(plant: MultibodyPlant, name: str) -> Joint:
+    """The joint of a name, of one degree of freedom.
+
+    Raises:
+        ValueError: when there is none such.
+    """
+    single = [joint for joint in _joints(plant) if joint.num_velocities() == 1]
+    found = [joint for joint in single if joint.name() == name]
+    if len(found) != 1:
+        known = sorted(joint.name() for joint in single)
+        says = "is the name of more than one joint" if found else "is no joint of one degree of freedom in the model"
+        raise ValueError(f"'{name}' {says}; joints are: {', '.join(known)}")
+    return found[0]
+
+
+def start_state(
+    plant: MultibodyPlant, body: RigidBody, positions: Mapping[str, float], rates: Mapping[str, float], rate: Array
+) -> tuple[Array, Array]:
+    """State in which the vehicle's frame is along the inertial one, its center of mass at rest at the origin.
+
+    Args:
+        plant: finalized.
+        body: whose frame is the vehicle's.
+        positions, rates: of joints, by name; default: those of the model, and at rest.
+        rate: of the body, rad/s, body axes, shape (3,).
+
+    Returns:
+        Generalized positions and velocities.
+
+    Raises:
+        ValueError: when there is no such joint, or the vehicle is not free.
+    """
+    context, base, bodies = plant.CreateDefaultContext(), floating_base(plant, body), attached(plant, body)
+    state = plant.GetPositionsAndVelocities(context)
+    for name, position in positions.items():
+        state[joint_named(plant, name).position_start()] = position
+    for name, moving in rates.items():
+        state[plant.num_positions() + joint_named(plant, name).velocity_start()] = moving
+    plant.SetPositionsAndVelocities(context, state)
+    matter = inertias(bodies)
+    plant.SetFreeBodyPose(context, base, RigidTransform())
+    pose = plant.EvalBodyPoseInWorld(context, body).inverse()
+    plant.SetFreeBodyPose(context, base, pose)
+    center = composite(matter, _places(plant, context, bodies)).center_of_mass
+    plant.SetFreeBodyPose(context, base, RigidTransform(pose.rotation(), pose.translation() - center))
+
+    velocities, first = plant.GetVelocities(context), base.floating_velocities_start_in_v()
+    turning, _ = _moving(plant, context, bodies)
+    velocities[first : first + 3] = rate - turning[0]
+    plant.SetVelocities(context, velocities)
+    drift = center_velocity(matter, _places(plant, context, bodies), *_moving(plant, context, bodies))
+    velocities[first + 3 : first + 6] = -drift
+    return plant.GetPositions(context), velocities
+
+
+def _moving(plant: MultibodyPlant, context: Any, bodies: tuple[RigidBody, ...]) -> tuple[Array, Array]:
+    """Angular velocities and velocities of bodies in the world, shape (n, 3) each."""
+    moves = [plant.EvalBodySpatialVelocityInWorld(context, one) for one in bodies]
+    return np.array([one.rotational() for one in moves]), np.array([one.translational() for one in moves])
+
+
+def _places(plant: MultibodyPlant, context: Any, bodies: tuple[RigidBody, ...]) -> BodyPlaces:
+    return places([plant.EvalBodyPoseInWorld(context, one) for one in bodies])
+
+
+def places(poses: Sequence[RigidTransform]) -> BodyPlaces:
+    """Poses as arrays."""
+    return BodyPlaces(
+        np.array([pose.rotation().matrix() for pose in poses]), np.array([pose.translation() for pose in poses])
+    )
