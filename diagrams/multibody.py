@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from massprop_drake.diagrams import vehicle as vehicle_diagram
 from massprop_drake.inputs import params
@@ -55,6 +55,22 @@ def _checked(block: MultibodyBlock) -> MultibodyPlant:
             with blamed(f"plant.{name}[{index}].joint"):
                 joint_named(plant, joint)
     return plant
+
+
+def set_initial_velocities(diagram: Diagram, context: Context) -> None:
+    """Puts the velocities at the start into a context: in a MultibodyPlant's default one, all are zero.
+
+    `simulate` does so. A simulator of the user's own needs it where the scenario has rates at the start.
+
+    Args:
+        diagram: whole, with vehicles of scenarios somewhere in it; a plant of the user's own is left alone.
+        context: of the diagram, mutable.
+    """
+    for system in diagram.GetSystems():
+        if isinstance(system, MultibodyVehicle):
+            system.set_initial_velocities(context)
+        elif isinstance(system, Diagram):
+            set_initial_velocities(system, context)
 
 
 def require_model(scenario: Scenario) -> None:

@@ -773,7 +773,15 @@ class ExecutionBlock(Model):
 
 
 class Scenario(Model):
-    """One case: a vehicle, its commands and failures, and how its mass properties are estimated."""
+    """One case: a vehicle, its commands and failures, and how its mass properties are estimated.
+
+        Scenario(vehicle="servicer", duration_s=60.0, failures=[{"jet": "YP1", "kind": "stuck_on", "start_s": 30.0}])
+
+    Files that it names are relative to the current folder; `load_scenario` reads one from a file.
+
+    Raises:
+        ValueError: naming each field that is wrong, or that does not go with the vehicle.
+    """
 
     name: Text = described(
         "scenario",
@@ -813,6 +821,9 @@ class Scenario(Model):
         """Fills in what is left out and depends on the filter, and the filter itself."""
         if not isinstance(data, dict):
             return data
+        if isinstance(data.get("vehicle"), str):  # in a program; names in files are `resolved` beside those
+            data = {**data, "vehicle": load_vehicle(data["vehicle"])}
+        data = _with_model(data, None, Path())
         chosen, given = filter_of(data), dict(data)
         if isinstance(data.get("plant", {}), dict):
             given["plant"] = {"kind": "rigid", **data.get("plant", {})}
@@ -851,6 +862,8 @@ class Scenario(Model):
             *_overlaps("failures", [(f.jet, f.start_s, f.end_s or math.inf) for f in self.failures]),
             *_overlaps("jet_schedule", [(p.jet, p.start_s, p.end_s) for p in self.jet_schedule]),
         ]
+        if not problems and isinstance(self.vehicle, Vehicle):
+            problems = check_against_vehicle(self, self.vehicle)
         if problems:
             raise refusal(problems)
         return self
@@ -1126,15 +1139,13 @@ def resolved(data: Any, document: Document | None = None, folder: Path | None = 
         InputError: naming each field that is wrong.
     """
     data = _with_model(data, document, folder or Path())
-    vehicle = data.get("vehicle")
+    vehicle = data.get("vehicle", _USUAL_VEHICLE)
     if isinstance(vehicle, dict):  # validated by itself, so that messages name its fields
         vehicle = _inline_vehicle(vehicle, document)
-    if isinstance(vehicle, Vehicle):  # its validators would run again as part of the scenario
-        scenario = validated(Scenario, _with_filter(data, vehicle) | {"vehicle": vehicle.name}, document)
-    else:
-        there = _named_vehicle(data.get("vehicle", _USUAL_VEHICLE), folder)
-        scenario = validated(Scenario, _with_filter(data, there), document)
-        vehicle = there or _find_vehicle(str(scenario.vehicle), folder or Path(), document)
+    own = data if not isinstance(vehicle, (str, Vehicle)) else {key: data[key] for key in data if key != "vehicle"}
+    there = vehicle if isinstance(vehicle, Vehicle) else _named_vehicle(vehicle, folder)
+    scenario = validated(Scenario, _with_filter(own, there), document)
+    vehicle = there or _find_vehicle(vehicle, folder or Path(), document)
     problems = check_against_vehicle(scenario, vehicle)
     if problems:
         raise InputError(*(f"{_place(path, document)}: {problem}" for path, problem in problems))

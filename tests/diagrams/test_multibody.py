@@ -10,12 +10,14 @@ import pytest
 from multibody_probe import ARM, arm
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import SpatialInertia
+from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
 from massprop_drake import InputError, Run, load_scenario, load_vehicle, simulate
-from massprop_drake.diagrams import autopilot, estimation
-from massprop_drake.diagrams.multibody import add_thrusters_and_sensors, require_model
+from massprop_drake.diagrams import autopilot, closed_loop, estimation
+from massprop_drake.diagrams.multibody import add_thrusters_and_sensors, require_model, set_initial_velocities
+from massprop_drake.maths.vehicle.rigid_body import RATE
 from massprop_drake.systems.multibody import StarTracker
 
 EARLY = ("duration_s=4", "plant.moves=[{joint: shoulder, start_s: 1, end_s: 3, position: 1.0}]")
@@ -61,6 +63,19 @@ def test_joints_start_where_and_as_fast_as_they_are_told(tmp_path: Path) -> None
     assert joints[1, 0] - joints[0, 0] == pytest.approx(0.02, rel=0.05)
     np.testing.assert_allclose(joints[:, 1], 0.0, atol=1e-3)  # held
     np.testing.assert_allclose(found["velocity"][:1], 0.0, atol=1e-15)
+
+
+def test_a_simulator_of_ones_own_starts_with_the_scenarios_rates_or_not_at_all() -> None:
+    scenario = load_scenario("servicer_slosh", ["plant.initial_rate=[0.01, 0, 0]"])
+    diagram = closed_loop.build(scenario)
+    simulator = Simulator(diagram)
+    with pytest.raises(InputError, match=r"moves at the start.*multibody.set_initial_velocities\(diagram, context\)"):
+        simulator.Initialize()
+    set_initial_velocities(diagram, simulator.get_mutable_context())
+    simulator.Initialize()
+    state = diagram.GetOutputPort("body_state").Eval(simulator.get_context())
+    np.testing.assert_allclose(state[RATE], [0.01, 0.0, 0.0], atol=1e-15)
+    Simulator(closed_loop.build(load_scenario("servicer_slosh"))).Initialize()  # at rest there is nothing to set
 
 
 @pytest.mark.parametrize(

@@ -549,6 +549,34 @@ def test_a_scenario_of_a_program_is_checked_without_a_file(toy_data: dict[str, A
         resolved({"vehicle": toy_data, "jet_schedule": [{"jet": "J99", "start_s": 0.0, "end_s": 1.0}]})
 
 
+def test_a_scenario_of_a_program_has_its_vehicle_and_its_model() -> None:
+    plant = {"kind": "multibody", "model": "servicer_slosh.sdf", "body": "bus"}
+    made = Scenario(vehicle="servicer", duration_s=60.0, plant=plant)
+    named = [f"{key}={value}" for key, value in {"vehicle": "servicer", "maneuver": "[]", "autopilot": "{}"}.items()]
+    kept = {"name": "scenario", "description": ""}
+    assert made == load_scenario("servicer_slosh", named).model_copy(update=kept)
+    assert Scenario(vehicle="tracked_flyer").estimation.filter == "pose"
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"vehicle": "servicr"}, "'servicr' is neither a bundled vehicle nor a file; did you mean 'servicer'?"),
+        (
+            {"vehicle": "servicer", "failures": [{"jet": "YP3", "kind": "stuck_on", "start_s": 1.0}]},
+            "'YP3' is no jet of vehicle 'servicer'; did you mean 'YP",
+        ),
+        (
+            {"vehicle": "servicer", "plant": {"kind": "multibody", "model": "mine.sdf", "body": "bus"}},
+            "plant.model: 'mine.sdf' is neither a bundled model nor the file mine.sdf",
+        ),
+    ],
+)
+def test_a_wrong_scenario_of_a_program_is_refused_where_it_is_made(fields: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(words)):
+        Scenario(**fields)
+
+
 def test_a_vehicle_without_accelerometers_can_be_flown(toy_data: dict[str, Any]) -> None:
     """Its mass is not observed, all else is."""
     del toy_data["accelerometers"]

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import MatrixGain
 
+from massprop_drake.errors import InputError
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.joint_moves import Move
 from massprop_drake.systems.multibody.body_motion import BodyMotion
@@ -100,6 +101,9 @@ class MultibodyVehicle(Diagram):
             drive = builder.AddSystem(JointDrive(plant, start, moves, frequency_hz=drive_frequency_hz))
             builder.Connect(plant.get_state_output_port(), drive.GetInputPort("state"))
             builder.Connect(drive.GetOutputPort("generalized_force"), plant.get_applied_generalized_force_input_port())
+        if self._velocities.any():
+            check = builder.AddSystem(_StartCheck(plant.num_positions(), plant.num_velocities()))
+            builder.Connect(plant.get_state_output_port(), check.get_input_port())
         builder.ExportInput(bridge.GetInputPort("wrench"), "wrench")
         for name in TRUTH:
             builder.ExportOutput(bridge.GetOutputPort(name), name)
@@ -115,10 +119,34 @@ class MultibodyVehicle(Diagram):
         self.set_name("multibody_vehicle")
 
     def set_initial_velocities(self, root: Any) -> None:
-        """Puts the velocities of the start into a context: of a MultibodyPlant's default, all are zero.
+        """Puts the velocities at the start into a context: in a MultibodyPlant's default one, all are zero.
 
         Args:
             root: context of the diagram that this one is in.
         """
         context = self._plant.GetMyMutableContextFromRoot(root)
         self._plant.SetVelocities(context, self._velocities)
+
+
+class _StartCheck(LeafSystem):
+    """Refuses to start at rest where a vehicle moves at the start.
+
+    Ports: state (in, n_positions + n_velocities): of the plant. Required.
+
+    Args:
+        n_positions, n_velocities: of the plant.
+    """
+
+    def __init__(self, n_positions: int, n_velocities: int):
+        super().__init__()
+        self.set_name("start_check")
+        self._n_positions = n_positions
+        self._state = self.DeclareVectorInputPort("state", n_positions + n_velocities)
+        self.DeclareInitializationPublishEvent(self._require_motion)
+
+    def _require_motion(self, context: Any) -> None:
+        if context.get_time() == 0.0 and not self._state.Eval(context)[self._n_positions :].any():
+            raise InputError(
+                "the multibody vehicle moves at the start, but the context has all velocities zero: before Initialize, "
+                "call massprop_drake.diagrams.multibody.set_initial_velocities(diagram, context)"
+            )
