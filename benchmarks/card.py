@@ -152,7 +152,8 @@ def _folder(package: Path, compiled: bool) -> Path:
     """Folder of results, named by all code that makes them."""
     digest = hashlib.sha256()
     drawing = [_HERE / "fly.py", *(_HERE / "flights").glob("[!t]*.py")]  # all but table.py, which judges afterwards
-    flying = [path for name in _PACKAGE for path in (package / name).rglob("*") if path.suffix in (".py", ".yaml")]
+    every = (path for name in _PACKAGE for path in (package / name).rglob("*"))
+    flying = [path for path in every if path.suffix in (".py", ".yaml", ".sdf")]
     for path in [*sorted(drawing), *sorted(flying)]:
         digest.update(path.name.encode() + b"\0" + path.read_bytes())
     return _RUNS / (digest.hexdigest()[:12] + ("-compiled" if compiled else ""))

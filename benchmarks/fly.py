@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import yaml
-from flights import bundled, orbiter, poses, real, vehicles
+from flights import bundled, moving, orbiter, poses, real, vehicles
 from flights.flight import Array, Flight, Random, write_record
 
 from massprop_drake import Estimator, Run, estimate, load_scenario, simulate
@@ -55,7 +55,7 @@ class Flights:
 
 def _simulated(spec: Mapping[str, Any], random: Random, number: int, compiled: bool) -> tuple[Any, Any]:
     module, _, name = spec["draw"].partition(".")
-    draw = getattr({"bundled": bundled, "orbiter": orbiter, "vehicles": vehicles}[module], name)
+    draw = getattr({"bundled": bundled, "moving": moving, "orbiter": orbiter, "vehicles": vehicles}[module], name)
     flight: Flight = draw(random, number, **spec.get("with", {}))
     scenario = _scenario(flight, number, compiled)
     run = simulate(scenario)
@@ -167,7 +167,11 @@ def _recorded(spec: Mapping[str, Any], random: Random, _number: int, _compiled: 
     return _facts(run, truth, failed, run.scenario), {"mean_ms": None, "longest_ms": None}
 
 
-_FLOWN = {"bundled": _simulated, "orbiter": _simulated, "vehicles": _simulated, "poses": _tracked, "real": _recorded}
+_FLOWN = {
+    **dict.fromkeys(("bundled", "moving", "orbiter", "vehicles"), _simulated),
+    "poses": _tracked,
+    "real": _recorded,
+}
 
 
 # --- what is kept of a flight

@@ -10,7 +10,7 @@ and the disturbance's start. A diagram in which nothing is drawn has no `noise_s
 
 Each part has its numbers as named parameters of the context, see `parameters` of its system. The diagram is one for
 every scalar type of Drake where all of its parts are. `Linearize` asks for state of one kind and group, so for thrust
-without lag and sensors without memory; elsewhere jacobians come from `ToAutoDiffXd`.
+without lag and sensors without memory; `systems.linearization.linearized` takes the others, too.
 """
 
 from __future__ import annotations

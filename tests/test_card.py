@@ -139,7 +139,7 @@ def test_versions_are_compared_by_the_errors_of_the_same_flights(card: ModuleTyp
 
 def test_every_kind_can_be_drawn(card: ModuleType, fly: ModuleType) -> None:
     content = card.load_card()
-    modules = {"bundled": fly.bundled, "orbiter": fly.orbiter, "vehicles": fly.vehicles}
+    modules = {name: getattr(fly, name) for name in ("bundled", "moving", "orbiter", "vehicles")}
     numbers = set()
     for kind, spec in content.kinds.items():
         module, _, name = spec["draw"].partition(".")

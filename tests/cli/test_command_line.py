@@ -499,7 +499,7 @@ def test_graph_without_a_program_to_draw_writes_dot_and_says_so(
     assert done.status == 0
     assert done.err.startswith("massprop: no SVG: install a program that draws it")
     assert done.err.count("\n") == 1
-    nested = {"closed_loop", "open_loop", "replay"}
+    nested = {"closed_loop", "open_loop", "replay", "vehicle", "vehicle_tracked"}
     names = {f"{name}{part}.dot" for name in graphs.DIAGRAMS for part in ("", "_overview")}
     names |= {f"{name}_inside.dot" for name in nested}
     assert {path.name for path in Path("graphs").iterdir()} == names | {"manifest.json"}
@@ -528,7 +528,7 @@ def test_graph_as_json(massprop: Massprop, monkeypatch: pytest.MonkeyPatch) -> N
     done = massprop("graph", "estimation", "vehicle", "--json")
     assert (done.status, done.err) == (0, "")
     written = json.loads(done.out)
-    assert len(written) == 8
+    assert len(written) == 10
     assert all(Path(name).exists() for name in written)
     assert written[0] == "runs/graphs/estimation.dot"
 
