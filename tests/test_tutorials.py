@@ -74,6 +74,13 @@ def test_build_a_diagram(tutorial: Tutorial, tmp_path: Path, sample_run: Run) ->
     assert (deviation[:3] < 0.85 * sample_run["standard_deviation"][-1][:3]).all()
 
 
+def test_named_thruster(tutorial: Tutorial, tmp_path: Path) -> None:
+    run = tutorial("named_thruster")["run"]
+    error = run.results.estimates - run.results.truth
+    assert (abs(error) <= 3.0 * run.results.standard_deviations).all()
+    assert "YP1" in (tmp_path / "named_thruster" / "report.html").read_text(encoding="utf-8")
+
+
 def test_own_estimator(tutorial: Tutorial, tmp_path: Path, sample_run: Run) -> None:
     lines = (TUTORIALS / "own_estimator.py").read_text(encoding="utf-8").splitlines()
     assert len([line for line in lines if line]) <= 40

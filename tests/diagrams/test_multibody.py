@@ -81,7 +81,7 @@ def test_a_simulator_of_ones_own_starts_with_the_scenarios_rates_or_not_at_all()
 @pytest.mark.parametrize(
     ("overrides", "message"),
     [
-        (["plant.body=buss"], r"plant\.body: 'buss' is no body of the MultibodyPlant; bodies are: bus, forearm"),
+        (["plant.body=hull"], r"plant\.body: 'hull' is no body of the MultibodyPlant; bodies are: bus, forearm"),
         (["plant.joints=[{joint: wrist}]"], r"plant\.joints\[0\]\.joint: 'wrist' is no joint of one degree of freedom"),
         (
             ["plant.moves=[{joint: grip, start_s: 0, end_s: 1, position: 0}]"],

@@ -25,12 +25,22 @@ class JetSchedule(LeafSystem):
     Args:
         commands: row k acts on [k T, (k + 1) T), shape (n_samples, n_jets).
         period_s: sample period T, s.
+
+    Raises:
+        ValueError: when commands are no table of numbers from 0 to 1.
     """
 
     def __init__(self, commands: Array, *, period_s: float):
         super().__init__()
         self.set_name("jet_schedule")
         self._commands = np.array(commands, dtype=float)
+        if self._commands.ndim != 2:
+            raise ValueError(
+                f"jet schedule: commands must be a table, a row per sample and a column per jet, got shape "
+                f"{self._commands.shape}"
+            )
+        if not ((self._commands >= 0.0) & (self._commands <= 1.0)).all():
+            raise ValueError("jet schedule: each command must be from 0 to 1, the fraction of a sample that it lasts")
         self._period_s = period_s
         n_jets = self._commands.shape[1]
         self._held = self.DeclareDiscreteState(n_jets)

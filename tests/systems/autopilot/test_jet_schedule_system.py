@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from systems_probe import PERIOD_S, advance, feedthrough, inputs, outputs
 
 from massprop_drake.systems.autopilot.jet_schedule import JetSchedule
@@ -49,3 +50,16 @@ def test_the_table_is_copied() -> None:
     dut = JetSchedule(table, period_s=PERIOD_S)
     table[:] = 0.75
     np.testing.assert_array_equal(dut.GetOutputPort("command").Eval(dut.CreateDefaultContext()), TABLE[0])
+
+
+@pytest.mark.parametrize(
+    ("commands", "words"),
+    [
+        (np.zeros(4), r"a row per sample and a column per jet, got shape \(4,\)"),
+        (np.full((2, 4), 1.1), "from 0 to 1"),
+        (np.full((2, 4), np.nan), "from 0 to 1"),
+    ],
+)
+def test_what_is_no_table_of_commands_is_refused(commands: np.ndarray, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        JetSchedule(commands, period_s=PERIOD_S)

@@ -132,12 +132,12 @@ def test_what_stands_feels_that_it_is_held_up() -> None:
     ("given", "message"),
     [
         ({"time_step": 0.001}, r"is discrete, with a time step of 0\.001 s: its steps are of first order"),
-        ({}, r"'buss' is no body of the MultibodyPlant; bodies are: bus, forearm, payload, upper_arm"),
+        ({}, r"'hull' is no body of the MultibodyPlant; bodies are: bus, forearm, payload, upper_arm"),
     ],
 )
 def test_a_wrong_plant_or_body_is_refused(given: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        BodyMotion(arm(**given), "buss")
+        BodyMotion(arm(**given), "hull")
 
 
 def test_a_plant_that_is_not_finalized_is_refused() -> None:
