@@ -57,7 +57,9 @@ def test_without_depletion_no_mass_is_used(toy_data: dict[str, Any]) -> None:
 
 
 def test_an_accuracy_that_cannot_be_had_is_told(toy_data: dict[str, Any]) -> None:
-    scenario = _pushing(toy_data, 100.0, plant={"time_step": 0.0, "accuracy": 1e-100})
+    scenario = _pushing(toy_data, 100.0, plant={"time_step": 0.0})
+    plant = scenario.plant.model_copy(update={"accuracy": 1e-100})  # no file may ask for it
+    scenario = scenario.model_copy(update={"plant": plant})
     with pytest.raises(InputError, match=r"plant.accuracy: the continuous plant cannot be integrated to 1e-100"):
         simulate(scenario)
 
