@@ -37,7 +37,7 @@ class Cached:
 
         def calc(context: Any, value: Any) -> None:
             try:
-                value.set_value((compute(context),))
+                value.set_value(_Result((compute(context),)))
             except NotPositiveDefiniteError as error:
                 raise error.at(context.get_time(), where) from None
 
@@ -50,6 +50,15 @@ class Cached:
     def get(self, context: Any) -> Any:
         """The result for a context."""
         return self._entry.EvalAbstract(context).get_value()[0]
+
+
+class _Result(tuple[Any]):
+    """A result in a context. Never changed, so that a clone of the context shares it."""
+
+    __slots__ = ()
+
+    def __deepcopy__(self, _memo: Any) -> _Result:
+        return self
 
 
 class Scratch(Generic[T]):
