@@ -6,7 +6,8 @@ held_command -->                                          noise_source --noise--
 A disturbance, where there is one, stands between jets and body, and has its noise from the same source. All chance is
 that of the scenario's seed, until `SetRandomContext` draws `noise_seed`, a parameter of the context: noise and
 intermittent failures in the course of a run, and before it the true thrusts, the phases of quantizers and vibration,
-and the disturbance's start. A diagram in which nothing is drawn has no `noise_seed`.
+the disturbance's start and, with `plant.dispersion`, the mass properties. A diagram in which nothing is drawn has no
+`noise_seed`.
 
 Each part has its numbers as named parameters of the context, see `parameters` of its system. The diagram is one for
 every scalar type of Drake where all of its parts are. `Linearize` asks for state of one kind and group, so for thrust
@@ -107,9 +108,9 @@ def build(scenario: Scenario, body: System | None = None, trackers: Sequence[Sys
         builder.ExportOutput(tracker.GetOutputPort("reading"), tracker.get_name())
         sensors.append(tracker)
 
-    _connect_chance(builder, scenario, jets, pushed + sensors)
+    _connect_chance(builder, scenario, jets, [*pushed, *sensors, body])
     for port in map(body.get_input_port, range(body.num_input_ports())):
-        if port.get_name() != wrench:
+        if port.get_name() not in (wrench, "seed"):
             builder.ExportInput(port, port.get_name())
     export_outputs(builder, [body])
     builder.ExportOutput(jets.GetOutputPort("thrust"), "thrust")
@@ -119,7 +120,7 @@ def build(scenario: Scenario, body: System | None = None, trackers: Sequence[Sys
 def _connect_chance(builder: DiagramBuilder, scenario: Scenario, jets: System, others: list[System]) -> None:
     """Gives noise to what is noisy, and the seed to all that draws."""
     quiet = {one.name for one in scenario.vehicle_data.sensors if not params.undrawn_model(scenario, one).noisy}
-    noisy = [system for system in others if system.get_name() not in quiet]
+    noisy = [system for system in others if system.get_name() not in quiet and system.HasInputPort("noise")]
     drawn = [system for system in others if system.HasInputPort("seed")]
     if scenario.plant.thrust_dispersion or any(failure.kind == "intermittent" for failure in scenario.failures):
         drawn.append(jets)
@@ -143,12 +144,14 @@ def _body(scenario: Scenario, lag_time_constants_s: tuple[float, ...]) -> System
 
         return multibody.body(scenario.plant)
     return RigidBodyPlant(
-        params.true_properties(scenario),
+        params.undrawn_properties(scenario),
         time_step=params.time_step(scenario),
         lag_time_constants_s=lag_time_constants_s,
         initial_rate=np.array(scenario.plant.initial_rate),
         jumps=params.mass_jumps(scenario),
         period_s=scenario.vehicle_data.sample_period_s,
+        spread=params.mass_spread(scenario),
+        seed=scenario.seed,
         compiled=scenario.execution.compiled,
     )
 

@@ -16,10 +16,10 @@ from massprop_drake.inputs import params
 from massprop_drake.inputs.distributions import KINDS, Choice, Distribution, Normal, distribution_in
 from massprop_drake.inputs.kinds import bundled, require_kind, require_named
 from massprop_drake.inputs.model import Flag, Key, Model, Real, Text, Whole, described, keys, validated
-from massprop_drake.inputs.scenario import Scenario, load_scenario, parsed_key, replace_at, resolved, set_at
+from massprop_drake.inputs.scenario import Dispersion, Scenario, load_scenario, parsed_key, replace_at, resolved, set_at
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.inputs.yaml import Document, FieldPath, exists, read_text
-from massprop_drake.maths.mass_properties import MassProperties, perturbed
+from massprop_drake.maths.mass_properties import drawn_body
 
 Array = NDArray[np.float64]
 
@@ -48,33 +48,6 @@ class Gate(Model):
         if self.min is None and self.max is None:
             raise ValueError("give min, max or both")
         return self
-
-
-class Dispersion(Model):
-    """Mass properties drawn about the scenario's: always those of a possible body.
-
-    The second moments of the mass distribution are scaled along their principal axes, which are turned by a small
-    rotation.
-    """
-
-    mass_percent: Real = described(0.0, "1-sigma of the mass, as a factor", "%", ge=0.0, le=100.0)
-    center_of_mass: Real = described(0.0, "1-sigma of each coordinate of the center of mass", "ft | m", ge=0.0, le=1e3)
-    second_moments_percent: Real = described(
-        0.0, "1-sigma of each principal second moment, as a factor", "%", ge=0.0, le=100.0
-    )
-    axes_deg: Real = described(
-        0.0, "1-sigma of the rotation of the principal axes about each axis", "deg", ge=0.0, le=180.0
-    )
-
-    def drawn(self, nominal: MassProperties, z: Array) -> MassProperties:
-        """The mass properties for ten standard normal numbers, shape (10,)."""
-        return perturbed(
-            nominal,
-            mass_factor=(1.0 + 0.01 * self.mass_percent) ** float(z[0]),
-            shift=self.center_of_mass * z[1:4],
-            second_moment_factors=(1.0 + 0.01 * self.second_moments_percent) ** z[4:7],
-            rotation=np.radians(self.axes_deg) * z[7:10],
-        )
 
 
 class CampaignExecution(Model):
@@ -354,7 +327,7 @@ def settings_of(campaign: CampaignSpec, drawn: Mapping[str, Any]) -> dict[str, A
     for key, value in campaign.file.draw.items():
         if key == MASS_PROPERTIES and _is_dispersion(value):
             z = np.array([number for label, number in drawn.items() if label.startswith(f"{key}.")], dtype=float)
-            body = Dispersion(**value).drawn(params.true_properties(campaign.base), z)
+            body = drawn_body(params.undrawn_properties(campaign.base), Dispersion(**value).spread, z)
             settings[key] = {name: np.asarray(part).tolist() for name, part in body._asdict().items()}
         else:
             settings[key] = _filled(value, (key,), drawn)

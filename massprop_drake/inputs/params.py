@@ -41,13 +41,26 @@ from massprop_drake.maths.estimation.filters.thesis import ThesisParams
 from massprop_drake.maths.estimation.pose import setting as pose_setting
 from massprop_drake.maths.estimation.pose.setting import Around, Tracking, Valves
 from massprop_drake.maths.flight import FlightParams, PilotParams
-from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, NAMES, MassProperties, initial_standard_deviation
+from massprop_drake.maths.mass_properties import (
+    MASS_RECIPROCAL,
+    NAMES,
+    MassProperties,
+    Spread,
+    initial_standard_deviation,
+)
 from massprop_drake.maths.vehicle import true_failures as failures
 from massprop_drake.maths.vehicle.cycle import VehicleParams, truth
 from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, deviation_before, kept_share
 from massprop_drake.maths.vehicle.joint_moves import Move
 from massprop_drake.maths.vehicle.reaction_jets import drawn_factors, jets_params, true_wrenches
-from massprop_drake.maths.vehicle.rigid_body import RATE, Jump, initial_state, jumps_by_sample, packed_structure
+from massprop_drake.maths.vehicle.rigid_body import (
+    RATE,
+    Jump,
+    initial_state,
+    jumps_by_sample,
+    packed_structure,
+    seeded_body,
+)
 from massprop_drake.maths.vehicle.sensing import (
     Draws,
     SensorModel,
@@ -470,6 +483,18 @@ def disturbance(scenario: Scenario) -> DisturbanceModel | None:
 
 def true_properties(scenario: Scenario) -> MassProperties:
     """Mass properties of the true vehicle at the start, if it is rigid; else those that are nominal."""
+    spread, body = mass_spread(scenario), undrawn_properties(scenario)
+    return body if spread is None else seeded_body(scenario.seed, body, spread)
+
+
+def mass_spread(scenario: Scenario) -> Spread | None:
+    """Spread of the true mass properties; None: they are not drawn."""
+    spread = scenario.plant.dispersion.spread if isinstance(scenario.plant, PlantBlock) else None
+    return spread if spread is not None and any(spread) else None
+
+
+def undrawn_properties(scenario: Scenario) -> MassProperties:
+    """Those about which they are drawn."""
     properties = scenario.plant.mass_properties if isinstance(scenario.plant, PlantBlock) else None
     return scenario.vehicle_data.nominal if properties is None else properties.properties()
 

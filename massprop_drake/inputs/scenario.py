@@ -38,7 +38,7 @@ from massprop_drake.inputs.model_file import model_joints, model_text
 from massprop_drake.inputs.vehicle import MassPropertiesModel, Vehicle, load_vehicle, symmetric_inertia
 from massprop_drake.inputs.yaml import Document, FieldPath, exists, read_text
 from massprop_drake.maths.linear_algebra import is_covariance
-from massprop_drake.maths.mass_properties import could_be_inertia, initial_standard_deviation, joined
+from massprop_drake.maths.mass_properties import Spread, could_be_inertia, initial_standard_deviation, joined
 
 Array = NDArray[np.float64]
 
@@ -159,6 +159,33 @@ class _Plant(Model):
     disturbance: DisturbanceBlock = described(DisturbanceBlock(), "what pushes besides the jets, drawn from the seed")
 
 
+class Dispersion(Model):
+    """Mass properties drawn about the scenario's: always those of a possible body.
+
+    The second moments of the mass distribution are scaled along their principal axes, which are turned by a small
+    rotation.
+    """
+
+    mass_percent: Real = described(0.0, "1-sigma of the mass, as a factor", "%", ge=0.0, le=100.0)
+    center_of_mass: Real = described(0.0, "1-sigma of each coordinate of the center of mass", "ft | m", ge=0.0, le=1e3)
+    second_moments_percent: Real = described(
+        0.0, "1-sigma of each principal second moment, as a factor", "%", ge=0.0, le=100.0
+    )
+    axes_deg: Real = described(
+        0.0, "1-sigma of the rotation of the principal axes about each axis", "deg", ge=0.0, le=180.0
+    )
+
+    @property
+    def spread(self) -> Spread:
+        """The same as the mathematics takes it."""
+        return Spread(
+            0.01 * self.mass_percent,
+            self.center_of_mass,
+            0.01 * self.second_moments_percent,
+            float(np.radians(self.axes_deg)),
+        )
+
+
 class PlantBlock(_Plant):
     """The true vehicle as one rigid body."""
 
@@ -171,6 +198,9 @@ class PlantBlock(_Plant):
     depletion: Flag = described(True, "whether firing uses up mass (inertia and center of mass stay)")
     mass_properties: MassPropertiesModel | None = described(
         None, "true mass properties at the start; null: the vehicle's nominal ones"
+    )
+    dispersion: Dispersion = described(
+        Dispersion(), "true mass properties are off those for good by this, drawn from the seed"
     )
 
 
@@ -1012,6 +1042,9 @@ def check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[Fi
         require("jet kind", kind, vehicle.jet_kinds, "autopilot", "jet_kinds", index)
     period = vehicle.sample_period_s
     problems.extend(_of_the_plant(scenario, vehicle))
+    if vehicle.motion == "planar" and isinstance(scenario.plant, PlantBlock) and scenario.plant.dispersion.axes_deg:
+        problem = f"vehicle '{vehicle.name}' moves in a plane, in which its axes do not tilt; leave it out"
+        problems.append((("plant", "dispersion", "axes_deg"), problem))
     if scenario.duration_s < period:
         problems.append((("duration_s",), f"must be at least one sample period, {period:g} s"))
     if not problems:

@@ -94,6 +94,33 @@ def perturbed(
     return MassProperties(body.mass * mass_factor, body.center_of_mass + shift, inertia)
 
 
+class Spread(NamedTuple):
+    """Standard deviations of mass properties about those of a body, as `drawn_body` takes them.
+
+    Attributes:
+        mass: of the mass, as a factor less one: 0.1 for 10 % more or less.
+        center_of_mass: of each coordinate, ft or m.
+        second_moments: of each principal second moment, likewise.
+        axes: of the rotation of the principal axes about each axis, rad.
+    """
+
+    mass: float
+    center_of_mass: float
+    second_moments: float
+    axes: float
+
+
+def drawn_body(body: MassProperties, spread: Spread, z: Array) -> MassProperties:
+    """A possible body near another one, for ten standard normal numbers, shape (10,); see `perturbed`."""
+    return perturbed(
+        body,
+        mass_factor=(1.0 + spread.mass) ** float(z[0]),
+        shift=spread.center_of_mass * z[1:4],
+        second_moment_factors=(1.0 + spread.second_moments) ** z[4:7],
+        rotation=spread.axes * z[7:10],
+    )
+
+
 @kernel
 def symmetric(elements: Array) -> Array:
     """The symmetric 3x3 matrix of six elements in the order 11, 22, 33, 23, 13, 12."""

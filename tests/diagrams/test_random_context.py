@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from pydrake.systems.analysis import MonteCarloSimulation, Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
-from massprop_drake import load_scenario
+from massprop_drake import InputError, load_scenario, simulate
 from massprop_drake.diagrams import closed_loop, vehicle
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
@@ -33,7 +34,7 @@ def own(scenario: Scenario) -> Diagram:
     command = builder.AddSystem(ConstantVectorSource((np.array(jets) == "R4R").astype(float)))
     for name in ("command", "held_command"):
         builder.Connect(command.get_output_port(), body.GetInputPort(name))
-    for name in ("gyro", "thrust"):
+    for name in ("gyro", "thrust", "mass_properties"):
         builder.ExportOutput(body.GetOutputPort(name), name)
     return builder.Build()
 
@@ -210,3 +211,30 @@ def test_what_is_drawn_is_passed_on_to_another_scalar_type() -> None:
         expected = diagram.GetOutputPort("thrust").Eval(context)
         found = converted.GetOutputPort("thrust").Eval(other)
         np.testing.assert_allclose([one.value() for one in found], expected, rtol=1e-15)
+
+
+def test_true_mass_properties_are_drawn_with_a_dispersion() -> None:
+    """By the seed about the scenario's, in both engines alike; in a random context anew, and repeatably."""
+    spread = "plant.dispersion={mass_percent: 3, center_of_mass: 0.5, second_moments_percent: 5, axes_deg: 2}"
+    scenario = load_scenario("sample_maneuver", [spread, "duration_s=1", "seed=4"])
+    diagram = own(scenario)
+    truths = [
+        readings(diagram, None if one is None else RandomGenerator(one), "mass_properties") for one in (None, 1, 2, 1)
+    ]
+    expected = params.true_properties(scenario).vector()
+    np.testing.assert_allclose(truths[0][0], expected, rtol=1e-12)
+    assert 0.001 < np.abs(expected / scenario.vehicle_data.nominal.vector() - 1.0)[:3].max() < 0.3
+    np.testing.assert_array_equal(truths[1], truths[3])
+    assert all((np.abs(one[0] - other[0]) > 0.0).all() for one, other in itertools.combinations(truths[:3], 2))
+    runs = []
+    for engine in ("diagram", "loop"):
+        runs.append(simulate(load_scenario("sample_maneuver", [spread, "duration_s=1", f"execution.engine={engine}"])))
+    for name in ("truth", "rate", "acc1", "estimate"):
+        np.testing.assert_array_equal(runs[0][name], runs[1][name], err_msg=name)
+    with pytest.raises(InputError, match=r"has mass properties that are drawn.*leave out plant.dispersion"):
+        diagram.ToAutoDiffXd()
+
+
+def test_axes_do_not_tilt_in_a_plane() -> None:
+    with pytest.raises(InputError, match=r"plant.dispersion.axes_deg: vehicle 'air_bearing' moves in a plane"):
+        load_scenario("air_bearing_pulses", ["plant.dispersion.axes_deg=1"])

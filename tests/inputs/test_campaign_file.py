@@ -20,7 +20,7 @@ from massprop_drake.inputs.campaign import MOST_CASES, Dispersion, load_campaign
 from massprop_drake.inputs.params import true_properties
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.inputs.yaml import to_yaml
-from massprop_drake.maths.mass_properties import could_be_inertia
+from massprop_drake.maths.mass_properties import could_be_inertia, drawn_body
 from massprop_drake.studies.campaign.plan import planned
 
 SOUND = """\
@@ -188,19 +188,20 @@ def test_a_dispersion_always_gives_a_body_that_can_be(
     orbiter: Vehicle, z: Any, mass: float, shift: float, moments: float, axes: float
 ) -> None:
     dispersion = Dispersion(mass_percent=mass, center_of_mass=shift, second_moments_percent=moments, axes_deg=axes)
-    body = dispersion.drawn(orbiter.nominal, z)
+    body = drawn_body(orbiter.nominal, dispersion.spread, z)
     assert body.mass > 0.0
     assert could_be_inertia(body.inertia)
 
 
 def test_a_dispersion_is_of_the_size_that_it_says(tmp_path: Path, orbiter: Vehicle) -> None:
     dispersion = Dispersion(mass_percent=5.0, center_of_mass=0.3, second_moments_percent=3.0, axes_deg=1.0)
-    assert dispersion.drawn(orbiter.nominal, np.zeros(10)).mass == orbiter.nominal.mass
-    ones = dispersion.drawn(orbiter.nominal, np.array([1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0]))
+    nominal, spread = orbiter.nominal, dispersion.spread
+    assert drawn_body(nominal, spread, np.zeros(10)).mass == nominal.mass
+    ones = drawn_body(nominal, spread, np.array([1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0]))
     assert ones.mass == pytest.approx(1.05 * orbiter.nominal.mass)
     assert ones.center_of_mass - orbiter.nominal.center_of_mass == pytest.approx([0.3, 0.0, 0.0])
     np.testing.assert_allclose(ones.inertia, 1.03 * orbiter.nominal.inertia, rtol=1e-9)
-    turned = dispersion.drawn(orbiter.nominal, np.array([0.0] * 9 + [1.0]))
+    turned = drawn_body(nominal, spread, np.array([0.0] * 9 + [1.0]))
     np.testing.assert_allclose(
         np.linalg.eigvalsh(turned.inertia), np.linalg.eigvalsh(orbiter.nominal.inertia), rtol=1e-12
     )

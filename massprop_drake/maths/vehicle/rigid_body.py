@@ -33,7 +33,8 @@ from massprop_drake.maths.arrays import Layout
 from massprop_drake.maths.attitude import rotation_matrix
 from massprop_drake.maths.kernels import kernel, numbers, value_of
 from massprop_drake.maths.linear_algebra import Array, cross, inverse, nonzero
-from massprop_drake.maths.mass_properties import MassProperties, joined, six_elements, symmetric
+from massprop_drake.maths.mass_properties import MassProperties, Spread, drawn_body, joined, six_elements, symmetric
+from massprop_drake.maths.noise import Seed, normal_sample
 from massprop_drake.maths.vehicle.thrust import decay_integral
 
 N_STATE = 23
@@ -139,6 +140,11 @@ def body_of_structure(structure: Array) -> Body:
     """The constants of motion for a `STRUCTURE`."""
     read = STRUCTURE.read(structure)
     return body_of(MassProperties(math.nan, read.center_of_mass, symmetric(read.inertia)))
+
+
+def seeded_body(seed: Seed, body: MassProperties, spread: Spread) -> MassProperties:
+    """True mass properties at the start as a seed draws them."""
+    return drawn_body(body, spread, normal_sample(seed, "mass properties", 0, 10))
 
 
 class Jump(NamedTuple):

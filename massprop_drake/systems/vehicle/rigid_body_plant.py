@@ -12,7 +12,7 @@ from pydrake.systems.framework import BasicVector_, DiscreteStateIndex, LeafSyst
 from massprop_drake.errors import InputError
 from massprop_drake.maths.kernels import chosen, held, value_of
 from massprop_drake.maths.linear_algebra import is_positive_definite
-from massprop_drake.maths.mass_properties import MassProperties, six_elements, symmetric
+from massprop_drake.maths.mass_properties import MassProperties, Spread, six_elements, symmetric
 from massprop_drake.maths.vehicle import ports, rigid_body
 from massprop_drake.maths.vehicle.ports import Motion
 from massprop_drake.maths.vehicle.rigid_body import (
@@ -28,6 +28,7 @@ from massprop_drake.maths.vehicle.rigid_body import (
 from massprop_drake.systems.caching import Cached
 from massprop_drake.systems.parameters import Named, Parameters
 from massprop_drake.systems.scalars import float_class, refuse, template
+from massprop_drake.systems.vehicle.noise_source import seed_in
 
 Array = NDArray[np.float64]
 
@@ -47,13 +48,15 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             wrench (in, 7, continuous plant only): torque about the vehicle origin (3), force (3), body
                 axes, and mass flow, at this instant. Required.
             wrench_profile (in, 7 (1 + n_lags), stepped plant only): see `ReactionJets`. Required.
+            seed (in, 1, with a spread only): varies the seed, see `noise_seed`. Optional.
             body_state (out, 23): see `rigid_body`. No feedthrough.
             structure (out, 9): inertia about the center of mass (11, 22, 33, 23, 13, 12) and center of mass. No
                 feedthrough.
             mass_properties (out, 10): the true ten parameters, see `maths.mass_properties`.
 
-        Parameters: mass properties at the start, see `parameters`: mass, slug or kg; center_of_mass (x, y, z), vehicle
-        frame, ft or m; inertia (xx, yy, zz, yz, xz, xy) about the center of mass, body axes, slug-ft^2 or kg-m^2.
+        Parameters: mass properties at the start, or, with a spread, those about which they are drawn, see `parameters`:
+        mass, slug or kg; center_of_mass (x, y, z), vehicle frame, ft or m; inertia (xx, yy, zz, yz, xz, xy) about the
+        center of mass, body axes, slug-ft^2 or kg-m^2.
 
         State: body (23), continuous or discrete: as `body_state`, but of the mass the change since the start. With
         jumps structure_change (9), discrete: of the structure since the start. Drake's events cannot change parameters,
@@ -71,14 +74,16 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             initial_rate: rad/s, body axes, shape (3,).
             jumps: of the mass properties.
             period_s: sample period, s; needed with jumps.
+            spread: of the true mass properties about the parameters, drawn by the seed; None: they are the parameters.
+            seed: of the run.
             compiled: whether the step's kernel is.
 
         Attributes:
             parameters: the mass properties in a context, by name.
 
         Raises:
-            InputError: in a conversion of a stepped plant to Expression; in a simulation, when the inertia in the
-                context is not positive definite.
+            InputError: in a conversion of a stepped plant to Expression, or of drawn mass properties; in a
+                simulation, when the inertia in the context is not positive definite.
         """
 
         def _construct(
@@ -90,12 +95,15 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             initial_rate: Array | None = None,
             jumps: tuple[Jump, ...] = (),
             period_s: float = 0.0,
+            spread: Spread | None = None,
+            seed: int = 0,
             compiled: bool = False,
             converter: Any = None,
         ) -> None:
             LeafSystem_[T].__init__(self, converter)
             self.set_name("rigid_body")
             self._made = (properties, time_step, lag_time_constants_s, initial_rate, jumps, period_s, compiled)
+            self._spread, self._seed = spread, seed
             self._time_step = time_step
             self._compiled = compiled and T is float and time_step != 0.0
             motion = Motion(np.array(lag_time_constants_s, dtype=float), time_step)
@@ -114,7 +122,12 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 start[RATE] = initial_rate
             vector = BasicVector_[T](N_STATE)
             vector.SetFromVector(np.array([T(value) for value in start.tolist()]))
-            changed = {self.parameters.ticket}
+            drawn = {self.parameters.ticket}
+            if spread is not None:
+                self._varied = self.DeclareVectorInputPort("seed", 1)
+                drawn.add(self.input_port_ticket(self._varied.get_index()))
+            self._start = Cached(self, "mass properties at the start", self._compute_start, drawn)
+            changed = {self._start.ticket}
             if time_step == 0.0:
                 self._wrench = self.DeclareVectorInputPort("wrench", N_WRENCH)
                 self._state = self.DeclareContinuousState(vector)
@@ -130,7 +143,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 self.DeclarePeriodicUnrestrictedUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._jump)
                 changed.add(self.discrete_state_ticket(DiscreteStateIndex(self._structure_change)))
             self._constants = Cached(self, "constants of motion", self._compute_constants, changed)
-            moving = {self.parameters.ticket, self.xd_ticket(), self.xc_ticket()}
+            moving = {self._constants.ticket, self.xd_ticket(), self.xc_ticket()}
             self.DeclareVectorOutputPort("body_state", N_STATE, self._calc_body_state, prerequisites_of_calc=moving)
             self.DeclareVectorOutputPort(
                 "structure", STRUCTURE.size, self._calc_structure, prerequisites_of_calc=changed
@@ -143,12 +156,24 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             properties, time_step, *_ = other._made
             steps = ["moves by steps whose number depends on the state"] if time_step and T is Expression else []
             refuse(T, f"plant '{other.get_name()}'", steps, "set plant.time_step: 0")
+            chance = ["has mass properties that are drawn"] if other._spread is not None else []
+            refuse(T, f"plant '{other.get_name()}'", chance, "leave out plant.dispersion, and set its parameters")
             names = ("time_step", "lag_time_constants_s", "initial_rate", "jumps", "period_s", "compiled")
             made = dict(zip(names, other._made[1:], strict=True))
             Plant._construct(self, properties, converter=converter, **made)
 
-        def _structure(self, context: Any) -> Any:
+        def _compute_start(self, context: Any) -> Any:
+            """Mass properties at the start, by name as `parameters` has them."""
             values = self.parameters.get(context)
+            if self._spread is None:
+                return values
+            body = MassProperties(values.mass, values.center_of_mass, symmetric(values.inertia))
+            seed = seed_in(context, self._varied, self._seed)
+            mass, center, inertia = rigid_body.seeded_body(seed, body, self._spread)
+            return values._replace(mass=mass, center_of_mass=center, inertia=six_elements(inertia))
+
+        def _structure(self, context: Any) -> Any:
+            values = self._start.get(context)
             structure = np.concatenate((values.inertia, values.center_of_mass))
             if self._structure_change is None:
                 return structure
@@ -163,7 +188,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                     f"{STRUCTURE.read(structure).inertia.tolist()}"
                 )
             constants = rigid_body.body_of_structure(structure)
-            return constants, held(constants, self._compiled), self.parameters.get(context).mass
+            return constants, held(constants, self._compiled), self._start.get(context).mass
 
         def _body(self, context: Any) -> Any:
             """State of the body with its whole mass, shape (23,)."""
@@ -203,7 +228,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             jumps = self._jumps.get(round(value_of(context.get_time()) / self._period_s), ())
             if not jumps:
                 return
-            start = self.parameters.get(context)
+            start = self._start.get(context)
             body, structure = rigid_body.jumped(self._body(context), self._structure(context), jumps)
             body[MASS] -= start.mass
             change = structure - np.concatenate((start.inertia, start.center_of_mass))
