@@ -139,7 +139,8 @@ def _function(module: ModuleType, name: str, target: str) -> Callable[[], Any]:
     function = getattr(module, name, None)
     if not callable(function):
         what = "is no function" if hasattr(module, name) else "is not there"
-        own = [key for key, value in vars(module).items() if inspect.isfunction(value) and not key.startswith("_")]
+        theirs = {key: value for key, value in vars(module).items() if inspect.isfunction(value)}
+        own = [key for key, value in theirs.items() if value.__module__ == module.__name__ and not key.startswith("_")]
         raise InputError(f"{target}: '{name}' {what}{suggestion(name, own)}")
     try:
         parameters = list(inspect.signature(function).parameters.values())

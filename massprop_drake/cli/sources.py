@@ -163,6 +163,8 @@ def diagrams(names: Sequence[str] | None, like: str | None) -> dict[str, Callabl
     for name in dict.fromkeys(names or graphs.names_for(case)):
         own = functions.is_named(name)
         if not own and name not in graphs.DIAGRAMS:
+            if name.endswith(".py"):
+                raise InputError(f"'{name}' is a file; say which of its functions builds the diagram: {name}:build")
             raise InputError(f"'{name}' is no diagram{suggestion(name, list(graphs.DIAGRAMS))}")
         if own and case is not None:
             raise InputError(f"--like: '{name}' is built by a function of your own, which takes no scenario")

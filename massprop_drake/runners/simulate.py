@@ -110,11 +110,11 @@ def simulate(
             It has a `MassPropertyEstimator` or the output ports of one, exported or, in a builder, on its systems, and
             the sample period of the scenario's vehicle. Readings and `command` are output ports of those names or, in
             a builder, whatever feeds the estimator.
-        log: output ports of systems in that builder, kept as signals `<system>.<port>`.
+        log: output ports of named systems in that builder, kept as signals `<system>.<port>`.
         truth: output ports of that diagram, or their names, by what they truly are: `rate` (3), `attitude` (4),
             `position` and `velocity` of the center of mass in the fixed frame (3 each), `mass_properties` (10) and
-            `thrust` (n_jets), as the ports of `diagrams.vehicle` have them. None: those of that diagram, if they are
-            there; without any the run knows no truth.
+            `thrust` (n_jets), as the ports of `diagrams.vehicle` have them. None: `body_state`, `structure` and
+            `thrust` of that diagram, if all three are there; without any the run knows no truth.
         progress: called now and then with the simulated time, s.
         watch: called at every sample with what there is to see.
         folder: where a temporary file with the signals of a long run may lie; default the system's place for such.
@@ -125,7 +125,8 @@ def simulate(
 
     Raises:
         InputError: when what its `execution` asks for cannot be had; when the vehicle uses up its mass, or a covariance
-            loses definiteness by the scenario's numbers, with the time; or when that file cannot be written.
+            loses definiteness by the scenario's numbers, with the time; when a jet is commanded by less than 0 or more
+            than 1; or when that file cannot be written.
         ArithmeticError: when the jet selection's solver fails.
     """
     flight = _FlyingRun(scenario, _engine(scenario, diagram, log, truth), Intake(scenario, folder))
@@ -219,6 +220,10 @@ def _scenario_to_blame(scenario: Scenario) -> Iterator[None]:
     except OutOfMassError as error:
         vehicle = scenario.vehicle_data
         unit, when = vehicle.unit_names["mass"], moment(error.time_s)
+        if math.isnan(error.wanted):
+            raise InputError(
+                f"scenario '{scenario.name}': at t = {when} s a command of the jets is NaN; each must be from 0 to 1"
+            ) from error
         raise InputError(
             f"scenario '{scenario.name}': at t = {when} s the vehicle runs out of mass: {error.left:.6g} "
             f"{unit} are left, and its jets are about to use {error.wanted:.6g} {unit}; check the mass, and thrust and "

@@ -22,7 +22,7 @@ from massprop_drake.maths.mass_properties import CENTER_OF_MASS
 from massprop_drake.maths.vehicle.rigid_body import QUATERNION, RATE
 from massprop_drake.runners.logs import ESTIMATION, state_groups
 from massprop_drake.runners.moment import Moment
-from massprop_drake.signals import JOINTS
+from massprop_drake.signals import JOINTS, is_own
 from massprop_drake.systems.layouts import RECONFIGURATION, ROTATION_REPORT, STRUCTURE
 from massprop_drake.systems.stopwatch import DETECTOR, ESTIMATORS, JET_SELECTION, Stopwatch
 
@@ -60,7 +60,8 @@ class Simulated:
     added first comes first. In a builder, a reading or command without a port of its name is what feeds the estimator.
 
     Raises:
-        InputError: when the diagram lacks what a run keeps, or the table of the truth is wrong.
+        InputError: when the diagram lacks what a run keeps, the table of the truth is wrong, a port to log is none of
+            numbers or its system has no name, or the diagram commands a jet by less than 0 or more than 1.
     """
 
     def __init__(
@@ -76,11 +77,12 @@ class Simulated:
             whole = diagram or (open_loop if scenario.jet_schedule else closed_loop).build(scenario)
             builder.AddNamedSystem(whole.get_name() or "diagram", whole)
         self._sensors, self._n_jets = vehicle.sensor_names(), len(vehicle.jets)
+        self._jets = vehicle.designations
         self._systems = builder.GetSystems()
         self._estimation = self._part(lambda system: isinstance(system, MassPropertyEstimator))
         self._ports = self._found(scenario, _feeding(self._estimation, builder)) | self._true(truth)
         ports = {name: port for name, port in self._ports.items() if name not in _UNLOGGED}
-        ports |= {f"{port.get_system().get_name()}.{port.get_name()}": port for port in log}
+        ports |= {_own_name(port): port for port in log}
         # one log, since each takes an event a sample
         sizes = [port.size() for port in ports.values()]
         side_by_side = builder.AddSystem(Multiplexer(sizes))
@@ -127,6 +129,7 @@ class Simulated:
         self._logged_s = float(times_s[-1]) if times_s.size else self._logged_s
         logs = {name: rows[:, first:last].copy() for name, (first, last) in self._columns.items()}
         log.Clear()
+        _require_fractions(logs["command" if "command" in logs else _HELD], times_s, self._jets)
         return self._with_commands({"time_s": times_s, **logs})
 
     def _with_commands(self, logs: dict[str, Array]) -> dict[str, Array]:
@@ -223,6 +226,8 @@ class Simulated:
         if truth is None:
             there = {name: port for name in _BUNDLED_TRUTH if (port := self._named(name)) is not None}
             return there if len(there) == len(_BUNDLED_TRUTH) else {}
+        if not isinstance(truth, Mapping):
+            raise InputError(f"truth: must be a table of ports by name, such as {{'rate': 'rate'}}, got {truth!r}")
         return {TRUTH[name]: self._true_port(name, port) for name, port in truth.items() if _require_known(name)}
 
     def _true_port(self, name: str, port: OutputPort | str) -> OutputPort:
@@ -259,6 +264,34 @@ class Simulated:
                 return system
             waiting += system.GetSystems() if isinstance(system, Diagram) else []
         return None
+
+
+def _own_name(port: OutputPort) -> str:
+    """The name of a signal of the user's own, `<system>.<port>`.
+
+    Raises:
+        InputError: when the port has no numbers, or its system no name that could be a signal's.
+    """
+    system, name = port.get_system().get_name(), port.get_name()
+    if port.get_data_type().name != "kVectorValued":
+        raise InputError(f"log: the port '{name}' of '{system}' has no vector; a run keeps numbers alone")
+    if not is_own(f"{system}.{name}"):
+        raise InputError(
+            f"log: the system '{system}' of the port '{name}' needs a name without '.', '/' and '\\', which the signal "
+            "takes over: AddNamedSystem('plant', ...) gives one"
+        )
+    return f"{system}.{name}"
+
+
+def _require_fractions(commands: Array, times_s: Array, jets: Sequence[str]) -> None:
+    """Raises InputError when a jet is commanded by less than 0 or more than 1; NaN is not known, and passes."""
+    rows, columns = ((commands < 0.0) | (commands > 1.0)).nonzero()
+    if rows.size:
+        jet, value, time_s = jets[columns[0]], commands[rows[0], columns[0]], times_s[rows[0]]
+        raise InputError(
+            f"command: at t = {moment(time_s)} s jet {jet} is commanded by {value:.6g}; it must be from 0 to 1, the "
+            "fraction of full thrust"
+        )
 
 
 def _require_known(name: str) -> bool:

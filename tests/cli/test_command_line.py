@@ -312,6 +312,7 @@ def test_run_refuses_a_bad_vehicle(
         (("run", "x" * 300), "x" * 300),
         (("run", "sample_maneuver", "--set", "duration_s=1", "--out", "y" * 300), "y" * 300),
         (("graph", "closed_lop"), "'closed_lop' is no diagram; did you mean 'closed_loop'?"),
+        (("graph", "mine.py"), "'mine.py' is a file; say which of its functions builds the diagram: mine.py:build"),
         (("check",), "nothing to check"),
     ],
     ids=lambda value: " ".join(value)[:40] if isinstance(value, tuple) else None,

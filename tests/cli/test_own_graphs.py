@@ -22,7 +22,7 @@ PROGRAM = dedent(
     from pydrake.systems.framework import DiagramBuilder
     from pydrake.systems.primitives import Gain, Integrator
 
-    from gains import GAIN
+    from gains import GAIN, loud
 
     SIZE = 2
 
@@ -85,7 +85,7 @@ LINE = {
 def here(massprop: Massprop) -> None:
     """A folder with the user's program and a module that it imports, for commands by `massprop` run in it."""
     del massprop
-    Path("gains.py").write_text("GAIN = -1.0\n", encoding="utf-8")
+    Path("gains.py").write_text("GAIN = -1.0\n\n\ndef loud():\n    return GAIN\n", encoding="utf-8")
     Path("own_loop.py").write_text(PROGRAM, encoding="utf-8")
     for name in ("own_loop", "gains"):  # of another test's folder
         sys.modules.pop(name, None)

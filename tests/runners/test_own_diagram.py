@@ -198,9 +198,10 @@ def test_commands_are_shifted_across_blocks_of_a_log(scheduled: Scenario, monkey
         ({"rates": "w"}, "truth: no run keeps a true 'rates'; did you mean 'rate'?"),
         ({"rate": "omega"}, "truth: rate: the diagram has no output port 'omega'"),
         ({"rate": "q"}, "truth: rate: must be a port of 3 numbers; 'q' has 4 numbers"),
+        (["rate"], "truth: must be a table of ports by name, such as {'rate': 'rate'}, got ['rate']"),
     ],
 )
-def test_a_wrong_table_is_refused(scheduled: Scenario, truth: dict[str, str], message: str) -> None:
+def test_a_wrong_table_is_refused(scheduled: Scenario, truth: Any, message: str) -> None:
     with pytest.raises(InputError) as caught:
         simulate(scheduled, diagram=beside_a_plant(scheduled), truth=truth)
     assert str(caught.value) == message
@@ -229,3 +230,75 @@ def test_a_log_needs_a_builder(scenario: Scenario) -> None:
     _, mine = wired(scenario)
     with pytest.raises(InputError, match="log takes output ports"):
         simulate(scenario, log=[mine.GetOutputPort("doubled")])
+
+
+@pytest.mark.parametrize("name", ["", "my/system"])
+def test_a_logged_system_needs_a_name_that_a_signal_can_have(scenario: Scenario, name: str) -> None:
+    builder, mine = wired(scenario)
+    mine.set_name(name)
+    with pytest.raises(InputError, match="of the port 'doubled' needs a name without"):
+        simulate(scenario, diagram=builder, log=[mine.GetOutputPort("doubled")])
+
+
+class Steady(LeafSystem):
+    """A pilot that commands the second jet by one number, from the second sample on.
+
+    Args:
+        level: that number.
+        period_s: sample period, s.
+    """
+
+    def __init__(self, n_jets: int, level: float, period_s: float):
+        super().__init__()
+        self._level, self._n_jets, self._period_s = level, n_jets, period_s
+        self._held = self.DeclareDiscreteState(n_jets)
+        self.DeclareVectorOutputPort("command", n_jets, self._calc)
+        self.DeclareStateOutputPort("held_command", self._held)
+        self.DeclarePeriodicDiscreteUpdateEvent(period_s, 0.0, self._update)
+
+    def _fired(self, context: Any) -> Any:
+        return self._level * np.eye(self._n_jets)[1] * (context.get_time() >= self._period_s)
+
+    def _calc(self, context: Any, output: Any) -> None:
+        output.SetFromVector(self._fired(context))
+
+    def _update(self, context: Any, state: Any) -> None:
+        state.set_value(self._held, self._fired(context))
+
+
+SERVICER = Scenario(vehicle="servicer", duration_s=2.0)
+
+
+def commanded(level: float) -> DiagramBuilder:
+    """A vehicle whose second jet is commanded by one number, and an estimator."""
+    known, builder = SERVICER.vehicle_data, DiagramBuilder()
+    pilot = builder.AddNamedSystem("pilot", Steady(len(known.jets), level, known.sample_period_s))
+    body = builder.AddNamedSystem("body", vehicle.build(SERVICER))
+    estimator = builder.AddSystem(MassPropertyEstimator(SERVICER))
+    for name in ("command", "held_command"):
+        builder.Connect(pilot.GetOutputPort(name), body.GetInputPort(name))
+    for name in known.sensor_names():
+        builder.Connect(body.GetOutputPort(name), estimator.GetInputPort(name))
+    builder.Connect(pilot.GetOutputPort("held_command"), estimator.GetInputPort("jet_commands"))
+    return builder
+
+
+def test_a_log_takes_numbers_alone() -> None:
+    builder = commanded(0.0)
+    verdict = builder.GetSubsystemByName("estimation").GetOutputPort("verdict")
+    with pytest.raises(InputError, match="log: the port 'verdict' of 'estimation' has no vector"):
+        simulate(SERVICER, diagram=builder, log=[verdict])
+
+
+@pytest.mark.parametrize(
+    ("level", "message"),
+    [
+        (1.5, "command: at t = 0.1 s jet M2 is commanded by 1.5; it must be from 0 to 1, the fraction of full thrust"),
+        (-0.25, "at t = 0.1 s jet M2 is commanded by -0.25"),
+        (np.nan, "at t = 0 s a command of the jets is NaN; each must be from 0 to 1"),
+    ],
+)
+def test_a_command_that_no_jet_can_follow_is_refused(level: float, message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        simulate(SERVICER, diagram=commanded(level))
+    assert message in str(caught.value)
