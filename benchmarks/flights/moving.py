@@ -16,7 +16,8 @@ def inside(random: Random, number: int, *, name: str, told: tuple[float, float] 
 
     Args:
         name: of a bundled scenario.
-        told: walks of rate and velocity, rad/s/sqrt(s) and m/s/sqrt(s); None: nothing is told.
+        told: walks of rate and velocity, rad/s/sqrt(s) and m/s/sqrt(s), at the model's own frequency, with which they
+            grow; None: nothing is told.
     """
     ratio = float(random.choice([0.8, 1.0, 1.5, 2.5]))
     damping = float(random.choice([0.5, 1.0, 2.5]))
@@ -33,7 +34,7 @@ def inside(random: Random, number: int, *, name: str, told: tuple[float, float] 
         "plant.thrust_dispersion=0.01",
     ]
     if told is not None:
-        settings += [f"joint.rate_walk={told[0]}", f"joint.velocity_walk={told[1]}"]
+        settings += [f"joint.rate_walk={ratio * told[0]:g}", f"joint.velocity_walk={ratio * told[1]:g}"]
     return Flight(name, tuple(settings))
 
 
