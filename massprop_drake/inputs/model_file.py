@@ -44,7 +44,7 @@ def model_text(model: str, folder: Path) -> str:
         return model
     beside = Path(os.path.normpath(folder / model))
     if exists(beside):
-        text = read_text(beside)
+        text = read_text(beside).removeprefix("\ufeff")  # a byte order mark
     elif model in bundled_models():
         text = resources.files("massprop_drake.scenarios").joinpath("models", model).read_text(encoding="utf-8")
     else:
@@ -117,6 +117,8 @@ def require_model(text: str, where: str) -> None:
         raise InputError(
             f"{where}is neither SDF nor URDF, whose first elements are <sdf> and <robot>: found <{root.tag}>"
         )
+    if root.tag == "sdf" and not root.get("version"):
+        raise InputError(f"{where}has no version; begin with <sdf version='1.9'>")
     for tag, remedy in _ELSEWHERE.items():
         if root.find(f".//{tag}") is not None:
             raise InputError(f"{where}has <{tag}>, but a run keeps the model's text alone; {remedy}")

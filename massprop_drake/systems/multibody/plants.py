@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import re
+import textwrap
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Literal
@@ -19,7 +20,8 @@ from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.attached_bodies import Bodies, BodyPlaces, center_velocity, composite
 
 _DRAKE = "drake"  # its logger
-_PLACE = re.compile(r"(<literal-string>\.\w+:\d+: )?(error|warning): |Failure at \S+ in ")
+_PLACE = re.compile(r"(<literal-string>\.\w+:\d+: )?(error|warning): |Failure at \S+ in |<data-string>:\d+: ")
+_MOST_LETTERS = 500  # of a message of Drake's, which may hold the whole model
 
 
 def parsed_plant(text: str, kind: Literal["sdf", "urdf"]) -> MultibodyPlant:
@@ -30,7 +32,7 @@ def parsed_plant(text: str, kind: Literal["sdf", "urdf"]) -> MultibodyPlant:
         kind: its format.
 
     Raises:
-        ValueError: when Drake cannot make a plant of it, or an inertia in it is none.
+        ValueError: when Drake cannot make a plant of it, an inertia in it is none, or it has constraints.
     """
     plant = MultibodyPlant(0.0)
     with _warnings() as warned:
@@ -43,7 +45,21 @@ def parsed_plant(text: str, kind: Literal["sdf", "urdf"]) -> MultibodyPlant:
     doubt = next((text for text in warned if "nertia" in text), None)
     if doubt is not None:
         raise ValueError(f"Drake cannot read this {kind.upper()}: {_line(doubt)}")
+    if plant.num_constraints():
+        raise ValueError("has a constraint, such as <mimic>, which a continuous plant cannot keep; leave it out")
     return plant
+
+
+def require_motion(plant: MultibodyPlant) -> None:
+    """Makes sure that Drake can tell how a finalized plant moves.
+
+    Raises:
+        ValueError: when inertias are too small for that.
+    """
+    try:
+        plant.EvalTimeDerivatives(plant.CreateDefaultContext())
+    except (RuntimeError, SystemExit) as error:
+        raise ValueError(f"Drake cannot move this model: {_line(str(error))}") from None
 
 
 @contextlib.contextmanager
@@ -66,7 +82,7 @@ def _warnings() -> Iterator[list[str]]:
 
 def _line(text: str) -> str:
     """A message of Drake's in one line, without the places in Drake and in the text that it begins with."""
-    return " ".join(_PLACE.sub("", text).split())
+    return textwrap.shorten(_PLACE.sub("", text), _MOST_LETTERS, placeholder=" ...")
 
 
 def require_continuous(plant: MultibodyPlant) -> None:
@@ -167,8 +183,19 @@ def joint_named(plant: MultibodyPlant, name: str) -> Joint:
     if len(found) != 1:
         known = sorted(joint.name() for joint in single)
         says = "is the name of more than one joint" if found else "is no joint of one degree of freedom in the model"
-        raise ValueError(f"'{name}' {says}; joints are: {', '.join(known)}")
+        raise ValueError(f"'{name}' {says}; joints are: {', '.join(known) or 'none'}")
     return found[0]
+
+
+def require_within(joint: Joint, position: float) -> None:
+    """Makes sure that a joint of one degree of freedom may stand at a position.
+
+    Raises:
+        ValueError: when the position is beyond the joint's limits.
+    """
+    least, most = joint.position_lower_limits()[0], joint.position_upper_limits()[0]
+    if not least <= position <= most:
+        raise ValueError(f"{position:g} is beyond the limits of joint '{joint.name()}', {least:g} to {most:g}")
 
 
 def start_state(
