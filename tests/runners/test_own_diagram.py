@@ -206,6 +206,42 @@ def test_a_wrong_table_is_refused(scheduled: Scenario, truth: dict[str, str], me
     assert str(caught.value) == message
 
 
+def test_a_port_is_one_of_the_diagram(scheduled: Scenario) -> None:
+    other = plant(scheduled)
+    for wrong, message in (
+        ({"rate": 3}, "truth: rate: must be an output port or its name, got 3"),
+        ({"rate": other}, "truth: rate: must be an output port or its name, got <"),
+        ({"rate": other.GetOutputPort("w")}, "truth: rate: 'w' is a port of system 'mine', which the builder does not"),
+        (["rate"], "truth: must be a table such as {'rate': port}, got list"),
+    ):
+        with pytest.raises(InputError) as caught:
+            simulate(scheduled, diagram=beside_a_plant(scheduled), truth=wrong)  # type: ignore[arg-type]
+        assert message in str(caught.value)
+    with pytest.raises(InputError, match="log: 'w' is a port of system 'mine', which the builder does not have"):
+        simulate(scheduled, diagram=beside_a_plant(scheduled), log=[other.GetOutputPort("w")])
+
+
+def test_a_diagram_that_cannot_be_flown_is_refused(scenario: Scenario) -> None:
+    slow = load_scenario("sample_maneuver", ["duration_s=4", "vehicle.sample_period_s=0.16"])
+    with pytest.raises(InputError, match=r"its estimator samples every 0\.16 s, the scenario's vehicle every 0\.08 s"):
+        simulate(scenario, diagram=closed_loop.build(slow))
+    with pytest.raises(InputError, match="diagram: must be a Diagram or a DiagramBuilder, got str"):
+        simulate(scenario, diagram="closed_loop")
+    builder, _ = wired(scenario)
+    builder.AddNamedSystem("mine", MatrixGain(np.eye(2)))
+    with pytest.raises(InputError, match="two of its systems are named 'mine'; rename one"):
+        simulate(scenario, diagram=builder)
+    builder, mine = wired(scenario)
+    gain = builder.AddSystem(MatrixGain(np.eye(2)))
+    builder.Connect(gain.get_output_port(), gain.get_input_port())
+    with pytest.raises(InputError, match="simulate: diagram: Reported algebraic loop"):
+        simulate(scenario, diagram=builder, log=[mine.GetOutputPort("doubled")])
+    builder, _ = wired(scenario)
+    simulate(scenario, diagram=builder)
+    with pytest.raises(InputError, match=r"simulate: diagram: DiagramBuilder: Build\(\) .* has already been called"):
+        simulate(scenario, diagram=builder)
+
+
 def test_a_table_needs_a_diagram(scheduled: Scenario) -> None:
     with pytest.raises(InputError, match="truth names output ports of a diagram of your own"):
         simulate(scheduled, truth=TABLE)
