@@ -50,7 +50,9 @@ def guarded(target: str) -> Iterator[None]:
                 yield
         except InputError:
             raise
-        except (Exception, SystemExit) as error:  # Drake ends the process where a demand is not met, and logs why
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # Drake ends the process where a demand is not met, and logs why
             said = error.msg if isinstance(error, SyntaxError) else str(error)
             words = " ".join("; ".join([*logged, said]).split()) or "no message"
             raise InputError(f"{target}: {type(error).__name__}: {words}{_place(error)}") from None
@@ -92,7 +94,7 @@ def call(target: str) -> Any:
         InputError: when there is no such module or function, it needs arguments, or it raises.
     """
     where, _, name = target.rpartition(":")
-    if not where or not name:
+    if not where.strip(".") or not name:
         raise InputError(f"{target}: give MODULE:FUNCTION or FILE.py:FUNCTION, such as my_loop.py:build")
     function = _function(_module(where, target), name, target)
     with guarded(target):
