@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.autodiffutils import InitializeAutoDiff
-from pydrake.systems.framework import Context, System
+from pydrake.systems.framework import Context, PortDataType, System
 from pydrake.systems.primitives import LinearSystem
 
 from massprop_drake.errors import InputError, suggestion
@@ -33,11 +33,11 @@ def linearized(system: System, context: Context, inputs: Sequence[str], outputs:
         context; with the period of the discrete updates.
 
     Raises:
-        InputError: when there is no such port, or state is both continuous and discrete; or by the system, when it has
-            no form for AutoDiffXd.
+        InputError: when there is no such port, or it has no numbers; when state is both continuous and discrete; or by
+            the system, when it has no form for AutoDiffXd.
     """
-    _require_ports("input", inputs, [system.get_input_port(k).get_name() for k in range(system.num_input_ports())])
-    _require_ports("output", outputs, [system.get_output_port(k).get_name() for k in range(system.num_output_ports())])
+    _require_ports("input", inputs, [system.get_input_port(k) for k in range(system.num_input_ports())])
+    _require_ports("output", outputs, [system.get_output_port(k) for k in range(system.num_output_ports())])
     groups, continuous = context.num_discrete_state_groups(), context.num_continuous_states()
     if groups and continuous:
         raise InputError(
@@ -62,10 +62,16 @@ def linearized(system: System, context: Context, inputs: Sequence[str], outputs:
     return LinearSystem(ahead[:, :n], ahead[:, n:], seen[:, :n], seen[:, n:], _period_s(system) if groups else 0.0)
 
 
-def _require_ports(kind: str, names: Sequence[str], there: list[str]) -> None:
+def _require_ports(kind: str, names: Sequence[str], there: Sequence[Any]) -> None:
+    """Makes sure that ports are there, and are vectors."""
+    if isinstance(names, str):
+        raise InputError(f"{kind}s: must be a list of names, such as ['{names}']")
+    numbers = {port.get_name(): port.get_data_type() == PortDataType.kVectorValued for port in there}
     for name in names:
-        if name not in there:
-            raise InputError(f"there is no {kind} port '{name}'{suggestion(name, there)}")
+        if name not in numbers:
+            raise InputError(f"there is no {kind} port '{name}'{suggestion(name, list(numbers))}")
+        if not numbers[name]:
+            raise InputError(f"{kind} port '{name}' has no numbers, which alone have derivatives")
 
 
 def _state(context: Context, groups: int) -> Array:

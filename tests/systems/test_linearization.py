@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram
 from pydrake.systems.primitives import Linearize
 
@@ -82,6 +83,12 @@ def test_what_has_no_linear_system_is_refused() -> None:
     dut, context = trimmed(smooth("lander_maneuver"))
     with pytest.raises(InputError, match="there is no output port 'gyros'; did you mean 'gyro'"):
         linearized(dut, context, ["command"], ["gyros"])
+    with pytest.raises(InputError, match=r"inputs: must be a list of names, such as \['command'\]"):
+        linearized(dut, context, "command", ["gyro"])
+    plant = MultibodyPlant(0.0)
+    plant.Finalize()
+    with pytest.raises(InputError, match="output port 'body_poses' has no numbers, which alone have derivatives"):
+        linearized(plant, plant.CreateDefaultContext(), [], ["body_poses"])
     dut, context = trimmed(load_scenario("lander_maneuver"))
     with pytest.raises(InputError, match="quantizes its readings"):
         linearized(dut, context, ["command"], ["gyro"])
