@@ -18,7 +18,7 @@ from massprop_drake.inputs import params
 from massprop_drake.inputs.model_file import blamed, model_joints, model_kind
 from massprop_drake.inputs.scenario import JointMove, JointStart, MultibodyBlock, PlantBlock, Scenario
 from massprop_drake.inputs.vehicle import Vehicle
-from massprop_drake.systems.multibody.multibody_vehicle import FROM_PLANT, BodyBridge, MultibodyVehicle
+from massprop_drake.systems.multibody.multibody_vehicle import FROM_PLANT, TRUTH, BodyBridge, MultibodyVehicle
 from massprop_drake.systems.multibody.plants import (
     body_of,
     floating_base,
@@ -118,9 +118,18 @@ def add_thrusters_and_sensors(
         name: of the diagram.
 
     Raises:
-        ValueError: when the plant is discrete, not finalized, has no such body, or its forces come from elsewhere.
+        ValueError: when the plant is discrete, not finalized, has no such body, or its forces come from elsewhere; the
+            vehicle moves in a plane; or a star tracker has the name of another part.
     """
     scenario = vehicle if isinstance(vehicle, Scenario) else Scenario(vehicle=vehicle)
+    if scenario.vehicle_data.motion == "planar":
+        raise ValueError(f"vehicle '{scenario.vehicle_data.name}' moves in a plane, which a MultibodyPlant knows not")
+    taken = [*TRUTH, "thrust", "spatial_forces", "reaction_jets", "body_bridge", "noise_source", "noise_seed"]
+    taken += [sensor.name for sensor in (*scenario.vehicle_data.sensors, *scenario.vehicle_data.tracked)]
+    for tracker in star_trackers:
+        if tracker.get_name() in taken:
+            raise ValueError(f"star tracker '{tracker.get_name()}': the vehicle has that name already; give another")
+        taken.append(tracker.get_name())
     if isinstance(scenario.plant, PlantBlock):
         continuous = scenario.plant.model_copy(update={"time_step": 0.0})
         scenario = scenario.model_copy(update={"plant": continuous})

@@ -104,7 +104,7 @@ def body_of(plant: MultibodyPlant, body: str | RigidBody | BodyIndex) -> RigidBo
     """The body of a plant that a name, an index or the body itself means.
 
     Raises:
-        ValueError: when there is none, or more than one, of that name.
+        ValueError: when there is none, or more than one, of that name; or the body is of another plant, or the world.
     """
     if isinstance(body, str):
         found = [one for one in _bodies(plant) if one.name() == body]
@@ -114,7 +114,17 @@ def body_of(plant: MultibodyPlant, body: str | RigidBody | BodyIndex) -> RigidBo
             names = sorted({one.name() for one in _bodies(plant)})
             raise ValueError(f"'{body}' is no body of the MultibodyPlant; bodies are: {', '.join(names)}")
         return found[0]
-    return plant.get_body(body) if isinstance(body, BodyIndex) else body
+    if isinstance(body, BodyIndex):
+        if not 0 < int(body) < plant.num_bodies():
+            raise ValueError(
+                f"body {int(body)}: must be from 1 to {plant.num_bodies() - 1}, an index of the MultibodyPlant's bodies"
+            )
+        return plant.get_body(body)
+    if not isinstance(body, RigidBody):
+        raise ValueError(f"body: must be the name, the BodyIndex or the body itself, got {body!r}")
+    if body.GetParentPlant() is not plant or body.index() == plant.world_body().index():
+        raise ValueError(f"body '{body.name()}' must be one of the MultibodyPlant's own, and not its world")
+    return body
 
 
 def _bodies(plant: MultibodyPlant) -> list[RigidBody]:
