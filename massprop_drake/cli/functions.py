@@ -6,7 +6,6 @@ import contextlib
 import importlib
 import importlib.util
 import inspect
-import logging
 import os
 import re
 import sys
@@ -18,7 +17,7 @@ from typing import Any
 
 import massprop_drake
 from massprop_drake.cli.streams import note
-from massprop_drake.errors import InputError, suggestion
+from massprop_drake.errors import InputError, logged_by_drake, suggestion
 
 _OURS = str(Path(massprop_drake.__file__).parent)
 
@@ -44,7 +43,7 @@ def guarded(target: str) -> Iterator[None]:
     Raises:
         InputError: with the error's own words, file and line.
     """
-    with _logged_by_drake() as logged:
+    with logged_by_drake() as logged:
         try:
             with contextlib.redirect_stdout(sys.stderr):
                 yield
@@ -58,30 +57,6 @@ def guarded(target: str) -> Iterator[None]:
             raise InputError(f"{target}: {type(error).__name__}: {words}{_place(error)}") from None
     for line in logged:
         note(line)
-
-
-@contextlib.contextmanager
-def _logged_by_drake() -> Iterator[list[str]]:
-    """Collects what Drake logs, in place of its lines on the error stream."""
-    logger, logged = logging.getLogger("drake"), _Logged()
-    propagates, logger.propagate = logger.propagate, False
-    logger.addHandler(logged)
-    try:
-        yield logged.lines
-    finally:
-        logger.removeHandler(logged)
-        logger.propagate = propagates
-
-
-class _Logged(logging.Handler):
-    """Collects log records as lines."""
-
-    def __init__(self) -> None:
-        super().__init__(logging.WARNING)
-        self.lines: list[str] = []
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self.lines.append(record.getMessage())
 
 
 def call(target: str) -> Any:

@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 from massprop_drake.errors import InputError, suggestion
 from massprop_drake.inputs.yaml import exists, read_text
 
+_MOST_LETTERS = 500_000  # half of what a scenario's file may have
 _SUFFIXES = (".sdf", ".urdf")
 _NEEDED = {"sdf": ("mass", "inertia/ixx", "inertia/iyy", "inertia/izz"), "robot": ("mass", "inertia")}
 _POSITIONS = {
@@ -109,6 +110,8 @@ def require_model(text: str, where: str) -> None:
     Raises:
         InputError: when it is not.
     """
+    if len(text) > _MOST_LETTERS:
+        raise InputError(f"{where}has {len(text)} characters; a run keeps a model of at most {_MOST_LETTERS}")
     try:
         root = ElementTree.fromstring(text.strip())
     except ElementTree.ParseError as error:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
-import logging
 import re
 import textwrap
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -16,10 +14,10 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, Joint, RigidBody
 
+from massprop_drake.errors import logged_by_drake
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.attached_bodies import Bodies, BodyPlaces, center_velocity, composite
 
-_DRAKE = "drake"  # its logger
 _PLACE = re.compile(r"(<literal-string>\.\w+:\d+: )?(error|warning): |Failure at \S+ in |<data-string>:\d+: ")
 _MOST_LETTERS = 500  # of a message of Drake's, which may hold the whole model
 
@@ -35,7 +33,7 @@ def parsed_plant(text: str, kind: Literal["sdf", "urdf"]) -> MultibodyPlant:
         ValueError: when Drake cannot make a plant of it, an inertia in it is none, or it has constraints.
     """
     plant = MultibodyPlant(0.0)
-    with _warnings() as warned:
+    with logged_by_drake() as warned:
         try:
             Parser(plant).AddModelsFromString(text, kind)
             plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
@@ -60,24 +58,6 @@ def require_motion(plant: MultibodyPlant) -> None:
         plant.EvalTimeDerivatives(plant.CreateDefaultContext())
     except (RuntimeError, SystemExit) as error:
         raise ValueError(f"Drake cannot move this model: {_line(str(error))}") from None
-
-
-@contextlib.contextmanager
-def _warnings() -> Iterator[list[str]]:
-    """Collects what Drake warns of, in place of writing it."""
-    found: list[str] = []
-
-    class Collector(logging.Handler):
-        def emit(self, record: logging.LogRecord) -> None:
-            found.append(record.getMessage())
-
-    log, collector = logging.getLogger(_DRAKE), Collector(logging.WARNING)
-    handlers, propagates = log.handlers, log.propagate
-    log.handlers, log.propagate = [collector], False
-    try:
-        yield found
-    finally:
-        log.handlers, log.propagate = handlers, propagates
 
 
 def _line(text: str) -> str:
