@@ -87,6 +87,7 @@ class Simulated:
         moving = self._part(lambda system: hasattr(system, "set_initial_velocities"))
         if moving is not None:
             moving.set_initial_velocities(self._root)
+        self._told = () if truth is None else tuple(truth)  # true quantities of a table
         self._began = self._ended = False
         self._waiting: dict[str, Array] = {}  # the last row, where its command is known a sample later
         self._stopwatch = Stopwatch()
@@ -136,12 +137,23 @@ class Simulated:
             self._simulator.AdvanceTo(reached_s)
 
     def emptied(self) -> dict[str, Array]:
-        """What has been logged, by port, and the times; the logs are empty then."""
+        """What has been logged, by port, and the times; the logs are empty then.
+
+        Raises:
+            InputError: when a true quantity of a table is not finite.
+        """
         log = self._sink.FindMutableLog(self._root)
         rows, times_s = log.data().T, np.array(log.sample_times())
         self._logged_s = float(times_s[-1]) if times_s.size else self._logged_s
         logs = {name: rows[:, first:last].copy() for name, (first, last) in self._columns.items()}
         log.Clear()
+        for name in self._told:
+            unknown = ~np.isfinite(logs[TRUTH[name]]).all(axis=1)
+            if unknown.any():
+                raise InputError(
+                    f"truth: {name}: must be finite, but is not at t = {moment(times_s[unknown][0])} s; leave it out "
+                    "where it is not known"
+                )
         return self._with_commands({"time_s": times_s, **logs})
 
     def _with_commands(self, logs: dict[str, Array]) -> dict[str, Array]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
-from pydrake.systems.primitives import MatrixGain
+from pydrake.systems.primitives import ConstantVectorSource, MatrixGain
 
 from massprop_drake import InputError, Run, Scenario, load_scenario, load_vehicle, simulate
 from massprop_drake.diagrams import autopilot, closed_loop, estimation, vehicle
@@ -219,6 +219,13 @@ def test_a_port_is_one_of_the_diagram(scheduled: Scenario) -> None:
         assert message in str(caught.value)
     with pytest.raises(InputError, match="log: 'w' is a port of system 'mine', which the builder does not have"):
         simulate(scheduled, diagram=beside_a_plant(scheduled), log=[other.GetOutputPort("w")])
+
+
+def test_a_truth_that_is_not_finite_is_refused(scheduled: Scenario) -> None:
+    builder = beside_a_plant(scheduled)
+    builder.AddNamedSystem("unknown", ConstantVectorSource(np.array([0.0, np.nan, 0.0])))
+    with pytest.raises(InputError, match="truth: rate: must be finite, but is not at t = 0 s; leave it out where"):
+        simulate(scheduled, diagram=builder, truth={"rate": "y0"})
 
 
 def test_a_diagram_that_cannot_be_flown_is_refused(scenario: Scenario) -> None:
