@@ -16,10 +16,17 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from massprop_drake.diagrams import vehicle as vehicle_diagram
 from massprop_drake.inputs import params
 from massprop_drake.inputs.model_file import blamed, model_joints, model_kind
-from massprop_drake.inputs.scenario import MultibodyBlock, PlantBlock, Scenario
+from massprop_drake.inputs.scenario import JointMove, JointStart, MultibodyBlock, PlantBlock, Scenario
 from massprop_drake.inputs.vehicle import Vehicle
-from massprop_drake.systems.multibody.multibody_vehicle import FROM_PLANT, BodyBridge, MultibodyVehicle
-from massprop_drake.systems.multibody.plants import body_of, floating_base, joint_named, parsed_plant
+from massprop_drake.systems.multibody.multibody_vehicle import FROM_PLANT, TRUTH, BodyBridge, MultibodyVehicle
+from massprop_drake.systems.multibody.plants import (
+    body_of,
+    floating_base,
+    joint_named,
+    parsed_plant,
+    require_motion,
+    require_within,
+)
 from massprop_drake.systems.multibody.star_tracker import StarTracker
 
 
@@ -49,11 +56,14 @@ def _checked(block: MultibodyBlock) -> MultibodyPlant:
         plant = parsed_plant(block.model, model_kind(block.model))
     with blamed("plant.body"):
         floating_base(plant, body_of(plant, block.body))
-    starts, moves = ([entry.joint for entry in entries] for entries in (block.joints, block.moves))
-    for name, joints in (("joints", starts), ("moves", moves)):
-        for index, joint in enumerate(joints):
-            with blamed(f"plant.{name}[{index}].joint"):
-                joint_named(plant, joint)
+    entries: dict[str, Sequence[JointStart | JointMove]] = {"joints": block.joints, "moves": block.moves}
+    for name, index, entry in ((name, *numbered) for name, of in entries.items() for numbered in enumerate(of)):
+        with blamed(f"plant.{name}[{index}].joint"):
+            joint = joint_named(plant, entry.joint)
+        with blamed(f"plant.{name}[{index}].position"):
+            require_within(joint, entry.position)
+    with blamed("plant.model"):
+        require_motion(plant)
     return plant
 
 
@@ -108,9 +118,18 @@ def add_thrusters_and_sensors(
         name: of the diagram.
 
     Raises:
-        ValueError: when the plant is discrete, not finalized, has no such body, or its forces come from elsewhere.
+        ValueError: when the plant is discrete, not finalized, has no such body, or its forces come from elsewhere; the
+            vehicle moves in a plane; or a star tracker has the name of another part.
     """
     scenario = vehicle if isinstance(vehicle, Scenario) else Scenario(vehicle=vehicle)
+    if scenario.vehicle_data.motion == "planar":
+        raise ValueError(f"vehicle '{scenario.vehicle_data.name}' moves in a plane, which a MultibodyPlant knows not")
+    taken = [*TRUTH, "thrust", "spatial_forces", "reaction_jets", "body_bridge", "noise_source", "noise_seed"]
+    taken += [sensor.name for sensor in (*scenario.vehicle_data.sensors, *scenario.vehicle_data.tracked)]
+    for tracker in star_trackers:
+        if tracker.get_name() in taken:
+            raise ValueError(f"star tracker '{tracker.get_name()}': the vehicle has that name already; give another")
+        taken.append(tracker.get_name())
     if isinstance(scenario.plant, PlantBlock):
         continuous = scenario.plant.model_copy(update={"time_step": 0.0})
         scenario = scenario.model_copy(update={"plant": continuous})

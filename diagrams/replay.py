@@ -17,7 +17,7 @@ def build(scenario: Scenario, *, first_row: int = 0, findings: bool = False) -> 
     """The replay diagram of a scenario: the `estimation` diagram, unchanged, fed from a record.
 
     Ports: none in; out every output of the `estimation` diagram and of `TelemetrySource`, by the same
-    names.
+    names. Times in reports and findings are those of the diagram, k T at row k, whatever times the record has.
 
     Args:
         scenario: for the vehicle and the settings of the estimators; what it says of the true vehicle and of

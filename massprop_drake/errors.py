@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
+import logging
+from collections.abc import Iterator
 
 
 class InputError(ValueError):
@@ -65,3 +68,21 @@ def dotted(path: tuple[str | int, ...]) -> str:
     for part in path:
         text += f"[{part}]" if isinstance(part, int) else (f".{part}" if text else str(part))
     return text
+
+
+@contextlib.contextmanager
+def logged_by_drake() -> Iterator[list[str]]:
+    """Collects what Drake warns of, in place of its lines on the error stream."""
+    found: list[str] = []
+
+    class Collector(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            found.append(record.getMessage())
+
+    log = logging.getLogger("drake")
+    handlers, propagates = log.handlers, log.propagate
+    log.handlers, log.propagate = [Collector(logging.WARNING)], False
+    try:
+        yield found
+    finally:
+        log.handlers, log.propagate = handlers, propagates

@@ -6,7 +6,6 @@ import contextlib
 import importlib
 import importlib.util
 import inspect
-import logging
 import os
 import re
 import sys
@@ -18,7 +17,7 @@ from typing import Any
 
 import massprop_drake
 from massprop_drake.cli.streams import note
-from massprop_drake.errors import InputError, suggestion
+from massprop_drake.errors import InputError, logged_by_drake, suggestion
 
 _OURS = str(Path(massprop_drake.__file__).parent)
 
@@ -44,42 +43,20 @@ def guarded(target: str) -> Iterator[None]:
     Raises:
         InputError: with the error's own words, file and line.
     """
-    with _logged_by_drake() as logged:
+    with logged_by_drake() as logged:
         try:
             with contextlib.redirect_stdout(sys.stderr):
                 yield
         except InputError:
             raise
-        except (Exception, SystemExit) as error:  # Drake ends the process where a demand is not met, and logs why
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # Drake ends the process where a demand is not met, and logs why
             said = error.msg if isinstance(error, SyntaxError) else str(error)
             words = " ".join("; ".join([*logged, said]).split()) or "no message"
             raise InputError(f"{target}: {type(error).__name__}: {words}{_place(error)}") from None
     for line in logged:
         note(line)
-
-
-@contextlib.contextmanager
-def _logged_by_drake() -> Iterator[list[str]]:
-    """Collects what Drake logs, in place of its lines on the error stream."""
-    logger, logged = logging.getLogger("drake"), _Logged()
-    propagates, logger.propagate = logger.propagate, False
-    logger.addHandler(logged)
-    try:
-        yield logged.lines
-    finally:
-        logger.removeHandler(logged)
-        logger.propagate = propagates
-
-
-class _Logged(logging.Handler):
-    """Collects log records as lines."""
-
-    def __init__(self) -> None:
-        super().__init__(logging.WARNING)
-        self.lines: list[str] = []
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self.lines.append(record.getMessage())
 
 
 def call(target: str) -> Any:
@@ -92,7 +69,7 @@ def call(target: str) -> Any:
         InputError: when there is no such module or function, it needs arguments, or it raises.
     """
     where, _, name = target.rpartition(":")
-    if not where or not name:
+    if not where.strip(".") or not name:
         raise InputError(f"{target}: give MODULE:FUNCTION or FILE.py:FUNCTION, such as my_loop.py:build")
     function = _function(_module(where, target), name, target)
     with guarded(target):

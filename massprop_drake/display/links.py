@@ -11,6 +11,7 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex
 
+from massprop_drake.errors import logged_by_drake
 from massprop_drake.inputs.model_file import model_joints, model_kind
 from massprop_drake.inputs.scenario import MultibodyBlock
 
@@ -35,8 +36,9 @@ class Links:
         self._graph = SceneGraph()
         self._plant = MultibodyPlant(0.0)
         self._plant.RegisterAsSourceForSceneGraph(self._graph)
-        Parser(self._plant).AddModelsFromString(block.model, model_kind(block.model))
-        self._plant.Finalize()
+        with logged_by_drake():  # of what is not drawn
+            Parser(self._plant).AddModelsFromString(block.model, model_kind(block.model))
+            self._plant.Finalize()
         self._context = self._plant.CreateDefaultContext()
         self._links = [self._plant.get_body(BodyIndex(number)) for number in range(1, self._plant.num_bodies())]
         self._carrier = next(link for link in self._links if link.name() == block.body)
@@ -51,11 +53,12 @@ class Links:
     def draw(self, meshcat: Meshcat, path: str) -> None:
         """Draws the links below a path, `<path>/<number>` each."""
         inspector = self._graph.model_inspector()
-        for number, link in enumerate(self._links):
-            for place, geometry in enumerate(self._plant.GetVisualGeometriesForBody(link)):
-                below = f"{path}/{number}/{place}"
-                meshcat.SetObject(below, inspector.GetShape(geometry), _color(inspector, geometry))
-                meshcat.SetTransform(below, inspector.GetPoseInFrame(geometry))
+        with logged_by_drake():
+            for number, link in enumerate(self._links):
+                for place, geometry in enumerate(self._plant.GetVisualGeometriesForBody(link)):
+                    below = f"{path}/{number}/{place}"
+                    meshcat.SetObject(below, inspector.GetShape(geometry), _color(inspector, geometry))
+                    meshcat.SetTransform(below, inspector.GetPoseInFrame(geometry))
 
     def poses(self, joint_positions: Array) -> Array:
         """Where the links stand in the vehicle frame.

@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 from massprop_drake.errors import InputError, suggestion
 from massprop_drake.inputs.yaml import exists, read_text
 
+_MOST_LETTERS = 500_000  # half of what a scenario's file may have
 _SUFFIXES = (".sdf", ".urdf")
 _NEEDED = {"sdf": ("mass", "inertia/ixx", "inertia/iyy", "inertia/izz"), "robot": ("mass", "inertia")}
 _POSITIONS = {
@@ -44,7 +45,7 @@ def model_text(model: str, folder: Path) -> str:
         return model
     beside = Path(os.path.normpath(folder / model))
     if exists(beside):
-        text = read_text(beside)
+        text = read_text(beside).removeprefix("\ufeff")  # a byte order mark
     elif model in bundled_models():
         text = resources.files("massprop_drake.scenarios").joinpath("models", model).read_text(encoding="utf-8")
     else:
@@ -109,6 +110,8 @@ def require_model(text: str, where: str) -> None:
     Raises:
         InputError: when it is not.
     """
+    if len(text) > _MOST_LETTERS:
+        raise InputError(f"{where}has {len(text)} characters; a run keeps a model of at most {_MOST_LETTERS}")
     try:
         root = ElementTree.fromstring(text.strip())
     except ElementTree.ParseError as error:
@@ -117,6 +120,8 @@ def require_model(text: str, where: str) -> None:
         raise InputError(
             f"{where}is neither SDF nor URDF, whose first elements are <sdf> and <robot>: found <{root.tag}>"
         )
+    if root.tag == "sdf" and not root.get("version"):
+        raise InputError(f"{where}has no version; begin with <sdf version='1.9'>")
     for tag, remedy in _ELSEWHERE.items():
         if root.find(f".//{tag}") is not None:
             raise InputError(f"{where}has <{tag}>, but a run keeps the model's text alone; {remedy}")

@@ -39,6 +39,7 @@ from massprop_drake.inputs.vehicle import MassPropertiesModel, Vehicle, load_veh
 from massprop_drake.inputs.yaml import Document, FieldPath, exists, read_text
 from massprop_drake.maths.linear_algebra import is_covariance
 from massprop_drake.maths.mass_properties import Spread, could_be_inertia, initial_standard_deviation, joined
+from massprop_drake.maths.vehicle.joint_moves import peak_rate
 
 Array = NDArray[np.float64]
 
@@ -263,9 +264,24 @@ class MultibodyBlock(_Plant):
             for index, name in enumerate(named)
             if name in named[:index]
         ]
-        if problems:
+        if problems := problems or list(self._too_fast()):
             raise refusal(problems)
         return self
+
+    def _too_fast(self) -> Iterator[tuple[FieldPath, str]]:
+        """Finds joints that start, or are moved, faster than anything turns."""
+        most = plausible.RATE.most
+        where = {start.joint: start.position for start in self.joints}
+        for index, start in enumerate(self.joints):
+            if abs(start.rate) > most:
+                yield ("joints", index, "rate"), f"{start.rate:g} per s, is above {most:g}: {plausible.RATE.why}"
+        for index, move in sorted(enumerate(self.moves), key=lambda one: one[1].start_s):
+            way = move.position - where.get(move.joint, 0.0)
+            fastest = peak_rate(way, move.end_s - move.start_s)
+            if fastest > most:
+                problem = f"reaches {fastest:.3g} per s, above {most:g}: {plausible.RATE.why}; give it more time"
+                yield ("moves", index), problem
+            where[move.joint] = move.position
 
 
 class _Timed(Model):

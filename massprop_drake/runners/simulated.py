@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, PortDataType, System
 from pydrake.systems.primitives import LogVectorOutput, Multiplexer
 
 from massprop_drake.diagrams import closed_loop, open_loop
@@ -72,25 +73,10 @@ class Simulated:
         truth: Truth | None = None,
     ):
         vehicle = scenario.vehicle_data
-        builder = diagram if isinstance(diagram, DiagramBuilder) else DiagramBuilder()
-        if builder is not diagram:
-            whole = diagram or (open_loop if scenario.jet_schedule else closed_loop).build(scenario)
-            builder.AddNamedSystem(whole.get_name() or "diagram", whole)
         self._sensors, self._n_jets = vehicle.sensor_names(), len(vehicle.jets)
         self._jets = vehicle.designations
-        self._systems = builder.GetSystems()
-        self._estimation = self._part(lambda system: isinstance(system, MassPropertyEstimator))
-        self._ports = self._found(scenario, _feeding(self._estimation, builder)) | self._true(truth)
-        ports = {name: port for name, port in self._ports.items() if name not in _UNLOGGED}
-        ports |= {_own_name(port): port for port in log}
-        # one log, since each takes an event a sample
-        sizes = [port.size() for port in ports.values()]
-        side_by_side = builder.AddSystem(Multiplexer(sizes))
-        for place, port in enumerate(ports.values()):
-            builder.Connect(port, side_by_side.get_input_port(place))
-        self._columns = dict(zip(ports, pairwise(np.cumsum([0, *sizes]).tolist()), strict=True))
-        self._sink = LogVectorOutput(side_by_side.get_output_port(), builder, vehicle.sample_period_s)
-        self._simulator = Simulator(builder.Build())
+        with _to_blame(diagram):
+            self._simulator = Simulator(self._built(scenario, diagram, log, truth))
         self._root = self._simulator.get_mutable_context()
         if self._root.num_continuous_states():
             config = SimulatorConfig(
@@ -103,10 +89,40 @@ class Simulated:
         moving = self._part(lambda system: hasattr(system, "set_initial_velocities"))
         if moving is not None:
             moving.set_initial_velocities(self._root)
+        self._told = () if truth is None else tuple(truth)  # true quantities of a table
         self._began = self._ended = False
         self._waiting: dict[str, Array] = {}  # the last row, where its command is known a sample later
         self._stopwatch = Stopwatch()
         self._logged_s = -math.inf  # time of the last row
+
+    def _built(
+        self,
+        scenario: Scenario,
+        diagram: Diagram | DiagramBuilder | None,
+        log: Sequence[OutputPort],
+        truth: Truth | None,
+    ) -> Diagram:
+        """The whole diagram, with one log of all that a run keeps: each log takes an event a sample."""
+        builder = diagram if isinstance(diagram, DiagramBuilder) else DiagramBuilder()
+        if builder is not diagram:
+            whole = diagram or (open_loop if scenario.jet_schedule else closed_loop).build(scenario)
+            builder.AddNamedSystem(whole.get_name() or "diagram", whole)
+        self._systems = builder.GetSystems()
+        self._estimation = self._part(lambda system: isinstance(system, MassPropertyEstimator))
+        _require_period(self._estimation, scenario)
+        self._ports = self._found(scenario, _feeding(self._estimation, builder)) | self._true(truth)
+        ports = {name: port for name, port in self._ports.items() if name not in _UNLOGGED}
+        for port in log:
+            found = self._vector_port("log", port)
+            ports[_own_name(found)] = found
+        sizes = [port.size() for port in ports.values()]
+        side_by_side = builder.AddSystem(Multiplexer(sizes))
+        for place, port in enumerate(ports.values()):
+            builder.Connect(port, side_by_side.get_input_port(place))
+        self._columns = dict(zip(ports, pairwise(np.cumsum([0, *sizes]).tolist()), strict=True))
+        self._sink = LogVectorOutput(side_by_side.get_output_port(), builder, scenario.vehicle_data.sample_period_s)
+        _require_names(self._systems)
+        return builder.Build()
 
     @property
     def logged(self) -> int:
@@ -123,13 +139,24 @@ class Simulated:
             self._simulator.AdvanceTo(reached_s)
 
     def emptied(self) -> dict[str, Array]:
-        """What has been logged, by port, and the times; the logs are empty then."""
+        """What has been logged, by port, and the times; the logs are empty then.
+
+        Raises:
+            InputError: when a true quantity of a table is not finite.
+        """
         log = self._sink.FindMutableLog(self._root)
         rows, times_s = log.data().T, np.array(log.sample_times())
         self._logged_s = float(times_s[-1]) if times_s.size else self._logged_s
         logs = {name: rows[:, first:last].copy() for name, (first, last) in self._columns.items()}
         log.Clear()
         _require_fractions(logs["command" if "command" in logs else _HELD], times_s, self._jets)
+        for name in self._told:
+            unknown = ~np.isfinite(logs[TRUTH[name]]).all(axis=1)
+            if unknown.any():
+                raise InputError(
+                    f"truth: {name}: must be finite, but is not at t = {moment(times_s[unknown][0])} s; leave it out "
+                    "where it is not known"
+                )
         return self._with_commands({"time_s": times_s, **logs})
 
     def _with_commands(self, logs: dict[str, Array]) -> dict[str, Array]:
@@ -227,7 +254,7 @@ class Simulated:
             there = {name: port for name in _BUNDLED_TRUTH if (port := self._named(name)) is not None}
             return there if len(there) == len(_BUNDLED_TRUTH) else {}
         if not isinstance(truth, Mapping):
-            raise InputError(f"truth: must be a table of ports by name, such as {{'rate': 'rate'}}, got {truth!r}")
+            raise InputError(f"truth: must be a table such as {{'rate': port}}, got {type(truth).__name__}")
         return {TRUTH[name]: self._true_port(name, port) for name, port in truth.items() if _require_known(name)}
 
     def _true_port(self, name: str, port: OutputPort | str) -> OutputPort:
@@ -236,13 +263,32 @@ class Simulated:
         Raises:
             InputError: when there is none of that name, or it has another size.
         """
+        found = self._vector_port(f"truth: {name}", port)
+        size = _SIZES.get(name, self._n_jets)
+        if found.size() != size:
+            raise InputError(
+                f"truth: {name}: must be a port of {size} numbers; '{found.get_name()}' has {found.size()} numbers"
+            )
+        return found
+
+    def _vector_port(self, what: str, port: OutputPort | str) -> OutputPort:
+        """An output port of one of the systems, given itself or by its name.
+
+        Raises:
+            InputError: when there is none such, or it has no numbers.
+        """
         found = self._named(port) if isinstance(port, str) else port
         if found is None:
-            raise InputError(f"truth: {name}: the diagram has no output port '{port}'")
-        size = _SIZES.get(name, self._n_jets)
-        if found.get_data_type().name != "kVectorValued" or found.size() != size:
-            told = f"{found.size()} numbers" if found.get_data_type().name == "kVectorValued" else "no vector"
-            raise InputError(f"truth: {name}: must be a port of {size} numbers; '{found.get_name()}' has {told}")
+            raise InputError(f"{what}: the diagram has no output port '{port}'")
+        if not isinstance(found, OutputPort):
+            raise InputError(f"{what}: must be an output port or its name, got {found!r}")
+        if found.get_system() not in self._systems:
+            raise InputError(
+                f"{what}: '{found.get_name()}' is a port of system '{found.get_system().get_name()}', which the "
+                "builder does not have; give a port of one that it has, or of the diagram around it that exports it"
+            )
+        if found.get_data_type() != PortDataType.kVectorValued:
+            raise InputError(f"{what}: must be a port of numbers; '{found.get_name()}' has no vector")
         return found
 
     def _named(self, name: str) -> OutputPort | None:
@@ -266,15 +312,45 @@ class Simulated:
         return None
 
 
+@contextlib.contextmanager
+def _to_blame(diagram: Any) -> Iterator[None]:
+    """Turns what Drake refuses in a diagram of the user's own into one message."""
+    if diagram is not None and not isinstance(diagram, (DiagramBuilder, System)):
+        raise InputError(f"simulate: diagram: must be a Diagram or a DiagramBuilder, got {type(diagram).__name__}")
+    try:
+        yield
+    except (RuntimeError, SystemExit) as error:  # a demand of Drake's that is not met is the latter
+        if diagram is None:
+            raise
+        raise InputError(f"simulate: diagram: {' '.join(str(error).split())}") from None
+
+
+def _require_names(systems: Sequence[System]) -> None:
+    """Makes sure that no two systems have one name, at which Drake would end the process."""
+    names = [system.get_name() for system in systems]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise InputError(f"simulate: diagram: two of its systems are named '{twice}'; rename one")
+
+
+def _require_period(estimation: MassPropertyEstimator | None, scenario: Scenario) -> None:
+    """Makes sure that the estimator samples as the scenario's vehicle does."""
+    period = scenario.vehicle_data.sample_period_s
+    if estimation is not None and estimation.scenario.vehicle_data.sample_period_s != period:
+        own = estimation.scenario.vehicle_data.sample_period_s
+        raise InputError(
+            f"simulate: diagram: its estimator samples every {own:g} s, the scenario's vehicle every {period:g} s; "
+            "build both for one vehicle"
+        )
+
+
 def _own_name(port: OutputPort) -> str:
     """The name of a signal of the user's own, `<system>.<port>`.
 
     Raises:
-        InputError: when the port has no numbers, or its system no name that could be a signal's.
+        InputError: when the port's system has no name that could be a signal's.
     """
     system, name = port.get_system().get_name(), port.get_name()
-    if port.get_data_type().name != "kVectorValued":
-        raise InputError(f"log: the port '{name}' of '{system}' has no vector; a run keeps numbers alone")
     if not is_own(f"{system}.{name}"):
         raise InputError(
             f"log: the system '{system}' of the port '{name}' needs a name without '.', '/' and '\\', which the signal "

@@ -17,6 +17,8 @@ def vector(name: str, value: ArrayLike, size: int) -> Array:
     made = np.array(value, dtype=float)
     if made.shape != (size,):
         raise ValueError(f"{name}: must be a vector of {size} numbers, got {_said(made)}")
+    if not np.isfinite(made).all():
+        raise ValueError(f"{name}: must be finite, got {made.tolist()}")
     return made
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.autodiffutils import InitializeAutoDiff
-from pydrake.systems.framework import Context, System
+from pydrake.systems.framework import Context, PortDataType, System
 from pydrake.systems.primitives import LinearSystem
 
 from massprop_drake.errors import InputError, suggestion
@@ -16,7 +16,7 @@ from massprop_drake.errors import InputError, suggestion
 Array = NDArray[np.float64]
 
 
-def linearized(system: System, context: Context, inputs: Sequence[str], outputs: Sequence[str]) -> LinearSystem:
+def linearized(system: System, context: Context, inputs: Iterable[str], outputs: Iterable[str]) -> LinearSystem:
     """Linearizes a system about a context, with exact derivatives.
 
     Drake's `Linearize` takes state of one group. A vehicle whose jets lag, or whose sensors remember, has several:
@@ -33,11 +33,11 @@ def linearized(system: System, context: Context, inputs: Sequence[str], outputs:
         context; with the period of the discrete updates.
 
     Raises:
-        InputError: when there is no such port, or state is both continuous and discrete; or by the system, when it has
-            no form for AutoDiffXd.
+        InputError: when there is no such port, it has no numbers or is named twice; when state is both continuous and
+            discrete; or by the system, when it has no form for AutoDiffXd.
     """
-    _require_ports("input", inputs, [system.get_input_port(k).get_name() for k in range(system.num_input_ports())])
-    _require_ports("output", outputs, [system.get_output_port(k).get_name() for k in range(system.num_output_ports())])
+    inputs = _named("input", inputs, [system.get_input_port(k) for k in range(system.num_input_ports())])
+    outputs = _named("output", outputs, [system.get_output_port(k) for k in range(system.num_output_ports())])
     groups, continuous = context.num_discrete_state_groups(), context.num_continuous_states()
     if groups and continuous:
         raise InputError(
@@ -58,14 +58,26 @@ def linearized(system: System, context: Context, inputs: Sequence[str], outputs:
         rest += port.size()
     n = state.size
     ahead = _gradient(_ahead(converted, at, groups), varied.size)
-    seen = _gradient(np.concatenate([converted.GetOutputPort(name).Eval(at) for name in outputs]), varied.size)
+    shown = [number for name in outputs for number in converted.GetOutputPort(name).Eval(at)]
+    seen = _gradient(shown, varied.size)
     return LinearSystem(ahead[:, :n], ahead[:, n:], seen[:, :n], seen[:, n:], _period_s(system) if groups else 0.0)
 
 
-def _require_ports(kind: str, names: Sequence[str], there: list[str]) -> None:
+def _named(kind: str, given: Iterable[str], there: Sequence[Any]) -> list[str]:
+    """The names of ports, once it is sure that these are there, and are vectors."""
+    if isinstance(given, str):
+        raise InputError(f"{kind}s: must be a list of names, such as ['{given}']")
+    names = list(given)
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise InputError(f"{kind} port '{twice}' is named twice; name it once")
+    numbers = {port.get_name(): port.get_data_type() == PortDataType.kVectorValued for port in there}
     for name in names:
-        if name not in there:
-            raise InputError(f"there is no {kind} port '{name}'{suggestion(name, there)}")
+        if name not in numbers:
+            raise InputError(f"there is no {kind} port '{name}'{suggestion(name, list(numbers))}")
+        if not numbers[name]:
+            raise InputError(f"{kind} port '{name}' has no numbers, which alone have derivatives")
+    return names
 
 
 def _state(context: Context, groups: int) -> Array:

@@ -34,6 +34,8 @@ class Parameters:
         plant.parameters.set(context, mass=120.0, center_of_mass=[0.1, 0.0, 0.0])
         plant.parameters.set(context, inertia_xx=35.0)
 
+    `SetRandomContext`, Drake's, puts parameters back to their defaults: set them after it.
+
     The context is the system's own: `plant.GetMyMutableContextFromRoot(root)` in a diagram. To Drake the parameters are
     one group, `context.get_numeric_parameter(0)`, with its elements in the order of `names`.
 
@@ -94,13 +96,17 @@ class Parameters:
             if place is None:
                 known = [*self._places, *self.names]
                 raise InputError(f"{self._where(name)}: no such parameter{suggestion(name, known)}")
-            given, size = np.asarray(value), np.shape(vector[place])
+            size = np.shape(vector[place])
+            wanted = f"a vector of {size[0]} numbers" if size else "a number"
+            try:
+                given = np.asarray(value, dtype=float if vector.dtype == float else None)
+            except (TypeError, ValueError):
+                raise InputError(f"{self._where(name)}: must be {wanted}, got {value!r}") from None
             if given.shape != size:
-                wanted = f"a vector of {size[0]} numbers" if size else "a number"
                 raise InputError(f"{self._where(name)}: must be {wanted}, got shape {given.shape}")
             if given.dtype != object and not np.isfinite(given).all():
                 raise InputError(f"{self._where(name)}: must be finite, got {value}")
-            vector[place] = value
+            vector[place] = given[()]
         context.get_mutable_numeric_parameter(_GROUP).SetFromVector(vector)
 
     def _where(self, name: str) -> str:

@@ -12,6 +12,18 @@ from massprop_drake import load_scenario
 SCENARIO = "vehicle: servicer\nduration_s: 1\nplant: {kind: multibody, model: m.sdf, body: bus}\n"
 GOOD: str = load_scenario("servicer_slosh").plant.model  # type: ignore[union-attr]
 
+POINT = (
+    "<sdf version='1.9'><model name='m'><link name='bus'><inertial><mass>180</mass>"
+    "<inertia><ixx>0</ixx><iyy>0</iyy><izz>0</izz></inertia></inertial></link></model></sdf>"
+)
+INERTIAL = "<inertial><mass value='2'/><inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/></inertial>"
+HINGE = "<joint name='{0}' type='revolute'><parent link='bus'/><child link='{1}'/>"
+LIMITS = "<axis xyz='0 0 1'/><limit effort='1' lower='-0.5' upper='1' velocity='1'/>"
+LINKS = "".join(f"<link name='{name}'>{INERTIAL}</link>" for name in ("bus", "one", "two"))
+ONE = HINGE.format("j", "one") + LIMITS + "</joint>"
+MIMIC = f"<robot name='m'>{LINKS}{ONE}{HINGE.format('k', 'two')}{LIMITS}<mimic joint='j'/></joint></robot>"
+ARM = f"<robot name='m'>{LINKS}{ONE}{HINGE.format('k', 'two')}{LIMITS}</joint></robot>"
+
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
@@ -37,6 +49,14 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             "bus",
             "s.yaml, line 3: plant.model: m.sdf: link 'bus' has no <mass>",
         ),
+        ("\ufeff" + GOOD, "bus", None),
+        (
+            GOOD.replace(' version="1.9"', ""),
+            "bus",
+            "s.yaml, line 3: plant.model: m.sdf: has no version; begin with <sdf version='1.9'>",
+        ),
+        (POINT, "bus", "s.yaml: plant.model: Drake cannot move this model: An internal mass matrix associated with"),
+        (MIMIC, "bus", "s.yaml: plant.model: has a constraint, such as <mimic>, which a continuous plant cannot keep"),
         ("no model", "bus", "s.yaml, line 3: plant.model: m.sdf: is neither SDF nor URDF: no XML, syntax error"),
         (None, "bus", "s.yaml, line 3: plant.model: 'm.sdf' is neither a bundled model nor the file m.sdf"),
     ],
@@ -53,6 +73,35 @@ def test_a_scenario_is_checked_with_its_model(
     said = done.out + done.err
     assert len(said.strip().splitlines()) == 1
     assert ("s.yaml: ok" if message is None else message) in said
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        (
+            "joints: [{joint: j, position: 1.5}]",
+            "plant.joints[0].position: 1.5 is beyond the limits of joint 'j'",
+        ),
+        (
+            "moves: [{joint: k, start_s: 0, end_s: 1, position: -1}]",
+            "plant.moves[0].position: -1 is beyond the limits of joint 'k', -0.5 to 1",
+        ),
+        ("joints: [{joint: j, rate: -1.0e9}]", "plant.joints[0].rate: -1e+09 per s, is above 10000"),
+        (
+            "moves: [{joint: k, start_s: 0, end_s: 1.0e-9, position: 1}]",
+            "plant.moves[0]: reaches 1.88e+09 per s, above 10000: a vehicle or gyro that turns faster bursts; give it",
+        ),
+        ("joints: [{joint: l}]", "'l' is no joint of one degree of freedom in the model; joints are: j, k"),
+    ],
+)
+def test_where_joints_cannot_stand_or_go_is_told(massprop: Any, folder: Path, keys: str, message: str) -> None:
+    (folder / "s.yaml").write_text(SCENARIO.replace("bus}", f"bus, {keys}}}").replace("m.sdf", "m.urdf"))
+    (folder / "m.urdf").write_text(ARM)
+    done = massprop("run", "s.yaml", "--out", "first", "--quiet")
+    assert done.status == 2
+    assert done.err.count("\n") == 1
+    assert message in done.err
+    assert not (folder / "first").exists()
 
 
 def test_a_run_goes_again_from_its_folder_without_the_model(massprop: Any, folder: Path) -> None:

@@ -73,6 +73,10 @@ PROGRAM = dedent(
 
     def nothing():
         return None
+
+
+    def gives_up():
+        raise GeneratorExit
     '''
 )
 LINE = {
@@ -146,6 +150,8 @@ def test_a_module_is_found_in_the_current_folder_and_in_packages(tmp_path: Path)
         ("own_loop.py:ends", f"SystemExit: 4 (own_loop.py, line {LINE['ends']})"),
         ("own_loop.py:demands", 'SystemExit: Non-unique name "twice" for subsystem'),
         ("own_loop.py:loops", "RuntimeError: Reported algebraic loop detected in DiagramBuilder"),
+        ("own_loop.py:gives_up", "GeneratorExit: no message (own_loop.py, line"),
+        (".:build", "give MODULE:FUNCTION or FILE.py:FUNCTION, such as my_loop.py:build"),
         ("own_loop.py:nothing", "returned NoneType; it must return a Diagram, a DiagramBuilder or a System"),
         ("broken.py:build", "SyntaxError: invalid syntax (broken.py, line 2)"),
         ("lacking.py:build", "ModuleNotFoundError: No module named 'not_installed' (lacking.py, line 1)"),

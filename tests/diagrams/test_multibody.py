@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from multibody_probe import ARM, arm
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import SpatialInertia
+from pydrake.multibody.tree import BodyIndex, SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
@@ -192,6 +192,18 @@ def test_what_cannot_carry_them_is_refused() -> None:
     plant = builder.AddNamedSystem("continuous", arm())
     with pytest.raises(ValueError, match=r"'hull' is no body of the MultibodyPlant; bodies are: bus"):
         add_thrusters_and_sensors(builder, plant, vehicle, "hull")
+    with pytest.raises(ValueError, match=r"body 'bus' must be one of the MultibodyPlant's own, and not its world"):
+        add_thrusters_and_sensors(builder, plant, vehicle, arm().GetBodyByName("bus"))
+    with pytest.raises(ValueError, match=r"body 'world' must be one of the MultibodyPlant's own, and not its world"):
+        add_thrusters_and_sensors(builder, plant, vehicle, plant.world_body())
+    with pytest.raises(ValueError, match=r"body 99: must be from 1 to 4, an index"):
+        add_thrusters_and_sensors(builder, plant, vehicle, BodyIndex(99))
+    with pytest.raises(ValueError, match=r"vehicle 'air_bearing' moves in a plane"):
+        add_thrusters_and_sensors(builder, plant, load_vehicle("air_bearing"), "bus")
+    for names in (["gyro"], ["body_state"], ["stars", "stars"]):
+        stars = [StarTracker(name, noise_std=0.0) for name in names]
+        with pytest.raises(ValueError, match=rf"star tracker '{names[0]}': the vehicle has that name already"):
+            add_thrusters_and_sensors(builder, plant, vehicle, "bus", star_trackers=stars)
     add_thrusters_and_sensors(builder, plant, vehicle, "bus")
     with pytest.raises(ValueError, match=r"'applied_spatial_force' is connected already"):
         add_thrusters_and_sensors(builder, plant, vehicle, "bus", name="again")

@@ -10,6 +10,7 @@ import sys
 import threading
 from collections import defaultdict
 from collections.abc import Callable
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -504,6 +505,15 @@ def test_a_port_that_is_taken_or_has_no_viewer_is_told(followed: Run) -> None:
     replay.close()
     with pytest.raises(InputError, match=rf"--port {port}: no viewer of Rerun listens there on this machine"):
         export.Replay(followed, "rerun", port=port)
+
+
+def test_a_port_where_no_viewer_answers_is_told(followed: Run) -> None:
+    with ThreadingHTTPServer(("127.0.0.1", 0), BaseHTTPRequestHandler) as other:
+        threading.Thread(target=other.serve_forever, daemon=True).start()
+        replay = export.Replay(followed, "rerun", port=other.server_port, speed=100.0)
+        with pytest.raises(InputError, match=r"rerun\+http://.*: takes no run: no viewer of Rerun is there"):
+            replay.play()
+        other.shutdown()
 
 
 @pytest.mark.parametrize("speed", [0.0, -1.0, float("nan"), float("inf")])

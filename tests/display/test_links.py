@@ -13,7 +13,9 @@ import pytest
 from massprop_drake import load_scenario, simulate
 from massprop_drake.display import write_replay
 from massprop_drake.display.flight3d import replay_html
+from massprop_drake.display.links import Links
 from massprop_drake.display.live import Live
+from massprop_drake.inputs.scenario import MultibodyBlock
 from massprop_drake.results.run import Run
 
 
@@ -52,6 +54,16 @@ def test_a_models_links_are_where_its_joints_put_them(arm_run: Run) -> None:
         np.testing.assert_allclose(poses[0], [0, 0, 0, 1, 0, 0, 0], atol=1e-6)
         for link, place in _arm_links(arm_run, row).items():
             np.testing.assert_allclose(poses[link, :3], place, atol=1e-6)
+
+
+def test_what_drake_cannot_draw_is_left_out_quietly(capfd: pytest.CaptureFixture[str]) -> None:
+    block = load_scenario("servicer_arm").plant
+    assert isinstance(block, MultibodyBlock)
+    more = "<visual name='dish'><geometry><cone><radius>1</radius><length>1</length></cone></geometry></visual>"
+    odd = block.model.replace("</inertial>", f"</inertial>{more}", 1)
+    links = Links(block.model_copy(update={"model": odd}))
+    assert links.drawn
+    assert capfd.readouterr().err == ""
 
 
 def test_a_rigid_vehicle_has_no_links(stuck_run: Run) -> None:

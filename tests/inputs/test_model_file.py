@@ -80,6 +80,7 @@ def test_joints_are_named_with_what_they_have() -> None:
         (sdf(inertial=INERTIAL.replace("180", "0")), r"link 'bus': mass must be a positive number, got '0'"),
         (sdf(inertial=INERTIAL.replace("180", "x")), r"link 'bus': mass must be a positive number, got 'x'"),
         (URDF.replace("<link name='world'/>", "<link name='tip'/>"), r"link 'tip' has no <inertial>"),
+        (sdf(f"<!--{'x' * 600_000}-->"), r"m\.sdf: has 600\d{3} characters; a run keeps a model of at most 500000"),
         (sdf("<include><uri>a</uri></include>"), r"has <include>, but a run keeps the model's text alone"),
         (sdf("<visual><geometry><mesh/></geometry></visual>"), r"has <mesh>, but a run keeps the model's text alone"),
     ],

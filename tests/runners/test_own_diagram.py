@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
-from pydrake.systems.primitives import MatrixGain
+from pydrake.systems.primitives import ConstantVectorSource, MatrixGain
 
 from massprop_drake import InputError, Run, Scenario, load_scenario, load_vehicle, simulate
 from massprop_drake.diagrams import autopilot, closed_loop, estimation, vehicle
@@ -198,13 +198,55 @@ def test_commands_are_shifted_across_blocks_of_a_log(scheduled: Scenario, monkey
         ({"rates": "w"}, "truth: no run keeps a true 'rates'; did you mean 'rate'?"),
         ({"rate": "omega"}, "truth: rate: the diagram has no output port 'omega'"),
         ({"rate": "q"}, "truth: rate: must be a port of 3 numbers; 'q' has 4 numbers"),
-        (["rate"], "truth: must be a table of ports by name, such as {'rate': 'rate'}, got ['rate']"),
     ],
 )
 def test_a_wrong_table_is_refused(scheduled: Scenario, truth: Any, message: str) -> None:
     with pytest.raises(InputError) as caught:
         simulate(scheduled, diagram=beside_a_plant(scheduled), truth=truth)
     assert str(caught.value) == message
+
+
+def test_a_port_is_one_of_the_diagram(scheduled: Scenario) -> None:
+    other = plant(scheduled)
+    for wrong, message in (
+        ({"rate": 3}, "truth: rate: must be an output port or its name, got 3"),
+        ({"rate": other}, "truth: rate: must be an output port or its name, got <"),
+        ({"rate": other.GetOutputPort("w")}, "truth: rate: 'w' is a port of system 'mine', which the builder does not"),
+        (["rate"], "truth: must be a table such as {'rate': port}, got list"),
+    ):
+        with pytest.raises(InputError) as caught:
+            simulate(scheduled, diagram=beside_a_plant(scheduled), truth=wrong)  # type: ignore[arg-type]
+        assert message in str(caught.value)
+    with pytest.raises(InputError, match="log: 'w' is a port of system 'mine', which the builder does not have"):
+        simulate(scheduled, diagram=beside_a_plant(scheduled), log=[other.GetOutputPort("w")])
+
+
+def test_a_truth_that_is_not_finite_is_refused(scheduled: Scenario) -> None:
+    builder = beside_a_plant(scheduled)
+    builder.AddNamedSystem("unknown", ConstantVectorSource(np.array([0.0, np.nan, 0.0])))
+    with pytest.raises(InputError, match="truth: rate: must be finite, but is not at t = 0 s; leave it out where"):
+        simulate(scheduled, diagram=builder, truth={"rate": "y0"})
+
+
+def test_a_diagram_that_cannot_be_flown_is_refused(scenario: Scenario) -> None:
+    slow = load_scenario("sample_maneuver", ["duration_s=4", "vehicle.sample_period_s=0.16"])
+    with pytest.raises(InputError, match=r"its estimator samples every 0\.16 s, the scenario's vehicle every 0\.08 s"):
+        simulate(scenario, diagram=closed_loop.build(slow))
+    with pytest.raises(InputError, match="diagram: must be a Diagram or a DiagramBuilder, got str"):
+        simulate(scenario, diagram="closed_loop")
+    builder, _ = wired(scenario)
+    builder.AddNamedSystem("mine", MatrixGain(np.eye(2)))
+    with pytest.raises(InputError, match="two of its systems are named 'mine'; rename one"):
+        simulate(scenario, diagram=builder)
+    builder, mine = wired(scenario)
+    gain = builder.AddSystem(MatrixGain(np.eye(2)))
+    builder.Connect(gain.get_output_port(), gain.get_input_port())
+    with pytest.raises(InputError, match="simulate: diagram: Reported algebraic loop"):
+        simulate(scenario, diagram=builder, log=[mine.GetOutputPort("doubled")])
+    builder, _ = wired(scenario)
+    simulate(scenario, diagram=builder)
+    with pytest.raises(InputError, match=r"simulate: diagram: DiagramBuilder: Build\(\) .* has already been called"):
+        simulate(scenario, diagram=builder)
 
 
 def test_a_table_needs_a_diagram(scheduled: Scenario) -> None:
@@ -286,7 +328,7 @@ def commanded(level: float) -> DiagramBuilder:
 def test_a_log_takes_numbers_alone() -> None:
     builder = commanded(0.0)
     verdict = builder.GetSubsystemByName("estimation").GetOutputPort("verdict")
-    with pytest.raises(InputError, match="log: the port 'verdict' of 'estimation' has no vector"):
+    with pytest.raises(InputError, match="log: must be a port of numbers; 'verdict' has no vector"):
         simulate(SERVICER, diagram=builder, log=[verdict])
 
 

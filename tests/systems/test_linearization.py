@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram
 from pydrake.systems.primitives import Linearize
 
@@ -74,6 +75,14 @@ def test_of_one_group_it_is_what_drake_makes() -> None:
     assert found.time_period() == 0.0
 
 
+def test_states_and_inputs_alone_are_enough() -> None:
+    dut, context = trimmed(smooth("lander_maneuver"))
+    whole, states = (linearized(dut, context, ["command"], outputs) for outputs in (["gyro"], []))
+    for name in "AB":
+        np.testing.assert_array_equal(getattr(states, name)(), getattr(whole, name)())
+    assert states.C().shape[0] == states.D().shape[0] == 0
+
+
 def test_what_has_no_linear_system_is_refused() -> None:
     mixed = smooth("lander_maneuver", "plant.time_step=0")
     dut, context = trimmed(mixed)
@@ -82,6 +91,14 @@ def test_what_has_no_linear_system_is_refused() -> None:
     dut, context = trimmed(smooth("lander_maneuver"))
     with pytest.raises(InputError, match="there is no output port 'gyros'; did you mean 'gyro'"):
         linearized(dut, context, ["command"], ["gyros"])
+    with pytest.raises(InputError, match=r"inputs: must be a list of names, such as \['command'\]"):
+        linearized(dut, context, "command", ["gyro"])
+    with pytest.raises(InputError, match="input port 'command' is named twice; name it once"):
+        linearized(dut, context, ["command", "command"], ["gyro"])
+    plant = MultibodyPlant(0.0)
+    plant.Finalize()
+    with pytest.raises(InputError, match="output port 'body_poses' has no numbers, which alone have derivatives"):
+        linearized(plant, plant.CreateDefaultContext(), [], ["body_poses"])
     dut, context = trimmed(load_scenario("lander_maneuver"))
     with pytest.raises(InputError, match="quantizes its readings"):
         linearized(dut, context, ["command"], ["gyro"])

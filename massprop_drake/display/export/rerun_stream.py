@@ -31,6 +31,7 @@ Array = NDArray[np.float64]
 PORT = 9876  # where viewers listen
 _HOST = "127.0.0.1"
 _WAIT_S = 2.0  # for a viewer to answer
+_FLUSH_S = 20.0  # for it to take what it is sent
 _APPLICATION = "massprop_drake"
 _TIMELINE = "run_time"
 _EVENTS = "events"
@@ -137,7 +138,7 @@ class RerunViewer:
         port: at which the viewer listens.
 
     Raises:
-        InputError: when no viewer is there.
+        InputError: when no viewer is there, also later.
     """
 
     is_served = False
@@ -165,12 +166,20 @@ class RerunViewer:
     def put(self, rows: SampleBlock) -> None:
         """Sends rows at once."""
         self._stream.put(rows)
-        self._recording.flush()
+        self._flush()
 
     def close(self) -> None:
         """Ends the connection; the viewer keeps what it has."""
-        self._recording.flush()
+        self._flush()
         self._recording.disconnect()
+
+    def _flush(self) -> None:
+        try:
+            self._recording.flush(timeout_sec=_FLUSH_S)
+        except RuntimeError:
+            raise InputError(
+                f"{self.address}: takes no run: no viewer of Rerun is there, or it has been closed; start one: rerun"
+            ) from None
 
 
 connected = RerunViewer

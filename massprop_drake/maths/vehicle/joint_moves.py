@@ -58,6 +58,16 @@ def reference(start: float, moves: Sequence[Move], time_s: float) -> JointRefere
     return JointReference(position, 0.0, 0.0)
 
 
+def peak_rate(way: float, span_s: float) -> float:
+    """Largest rate of a move, in its middle, per s.
+
+    Args:
+        way: from position to position, rad, ft or m.
+        span_s: from start to end, s.
+    """
+    return 1.875 * abs(way) / span_s
+
+
 def drive_forces(
     wanted: Sequence[JointReference], positions: Array, rates: Array, inertia: Array, frequency_hz: float
 ) -> Array:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
-import logging
 import re
+import textwrap
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -15,11 +14,12 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, Joint, RigidBody
 
+from massprop_drake.errors import logged_by_drake
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.attached_bodies import Bodies, BodyPlaces, center_velocity, composite
 
-_DRAKE = "drake"  # its logger
-_PLACE = re.compile(r"(<literal-string>\.\w+:\d+: )?(error|warning): |Failure at \S+ in ")
+_PLACE = re.compile(r"(<literal-string>\.\w+:\d+: )?(error|warning): |Failure at \S+ in |<data-string>:\d+: ")
+_MOST_LETTERS = 500  # of a message of Drake's, which may hold the whole model
 
 
 def parsed_plant(text: str, kind: Literal["sdf", "urdf"]) -> MultibodyPlant:
@@ -30,10 +30,10 @@ def parsed_plant(text: str, kind: Literal["sdf", "urdf"]) -> MultibodyPlant:
         kind: its format.
 
     Raises:
-        ValueError: when Drake cannot make a plant of it, or an inertia in it is none.
+        ValueError: when Drake cannot make a plant of it, an inertia in it is none, or it has constraints.
     """
     plant = MultibodyPlant(0.0)
-    with _warnings() as warned:
+    with logged_by_drake() as warned:
         try:
             Parser(plant).AddModelsFromString(text, kind)
             plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
@@ -43,30 +43,26 @@ def parsed_plant(text: str, kind: Literal["sdf", "urdf"]) -> MultibodyPlant:
     doubt = next((text for text in warned if "nertia" in text), None)
     if doubt is not None:
         raise ValueError(f"Drake cannot read this {kind.upper()}: {_line(doubt)}")
+    if plant.num_constraints():
+        raise ValueError("has a constraint, such as <mimic>, which a continuous plant cannot keep; leave it out")
     return plant
 
 
-@contextlib.contextmanager
-def _warnings() -> Iterator[list[str]]:
-    """Collects what Drake warns of, in place of writing it."""
-    found: list[str] = []
+def require_motion(plant: MultibodyPlant) -> None:
+    """Makes sure that Drake can tell how a finalized plant moves.
 
-    class Collector(logging.Handler):
-        def emit(self, record: logging.LogRecord) -> None:
-            found.append(record.getMessage())
-
-    log, collector = logging.getLogger(_DRAKE), Collector(logging.WARNING)
-    handlers, propagates = log.handlers, log.propagate
-    log.handlers, log.propagate = [collector], False
+    Raises:
+        ValueError: when inertias are too small for that.
+    """
     try:
-        yield found
-    finally:
-        log.handlers, log.propagate = handlers, propagates
+        plant.EvalTimeDerivatives(plant.CreateDefaultContext())
+    except (RuntimeError, SystemExit) as error:
+        raise ValueError(f"Drake cannot move this model: {_line(str(error))}") from None
 
 
 def _line(text: str) -> str:
     """A message of Drake's in one line, without the places in Drake and in the text that it begins with."""
-    return " ".join(_PLACE.sub("", text).split())
+    return textwrap.shorten(_PLACE.sub("", text), _MOST_LETTERS, placeholder=" ...")
 
 
 def require_continuous(plant: MultibodyPlant) -> None:
@@ -88,7 +84,7 @@ def body_of(plant: MultibodyPlant, body: str | RigidBody | BodyIndex) -> RigidBo
     """The body of a plant that a name, an index or the body itself means.
 
     Raises:
-        ValueError: when there is none, or more than one, of that name.
+        ValueError: when there is none, or more than one, of that name; or the body is of another plant, or the world.
     """
     if isinstance(body, str):
         found = [one for one in _bodies(plant) if one.name() == body]
@@ -98,7 +94,17 @@ def body_of(plant: MultibodyPlant, body: str | RigidBody | BodyIndex) -> RigidBo
             names = sorted({one.name() for one in _bodies(plant)})
             raise ValueError(f"'{body}' is no body of the MultibodyPlant; bodies are: {', '.join(names)}")
         return found[0]
-    return plant.get_body(body) if isinstance(body, BodyIndex) else body
+    if isinstance(body, BodyIndex):
+        if not 0 < int(body) < plant.num_bodies():
+            raise ValueError(
+                f"body {int(body)}: must be from 1 to {plant.num_bodies() - 1}, an index of the MultibodyPlant's bodies"
+            )
+        return plant.get_body(body)
+    if not isinstance(body, RigidBody):
+        raise ValueError(f"body: must be the name, the BodyIndex or the body itself, got {body!r}")
+    if body.GetParentPlant() is not plant or body.index() == plant.world_body().index():
+        raise ValueError(f"body '{body.name()}' must be one of the MultibodyPlant's own, and not its world")
+    return body
 
 
 def _bodies(plant: MultibodyPlant) -> list[RigidBody]:
@@ -167,8 +173,19 @@ def joint_named(plant: MultibodyPlant, name: str) -> Joint:
     if len(found) != 1:
         known = sorted(joint.name() for joint in single)
         says = "is the name of more than one joint" if found else "is no joint of one degree of freedom in the model"
-        raise ValueError(f"'{name}' {says}; joints are: {', '.join(known)}")
+        raise ValueError(f"'{name}' {says}; joints are: {', '.join(known) or 'none'}")
     return found[0]
+
+
+def require_within(joint: Joint, position: float) -> None:
+    """Makes sure that a joint of one degree of freedom may stand at a position.
+
+    Raises:
+        ValueError: when the position is beyond the joint's limits.
+    """
+    least, most = joint.position_lower_limits()[0], joint.position_upper_limits()[0]
+    if not least <= position <= most:
+        raise ValueError(f"{position:g} is beyond the limits of joint '{joint.name()}', {least:g} to {most:g}")
 
 
 def start_state(

@@ -30,7 +30,7 @@ def StarTracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             noise_std: 1-sigma about each axis, rad; a number, or three, as a boresight is poorer.
 
         Raises:
-            ValueError: when noise_std is negative, or neither one number nor three.
+            ValueError: when noise_std is negative or not finite, or neither one number nor three.
         """
 
         def _construct(
@@ -42,7 +42,7 @@ def StarTracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
         ) -> None:
             Tracker_[T].__init__(self, name, 4, 3, converter=converter)
             std = np.asarray(noise_std, dtype=float)
-            if std.shape not in ((), (3,)) or not (std >= 0.0).all():
+            if std.shape not in ((), (3,)) or not (np.isfinite(std) & (std >= 0.0)).all():
                 raise ValueError(
                     f"star tracker '{name}': noise_std must be a number or three, zero or more; got {noise_std}"
                 )

@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from massprop_drake.maths.vehicle.joint_moves import JointReference, Move, drive_forces, driven_inertia, reference
+from massprop_drake.maths.vehicle.joint_moves import (
+    JointReference,
+    Move,
+    drive_forces,
+    driven_inertia,
+    peak_rate,
+    reference,
+)
 
 MOVES = (Move(2.0, 6.0, 1.5), Move(6.0, 7.0, -0.5))
 
@@ -25,6 +32,10 @@ MOVES = (Move(2.0, 6.0, 1.5), Move(6.0, 7.0, -0.5))
 )
 def test_a_profile_has_its_hand_values(time_s: float, expected: tuple[float, float, float]) -> None:
     np.testing.assert_allclose(reference(0.5, MOVES, time_s), expected, rtol=1e-14, atol=1e-14)
+
+
+def test_the_peak_rate_is_that_of_the_middle() -> None:
+    assert peak_rate(-2.0, 1.0) == abs(reference(0.5, MOVES, 6.5).rate)
 
 
 def test_rates_and_accelerations_are_derivatives() -> None:

@@ -84,6 +84,8 @@ def test_the_force_does_not_wait_for_the_coming_command() -> None:
     [
         ({"body": "hull"}, r"'hull' is no body of the MultibodyPlant; bodies are: bus, forearm"),
         ({"factors": np.ones(3)}, r"thrusters: factors: must be a vector of 16 numbers, got shape \(3,\)"),
+        ({"factors": np.full(16, np.nan)}, r"thrusters: factors: must be finite, got \[nan"),
+        ({"body": 1}, r"body: must be the name, the BodyIndex or the body itself, got 1"),
     ],
 )
 def test_what_does_not_fit_is_refused(given: dict[str, Any], message: str) -> None:

@@ -62,6 +62,9 @@ def test_parameters_are_set_by_name_and_others_stay() -> None:
         ),
         ({"mass": [1.0, 2.0]}, r"parameter 'mass' of rigid_body: must be a number, got shape \(2,\)"),
         ({"mass": np.nan}, r"parameter 'mass' of rigid_body: must be finite, got nan"),
+        ({"mass": None}, r"parameter 'mass' of rigid_body: must be finite, got None"),
+        ({"mass": "heavy"}, r"parameter 'mass' of rigid_body: must be a number, got 'heavy'"),
+        ({"inertia": 1j}, r"parameter 'inertia' of rigid_body: must be a vector of 6 numbers, got 1j"),
     ],
 )
 def test_a_parameter_that_is_not_meant_is_told(values: dict[str, Any], message: str) -> None:
