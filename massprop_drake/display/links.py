@@ -61,7 +61,7 @@ class Links:
                     meshcat.SetTransform(below, inspector.GetPoseInFrame(geometry))
 
     def poses(self, joint_positions: Array) -> Array:
-        """Where the links stand in the vehicle frame.
+        """Places of the links in the vehicle frame.
 
         Args:
             joint_positions: of all joints, in the order of the signal of that name, shape (n_joints,); empty: unknown,

@@ -80,7 +80,7 @@ class Source(NamedTuple):
 
     @property
     def simulated(self) -> bool:
-        """Whether the true mass properties are known."""
+        """Tests whether the true mass properties are known."""
         return "truth" in self.signals
 
     @property

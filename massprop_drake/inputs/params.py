@@ -494,7 +494,7 @@ def mass_spread(scenario: Scenario) -> Spread | None:
 
 
 def undrawn_properties(scenario: Scenario) -> MassProperties:
-    """Those about which they are drawn."""
+    """Mass properties about which the true ones are drawn; these themselves where nothing is drawn."""
     properties = scenario.plant.mass_properties if isinstance(scenario.plant, PlantBlock) else None
     return scenario.vehicle_data.nominal if properties is None else properties.properties()
 

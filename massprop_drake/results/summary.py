@@ -449,7 +449,7 @@ def summarize(
         parts: makes what may fail.
     """
     estimate, deviation = signals.last("estimate"), signals.last("standard_deviation")
-    truth = signals.last("truth") if "truth" in signals else np.full(10, np.nan)
+    truth = _true_at_end(signals)
     return composed(
         scenario,
         duration_s=float(signals.last("time_s")),
@@ -470,6 +470,11 @@ def summarize(
         if "thrust" in signals
         else None,
     )
+
+
+def _true_at_end(signals: Spool) -> Array:
+    """True ten parameters at the end, NaN where unknown, shape (10,)."""
+    return signals.last("truth") if "truth" in signals else np.full(10, np.nan)
 
 
 def _flown(scenario: Scenario, signals: Spool) -> AutopilotSummary:
@@ -502,7 +507,7 @@ def not_summed_up(scenario: Scenario, signals: Spool, timing: Timing) -> Summary
         standard_deviations=signals.last("standard_deviation"),
         covariance=np.full((10, 10), np.nan),
         derived=Derived(None, None, None, None, False),
-        truth=signals.last("truth") if "truth" in signals else unknown,
+        truth=_true_at_end(signals),
         percent_error=unknown,
         detections=(),
         consistency=Consistency(None, None, 0, TOO_LITTLE),

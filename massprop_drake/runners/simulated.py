@@ -139,7 +139,7 @@ class Simulated:
             self._simulator.AdvanceTo(reached_s)
 
     def emptied(self) -> dict[str, Array]:
-        """What has been logged, by port, and the times; the logs are empty then.
+        """Empties the logs, and returns them by port, with the times.
 
         Raises:
             InputError: when a true quantity of a table is not finite.

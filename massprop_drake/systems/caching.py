@@ -84,7 +84,7 @@ class Scratch(Generic[T]):
 
 
 class _Workspace(Generic[T]):
-    """What a context holds of a `Scratch`, made when it is first asked for."""
+    """Workspace of a `Scratch` in a context, made when it is first asked for."""
 
     def __init__(self, make: Callable[[], T]):
         self._make = make

@@ -214,7 +214,7 @@ def test_what_is_drawn_is_passed_on_to_another_scalar_type() -> None:
 
 
 def test_true_mass_properties_are_drawn_with_a_dispersion() -> None:
-    """By the seed about the scenario's, in both engines alike; in a random context anew, and repeatably."""
+    """Draws are the seed's, alike in both engines; in a random context they are new, and repeatable."""
     spread = "plant.dispersion={mass_percent: 3, center_of_mass: 0.5, second_moments_percent: 5, axes_deg: 2}"
     scenario = load_scenario("sample_maneuver", [spread, "duration_s=1", "seed=4"])
     diagram = own(scenario)

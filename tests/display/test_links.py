@@ -20,7 +20,7 @@ from massprop_drake.results.run import Run
 
 
 def _story(page: str) -> dict[str, Any]:
-    """What a page is told of its flight."""
+    """Data of the flight in a page."""
     found = re.search(r'id="data"[^>]*>(.*?)</script>', page, re.DOTALL)
     assert found is not None
     story: dict[str, Any] = json.loads(found[1])
@@ -37,7 +37,7 @@ def arm_run() -> Run:
 
 
 def _arm_links(run: Run, row: int) -> dict[int, list[float]]:
-    """Where upper arm, forearm and payload stand in the vehicle frame, by hand; see the bundled model."""
+    """Places of upper arm, forearm and payload in the vehicle frame, by hand; see the bundled model."""
     shoulder, elbow = run["joint_positions"][row]
     there = np.array([0.6, -0.35]) + 0.7 * np.array([np.cos(shoulder), np.sin(shoulder)])
     end = there + 0.7 * np.array([np.cos(shoulder + elbow), np.sin(shoulder + elbow)])

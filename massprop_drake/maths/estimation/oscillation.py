@@ -67,7 +67,7 @@ class _Part(NamedTuple):
 class _Linearized(NamedTuple):
     """All stretches about the fit, and their normal equations in units of what is known beforehand."""
 
-    parts: list[_Part]
+    parts: list[_Part]  # with derivatives by what is fitted, each in units of its 1-sigma
     size: int  # n, of all unknowns
     free: NDArray[np.int_]  # those that are fitted, (f,)
     sigma: Array  # 1-sigma of these, (f,)
@@ -161,7 +161,8 @@ def _all_lines(
 ) -> Iterator[tuple[int, float, Lines]]:
     """Yields 0 for a rate and 1 for a velocity, the 1-sigma of a reading, and the lines, of every component."""
     for stretch in stretches:
-        for one in _part(stretch, fit.at, model).components:
+        components, _ = residuals(stretch, fit.at, model)
+        for one in components:
             if one.rows.size >= _FEWEST:
                 lines = lines_of(one.left - change @ one.derivatives, stretch.time_s[one.rows])
                 yield int(one.package >= model.gyros), one.scale, lines
@@ -219,12 +220,15 @@ def _linearized(parts: list[_Part], fit: Fit, model: Model) -> _Linearized:
     sigma = model.sigma[free]
     information, vector = np.eye(free.size), (model.prior[free] - fit.at[free]) / sigma
     misfit = 0.0
-    for one in (each for part in parts for each in part.components):
-        x = one.derivatives[free] * sigma[:, None]
-        information += x @ x.T
-        vector += x @ one.left
-        misfit += float(one.left @ one.left)
-    return _Linearized(parts, fit.at.size, free, sigma, information, vector, misfit)
+    scaled = []
+    for part in parts:
+        components = [one._replace(derivatives=one.derivatives[free] * sigma[:, None]) for one in part.components]
+        for one in components:
+            information += one.derivatives @ one.derivatives.T
+            vector += one.derivatives @ one.left
+            misfit += float(one.left @ one.left)
+        scaled.append(part._replace(components=components))
+    return _Linearized(scaled, fit.at.size, free, sigma, information, vector, misfit)
 
 
 def _with_mode(flight: _Linearized, frequency_hz: float, damping: float) -> Mode:
@@ -236,7 +240,7 @@ def _with_mode(flight: _Linearized, frequency_hz: float, damping: float) -> Mode
         columns = np.vstack((of_jets, _ringing(part, frequency_hz, damping)))
         for one in part.components:
             basis = _orthonormal(columns[:, one.rows])
-            along = flight.sigma[:, None] * (one.derivatives @ basis.T)[flight.free]
+            along = one.derivatives @ basis.T
             left = one.left @ basis.T
             information -= along @ along.T
             vector -= along @ left

@@ -29,7 +29,7 @@ from massprop_drake.systems.multibody.plants import attached, body_of, inertias,
 
 
 class _Configuration(NamedTuple):
-    """How the bodies stand: pose of the carrier, places of all in its frame, and them all as one."""
+    """Configuration of the bodies: pose of the carrier, places of all in its frame, and them all as one."""
 
     carrier: RigidTransform
     places: BodyPlaces
@@ -37,7 +37,7 @@ class _Configuration(NamedTuple):
 
 
 _INTEGRALS = slice(ORIGIN_VELOCITY.start, SPIN_INTEGRAL.stop)
-_PORTS = ("body_poses", "body_spatial_velocities", "body_spatial_accelerations")
+FROM_PLANT = ("body_poses", "body_spatial_velocities", "body_spatial_accelerations")  # ports of a MultibodyPlant
 
 
 class BodyMotion(LeafSystem):
@@ -75,7 +75,7 @@ class BodyMotion(LeafSystem):
         on = plant.is_gravity_enabled(carrier.model_instance())
         self._gravity = np.array(plant.gravity_field().gravity_vector()) if on else np.zeros(3)
 
-        models = {name: plant.GetOutputPort(name).Allocate() for name in _PORTS}
+        models = {name: plant.GetOutputPort(name).Allocate() for name in FROM_PLANT}
         ports = [self.DeclareAbstractInputPort(name, model) for name, model in models.items()]
         self._poses, self._velocities, self._accelerations = ports
         self.DeclareContinuousState(SPIN_INTEGRAL.stop - ORIGIN_VELOCITY.start)

@@ -14,12 +14,11 @@ from pydrake.systems.primitives import MatrixGain
 from massprop_drake.errors import InputError
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.joint_moves import Move
-from massprop_drake.systems.multibody.body_motion import BodyMotion
+from massprop_drake.systems.multibody.body_motion import FROM_PLANT, BodyMotion
 from massprop_drake.systems.multibody.body_wrench import BodyWrench
 from massprop_drake.systems.multibody.joint_drive import JointDrive
 from massprop_drake.systems.multibody.plants import body_of, start_state
 
-FROM_PLANT = ("body_poses", "body_spatial_velocities", "body_spatial_accelerations")
 TRUTH = ("body_state", "structure", "mass_properties")
 
 

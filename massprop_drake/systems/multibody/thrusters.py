@@ -25,7 +25,7 @@ class _StatedJets(Protocol):
 
     @property
     def time_constants_s(self) -> Array:
-        """Of build-up and tail-off, s, shape (n_jets,)."""
+        """Time constants of build-up and tail-off, s, shape (n_jets,)."""
 
     @property
     def mass_flows(self) -> Array:
@@ -33,7 +33,7 @@ class _StatedJets(Protocol):
 
     @property
     def sample_period_s(self) -> float:
-        """Of the commands, s."""
+        """Sample period of the commands, s."""
 
 
 class Thrusters(Diagram):

@@ -52,7 +52,7 @@ def _model(scenario: Scenario) -> str:
 
 
 def _flown(scenario: Scenario, commands: Array) -> dict[str, Array]:
-    """What a vehicle does under commands, a row per sample, with fixed steps of a fifth of the sample period."""
+    """Motion of a vehicle under commands, a row per sample, with fixed steps of a fifth of the sample period."""
     period_s = scenario.vehicle_data.sample_period_s
     builder = DiagramBuilder()
     flown = builder.AddSystem(vehicle.build(scenario))
