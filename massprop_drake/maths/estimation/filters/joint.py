@@ -43,6 +43,7 @@ from massprop_drake.maths.estimation.joint.layout import (
     state_layout,
     unpack,
 )
+from massprop_drake.maths.estimation.joint.quantized import DITHER, FLOOR
 from massprop_drake.maths.estimation.joint.start import Kept, Start
 from massprop_drake.maths.estimation.joint.thrust_scale import reported
 from massprop_drake.maths.estimation.joint.ticks import CLOCK, Clock, Pace
@@ -129,6 +130,8 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
     places = make_places(counts, lag_prior.shape[0], biases, thrust_prior.shape[0] > 0, slots, ticks=2)
     rest = np.zeros(places.n_scale + places.n_ticks + places.n_force)
     variances = np.concatenate((setup.gyro_variances, setup.accelerometer_variances))
+    cells = np.repeat(np.concatenate((gyros.quanta, accelerometers.quanta)), 3)
+    noises = np.repeat(np.concatenate((gyros.noise_std, accelerometers.noise_std)), 3)
     diagonal, center, reciprocal = setup.limits.tolist()
     joint = JointParams(
         places=places,
@@ -151,6 +154,9 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
         accelerometer_positions=setup.accelerometer_positions,
         variances=np.repeat(variances, 3),
         quanta=np.repeat(np.concatenate((_steps(gyros), _steps(accelerometers))), 3),
+        cells=cells,
+        floors=noises**2 + (FLOOR * cells) ** 2,
+        dithered=(noises > DITHER * cells).astype(np.float64),
         start=setup.estimate,
         start_root=_root(setup.covariance),
         increment_sigma=setup.widest,

@@ -129,9 +129,8 @@ def advanced(bank: Bank, over: Link, places: Places) -> Bank:
 
 @kernel
 def _advanced(since: Since, over: Link, places: Places) -> Since:
-    learned = since.learned
+    learned = since.learned + over.crossing_correction
     if over.stamp_row.any():
-        learned = learned.copy()
         learned[:, places.ticks : places.ticks + places.n_ticks] *= over.ticks_kept
         learned += over.stamp_correction
     learned = carried(learned.T, np.zeros((6, 1)), over, places).T

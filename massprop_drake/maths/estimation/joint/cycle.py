@@ -1,6 +1,7 @@
 """One cycle of the joint estimator: a state and a sample give the next state, and nothing else is remembered.
 
-Order: what the jets did, with the lag estimated before (`prediction.drive`); prediction; which components count; while
+Order: what the readings before tell that have just changed; what the jets did, with the lag estimated before
+(`prediction.drive`); prediction; which components count; while
 the start lasts, the covariance is incremented if the gyros contradict the prediction, and the prediction made again;
 update, twice while thrust errors are only considered; the guard. A hypothesis is the same with another state: one
 with a force in a slot, or rebased and with a larger covariance.
@@ -17,6 +18,7 @@ from massprop_drake.maths.estimation.joint.covariance import (
     compressed,
     nothing_learned,
     updated,
+    widely_updated,
 )
 from massprop_drake.maths.estimation.joint.guard import guarded
 from massprop_drake.maths.estimation.joint.layout import (
@@ -28,14 +30,14 @@ from massprop_drake.maths.estimation.joint.layout import (
     JointState,
     gained,
     relearned,
+    releveled,
 )
 from massprop_drake.maths.estimation.joint.measurement import (
+    changed,
+    counted,
     outputs,
     rate_read,
     readings,
-    told_by_one,
-    unknown_forces,
-    used,
 )
 from massprop_drake.maths.estimation.joint.prediction import (
     Drive,
@@ -47,10 +49,11 @@ from massprop_drake.maths.estimation.joint.prediction import (
     predict,
     propagated,
 )
+from massprop_drake.maths.estimation.joint.quantized import Sites, sites
 from massprop_drake.maths.estimation.joint.thrust_scale import reported
 from massprop_drake.maths.estimation.joint.ticks import Stamped, Timing, stamped
 from massprop_drake.maths.kernels import kernel
-from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError, lower_factor, skew, sparse_product
+from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError, skew, sparse_product
 
 _WHAT = "the joint estimator's covariance"
 _UNREAD = 1e6  # sigmas of a reading that what was not read at the start may be off
@@ -102,16 +105,34 @@ class Expected(NamedTuple):
     used: np.ndarray
 
 
+class Crossing(NamedTuple):
+    """Update of the state before an interval by readings that change in it, each the last one in its cell.
+
+    Attributes:
+        jacobian: H, zero for readings that did not count, shape (m, size).
+        gain: K, likewise, shape (size, m).
+        correction: of the mean, shape (size,).
+        log_likelihood: of these readings, nats.
+    """
+
+    jacobian: Array
+    gain: Array
+    correction: Array
+    log_likelihood: float
+
+
 class Course(NamedTuple):
     """How a cycle went: what a detector needs to follow how errors would have gone through it.
 
     Attributes:
+        crossing: see `Crossing`.
         stamp: see `ticks.Stamped`.
         acting: see `Drive`.
         expected: see `Expected`; after an increment, if there was one.
         update: `nothing_learned` where no component counted.
     """
 
+    crossing: Crossing
     stamp: Stamped
     acting: Drive
     expected: Expected
@@ -127,10 +148,10 @@ class Report(NamedTuple):
         innovation: of all components, before any increment, NaN where missing, shape (m,).
         innovation_std: 1-sigma of each, by the covariance before any increment, shape (m,).
         used: which components counted, shape (m,).
-        nis: of those that counted; chi-square with as many degrees of freedom.
-        log_determinant: of the covariance of these innovations.
-        gyro_nis, accelerometer_nis: of the components of either kind that counted, by themselves, before any
-            increment; NaN where none did.
+        nis, degrees: sum over those that counted, and its expectation, see `quantized.Sites`.
+        log_likelihood: of all readings that the cycle has taken in, nats.
+        gyro_nis, accelerometer_nis: of the components of either kind that counted, of accelerometers given the gyros,
+            before any increment; NaN where none did.
         incremented: whether the covariance was incremented.
         coupled: whether dynamic coupling counted.
         course: see `Course`; None at the first sample.
@@ -144,7 +165,8 @@ class Report(NamedTuple):
     innovation_std: Array
     used: np.ndarray
     nis: float
-    log_determinant: float
+    degrees: float
+    log_likelihood: float
     gyro_nis: float
     accelerometer_nis: float
     incremented: bool
@@ -189,7 +211,8 @@ def initial(params: JointParams) -> JointState:
         tick_slope=np.zeros((2, jets)),
         spin=np.zeros(6),
         reference=np.zeros(3),
-        last=np.zeros(n_outputs),
+        read=np.full(n_outputs, np.nan),
+        fresh=np.zeros(n_outputs),
         fired=np.zeros(jets),
         slot_jet=np.full(places.n_force, -1.0),
         slot_sign=np.ones(places.n_force),
@@ -252,7 +275,8 @@ def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
         root=compressed(root, places.thrust),
         spin=np.zeros(6),
         reference=mean[RATE].copy(),
-        last=np.where(np.isnan(read), 0.0, read),
+        read=read,
+        fresh=np.zeros(read.shape[0]),
         time_s=sample.time_s,
         started=True,
     )
@@ -281,33 +305,69 @@ def _expected(
     values = values + jacobian @ (prediction.mean - there)
     projected = sparse_product(jacobian, root)
     read = readings(sample.rates, sample.velocities)
-    deviation, telling = told_by_one(projected, read, unknown_forces(state, params), params.variances)
-    counts = used(read, values, state.last, deviation, params.quanta) | telling
+    counts = counted(read, state.read, values, (projected**2).sum(axis=1), params)
     return Expected(prediction, root, spin, jacobian, projected, read - values, counts)
 
 
 @kernel
-def _nis_by_kind(expected: Expected, params: JointParams) -> tuple[float, float]:
-    """NIS of the gyros' components that count, and of the accelerometers', by themselves; NaN where none does."""
-    first = 3 * params.places.gyros
-    counts = np.flatnonzero(expected.used)
-    return _nis(expected, counts[counts < first], params), _nis(expected, counts[counts >= first], params)
+def _nis_by_kind(told: Sites, used: np.ndarray, params: JointParams) -> tuple[float, float]:
+    """NIS of the gyros' components that count, and of the accelerometers' given these; NaN where none does."""
+    gyros, every = int(used[: 3 * params.places.gyros].sum()), told.nis.shape[0]
+    of_gyros = told.nis[:gyros].sum() if gyros > 0 else np.nan
+    return of_gyros, told.nis[gyros:].sum() if every > gyros else np.nan
 
 
 @kernel
-def _nis(expected: Expected, counts: np.ndarray, params: JointParams) -> float:
-    if counts.shape[0] == 0:
-        return np.nan
-    stacked = np.hstack((expected.projected[counts], np.diag(np.sqrt(params.variances[counts]))))
-    whitened = np.linalg.solve(lower_factor(stacked), expected.innovation[counts])
-    return float(whitened @ whitened)
+def _sites(used: np.ndarray, projected: Array, innovation: Array, params: JointParams) -> Sites:
+    """Measurements that stand for the readings that count, see `quantized.sites`.
+
+    Args:
+        used: which components count, shape (m,).
+        projected: their rows of H times the root, shape (number, k).
+        innovation: of all components, shape (m,).
+        params: see `JointParams`.
+    """
+    counts = np.flatnonzero(used)
+    return sites(innovation[counts], projected @ projected.T, params.cells[counts], params.floors[counts])
 
 
 @kernel
-def _update(expected: Expected, root: Array, mask: Array, params: JointParams) -> Update:
-    counts = np.flatnonzero(expected.used)
-    projected = sparse_product(expected.jacobian[counts], root)
-    return updated(root, projected, params.variances[counts], expected.innovation[counts], mask, params.places.thrust)
+def _update(expected: Expected, root: Array, mask: Array, params: JointParams) -> tuple[Update, Sites]:
+    projected = sparse_product(expected.jacobian[np.flatnonzero(expected.used)], root)
+    told = _sites(expected.used, projected, expected.innovation, params)
+    return updated(root, projected, told.variance, told.innovation, mask, params.places.thrust), told
+
+
+@kernel
+def crossed(state: JointState, about: Array, sample: Sample, params: JointParams) -> tuple[JointState, Crossing]:
+    """The state with what its readings tell that were the last in their cells, and have not been taken in.
+
+    Args:
+        state: after the last sample.
+        about: the ten parameters at which outputs are linearized, shape (10,).
+        sample: the next one, whose readings show which have changed.
+        params: see `JointParams`.
+    """
+    places, m = params.places, state.read.shape[0]
+    rows, gain = np.zeros((m, places.size)), np.zeros((places.size, m))
+    chosen = (state.fresh > 0.0) & changed(readings(sample.rates, sample.velocities), state.read, params)
+    if not chosen.any():
+        return state, Crossing(rows, gain, np.zeros(places.size), 0.0)
+    there = state.mean.copy()
+    there[:N_PROPERTIES] = about
+    values, jacobian = outputs(there, state.reference, state.spin, params)
+    values = values + jacobian @ (state.mean - there)
+    counts = np.flatnonzero(chosen)
+    projected = sparse_product(jacobian[counts], state.root)
+    told = _sites(chosen, projected, state.read - values, params)
+    change = widely_updated(state.root, projected, told.variance, told.innovation, gained(state, params))
+    columns = np.linalg.solve(change.upper, change.half_gain.T)
+    for place in range(counts.shape[0]):
+        rows[counts[place]], gain[:, counts[place]] = jacobian[counts[place]], columns[place]
+    mean = state.mean + change.correction
+    level = _releveled((state.level, state.slope, state.tick_slope), state.mean, mean, params)
+    after = releveled(state, mean, change.root, level, state.tick_slope)
+    return after, Crossing(rows, gain, change.correction, told.log_likelihood.sum())
 
 
 def step(state: JointState, sample: Sample, params: JointParams) -> tuple[JointState, Report]:
@@ -348,23 +408,24 @@ def _step(state: JointState, sample: Sample, params: JointParams) -> tuple[Joint
         innovation=done.innovation,
         innovation_std=done.innovation_std,
         used=expected.used,
-        nis=update.nis,
-        log_determinant=update.log_determinant,
+        nis=done.nis,
+        degrees=done.degrees,
+        log_likelihood=done.log_likelihood,
         gyro_nis=done.gyro_nis,
         accelerometer_nis=done.accelerometer_nis,
         incremented=done.incremented,
         coupled=expected.prediction.coupled,
-        course=Course(done.stamp, done.acting, expected, update),
+        course=Course(done.crossing, done.stamp, done.acting, expected, update),
     )
 
 
 def _first(state: JointState, sample: Sample, params: JointParams) -> tuple[JointState, Report]:
     after = begun(state, sample, params)
-    n_outputs = after.last.shape[0]
+    n_outputs = after.read.shape[0]
     estimate, rows = reported(after, params)
     nothing, unused = np.full(n_outputs, np.nan), np.zeros(n_outputs, dtype=np.bool_)
     return after, Report(
-        estimate, rows @ rows.T, nothing, nothing, unused, 0.0, 0.0, np.nan, np.nan, False, False, None
+        estimate, rows @ rows.T, nothing, nothing, unused, 0.0, 0.0, 0.0, np.nan, np.nan, False, False, None
     )
 
 
@@ -396,10 +457,11 @@ class Cycled(NamedTuple):
 
     Attributes:
         state: after it.
-        estimate: see `Report`, as all up to `incremented`.
+        estimate: see `Report`, as all up to `log_likelihood`.
         covariance: see there.
         innovation, innovation_std, gyro_nis, accelerometer_nis, incremented: see there.
-        stamp, acting, expected: see `Course`.
+        nis, degrees, log_likelihood: see there.
+        crossing, stamp, acting, expected: see `Course`.
         update: see there.
     """
 
@@ -411,6 +473,10 @@ class Cycled(NamedTuple):
     gyro_nis: float
     accelerometer_nis: float
     incremented: bool
+    nis: float
+    degrees: float
+    log_likelihood: float
+    crossing: Crossing
     stamp: Stamped
     acting: Drive
     expected: Expected
@@ -441,6 +507,7 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, params: JointPa
         thresholds: in place of those of the parameters.
         params: see `JointParams`.
     """
+    state, crossing = crossed(state, state.mean[:N_PROPERTIES], sample, params)
     state, stamp = stamped(state, sample.timing, params)
     acting = driven(state, sample, params)
     firing = acting.firing
@@ -448,7 +515,8 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, params: JointPa
     expected = expect(state, acting, sample, params)
     innovation, incremented = expected.innovation, False
     deviation = np.sqrt((expected.projected**2).sum(axis=1) + params.variances)
-    gyro_nis, accelerometer_nis = _nis_by_kind(expected, params)
+    told = _sites(expected.used, expected.projected[np.flatnonzero(expected.used)], innovation, params)
+    gyro_nis, accelerometer_nis = _nis_by_kind(told, expected.used, params)
     if commanded and not state.guarded:
         count = int(expected.used[: 3 * params.places.gyros].sum())
         if count > 0 and gyro_nis > thresholds[count - 1]:
@@ -458,9 +526,9 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, params: JointPa
 
     change = nothing_learned(expected.root)
     if expected.used.any():
-        change = _update(expected, expected.root, gained(state, params), params)
+        change, told = _update(expected, expected.root, gained(state, params), params)
         if params.places.n_thrust > 0 and not state.freed and params.second_order:
-            change = _update_again(state, acting, expected, change, params)
+            change, told = _update_again(state, acting, expected, change, params)
     after = _learned(state, sample, acting, expected, change, params)
     after = guarded(after, commanded, params)
     estimate, rows = reported(after, params)
@@ -473,6 +541,10 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, params: JointPa
         gyro_nis,
         accelerometer_nis,
         incremented,
+        float(told.nis.sum()),
+        float(told.degrees.sum()),
+        crossing.log_likelihood + float(told.log_likelihood.sum()),
+        crossing,
         stamp,
         acting,
         expected,
@@ -494,22 +566,23 @@ def _learned(
         change: of no meaning where no component counted.
         params: see `JointParams`.
     """
-    mean, root, last, firing = expected.prediction.mean, change.root, state.last, acting.firing
+    mean, root, firing = expected.prediction.mean, change.root, acting.firing
     if expected.used.any():
         mean = mean + change.correction
-        filtered, _ = outputs(mean, state.reference, expected.spin, params)
-        last = np.where(expected.used, filtered, last)
     elif root.shape[1] > root.shape[0]:
         root = compressed(root, params.places.thrust)
+    read = readings(sample.rates, sample.velocities)
+    there = ~np.isnan(read)
     return JointState(
         mean,
         root,
-        _relinearized(acting, state.mean, mean, params),
+        _releveled((firing.level, firing.slope, acting.tick_slope), state.mean, mean, params),
         firing.slope,
         acting.tick_slope,
         expected.spin,
         state.reference,
-        last,
+        np.where(there, read, state.read),
+        np.where(there & ~expected.used, 1.0, 0.0),
         state.fired + np.maximum(firing.amount, 0.0),
         state.slot_jet,
         state.slot_sign,
@@ -534,10 +607,10 @@ def gone_over(state: JointState, sample: Sample, about: Array, params: JointPara
         params: see `JointParams`.
 
     Returns:
-        The state after it, the NIS of the components that counted, and how many these were.
+        The state after it, the NIS of the components that counted, and its expectation.
     """
-    after, course = relinearized(state, sample, about, params)
-    return after, course.update.nis, float(course.expected.used.sum())
+    after, _, told = _relinearized(state, sample, about, params)
+    return after, float(told.nis.sum()), float(told.degrees.sum())
 
 
 @kernel
@@ -553,6 +626,15 @@ def relinearized(state: JointState, sample: Sample, about: Array, params: JointP
     Returns:
         The state after it, and how it went.
     """
+    after, course, _ = _relinearized(state, sample, about, params)
+    return after, course
+
+
+@kernel
+def _relinearized(
+    state: JointState, sample: Sample, about: Array, params: JointParams
+) -> tuple[JointState, Course, Sites]:
+    state, crossing = crossed(state, about[:N_PROPERTIES], sample, params)
     state, stamp = stamped(state, sample.timing, params)
     mean = _about(state.mean, about, params)
     there = relearned(state, mean, state.root.copy())
@@ -581,11 +663,11 @@ def relinearized(state: JointState, sample: Sample, about: Array, params: JointP
     )
     root = propagated(state.root, prediction, params)
     expected = _expected(state, prediction, root, about[:N_PROPERTIES], sample, params)
-    change = nothing_learned(root)
+    change, told = nothing_learned(root), _sites(np.zeros_like(expected.used), root[:0], expected.innovation, params)
     if expected.used.any():
-        change = _update(expected, root, gained(state, params), params)
+        change, told = _update(expected, root, gained(state, params), params)
     after = _learned(state, sample, acting, expected, change, params)
-    return after, Course(stamp, acting, expected, change)
+    return after, Course(crossing, stamp, acting, expected, change), told
 
 
 @kernel
@@ -636,7 +718,9 @@ def incremented_root(root: Array, params: JointParams) -> Array:
 
 
 @kernel
-def _update_again(state: JointState, acting: Drive, expected: Expected, first: Update, params: JointParams) -> Update:
+def _update_again(
+    state: JointState, acting: Drive, expected: Expected, first: Update, params: JointParams
+) -> tuple[Update, Sites]:
     """The update with the effects of parameters taken at the estimate that the first one gave."""
     mean = state.mean.copy()
     mean[:N_PROPERTIES] = expected.prediction.mean[:N_PROPERTIES] + first.correction[:N_PROPERTIES]
@@ -663,17 +747,23 @@ def _update_again(state: JointState, acting: Drive, expected: Expected, first: U
 
 
 @kernel
-def _relinearized(acting: Drive, before: Array, after: Array, params: JointParams) -> Array:
-    """The levels at the new estimates of lag and ticks, to first order."""
-    places, level = params.places, acting.firing.level
+def _releveled(levels: tuple[Array, Array, Array], before: Array, after: Array, params: JointParams) -> Array:
+    """The levels at the new estimates of lag and ticks, to first order.
+
+    Args:
+        levels: `level`, `slope` and `tick_slope` of a state.
+        before, after: estimates, shape (size,).
+        params: see `JointParams`.
+    """
+    places, (level, slope, tick_slope) = params.places, levels
     if places.n_lag > 0:
         old, _ = lag_of(before, params)
         new, _ = lag_of(after, params)
         ratio = np.where(old > 0.0, new / np.where(old > 0.0, old, 1.0), 1.0)
         at_least, at_most = np.minimum(level, 0.0), np.maximum(level, 1.0)  # off its tick, beyond for an interval
-        level = np.minimum(np.maximum(level + acting.firing.slope * np.log(ratio), at_least), at_most)
-    if places.n_ticks > 0 and acting.tick_slope.any():
+        level = np.minimum(np.maximum(level + slope * np.log(ratio), at_least), at_most)
+    if places.n_ticks > 0 and tick_slope.any():
         ticks = slice(places.ticks, places.ticks + 2)
         moved_s = params.tick_sigma * (after[ticks] - before[ticks])
-        level = level + moved_s @ acting.tick_slope
+        level = level + moved_s @ tick_slope
     return level

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.arrays import NUMBER, Layout
-from massprop_drake.maths.estimation.joint.cycle import Course, Report, Sample
+from massprop_drake.maths.estimation.joint.cycle import Course, Crossing, Report, Sample
 from massprop_drake.maths.estimation.joint.layout import (
     CENTER,
     MASS,
@@ -49,6 +49,7 @@ class Link(NamedTuple):
         effects: change of w and c per second of each jet's unit force, shape (n_jets, 6).
         amount: seconds of full thrust of each jet, shape (n_jets,).
         read: all readings, NaN where missing, shape (m,).
+        crossing_jacobian, crossing_gain, crossing_correction: see `cycle.Crossing`; before the stamp.
         stamp_row, stamp_gain, stamp_correction, ticks_kept: see `ticks.Stamped`; of the stamp, before the interval.
     """
 
@@ -66,6 +67,9 @@ class Link(NamedTuple):
     effects: Array
     amount: Array
     read: Array
+    crossing_jacobian: Array
+    crossing_gain: Array
+    crossing_correction: Array
     stamp_row: Array
     stamp_gain: Array
     stamp_correction: Array
@@ -88,6 +92,9 @@ LINK = Layout(
     effects=("jets", 6),
     amount="jets",
     read="outputs",
+    crossing_jacobian=("outputs", "size"),
+    crossing_gain=("size", "outputs"),
+    crossing_correction="size",
     stamp_row="size",
     stamp_gain="size",
     stamp_correction="size",
@@ -105,6 +112,7 @@ class Traces(NamedTuple):
         upper, half_gain, correction: see `covariance.Update`; empty, or zero, where no component counted.
         amount: see `Link`.
         rates, velocities: see `cycle.Sample`.
+        crossing: see `cycle.Crossing`.
         stamp: see `ticks.Stamped`.
     """
 
@@ -124,6 +132,7 @@ class Traces(NamedTuple):
     amount: Array
     rates: Array
     velocities: Array
+    crossing: Crossing
     stamp: Stamped
 
 
@@ -168,6 +177,7 @@ def traced(mean: Array, course: Course, sample: Sample) -> Traces:
         course.acting.firing.amount,
         sample.rates,
         sample.velocities,
+        course.crossing,
         course.stamp,
     )
 
@@ -209,6 +219,9 @@ def linked(seen: Traces, params: JointParams) -> Link:
         effects=effects / params.thrusts.reshape(-1, 1),
         amount=seen.amount,
         read=readings(seen.rates, seen.velocities),
+        crossing_jacobian=seen.crossing.jacobian,
+        crossing_gain=seen.crossing.gain,
+        crossing_correction=seen.crossing.correction,
         stamp_row=seen.stamp.row,
         stamp_gain=seen.stamp.gain,
         stamp_correction=seen.stamp.correction,
@@ -217,13 +230,15 @@ def linked(seen: Traces, params: JointParams) -> Link:
 
 
 def informed(columns: Array, over: Link, places: Places) -> Array:
-    """Errors before an interval after the stamp at its end has told of the ticks, shape (size, h).
+    """Errors before an interval after its crossings and the stamp at its end have been taken in, shape (size, h).
 
     Args:
         columns: errors before that, shape (size, h).
         over: the cycle.
         places: see `Places`.
     """
+    if over.crossing_gain.any():
+        columns = columns - over.crossing_gain @ (over.crossing_jacobian @ columns)
     if not over.stamp_row.any():
         return columns
     kept = columns.copy()
