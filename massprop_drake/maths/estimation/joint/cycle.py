@@ -31,6 +31,7 @@ from massprop_drake.maths.estimation.joint.layout import (
     gained,
     relearned,
     releveled,
+    taken_in,
 )
 from massprop_drake.maths.estimation.joint.measurement import (
     changed,
@@ -352,7 +353,7 @@ def crossed(state: JointState, about: Array, sample: Sample, params: JointParams
     rows, gain = np.zeros((m, places.size)), np.zeros((places.size, m))
     chosen = (state.fresh > 0.0) & changed(readings(sample.rates, sample.velocities), state.read, params)
     if not chosen.any():
-        return state, Crossing(rows, gain, np.zeros(places.size), 0.0)
+        return taken_in(state), Crossing(rows, gain, np.zeros(places.size), 0.0)
     there = state.mean.copy()
     there[:N_PROPERTIES] = about
     values, jacobian = outputs(there, state.reference, state.spin, params)
@@ -366,7 +367,7 @@ def crossed(state: JointState, about: Array, sample: Sample, params: JointParams
         rows[counts[place]], gain[:, counts[place]] = jacobian[counts[place]], columns[place]
     mean = state.mean + change.correction
     level = _releveled((state.level, state.slope, state.tick_slope), state.mean, mean, params)
-    after = releveled(state, mean, change.root, level, state.tick_slope)
+    after = taken_in(releveled(state, mean, change.root, level, state.tick_slope))
     return after, Crossing(rows, gain, change.correction, told.log_likelihood.sum())
 
 

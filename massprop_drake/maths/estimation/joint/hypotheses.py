@@ -39,9 +39,9 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.joint.covariance import compressed
-from massprop_drake.maths.estimation.joint.cycle import Report, Sample, restart, step
+from massprop_drake.maths.estimation.joint.cycle import Report, Sample, crossed, restart, step
 from massprop_drake.maths.estimation.joint.guard import unguarded
-from massprop_drake.maths.estimation.joint.layout import CENTER, MASS, N_PROPERTIES, JointParams, JointState
+from massprop_drake.maths.estimation.joint.layout import CENTER, MASS, N_PROPERTIES, RATE, JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import rebased
 from massprop_drake.maths.estimation.joint.sensitivity import Link, smeared
 from massprop_drake.maths.linear_algebra import Array, lower_factor
@@ -53,6 +53,8 @@ SHARES = (1.0, 0.17)  # of it in the first interval and in the second: a lag of 
 _MOVED = 0.5  # steps by which a reading has moved to be counted
 _STANDS = 3.0  # sigmas by which a prediction lies outside a reading's cell: it ought to have moved
 _PATIENCE = 6  # samples after which what has not moved counts: that a rate stands still is evidence, too
+BOW = 0.1  # of an impulse at an unknown time, 1 sigma: the angle that it turns by beyond what a steady one does
+_LEFT = 1e-6  # of a force that builds up: less is not felt
 KEPT = 6  # states of a filter: what began so many cycles before a decision may not have shown yet
 _RANGE = 4e4  # steps that a sensor's range has
 _STILL = 2.0  # a lie is as likely as not the same as the one before
@@ -420,7 +422,30 @@ def kicked(state: JointState, cause: Cause, kicks: Array, over: Link, params: Jo
         params: see `JointParams`.
     """
     impulses = smeared(over, params.places)[:, list(cause.jets)] * kicks
-    return state._replace(root=compressed(np.hstack((state.root, impulses)), params.places.thrust))
+    bowed = np.zeros((state.root.shape[0], 3))
+    turned = BOW * over.duration_s * np.linalg.norm(state.mean[RATE]) * np.sqrt(np.sum(impulses[RATE] ** 2))
+    bowed[RATE] = turned * np.eye(3)
+    return state._replace(root=compressed(np.hstack((state.root, impulses, bowed)), params.places.thrust))
+
+
+def kicks_at(run: Runner, duration_s: float, params: JointParams) -> Array | None:
+    """1-sigma of the impulse of each failed jet in the next interval, in intervals of force; None: there is none.
+
+    What builds up with a lag lacks in each interval after the second by exp(-interval / tau) of the one before.
+
+    Args:
+        run: see `Runner`.
+        duration_s: of an interval, s.
+        params: see `JointParams`.
+    """
+    known = len(run.kicks)
+    if run.age < 0 or known == 0:
+        return None
+    if run.age < known:
+        return np.array(run.kicks[run.age])
+    lag = params.time_constants_s[list(run.cause.jets)]
+    left = np.exp(-duration_s * (run.age - known + 1) / np.where(lag > 0.0, lag, 1e-3 * duration_s))
+    return np.array(run.kicks[-1]) * left if left.max() > _LEFT else None
 
 
 def restless(state: JointState, erratic: np.ndarray, params: JointParams) -> JointState:
@@ -495,7 +520,9 @@ def jumping(run: Runner, sample: Sample, nothing: Score, now: Counted, params: J
         now: which components count.
         params: without increments.
     """
-    state = opened(run.state, run.cause, params, run.share) if run.cycle == run.onset else run.state
+    state, _ = crossed(run.state, run.state.mean[:N_PROPERTIES], sample, params)
+    if run.cycle == run.onset:
+        state = opened(state, run.cause, params, run.share)
     _, report = step(state, sample, params)
     score = max(after_cycle(run.score, report, now, params), nothing, key=lambda each: each.likelihood)
     after, _ = restart(state, sample, params)
@@ -513,13 +540,14 @@ def stepped(run: Runner, sample: Sample, over: Link, now: Counted, erratic: np.n
         erratic: see `restless`.
         params: without increments.
     """
-    state = run.state
+    state, _ = crossed(run.state, run.state.mean[:N_PROPERTIES], sample, params)
     if run.age == 0:
         state = opened(state, run.cause, params, run.share, run.expected)
     if run.cause.drifts and run.age > 0:
         state = drifted(state, run.cause, over.duration_s, params)
-    if 0 <= run.age < len(run.kicks):
-        state = kicked(state, run.cause, np.array(run.kicks[run.age]), over, params)
+    kicks = kicks_at(run, over.duration_s, params)
+    if kicks is not None:
+        state = kicked(state, run.cause, kicks, over, params)
     state = restless(state, erratic, params)
     after, report = step(state, sample, params)
     score, lying, lie, component = run.score, run.lying, run.lie, run.cause.component

@@ -313,6 +313,32 @@ def releveled(state: JointState, mean: Array, root: Array, level: Array, tick_sl
 
 
 @kernel
+def taken_in(state: JointState) -> JointState:
+    """The state with no reading left to be taken in."""
+    return JointState(
+        state.mean,
+        state.root,
+        state.level,
+        state.slope,
+        state.tick_slope,
+        state.spin,
+        state.reference,
+        state.read,
+        np.zeros_like(state.fresh),
+        state.fired,
+        state.slot_jet,
+        state.slot_sign,
+        state.slot_on_top,
+        state.time_s,
+        state.started,
+        state.guarded,
+        state.freed,
+        state.rescaled,
+        state.firing_count,
+    )
+
+
+@kernel
 def flagged(state: JointState, guarded: bool, freed: bool, rescaled: bool, firing_count: float) -> JointState:
     """The state with another standing of the guard, and of what follows from it."""
     return JointState(
