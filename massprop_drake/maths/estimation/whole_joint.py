@@ -44,7 +44,16 @@ from massprop_drake.maths.estimation.joint.bank import (
     empty,
     followed,
 )
-from massprop_drake.maths.estimation.joint.cycle import Course, Crossing, Cycled, Cycling, Sample, cycled, gone_over, initial
+from massprop_drake.maths.estimation.joint.cycle import (
+    Course,
+    Crossing,
+    Cycled,
+    Cycling,
+    Sample,
+    cycled,
+    gone_over,
+    initial,
+)
 from massprop_drake.maths.estimation.joint.layout import (
     JointParams,
     JointState,
