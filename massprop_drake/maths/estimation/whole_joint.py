@@ -362,7 +362,7 @@ def _no_following(places: Places, sample: Sample) -> Following:
     told = (np.zeros((m, n)), np.zeros((m, n)), np.zeros(m), np.zeros(m, dtype=np.bool_))
     readings = (np.zeros(places.jets), sample.rates, sample.velocities)
     stamp = Stamped(np.zeros(n), np.zeros(n), np.zeros(n), 1.0)
-    nothing = Crossing(np.zeros((m, n)), np.zeros((n, m)), np.zeros(n), 0.0)
+    nothing = Crossing(np.zeros((m, n)), np.zeros((n, m)), np.zeros(m), np.zeros(n), 0.0)
     seen = Traces(np.zeros(n), rows, rows, 1.0, np.zeros((6, 6)), 1.0, *told, *learned, *readings, nothing, stamp)
     return Following(Since(*empty(places)[1:]), Roots(np.zeros((0, n, n)), np.arange(0)), seen, 0.0, 0.0)
 

@@ -110,14 +110,16 @@ class Crossing(NamedTuple):
     """Update of the state before an interval by readings that change in it, each the last one in its cell.
 
     Attributes:
-        jacobian: H, zero for readings that did not count, shape (m, size).
-        gain: K, likewise, shape (size, m).
+        rows: U^-T H, zero for readings that did not count, shape (m, size).
+        half_gain: G, likewise, shape (size, m); K H = G rows.
+        residual: U^-T e, likewise, shape (m,).
         correction: of the mean, shape (size,).
         log_likelihood: of these readings, nats.
     """
 
-    jacobian: Array
-    gain: Array
+    rows: Array
+    half_gain: Array
+    residual: Array
     correction: Array
     log_likelihood: float
 
@@ -350,10 +352,10 @@ def crossed(state: JointState, about: Array, sample: Sample, params: JointParams
         params: see `JointParams`.
     """
     places, m = params.places, state.read.shape[0]
-    rows, gain = np.zeros((m, places.size)), np.zeros((places.size, m))
+    rows, half_gain, residual = np.zeros((m, places.size)), np.zeros((places.size, m)), np.zeros(m)
     chosen = (state.fresh > 0.0) & changed(readings(sample.rates, sample.velocities), state.read, params)
     if not chosen.any():
-        return taken_in(state), Crossing(rows, gain, np.zeros(places.size), 0.0)
+        return taken_in(state), Crossing(rows, half_gain, residual, np.zeros(places.size), 0.0)
     there = state.mean.copy()
     there[:N_PROPERTIES] = about
     values, jacobian = outputs(there, state.reference, state.spin, params)
@@ -362,13 +364,14 @@ def crossed(state: JointState, about: Array, sample: Sample, params: JointParams
     projected = sparse_product(jacobian[counts], state.root)
     told = _sites(chosen, projected, state.read - values, params)
     change = widely_updated(state.root, projected, told.variance, told.innovation, gained(state, params))
-    columns = np.linalg.solve(change.upper, change.half_gain.T)
+    whitened = np.linalg.solve(change.upper.T, jacobian[counts])
     for place in range(counts.shape[0]):
-        rows[counts[place]], gain[:, counts[place]] = jacobian[counts[place]], columns[place]
+        rows[counts[place]], half_gain[:, counts[place]] = whitened[place], change.half_gain[:, place]
+        residual[counts[place]] = change.residual[place]
     mean = state.mean + change.correction
     level = _releveled((state.level, state.slope, state.tick_slope), state.mean, mean, params)
     after = taken_in(releveled(state, mean, change.root, level, state.tick_slope))
-    return after, Crossing(rows, gain, change.correction, told.log_likelihood.sum())
+    return after, Crossing(rows, half_gain, residual, change.correction, told.log_likelihood.sum())
 
 
 def step(state: JointState, sample: Sample, params: JointParams) -> tuple[JointState, Report]:

@@ -49,7 +49,7 @@ class Link(NamedTuple):
         effects: change of w and c per second of each jet's unit force, shape (n_jets, 6).
         amount: seconds of full thrust of each jet, shape (n_jets,).
         read: all readings, NaN where missing, shape (m,).
-        crossing_jacobian, crossing_gain, crossing_correction: see `cycle.Crossing`; before the stamp.
+        crossing_rows, crossing_half_gain, crossing_correction: see `cycle.Crossing`; before the stamp.
         stamp_row, stamp_gain, stamp_correction, ticks_kept: see `ticks.Stamped`; of the stamp, before the interval.
     """
 
@@ -67,8 +67,8 @@ class Link(NamedTuple):
     effects: Array
     amount: Array
     read: Array
-    crossing_jacobian: Array
-    crossing_gain: Array
+    crossing_rows: Array
+    crossing_half_gain: Array
     crossing_correction: Array
     stamp_row: Array
     stamp_gain: Array
@@ -92,8 +92,8 @@ LINK = Layout(
     effects=("jets", 6),
     amount="jets",
     read="outputs",
-    crossing_jacobian=("outputs", "size"),
-    crossing_gain=("size", "outputs"),
+    crossing_rows=("outputs", "size"),
+    crossing_half_gain=("size", "outputs"),
     crossing_correction="size",
     stamp_row="size",
     stamp_gain="size",
@@ -219,8 +219,8 @@ def linked(seen: Traces, params: JointParams) -> Link:
         effects=effects / params.thrusts.reshape(-1, 1),
         amount=seen.amount,
         read=readings(seen.rates, seen.velocities),
-        crossing_jacobian=seen.crossing.jacobian,
-        crossing_gain=seen.crossing.gain,
+        crossing_rows=seen.crossing.rows,
+        crossing_half_gain=seen.crossing.half_gain,
         crossing_correction=seen.crossing.correction,
         stamp_row=seen.stamp.row,
         stamp_gain=seen.stamp.gain,
@@ -237,8 +237,8 @@ def informed(columns: Array, over: Link, places: Places) -> Array:
         over: the cycle.
         places: see `Places`.
     """
-    if over.crossing_gain.any():
-        columns = columns - over.crossing_gain @ (over.crossing_jacobian @ columns)
+    if over.crossing_half_gain.any():
+        columns = columns - over.crossing_half_gain @ (over.crossing_rows @ columns)
     if not over.stamp_row.any():
         return columns
     kept = columns.copy()
