@@ -45,11 +45,11 @@ from massprop_drake.maths.estimation.joint.bank import (
     followed,
 )
 from massprop_drake.maths.estimation.joint.cycle import (
-    Course,
     Crossing,
     Cycled,
     Cycling,
     Sample,
+    course_of,
     cycled,
     gone_over,
     initial,
@@ -241,7 +241,7 @@ def _watched(kept: Memory, desk: Desk, row: int, params: JointParams) -> tuple[M
     after = done.state
     if done.incremented or not (np.isfinite(after.mean).all() and np.isfinite(after.root).all()):
         return kept, False
-    seen = traced(kept.joint.mean, Course(done.crossing, done.stamp, done.acting, done.expected, done.update), sample)
+    seen = traced(kept.joint.mean, course_of(done), sample)
     roots, cycle = Roots(desk.past.roots, desk.past.places), kept.cycle + 1.0
     found = followed(kept.since, roots, seen, cycle, min(rules.trigger_jet, rules.trigger), params)
     likelihood = 0.0
@@ -362,8 +362,9 @@ def _no_following(places: Places, sample: Sample) -> Following:
     told = (np.zeros((m, n)), np.zeros((m, n)), np.zeros(m), np.zeros(m, dtype=np.bool_))
     readings = (np.zeros(places.jets), sample.rates, sample.velocities)
     stamp = Stamped(np.zeros(n), np.zeros(n), np.zeros(n), 1.0)
-    nothing = Crossing(np.zeros((m, n)), np.zeros((n, m)), np.zeros(m), np.zeros(n), 0.0)
-    seen = Traces(np.zeros(n), rows, rows, 1.0, np.zeros((6, 6)), 1.0, *told, *learned, *readings, nothing, stamp)
+    nothing = Crossing(np.zeros((m, n)), np.zeros((n, m)), np.zeros(n), 0.0)
+    before = (np.zeros(n), rows, rows, 1.0, np.zeros((6, 6)), 1.0)
+    seen = Traces(*before, *told, *learned, *readings, nothing, stamp, 0.0, 0.0, 0.0)
     return Following(Since(*empty(places)[1:]), Roots(np.zeros((0, n, n)), np.arange(0)), seen, 0.0, 0.0)
 
 

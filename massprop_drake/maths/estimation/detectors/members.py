@@ -5,12 +5,9 @@ from the likeliest, which may be wrong: then the next failure has to be explaine
 takes its part is another jet, or a jump. A jet that is named alone leads by six nats, and so is wrong once in a few
 hundred times. So the others that explain all, too, and have a filter go on as well, each with a detector of its own,
 and whoever explains as well what one of these names goes on beside it in turn. Each is worth
-
-    L' = sum ln P(its cells)    and    L = -1/2 sum (e^T Y^-1 e + ln |Y|)
-
-of its filter (`hypotheses`), to begin with what it was behind by; over the components that have moved, or have not for
-six samples, of every sample at which none of them has a race open or has just decided one. Who is twelve nats behind by
-both is not followed any longer, nor who has found no explanation in two seconds where another has, nor who needs a
+the log likelihood of its filter, to begin with what it was behind by, over every sample at which none of them has a
+race open or has just decided one. Who is twelve nats behind is not followed any longer, nor who has found no
+explanation in two seconds where another has, nor who needs a
 further failure, or a jump, for what another explains without an alarm, or more failures than another has explained all
 by for two seconds. Where that is the one that the filter goes on from, the best takes its place, and what was said of
 it alone is taken back. What is said in the meantime waits until each has decided, for a second, or two where that takes
@@ -50,14 +47,10 @@ from massprop_drake.maths.estimation.joint.cycle import JointEvidence, Report, S
 from massprop_drake.maths.estimation.joint.decision import LAST
 from massprop_drake.maths.estimation.joint.hypotheses import (
     NO_SCORE,
-    Counted,
-    Counting,
     Score,
-    after_cycle,
-    counted_by_readings,
+    told,
 )
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
-from massprop_drake.maths.estimation.joint.measurement import readings
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 
 _BEHIND = 12.0  # nats: twice what decides, since each has decided other things since
@@ -104,14 +97,12 @@ class Members(NamedTuple):
 
     Attributes:
         each: see `Member`.
-        counting: see `Counting`.
         said: jets and signs of each group that has been said.
         cycles: since the first were.
         tried: who of each group has been followed, if only for a cycle.
     """
 
     each: tuple[Member, ...] = ()
-    counting: Counting | None = None
     said: frozenset[Ways] = frozenset()
     cycles: int = 0
     tried: frozenset[tuple[Ways, Way]] = frozenset()
@@ -146,30 +137,26 @@ def follow(
     report, sample = evidence.report, evidence.sample
     found = multi_hypothesis.judge(method, evidence.before, evidence.after, report, sample, params)
     now = found.goes_on_from(evidence.after)
-    read = readings(sample.rates, sample.velocities)
-    nobody = np.zeros(read.shape[0], dtype=np.bool_)
     if found.otherwise is not None and not members.each:
-        counting = Counting(np.where(np.isnan(read), 0.0, read), np.zeros(read.shape[0]))
         until_now = Member(evidence.before, method)
-        one = _after(until_now, found, now, report, Counted(nobody, nobody), params.joint)
+        one = _after(until_now, found, now, report)._replace(newest=NO_SCORE)
         each = (one, *_beside(until_now, one, found, params.joint))
-        return _said(one.waiting, found, Members(each, counting, tried=_first_of_groups(each)))
-    if not members.each or members.counting is None:
+        return _said(one.waiting, found, Members(each, tried=_first_of_groups(each)))
+    if not members.each:
         return Followed(found, members)
     if report.course is None:  # nothing before a gap can be compared
         return Followed(found._replace(declarations=(*members.each[0].waiting, *found.declarations)), Members())
-    counted, counting = counted_by_readings(members.counting, read, params.joint)
-    first = _after(members.each[0], found, now, report, counted, params.joint)
+    first = _after(members.each[0], found, now, report)
     on, further = [first], list(_beside(members.each[0], first, found, params.joint))
     for member in members.each[1:]:
-        gone_on = _gone_on(member, sample, counted, params)
+        gone_on = _gone_on(member, sample, params)
         on += gone_on[:1]
         further += gone_on[1:]
     each = _at_most(on, further)
     known = [_known(one) for one in each]
     tried = members.tried | _first_of_groups([*on, *(one for one in further if _known(one) in known)])
     cycles = members.cycles + 1 if len(each) == len(on) else 0
-    return _compared(found, members._replace(each=each, counting=counting, cycles=cycles, tried=tried), params)
+    return _compared(found, members._replace(each=each, cycles=cycles, tried=tried), params)
 
 
 def _first_of_groups(each: Iterable[Member]) -> frozenset[tuple[Ways, Way]]:
@@ -182,7 +169,7 @@ def _first(group: JetsDeclared) -> Way:
     return group.jets[0], group.signs[0]
 
 
-def _gone_on(member: Member, sample: Sample, counted: Counted, params: HypothesisParams) -> tuple[Member, ...]:
+def _gone_on(member: Member, sample: Sample, params: HypothesisParams) -> tuple[Member, ...]:
     """A member after one more cycle, and who is as likely as what it names then; none where its detector finds no
     explanation, or its filter comes to nothing.
     """
@@ -193,7 +180,7 @@ def _gone_on(member: Member, sample: Sample, counted: Counted, params: Hypothesi
         return ()
     if report.course is None or any(isinstance(each, Unexplained) for each in judged.declarations):
         return ()
-    one = _after(member, judged, judged.goes_on_from(after), report, counted, params.joint)
+    one = _after(member, judged, judged.goes_on_from(after), report)
     return one, *_beside(member, one, judged, params.joint)
 
 
@@ -209,7 +196,7 @@ def _beside(before: Member, one: Member, judged: Judged, params: JointParams) ->
     if judged.otherwise is None:
         return
     for each in multi_hypothesis.had_others_won(judged.otherwise, params):
-        score = Score(before.score.likelihood + each.as_noise, before.score.cells + each.odds, 0.0, 0.0)
+        score = Score(before.score.likelihood + each.odds, 0.0, 0.0)
         other = before._replace(
             joint=each.joint,
             method=each.state,
@@ -252,7 +239,7 @@ def _at_most(each: list[Member], further: list[Member]) -> tuple[Member, ...]:
 
 
 def _worth(member: Member) -> float:
-    return min(member.score.likelihood, member.score.cells)
+    return member.score.likelihood
 
 
 def _known(member: Member) -> Ways:
@@ -262,9 +249,7 @@ def _known(member: Member) -> Ways:
     return frozenset((int(joint.slot_jet[slot]), int(joint.slot_sign[slot])) for slot in slots.tolist())
 
 
-def _after(
-    member: Member, judged: Judged, now: JointState, report: Report, counted: Counted, params: JointParams
-) -> Member:
+def _after(member: Member, judged: Judged, now: JointState, report: Report) -> Member:
     race, more = member.method.race, tuple(each for each in judged.declarations if _adds(each))
     decided = bool(more) or (race is not None and judged.state.race is None)
     settled = 0 if decided or judged.state.race is not None else member.settled + 1
@@ -272,7 +257,7 @@ def _after(
     return member._replace(
         joint=now,
         method=judged.state,
-        newest=after_cycle(NO_SCORE, report, counted, params),
+        newest=told(report),
         settled=settled,
         compared=member.compared if settled > 0 else 0,
         found=frozenset(map(_in_short, more)) if more else member.found,
@@ -291,7 +276,7 @@ def _counted_in(each: tuple[Member, ...]) -> tuple[Member, ...]:
     """Members with the newest sample in their scores, if all have one to compare."""
     if any(member.settled < _SETTLING for member in each if not member.undecided):
         return each
-    scores = [Score(*(a + b for a, b in zip(one.score, one.newest, strict=True))) for one in each]
+    scores = [one.score.plus(one.newest) for one in each]
     return tuple(
         member._replace(score=score, compared=member.compared + 1) for member, score in zip(each, scores, strict=True)
     )
@@ -307,8 +292,8 @@ def _race_for(member: Member) -> int:
 
 
 def _ahead(one: Member, other: Member) -> float:
-    """By how much a member is ahead of another by noise and by cells, nats: the least, as for hypotheses of a race."""
-    return min(one.score.likelihood - other.score.likelihood, one.score.cells - other.score.cells)
+    """By how much a member is ahead of another, nats."""
+    return one.score.likelihood - other.score.likelihood
 
 
 def _needs_more(member: Member, each: tuple[Member, ...]) -> bool:

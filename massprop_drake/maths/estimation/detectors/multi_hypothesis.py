@@ -253,13 +253,12 @@ class Other(NamedTuple):
         state: to remember.
         joint: the filter's state.
         declarations: what would be declared.
-        as_noise, odds: by which it is behind the winner by rounding as noise and by cells, negative, nats.
+        odds: by which it is behind the winner, negative, nats.
     """
 
     state: State
     joint: JointState
     declarations: tuple[Declaration, ...]
-    as_noise: float
     odds: float
 
 
@@ -420,7 +419,7 @@ def had_others_won(otherwise: Otherwise, params: JointParams) -> tuple[Other, ..
         assert its is not None, "it would have won"
         state, joint, declared = _concluded(otherwise.state, otherwise.joint, decision, params)
         behind = races.apart(its, winner, params, shaken=otherwise.named.shaken)
-        found.append(Other(state, joint, tuple(declared), *behind))
+        found.append(Other(state, joint, tuple(declared), behind))
     return tuple(found)
 
 

@@ -30,14 +30,12 @@ class Update(NamedTuple):
     Attributes:
         correction: K e, to be added to the mean, shape (n,).
         root: of the covariance after the measurement, shape (n, n).
-        residual: U^-T e, whitened, shape (m,).
         half_gain: G with the gain K = G U^-T, shape (n, m).
         upper: U, U^T U = Y, shape (m, m).
     """
 
     correction: Array
     root: Array
-    residual: Array
     half_gain: Array
     upper: Array
 
@@ -46,7 +44,7 @@ class Update(NamedTuple):
 def nothing_learned(root: Array) -> Update:
     """The update where no component counts; the root is as it was."""
     n = root.shape[0]
-    return Update(np.zeros(n), root, np.zeros(0), np.zeros((n, 0)), np.zeros((0, 0)))
+    return Update(np.zeros(n), root, np.zeros((n, 0)), np.zeros((0, 0)))
 
 
 @kernel
@@ -114,7 +112,7 @@ def updated(root: Array, outputs: Array, variances: Array, innovation: Array, ga
         first: see `compressed`.
     """
     wide = widely_updated(root, outputs, variances, innovation, gained)
-    return Update(wide.correction, compressed(wide.root, first), wide.residual, wide.half_gain, wide.upper)
+    return Update(wide.correction, compressed(wide.root, first), wide.half_gain, wide.upper)
 
 
 @kernel
@@ -124,4 +122,4 @@ def widely_updated(root: Array, outputs: Array, variances: Array, innovation: Ar
     whitened = np.linalg.solve(u.T, innovation)
     gain = (root @ q1) * gained.reshape(-1, 1)
     after = np.hstack((root - gain @ q1.T, gain @ q2.T))
-    return Update(gain @ whitened, after, whitened, gain, u)
+    return Update(gain @ whitened, after, gain, u)

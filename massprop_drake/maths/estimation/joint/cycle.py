@@ -112,14 +112,12 @@ class Crossing(NamedTuple):
     Attributes:
         rows: U^-T H, zero for readings that did not count, shape (m, size).
         half_gain: G, likewise, shape (size, m); K H = G rows.
-        residual: U^-T e, likewise, shape (m,).
         correction: of the mean, shape (size,).
         log_likelihood: of these readings, nats.
     """
 
     rows: Array
     half_gain: Array
-    residual: Array
     correction: Array
     log_likelihood: float
 
@@ -133,6 +131,7 @@ class Course(NamedTuple):
         acting: see `Drive`.
         expected: see `Expected`; after an increment, if there was one.
         update: `nothing_learned` where no component counted.
+        nis, degrees, log_likelihood: see `Report`.
     """
 
     crossing: Crossing
@@ -140,6 +139,9 @@ class Course(NamedTuple):
     acting: Drive
     expected: Expected
     update: Update
+    nis: float
+    degrees: float
+    log_likelihood: float
 
 
 class Report(NamedTuple):
@@ -352,10 +354,10 @@ def crossed(state: JointState, about: Array, sample: Sample, params: JointParams
         params: see `JointParams`.
     """
     places, m = params.places, state.read.shape[0]
-    rows, half_gain, residual = np.zeros((m, places.size)), np.zeros((places.size, m)), np.zeros(m)
+    rows, half_gain = np.zeros((m, places.size)), np.zeros((places.size, m))
     chosen = (state.fresh > 0.0) & changed(readings(sample.rates, sample.velocities), state.read, params)
     if not chosen.any():
-        return taken_in(state), Crossing(rows, half_gain, residual, np.zeros(places.size), 0.0)
+        return taken_in(state), Crossing(rows, half_gain, np.zeros(places.size), 0.0)
     there = state.mean.copy()
     there[:N_PROPERTIES] = about
     values, jacobian = outputs(there, state.reference, state.spin, params)
@@ -367,11 +369,10 @@ def crossed(state: JointState, about: Array, sample: Sample, params: JointParams
     whitened = np.linalg.solve(change.upper.T, jacobian[counts])
     for place in range(counts.shape[0]):
         rows[counts[place]], half_gain[:, counts[place]] = whitened[place], change.half_gain[:, place]
-        residual[counts[place]] = change.residual[place]
     mean = state.mean + change.correction
     level = _releveled((state.level, state.slope, state.tick_slope), state.mean, mean, params)
     after = taken_in(releveled(state, mean, change.root, level, state.tick_slope))
-    return after, Crossing(rows, half_gain, residual, change.correction, told.log_likelihood.sum())
+    return after, Crossing(rows, half_gain, change.correction, told.log_likelihood.sum())
 
 
 def step(state: JointState, sample: Sample, params: JointParams) -> tuple[JointState, Report]:
@@ -405,7 +406,7 @@ def _step(state: JointState, sample: Sample, params: JointParams) -> tuple[Joint
         if made is None
         else made.cycled(Cycling(state, sample, params.thresholds))
     )
-    expected, update = done.expected, done.update
+    expected = done.expected
     return done.state, Report(
         estimate=done.estimate,
         covariance=done.covariance,
@@ -419,7 +420,7 @@ def _step(state: JointState, sample: Sample, params: JointParams) -> tuple[Joint
         accelerometer_nis=done.accelerometer_nis,
         incremented=done.incremented,
         coupled=expected.prediction.coupled,
-        course=Course(done.crossing, done.stamp, done.acting, expected, update),
+        course=course_of(done),
     )
 
 
@@ -485,6 +486,21 @@ class Cycled(NamedTuple):
     acting: Drive
     expected: Expected
     update: Update
+
+
+@kernel
+def course_of(done: Cycled) -> Course:
+    """How a cycle went, see `Course`."""
+    return Course(
+        done.crossing,
+        done.stamp,
+        done.acting,
+        done.expected,
+        done.update,
+        done.nis,
+        done.degrees,
+        done.log_likelihood,
+    )
 
 
 class Cycling(NamedTuple):
@@ -671,7 +687,9 @@ def _relinearized(
     if expected.used.any():
         change, told = _update(expected, root, gained(state, params), params)
     after = _learned(state, sample, acting, expected, change, params)
-    return after, Course(crossing, stamp, acting, expected, change), told
+    nis, degrees = float(told.nis.sum()), float(told.degrees.sum())
+    log_likelihood = crossing.log_likelihood + float(told.log_likelihood.sum())
+    return after, Course(crossing, stamp, acting, expected, change, nis, degrees, log_likelihood), told
 
 
 @kernel

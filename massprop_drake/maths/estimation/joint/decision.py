@@ -35,7 +35,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.joint import screen as screens
-from massprop_drake.maths.estimation.joint.hypotheses import EXCESS, FIT, Cause, Kind, Runner
+from massprop_drake.maths.estimation.joint.hypotheses import FIT, Cause, Kind, Runner
 from massprop_drake.maths.estimation.joint.layout import INERTIA, MASS, JointParams
 from massprop_drake.maths.estimation.joint.race import (
     A_SECOND,
@@ -48,7 +48,6 @@ from massprop_drake.maths.estimation.joint.race import (
     Standing,
     ahead,
     apart,
-    by_filters,
     is_unheard,
     leads,
     margin,
@@ -290,7 +289,7 @@ def _put_behind(
     """Those that led until now that the newest sample alone puts behind: one more must show it."""
     best, causes = standing[0], {each.cause for each in led}
     some = [each for each in _surprised(standing, until_now) if each.contender.cause not in causes]
-    return [each.contender for each in some if min(apart(best, each, params, shaken=True)) < rules.lead]
+    return [each.contender for each in some if apart(best, each, params, shaken=True) < rules.lead]
 
 
 def _shown_by_readings(standing: list[Standing], rules: Rules) -> bool:
@@ -409,7 +408,7 @@ def runners_up(winner: Standing, standing: list[Standing]) -> list[Standing]:
 def _explained_well(run: Runner) -> bool:
     """Whether a filter explained all before the newest sample, and well."""
     before = run.before_newest
-    return before.misfit <= _WELL and before.excess - run.entry.excess < EXCESS
+    return before.misfit <= _WELL
 
 
 def explaining(standing: list[Standing], last: tuple[Standing, ...], rules: Rules) -> tuple[Standing, ...]:
@@ -452,7 +451,7 @@ def _left_behind(race: Race, standing: list[Standing], rules: Rules) -> Decision
 
 def nearly_fits(run: Runner) -> bool:
     """Whether a filter explains the readings but for what one of many filters of the truth may be off by chance."""
-    return run.score.misfit < FIT and run.score.excess - run.entry.excess < 2.0 * EXCESS
+    return run.score.misfit < FIT
 
 
 def _named(led: list[Standing], race: Race, rules: Rules) -> Decision | None:
@@ -500,7 +499,7 @@ def _at_last(standing: list[Standing], rules: Rules, nothing_fits: bool) -> Deci
         return Decision(Outcome.UNEXPLAINED, best)
     if best.contender.cause.kind == Kind.JUMP:
         return Decision(Outcome.INCREMENT, best)
-    near = tuple(each.contender for each in standing if each is not best and by_filters(best, each) < rules.lead)
+    near = tuple(each.contender for each in standing if each is not best and best.odds - each.odds < rules.lead)
     alternatives = _alternatives((best.contender, *near), rules, most=len(near) + 1)
     if best is standing[0] and best.contender.cause.kind == Kind.JETS and (alternatives or not near):
         return Decision(Outcome.GROUP if near else Outcome.JETS, best, near, alternatives)

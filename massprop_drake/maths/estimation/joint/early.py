@@ -28,7 +28,7 @@ import numpy as np
 
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.covariance import compressed
-from massprop_drake.maths.estimation.joint.cycle import Expected, Sample, incremented_root, relinearized
+from massprop_drake.maths.estimation.joint.cycle import Sample, incremented_root, relinearized
 from massprop_drake.maths.estimation.joint.decision import SIGNIFICANT, Rules
 from massprop_drake.maths.estimation.joint.guard import guarded
 from massprop_drake.maths.estimation.joint.hypotheses import (
@@ -39,7 +39,6 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     Score,
     kicked,
     opened,
-    scored,
     slot_of,
 )
 from massprop_drake.maths.estimation.joint.layout import MASS, N_PROPERTIES, JointParams, JointState
@@ -448,15 +447,15 @@ def _near(search: Search, best: Fit, early: Early, params: JointParams) -> tuple
 # ------------------------------------------------------------------------------------------- steps
 
 
-def _over(state: JointState, sample: Sample, about: Array, params: JointParams) -> tuple[JointState, Link, Expected]:
+def _over(state: JointState, sample: Sample, about: Array, params: JointParams) -> tuple[JointState, Link]:
     after, course = relinearized(state, sample, about, params)
-    return after, linked(traced(about, course, sample), params), course.expected
+    return after, linked(traced(about, course, sample), params)
 
 
 def _screened(search: Search, early: Early, params: JointParams) -> Search:
     """The screening after one more sample."""
     sample = early.kept[search.screen.cycle]
-    state, link, _ = _over(search.state, sample, search.about, params)
+    state, link = _over(search.state, sample, search.about, params)
     screen = screens.screened(search.screen, link, params)
     return search._replace(state=state, screen=screen)
 
@@ -468,14 +467,12 @@ def _passed(fit: Fit, search: Search, early: Early, params: JointParams) -> Fit:
         state = opened(state, contender.cause, params)
     sample = early.kept[done]
     if 0 <= done - contender.onset < len(contender.kicks):  # along what the jet does there, not at the screening's x*
-        _, link, _ = _over(state, sample, fit.about, params)
+        _, link = _over(state, sample, fit.about, params)
         state = kicked(state, contender.cause, np.array(contender.kicks[done - contender.onset]), link, params)
-    state, _, expected = _over(state, sample, fit.about, params)
+    state, link = _over(state, sample, fit.about, params)
     score = fit.score
     if done < search.until:
-        root = np.hstack((expected.projected, np.diag(np.sqrt(params.variances))))
-        covariance = root @ root.T
-        score = scored(score, expected.innovation, covariance, search.screen.counted[done], params.quanta, root)
+        score = score.plus(Score(link.log_likelihood, link.nis, link.degrees))
     return fit._replace(state=state, score=score, done=done + 1)
 
 
@@ -496,10 +493,9 @@ def _believed(fit: Fit, params: JointParams) -> float:
 
 
 def ahead(one: Fit, other: Fit, params: JointParams) -> float:
-    """Lead of a fit over another, by cells or with rounding as noise, whichever is less, nats."""
+    """Lead of a fit over another, nats."""
     beforehand = _believed(one, params) - _believed(other, params)
-    by_noise = one.score.likelihood - other.score.likelihood
-    return beforehand + min(by_noise, one.score.cells - other.score.cells)
+    return beforehand + one.score.likelihood - other.score.likelihood
 
 
 def _decided(search: Search, early: Early, rules: Rules, params: JointParams) -> Search | None:

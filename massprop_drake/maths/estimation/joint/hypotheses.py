@@ -10,29 +10,14 @@ r"""What a hypothesis is: the joint filter's own cycle from another state, and h
             what fired before the jump would be taken for what it has become
     lies    one component is not read from the onset on, until it fits again
 
-*Log-likelihood*, L = -1/2 sum (e^T Y^-1 e + ln |Y|), over the components whose reading has moved by half a step since
-it was last counted, or ought to have moved as the filter that knows of nothing has it, or that six samples ago was
-counted last; and over all where something may have begun in the interval: whoever has it begin there expects a reading
-to move by whatever, and learns from one that stays where it was. That is the same for every hypothesis, whatever its
-filter uses, or a hypothesis would choose its evidence. A reading that lies is one of 4e4 steps, each as likely, or as
-likely as not what it was before: a sensor that stands still. One that does so for a second would else cost more than a
-jump of all that is known of the vehicle explains.
-
-*Cells.* L takes rounding for white noise. The rounding of a rate that is slow or goes in circles is the same again and
-again, and each time L counts it as new: a wrong hypothesis that bends a little toward the middle of its cells gains on
-the right one. Among filters of their own the comparison is therefore that of the cells themselves,
-
-    L' = sum ln P(q/2 > |e_i|),    e_i ~ N(e_i given those before, Y_ii given those before - q^2/12 + (q/20)^2),
-
-component by component; the last term, since what a filter took for white noise has moved it by a part of a step. White
-noise in place of cells is a hypothesis itself, and L - L' by how much it is likelier: of the truth it exceeds a with
-probability exp(-a) at most, ever (Ville's inequality). One that lets it rise by 6 nats does not explain the readings;
-but a reading that stands where it stood, and counts only since something may have begun, has told of its cell before.
+*Log-likelihood*: the sum of ln Z over the readings that its own filter takes in (`quantized`), so that what a filter
+learns from a reading and what it is worth for it are one number. A reading that lies is one of 4e4 steps, each as
+likely, or as likely as not what it was before: a sensor that stands still. One that does so for a second would else
+cost more than a jump of all that is known of the vehicle explains.
 """
 
 from __future__ import annotations
 
-import math
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -44,27 +29,20 @@ from massprop_drake.maths.estimation.joint.guard import unguarded
 from massprop_drake.maths.estimation.joint.layout import CENTER, MASS, N_PROPERTIES, RATE, JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import rebased
 from massprop_drake.maths.estimation.joint.sensitivity import Link, smeared
-from massprop_drake.maths.linear_algebra import Array, lower_factor
+from massprop_drake.maths.linear_algebra import Array
 
 JUMP_SHARES = (0.3, 0.06)  # of the vehicle's mass (1 sigma): a payload, large or small
 DRIFT = 0.03  # of full thrust a second, 1 sigma: by so much the force of a jet changes that weakens or opens slowly
 KICK = 0.6  # 1-sigma of an onset's place, in intervals between onsets: uniform over two has 0.58
 SHARES = (1.0, 0.17)  # of it in the first interval and in the second: a lag of a fifth of an interval takes that much
-_MOVED = 0.5  # steps by which a reading has moved to be counted
-_STANDS = 3.0  # sigmas by which a prediction lies outside a reading's cell: it ought to have moved
-_PATIENCE = 6  # samples after which what has not moved counts: that a rate stands still is evidence, too
+_MOVED = 0.5  # steps by which a reading has moved that does not stand still
 BOW = 0.1  # of an impulse at an unknown time, 1 sigma: the angle that it turns by beyond what a steady one does
 _LEFT = 1e-6  # of a force that builds up: less is not felt
 KEPT = 6  # states of a filter: what began so many cycles before a decision may not have shown yet
 _RANGE = 4e4  # steps that a sensor's range has
 _STILL = 2.0  # a lie is as likely as not the same as the one before
 FIT = 6.0  # standard deviations of chi-square: rounding is not white, and six are never chance
-EXCESS = 6.0  # nats by which white noise may be likelier than cells: one in four hundred
 _LIES = 5.0  # sigmas off: a reading that does not fit
-_FAR_TAIL = 30.0  # sigmas from which on the tail's share is that of its asymptote
-_BLUR = 0.05  # steps, 1 sigma, by which a filter may be off that has taken rounding for white noise
-_NARROW = 1e-3  # sigmas: a cell that is no wider is a density
-_GAUSSIAN = 0.5 * np.log(2.0 * np.pi)  # of each component, left out of every L
 
 
 class Kind(IntEnum):
@@ -113,18 +91,17 @@ class Score(NamedTuple):
     """How well a hypothesis explains the readings.
 
     Attributes:
-        likelihood: L, nats.
-        cells: L', nats.
-        nis: sum of e^T Y^-1 e.
-        degrees: number of components counted.
-        again: of L - L', what readings tell that stand where they stood, nats.
+        likelihood: sum of ln Z, nats.
+        nis, degrees: sums of those of its cycles, see `cycle.Report`.
     """
 
     likelihood: float
-    cells: float
     nis: float
     degrees: float
-    again: float = 0.0
+
+    def plus(self, part: Score) -> Score:
+        """The score with a further part."""
+        return Score(*(whole + more for whole, more in zip(self, part, strict=True)))
 
     def without(self, part: Score) -> Score:
         """What is left of it but for a part."""
@@ -136,11 +113,6 @@ class Score(NamedTuple):
         return (self.nis - self.degrees) / max(np.sqrt(2.0 * self.degrees), 1.0)
 
     @property
-    def excess(self) -> float:
-        """By how much white noise is likelier than the cells of the readings, each told once, nats."""
-        return self.likelihood - self.cells - self.again
-
-    @property
     def surprise(self) -> float:
         """NIS of few components as a standard normal deviate, by the transformation of Wilson and Hilferty."""
         if self.degrees == 0.0:
@@ -149,37 +121,7 @@ class Score(NamedTuple):
         return float((np.cbrt(max(self.nis, 0.0) / self.degrees) - (1.0 - spread)) / np.sqrt(spread))
 
 
-NO_SCORE = Score(0.0, 0.0, 0.0, 0.0)
-
-
-class Counting(NamedTuple):
-    """Which readings were counted.
-
-    Attributes:
-        last: of each component when it was counted last, shape (m,).
-        quiet: samples since then, shape (m,).
-    """
-
-    last: Array
-    quiet: Array
-
-
-class Counted(NamedTuple):
-    """Which components count in a cycle, for every hypothesis.
-
-    Attributes:
-        components: whether each does, shape (m,).
-        again: whether it stands where it stood, and does so only since something may have begun, shape (m,).
-    """
-
-    components: np.ndarray
-    again: np.ndarray
-
-    def without(self, component: int) -> Counted:
-        """The others."""
-        components = self.components.copy()
-        components[component] = False
-        return Counted(components, self.again)
+NO_SCORE = Score(0.0, 0.0, 0.0)
 
 
 class Runner(NamedTuple):
@@ -232,7 +174,7 @@ class Runner(NamedTuple):
         return self._explains(self.before_newest)
 
     def _explains(self, score: Score) -> bool:
-        return score.misfit < FIT and score.excess - self.entry.excess < EXCESS
+        return score.misfit < FIT
 
     @property
     def before_newest(self) -> Score:
@@ -245,100 +187,8 @@ class Runner(NamedTuple):
         return self.cause.kind == Kind.JUMP and self.share < JUMP_SHARES[0]
 
 
-def counted(counting: Counting, over: Link, params: JointParams, *, every: bool) -> tuple[Counted, Counting]:
-    """Which components count.
-
-    Args:
-        counting: see `Counting`.
-        over: the cycle of the filter that knows of nothing.
-        params: see `JointParams`.
-        every: whether all that are there do: something may have begun in the interval.
-    """
-    spread = np.sqrt(np.maximum(np.diagonal(over.covariance) - params.variances, 0.0))
-    unmoved = np.abs(over.innovation) > 0.5 * params.quanta + _STANDS * spread
-    return counted_by_readings(counting, over.read, params, unmoved=unmoved, every=every)
-
-
-def counted_by_readings(
-    counting: Counting, read: Array, params: JointParams, *, unmoved: np.ndarray | bool = False, every: bool = False
-) -> tuple[Counted, Counting]:
-    """Which components count: those that have moved since they did last, or have not for six samples.
-
-    Args:
-        counting: see `Counting`.
-        read: readings, NaN where missing, shape (m,).
-        params: see `JointParams`.
-        unmoved: whether each counts since it has not moved, shape (m,).
-        every: whether all count that are there.
-    """
-    moved = ~(np.abs(read - counting.last) < _MOVED * params.quanta)
-    anew = moved | unmoved | (counting.quiet + 1.0 >= _PATIENCE)
-    counts = ~np.isnan(read) & (anew | every)
-    counting = Counting(np.where(counts, read, counting.last), np.where(counts, 0.0, counting.quiet + 1.0))
-    return Counted(counts, ~anew), counting
-
-
-def cell_likelihood(error: float, deviation: float, width: float) -> float:
-    """Logarithm of the mean density of N(0, deviation^2) over a cell, nats; as L without `_GAUSSIAN`.
-
-    Args:
-        error: the cell's middle.
-        deviation: 1-sigma.
-        width: of the cell; 0: the density in its middle.
-    """
-    if width <= _NARROW * deviation:
-        return -0.5 * (error / deviation) ** 2 - math.log(deviation)
-    near, far = (abs(error) - 0.5 * width) / deviation, (abs(error) + 0.5 * width) / deviation
-    if near < _FAR_TAIL:
-        share = 0.5 * (math.erfc(near / math.sqrt(2.0)) - math.erfc(far / math.sqrt(2.0)))
-        return math.log(share / width) + float(_GAUSSIAN)
-    beyond = near / far * math.exp(0.5 * (near - far) * (near + far))
-    return -0.5 * near**2 - math.log(near) + math.log1p(-beyond) - math.log(width)
-
-
-def scored(
-    score: Score,
-    innovation: Array,
-    covariance: Array,
-    now: Counted,
-    quanta: Array,
-    root: Array | None = None,
-) -> Score:
-    """The score after one more sample.
-
-    Args:
-        score: before.
-        innovation: e of all components, shape (m,).
-        covariance: of it, shape (m, m).
-        now: which components count.
-        quanta: see `JointParams`, shape (m,).
-        root: of the covariance, shape (m, any); None: it has one that rounding leaves.
-    """
-    chosen = np.flatnonzero(now.components)
-    if chosen.shape[0] == 0:
-        return score
-    if root is None:
-        half = np.linalg.cholesky(covariance[np.ix_(chosen, chosen)])
-    else:
-        half = lower_factor(root[chosen])
-        half = half * np.sign(np.diag(half))
-    whitened = np.linalg.solve(half, innovation[chosen])
-    nis = float(whitened @ whitened)
-    scales, widths = np.diag(half), quanta[chosen]
-    as_noise = -0.5 * whitened**2 - np.log(scales)
-    deviations = np.sqrt(np.maximum(scales**2 - widths**2 / 12.0, 0.0) + (_BLUR * widths) ** 2)
-    cells = np.array([*map(cell_likelihood, (scales * whitened).tolist(), deviations.tolist(), widths.tolist())])
-    return Score(
-        score.likelihood + float(as_noise.sum()),
-        score.cells + float(cells.sum()),
-        score.nis + nis,
-        score.degrees + chosen.shape[0],
-        score.again + float((as_noise - cells)[now.again[chosen]].sum()),
-    )
-
-
 def cost_of_a_lie(component: int, params: JointParams, moved: float = np.inf) -> float:
-    """What a reading costs that a hypothesis takes for a lie, nats.
+    """What a reading costs that a hypothesis takes for a lie, nats: of its cell, or of its density if not rounded.
 
     Args:
         component: index of it.
@@ -348,7 +198,7 @@ def cost_of_a_lie(component: int, params: JointParams, moved: float = np.inf) ->
     """
     spread = max(params.quanta[component], np.sqrt(12.0 * params.variances[component]))
     among = _STILL if abs(moved) <= _MOVED * params.quanta[component] else _RANGE
-    return float(np.log(among * spread) - _GAUSSIAN)
+    return float(np.log(among * spread / (params.cells[component] or 1.0)))
 
 
 def slot_of(state: JointState, jet: int, sign: int) -> int:
@@ -506,7 +356,7 @@ def misfits(report: Report, component: int, params: JointParams) -> bool:
     return not bool(abs(course.expected.innovation[component]) <= _LIES * deviation)
 
 
-def jumping(run: Runner, sample: Sample, nothing: Score, now: Counted, params: JointParams) -> Runner:
+def jumping(run: Runner, sample: Sample, nothing: Score, params: JointParams) -> Runner:
     """A jump after one more cycle of those in which it may have happened.
 
     The filter learns nothing: what fired may have fired before the jump, or in the midst of it. Rate and gathered
@@ -517,30 +367,29 @@ def jumping(run: Runner, sample: Sample, nothing: Score, now: Counted, params: J
         run: before; it opens when its onset is the last cycle done.
         sample: of the cycle.
         nothing: score after it of the hypothesis that nothing has happened.
-        now: which components count.
         params: without increments.
     """
-    state, _ = crossed(run.state, run.state.mean[:N_PROPERTIES], sample, params)
+    state, crossing = crossed(run.state, run.state.mean[:N_PROPERTIES], sample, params)
     if run.cycle == run.onset:
         state = opened(state, run.cause, params, run.share)
     _, report = step(state, sample, params)
-    score = max(after_cycle(run.score, report, now, params), nothing, key=lambda each: each.likelihood)
+    own = run.score.plus(told(report)).plus(Score(crossing.log_likelihood, 0.0, 0.0))
+    score = max(own, nothing, key=lambda each: each.likelihood)
     after, _ = restart(state, sample, params)
     return _stepped(run, after, score)._replace(entry=score)
 
 
-def stepped(run: Runner, sample: Sample, over: Link, now: Counted, erratic: np.ndarray, params: JointParams) -> Runner:
+def stepped(run: Runner, sample: Sample, over: Link, erratic: np.ndarray, params: JointParams) -> Runner:
     """A hypothesis after one more cycle.
 
     Args:
         run: before; it opens when its onset is the last cycle done.
         sample: of the cycle.
         over: the cycle of the filter that knows of nothing.
-        now: which components count.
         erratic: see `restless`.
         params: without increments.
     """
-    state, _ = crossed(run.state, run.state.mean[:N_PROPERTIES], sample, params)
+    state, crossing = crossed(run.state, run.state.mean[:N_PROPERTIES], sample, params)
     if run.age == 0:
         state = opened(state, run.cause, params, run.share, run.expected)
     if run.cause.drifts and run.age > 0:
@@ -550,30 +399,22 @@ def stepped(run: Runner, sample: Sample, over: Link, now: Counted, erratic: np.n
         state = kicked(state, run.cause, kicks, over, params)
     state = restless(state, erratic, params)
     after, report = step(state, sample, params)
-    score, lying, lie, component = run.score, run.lying, run.lie, run.cause.component
+    lying, lie, component = run.lying, run.lie, run.cause.component
+    score = run.score.plus(Score(crossing.log_likelihood, 0.0, 0.0))
     if lying and run.cycle >= run.onset:
         lying = misfits(report, component, params)
         if lying:
-            after, report = step(state, masked(sample, component), params)
-            if now.components[component]:
+            if report.used[component]:
                 cost = cost_of_a_lie(component, params, over.read[component] - lie)
-                score = score._replace(likelihood=score.likelihood - cost, cells=score.cells - cost)
-                now = now.without(component)
+                score = score._replace(likelihood=score.likelihood - cost)
+            after, report = step(state, masked(sample, component), params)
             lie = float(over.read[component])
-    return _stepped(run, after, after_cycle(score, report, now, params))._replace(lying=lying, lie=lie)
+    return _stepped(run, after, score.plus(told(report)))._replace(lying=lying, lie=lie)
 
 
-def after_cycle(score: Score, report: Report, now: Counted, params: JointParams) -> Score:
-    """The score after a cycle of a filter."""
-    course = report.course
-    assert course is not None, "a race begins after the first sample"
-    projected = course.expected.projected
-    covariance = projected @ projected.T + np.diag(params.variances)
-    try:
-        return scored(score, report.innovation, covariance, now, params.quanta)
-    except np.linalg.LinAlgError:  # several packages read what may be anything: all but that is lost in the product
-        root = np.hstack((projected, np.diag(np.sqrt(params.variances))))
-        return scored(score, report.innovation, covariance, now, params.quanta, root)
+def told(report: Report) -> Score:
+    """The score that a cycle of a filter adds."""
+    return Score(report.log_likelihood, report.nis, report.degrees)
 
 
 def _stepped(run: Runner, after: JointState, score: Score) -> Runner:

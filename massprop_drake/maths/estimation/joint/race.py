@@ -9,7 +9,6 @@ cycles, the likeliest first.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -128,7 +127,6 @@ class Standing(NamedTuple):
         linear: lead to first order of whichever way of the same failures explains most.
         beforehand: nats by which it is likelier than new failures before any reading: a force that is known to be wrong
             changes sooner than a further jet fails, and it is one where these are many.
-        as_noise: lead of its filter with rounding taken for white noise; of the contender where none has arrived.
     """
 
     contender: Contender
@@ -136,7 +134,6 @@ class Standing(NamedTuple):
     first_order: Contender
     linear: float
     beforehand: float
-    as_noise: float
 
     @property
     def odds(self) -> float:
@@ -271,31 +268,18 @@ def standings(race: Race, contenders: list[Contender], params: JointParams) -> l
         measured = _measured(contender, run, nothing, judged[run.cause]) if run else contender
         linear = ways[contender.cause.named]
         beforehand = _beforehand(race, contender.cause)
-        result.append(Standing(measured, run, contender, linear, beforehand, measured.lead))
+        result.append(Standing(measured, run, contender, linear, beforehand))
     for cause, run in by_cause.items():  # what is not possible to first order may be so by its filter
         contender = Contender(cause, run.onset, 0.0, kicks=run.kicks, share=run.share)
         measured = _measured(contender, run, nothing, judged[cause])
         linear = measured.lead if cause.drifts else ways.get(cause.named, measured.lead)
-        result.append(Standing(measured, run, measured, linear, _beforehand(race, cause), measured.lead))
-    result = _by_cells(result, judged)
+        result.append(Standing(measured, run, measured, linear, _beforehand(race, cause)))
     result.sort(key=lambda standing: -standing.odds)
     explains = next((each for each in result if each.run is not None and each.run.fits), None)
     if explains is not None:
         result = [each for each in result if not _adds(explains, each)]
     singles = {each.contender.cause.failures: each for each in result if len(each.contender.cause.jets) == 1}
     return [each for each in result if not _adds_nothing(each, singles)]
-
-
-def _by_cells(standing: list[Standing], judged: Mapping[Cause, _Judged]) -> list[Standing]:
-    """Filters that have arrived as far apart as the cells of the readings put them, the best of them where L does."""
-    cells = {each.run.cause: each.run.score.cells + judged[each.run.cause].believed for each in standing if each.run}
-    if not cells:
-        return standing
-    shift = max(each.contender.lead for each in standing if each.run) - max(cells.values())
-    return [
-        each._replace(contender=each.contender._replace(lead=cells[each.run.cause] + shift)) if each.run else each
-        for each in standing
-    ]
 
 
 def rivals(standing: list[Standing]) -> list[Standing]:
@@ -346,25 +330,15 @@ def _beforehand(race: Race, cause: Cause) -> float:
 
 
 def ahead(best: Standing, other: Standing) -> float:
-    """Lead over another hypothesis as each is measured, nats: of two filters the least by cells and by noise.
+    """Lead over another hypothesis as each is measured, nats.
 
-    Cells are what rounding is, but the filters have learned from it as from noise, and chance favors another of two
-    neighbors in either: what decides must show in both. What a filter takes from the first readings after an onset
-    moves it by up to ten nats, by chance, for as long as its rate stays in the same cells; the first order compares all
-    by the innovations of one filter, and so where it is about right, what decides must show there, too.
+    The first order compares all by the innovations of one filter; where it is about right, what decides must show
+    there, too.
     """
-    measured = by_filters(best, other)
+    measured = best.odds - other.odds
     if best.run is None or other.run is None or not (_is_about_linear(best) and _is_about_linear(other)):
         return measured
     return min(measured, best.linear + best.beforehand - other.linear - other.beforehand)
-
-
-def by_filters(best: Standing, other: Standing) -> float:
-    """Lead over another hypothesis, nats: of two filters the least by cells and by noise, without the first order."""
-    by_cells = best.odds - other.odds
-    if best.run is None or other.run is None:
-        return by_cells
-    return min(by_cells, best.as_noise + best.beforehand - other.as_noise - other.beforehand)
 
 
 def _is_about_linear(standing: Standing) -> bool:
@@ -373,7 +347,7 @@ def _is_about_linear(standing: Standing) -> bool:
     Of a large jump it is far off.
     """
     compared = standing.contender.cause.kind in (Kind.JETS, Kind.JUMP)
-    return compared and abs(standing.linear - standing.as_noise) <= _CHANCE
+    return compared and abs(standing.linear - standing.contender.lead) <= _CHANCE
 
 
 def margin(best: Standing, other: Standing) -> float:
@@ -425,8 +399,8 @@ def leads(best: Standing, other: Standing, lead: float, *, read: bool = False) -
     return (by_readings if read else margin)(best, other) > enough
 
 
-def apart(one: Standing, other: Standing, params: JointParams, *, shaken: bool) -> tuple[float, float]:
-    """By how much one is ahead of another, with rounding as noise and by the cells of the readings, nats.
+def apart(one: Standing, other: Standing, params: JointParams, *, shaken: bool) -> float:
+    """By how much one is ahead of another, nats.
 
     Args:
         one, other: with filters that are as far.
@@ -439,8 +413,7 @@ def apart(one: Standing, other: Standing, params: JointParams, *, shaken: bool) 
     scores = [each.run.before_newest if before else each.run.score for each in (one, other) if each.run is not None]
     believed = [_judged(each.run, params).believed for each in (one, other) if each.run is not None]
     beforehand = one.beforehand + believed[0] - other.beforehand - believed[1]
-    by_noise, by_cells = (scores[0][place] - scores[1][place] + beforehand for place in range(2))
-    return by_noise, by_cells
+    return scores[0].likelihood - scores[1].likelihood + beforehand
 
 
 class _Judged(NamedTuple):
@@ -755,9 +728,9 @@ def stepped_on(race: Race, left: int, history: History, erratic: np.ndarray, par
             left -= 1
             try:
                 if now.cause.kind == Kind.JUMP and now.cycle <= screen.onsets[-1]:
-                    now = jumping(now, record.sample, screen.scores[done + 1], screen.counted[done], params)
+                    now = jumping(now, record.sample, screen.scores[done + 1], params)
                 else:
-                    now = stepped(now, record.sample, record.link, screen.counted[done], erratic, params)
+                    now = stepped(now, record.sample, record.link, erratic, params)
             except NotPositiveDefiniteError:  # of what it says no filter is left
                 out.add(now.cause)
                 break

@@ -27,14 +27,10 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     NO_SCORE,
     SHARES,
     Cause,
-    Counted,
-    Counting,
     Kind,
     Score,
     cost_of_a_lie,
-    counted,
     jump_sigma,
-    scored,
 )
 from massprop_drake.maths.estimation.joint.layout import (
     CENTER,
@@ -78,8 +74,6 @@ class Screen(NamedTuple):
             (n_onsets, n_jets, 5, 5).
         projection: b of each onset, shape (n_onsets, h).
         jump_information, jump_projection: of the jump, shape (10, 10) and (10,).
-        counting: see `Counting`.
-        counted: see `Counted`, at each cycle since the beginning.
         scores: of no failure, after each cycle from the beginning on.
         fired: whether a jet fired in an interval in which what the race is about may have happened: the first order,
             which has a jump happen between two samples, may then be far off.
@@ -94,15 +88,13 @@ class Screen(NamedTuple):
     projection: Array
     jump_information: Array
     jump_projection: Array
-    counting: Counting
-    counted: tuple[Counted, ...]
     scores: tuple[Score, ...]
     fired: bool = False
 
     @property
     def began(self) -> int:
         """The cycle after which the race begins."""
-        return self.cycle - len(self.counted)
+        return self.cycle - len(self.scores) + 1
 
     @property
     def single(self) -> bool:
@@ -200,8 +192,6 @@ def begin(
         projection=np.zeros((len(onsets), h)),
         jump_information=np.zeros((N_PROPERTIES, N_PROPERTIES)),
         jump_projection=np.zeros(N_PROPERTIES),
-        counting=Counting(np.where(np.isnan(read), 0.0, read), np.zeros(read.shape[0])),
-        counted=(),
         scores=(NO_SCORE,),
     )
 
@@ -224,8 +214,8 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
         if screen.cycle - onset < len(SHARES):
             begin = (2 + screen.cycle - onset) * jets
             of_onsets[:, index, begin : begin + jets] = impulse
-    before = informed(np.ascontiguousarray(screen.columns[:, :live]), over, places)
-    after = carried(before, forcing, over, places)
+    known = np.ascontiguousarray(screen.columns[:, :live])
+    after = carried(informed(known, over, places), forcing, over, places)
     acting = _acting(screen, over)
     shown = over.jacobian @ after
     for index, onset in enumerate(screen.onsets[:begun]):
@@ -233,18 +223,16 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
             shown[:, live - (begun - index) * h + _KINDS * jets : live - (begun - index - 1) * h] += np.eye(m)
     columns = screen.columns.copy()
     columns[:, :live] = corrected(after, shown, over)
-    begins = any(0 <= screen.cycle - onset < len(SHARES) for onset in screen.onsets)
-    now, counting = counted(screen.counting, over, params, every=begins)
-    score = scored(screen.scores[-1], over.innovation, over.covariance, now, params.quanta)
+    score = screen.scores[-1].plus(Score(over.log_likelihood, over.nis, over.degrees))
     information, projection = screen.information, screen.projection
     jump_information, jump_projection = screen.jump_information, screen.jump_projection
-    chosen = np.flatnonzero(now.components)
+    chosen = np.flatnonzero(over.used)
     if chosen.shape[0] > 0:
         half = np.linalg.cholesky(over.covariance[np.ix_(chosen, chosen)])
-        sides = np.column_stack((over.innovation[chosen], shown[chosen]))
-        whitened = np.linalg.solve(half, sides)
-        innovation, of_jump = whitened[:, 0], whitened[:, 1 : 1 + N_PROPERTIES]
-        of_onsets = whitened[:, 1 + N_PROPERTIES :].reshape(chosen.shape[0], begun, h).transpose(1, 0, 2)
+        whitened = np.linalg.solve(half, np.column_stack((over.innovation[chosen], shown[chosen])))
+        innovation, whitened = whitened[:, 0], whitened[:, 1:]
+        of_jump = whitened[:, :N_PROPERTIES]
+        of_onsets = whitened[:, N_PROPERTIES:].reshape(chosen.shape[0], begun, h).transpose(1, 0, 2)
         information, projection = information.copy(), projection.copy()
         information[:begun] += _gram(of_onsets, jets) if screen.single else of_onsets.transpose(0, 2, 1) @ of_onsets
         projection[:begun] += innovation @ of_onsets
@@ -260,8 +248,6 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
         projection=projection,
         jump_information=jump_information,
         jump_projection=jump_projection,
-        counting=counting,
-        counted=(*screen.counted, now),
         scores=(*screen.scores, score),
     )
 
@@ -582,7 +568,9 @@ def _lies(screen: Screen, index: int, params: JointParams) -> list[Contender]:
         column = 5 * jets + component
         energy, projection = screen.information[index, column, column], screen.projection[index, column]
         if energy > 0.0:
-            lead = 0.5 * projection**2 / energy - 0.5 * np.log(energy) - cost_of_a_lie(component, params)
+            width = params.cells[component] or 1.0
+            lead = 0.5 * projection**2 / energy - 0.5 * np.log(energy / (2.0 * np.pi))
+            lead -= cost_of_a_lie(component, params) + np.log(width)
             if lead > 0.0:
                 cause = Cause(Kind.LIES, component=component)
                 result.append(Contender(cause, screen.onsets[index], float(lead)))

@@ -44,12 +44,14 @@ class Link(NamedTuple):
         jacobian: H, shape (m, size).
         gain: K, zero for components that did not count, shape (size, m).
         innovation: e, NaN where missing, shape (m,).
-        covariance: of the innovation of all components, shape (m, m).
+        covariance: of the innovation of all components, rounding taken as noise, shape (m, m).
+        used: 1 for components that counted, shape (m,).
+        nis, degrees, log_likelihood: see `cycle.Report`.
         correction: of the mean by the update, shape (size,).
         effects: change of w and c per second of each jet's unit force, shape (n_jets, 6).
         amount: seconds of full thrust of each jet, shape (n_jets,).
         read: all readings, NaN where missing, shape (m,).
-        crossing_rows, crossing_half_gain, crossing_correction: see `cycle.Crossing`; before the stamp.
+        crossing_rows, crossing_half_gain, crossing_correction: see `cycle.Crossing`.
         stamp_row, stamp_gain, stamp_correction, ticks_kept: see `ticks.Stamped`; of the stamp, before the interval.
     """
 
@@ -63,6 +65,10 @@ class Link(NamedTuple):
     gain: Array
     innovation: Array
     covariance: Array
+    used: Array
+    nis: float
+    degrees: float
+    log_likelihood: float
     correction: Array
     effects: Array
     amount: Array
@@ -88,6 +94,10 @@ LINK = Layout(
     gain=("size", "outputs"),
     innovation="outputs",
     covariance=("outputs", "outputs"),
+    used="outputs",
+    nis=NUMBER,
+    degrees=NUMBER,
+    log_likelihood=NUMBER,
     correction="size",
     effects=("jets", 6),
     amount="jets",
@@ -114,6 +124,7 @@ class Traces(NamedTuple):
         rates, velocities: see `cycle.Sample`.
         crossing: see `cycle.Crossing`.
         stamp: see `ticks.Stamped`.
+        nis, degrees, log_likelihood: see `cycle.Report`.
     """
 
     mean: Array
@@ -134,6 +145,9 @@ class Traces(NamedTuple):
     velocities: Array
     crossing: Crossing
     stamp: Stamped
+    nis: float
+    degrees: float
+    log_likelihood: float
 
 
 def traces(before: JointState, report: Report, sample: Sample) -> Traces:
@@ -179,6 +193,9 @@ def traced(mean: Array, course: Course, sample: Sample) -> Traces:
         sample.velocities,
         course.crossing,
         course.stamp,
+        course.nis,
+        course.degrees,
+        course.log_likelihood,
     )
 
 
@@ -215,6 +232,10 @@ def linked(seen: Traces, params: JointParams) -> Link:
         gain=gain,
         innovation=seen.innovation,
         covariance=seen.projected @ seen.projected.T + np.diag(params.variances),
+        used=seen.used.astype(np.float64),
+        nis=seen.nis,
+        degrees=seen.degrees,
+        log_likelihood=seen.log_likelihood,
         correction=seen.correction,
         effects=effects / params.thrusts.reshape(-1, 1),
         amount=seen.amount,
