@@ -77,6 +77,7 @@ class Screen(NamedTuple):
         scores: of no failure, after each cycle from the beginning on.
         fired: whether a jet fired in an interval in which what the race is about may have happened: the first order,
             which has a jump happen between two samples, may then be far off.
+        misfit: NIS of no failure, rounding taken as noise, above its expectation.
     """
 
     onsets: tuple[int, ...]
@@ -90,6 +91,7 @@ class Screen(NamedTuple):
     jump_projection: Array
     scores: tuple[Score, ...]
     fired: bool = False
+    misfit: float = 0.0
 
     @property
     def began(self) -> int:
@@ -226,11 +228,12 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
     score = screen.scores[-1].plus(Score(over.log_likelihood, over.nis, over.degrees))
     information, projection = screen.information, screen.projection
     jump_information, jump_projection = screen.jump_information, screen.jump_projection
-    chosen = np.flatnonzero(over.used)
+    chosen, misfit = np.flatnonzero(over.used), screen.misfit
     if chosen.shape[0] > 0:
         half = np.linalg.cholesky(over.covariance[np.ix_(chosen, chosen)])
         whitened = np.linalg.solve(half, np.column_stack((over.innovation[chosen], shown[chosen])))
         innovation, whitened = whitened[:, 0], whitened[:, 1:]
+        misfit += float(innovation @ innovation) - chosen.shape[0]
         of_jump = whitened[:, :N_PROPERTIES]
         of_onsets = whitened[:, N_PROPERTIES:].reshape(chosen.shape[0], begun, h).transpose(1, 0, 2)
         information, projection = information.copy(), projection.copy()
@@ -242,6 +245,7 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
     return screen._replace(
         cycle=screen.cycle + 1,
         fired=screen.fired or fires,
+        misfit=misfit,
         columns=columns,
         acting=acting,
         information=information,

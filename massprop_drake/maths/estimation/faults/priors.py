@@ -1,0 +1,79 @@
+r"""Priors of faults: rates and distributions, all there are.
+
+A hypothesis opens a jet's force f as N(0, T^2), T full thrust. The prior meant is a half full thrust, N(T, (3 %)^2),
+and a half anything else: of a force that is too much log-uniform from a thousandth of T, of one that is missing
+uniform. `force_correction` gives what the one is worth over the other, given the posterior of f.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.linear_algebra import Array
+
+_HOUR_S = 3600.0
+_FULL_SPREAD = 0.03  # of full thrust, 1 sigma: of a jet that is stuck
+_LEAST_LEAK = 1e-3  # of full thrust: a smaller leak is none
+_MOST = 1.05  # of full thrust: no jet gives more
+_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(15)  # of a standard normal variable
+_LOG_ROOT_2_PI = 0.5 * math.log(2.0 * math.pi)
+
+
+class Priors(NamedTuple):
+    """Rates and probabilities of faults before any reading.
+
+    Attributes:
+        jet_per_hour: failures of one jet.
+        together: probability that a given other jet fails in the same interval as one.
+        change_per_hour: changes of a force that is known to be wrong.
+        payload_per_hour: payloads that come or leave.
+        reading_per_hour: readings of one component that begin to be wrong.
+        false_per_hour: false declarations of one jet that a user accepts.
+    """
+
+    jet_per_hour: float = 1e-3
+    together: float = 1e-4
+    change_per_hour: float = 10.0
+    payload_per_hour: float = 0.1
+    reading_per_hour: float = 1e-3
+    false_per_hour: float = 1e-6
+
+    @property
+    def doubt(self) -> float:
+        """Probability that a declaration may be wrong with."""
+        return min(self.false_per_hour / self.jet_per_hour, 0.5)
+
+
+def log_rate(per_hour: float, seconds: float) -> float:
+    """Log probability of an event of a rate within some time, nats."""
+    return math.log(per_hour * seconds / _HOUR_S)
+
+
+def force_correction(force: float, sigma: float, thrust: float, *, missing: bool) -> float:
+    """Log of the mean of p(f) / N(f; 0, T^2) over the posterior N(force, sigma^2), nats.
+
+    Args:
+        force, sigma: of the posterior, lbf or N.
+        thrust: T.
+        missing: whether the force is missing, and not too much.
+    """
+    shares = (force + sigma * _NODES) / thrust
+    opened = -0.5 * shares**2 - _LOG_ROOT_2_PI
+    inside = (shares > _LEAST_LEAK) & (shares < _MOST)
+    density = np.zeros_like(shares)
+    density[inside] = 1.0 if missing else 1.0 / (shares[inside] * math.log(_MOST / _LEAST_LEAK))
+    anything = _mean(density, opened)
+    width = sigma / thrust
+    spread = math.hypot(width, _FULL_SPREAD)  # of N(f; T) against the posterior, in closed form but for the opened prior
+    at = (force / thrust * _FULL_SPREAD**2 + width**2) / spread**2
+    full = math.exp(-0.5 * ((force / thrust - 1.0) / spread) ** 2 + 0.5 * at**2) / spread
+    total = 0.5 * anything + 0.5 * full
+    return math.log(total) if total > 0.0 else -math.inf
+
+
+def _mean(density: Array, opened: Array) -> float:
+    weights = _WEIGHTS / _WEIGHTS.sum()
+    return float(np.sum(weights * density * np.exp(-opened)))
