@@ -463,10 +463,10 @@ def _screened(search: Search, early: Early, params: JointParams) -> Search:
 
 def _passed(fit: Fit, search: Search, early: Early, params: JointParams) -> Fit:
     """A fit after one more sample; beyond those that the search goes over it is not scored."""
-    state, contender, done = fit.state, fit.contender, fit.done
+    contender, done, sample = fit.contender, fit.done, early.kept[fit.done]
+    state, _ = crossed(fit.state, fit.about[:N_PROPERTIES], sample, params)
     if done == contender.onset:
         state = opened(state, contender.cause, params)
-    sample = early.kept[done]
     if 0 <= done - contender.onset < len(contender.kicks):  # along what the jet does there, not at the screening's x*
         _, link, _ = _over(state, sample, fit.about, params)
         state = kicked(state, contender.cause, np.array(contender.kicks[done - contender.onset]), link, params)
