@@ -28,7 +28,7 @@ import numpy as np
 
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.covariance import compressed
-from massprop_drake.maths.estimation.joint.cycle import Expected, Sample, incremented_root, relinearized
+from massprop_drake.maths.estimation.joint.cycle import Expected, Sample, crossed, incremented_root, relinearized
 from massprop_drake.maths.estimation.joint.decision import SIGNIFICANT, Rules
 from massprop_drake.maths.estimation.joint.guard import guarded
 from massprop_drake.maths.estimation.joint.hypotheses import (
