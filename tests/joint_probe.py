@@ -64,6 +64,12 @@ def small_params(**changed: Any) -> JointParams:
     return JointParams(**(noisy | settings))
 
 
+def unrounded(params: JointParams) -> JointParams:
+    """The parameters with readings whose errors are Gaussian: every one counts, and updates are linear."""
+    noisy = {"quanta": np.zeros_like(params.quanta), "cells": np.zeros_like(params.cells)}
+    return params._replace(**noisy, floors=params.variances, dithered=np.ones_like(params.dithered))
+
+
 def some_state(params: JointParams, seed: int = 0) -> JointState:
     """A state in flight: errors of all kinds, correlated, jets half built up, two slots taken."""
     rng = np.random.default_rng(seed)

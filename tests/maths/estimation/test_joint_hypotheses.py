@@ -13,6 +13,7 @@ from test_joint_bank import Flight, flight, ready
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.cycle import step
 from massprop_drake.maths.estimation.joint.hypotheses import (
+    BOW,
     JUMP_SHARES,
     NO_SCORE,
     SHARES,
@@ -37,7 +38,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     stepped,
     without_increments,
 )
-from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
+from massprop_drake.maths.estimation.joint.layout import RATE, JointParams, JointState
 from massprop_drake.maths.estimation.joint.sensitivity import Link, carried, corrected, link, smeared
 from massprop_drake.maths.linear_algebra import Array
 

@@ -464,7 +464,7 @@ def _screened(search: Search, early: Early, params: JointParams) -> Search:
 def _passed(fit: Fit, search: Search, early: Early, params: JointParams) -> Fit:
     """A fit after one more sample; beyond those that the search goes over it is not scored."""
     contender, done, sample = fit.contender, fit.done, early.kept[fit.done]
-    state, _ = crossed(fit.state, fit.about[:N_PROPERTIES], sample, params)
+    state, _ = crossed(fit.state, fit.about[:N_PROPERTIES], sample, params.floors, params)
     if done == contender.onset:
         state = opened(state, contender.cause, params)
     if 0 <= done - contender.onset < len(contender.kicks):  # along what the jet does there, not at the screening's x*

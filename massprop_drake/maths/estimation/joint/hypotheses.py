@@ -39,7 +39,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.joint.covariance import compressed
-from massprop_drake.maths.estimation.joint.cycle import Report, Sample, crossed, restart, step
+from massprop_drake.maths.estimation.joint.cycle import Report, Sample, crossed, floors, restart, step
 from massprop_drake.maths.estimation.joint.guard import unguarded
 from massprop_drake.maths.estimation.joint.layout import CENTER, MASS, N_PROPERTIES, RATE, JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import rebased
@@ -520,7 +520,7 @@ def jumping(run: Runner, sample: Sample, nothing: Score, now: Counted, params: J
         now: which components count.
         params: without increments.
     """
-    state, _ = crossed(run.state, run.state.mean[:N_PROPERTIES], sample, params)
+    state, _ = crossed(run.state, run.state.mean[:N_PROPERTIES], sample, floors(run.state, params), params)
     if run.cycle == run.onset:
         state = opened(state, run.cause, params, run.share)
     _, report = step(state, sample, params)
@@ -540,7 +540,7 @@ def stepped(run: Runner, sample: Sample, over: Link, now: Counted, erratic: np.n
         erratic: see `restless`.
         params: without increments.
     """
-    state, _ = crossed(run.state, run.state.mean[:N_PROPERTIES], sample, params)
+    state, _ = crossed(run.state, run.state.mean[:N_PROPERTIES], sample, floors(run.state, params), params)
     if run.age == 0:
         state = opened(state, run.cause, params, run.share, run.expected)
     if run.cause.drifts and run.age > 0:
