@@ -690,9 +690,9 @@ def _nis_signals(name: str, signals: Spool) -> list[str]:
 
 
 def explain(tally: Tally, signals: Spool, name: str, found: Sequence[DetectionRecord]) -> None:
-    """Tells a tally which of its samples are explained: those from when a payload came or left until it was declared.
+    """Tells a tally which of its samples are explained: those from when something began until it was declared.
 
-    Failures are declared within samples; one that took longer to be found may be none, and then explains nothing.
+    A payload that came or left, or a failed jet that is named alone: until then the filter knew nothing of it.
 
     Args:
         tally: of all samples.
@@ -700,7 +700,8 @@ def explain(tally: Tally, signals: Spool, name: str, found: Sequence[DetectionRe
         name: see `used_nis`.
         found: what was declared; what was withdrawn explains nothing.
     """
-    spans = [(one.onset_s, one.time_s) for one in found if one.kind == JUMP and one.withdrawn_s is None]
+    named = [one for one in found if one.kind == JUMP or one.isolated_to == "jet"]
+    spans = [(one.onset_s, one.time_s) for one in named if one.withdrawn_s is None]
     if not spans or f"{name}_nis" not in signals:
         return
     names, parts = _nis_signals(name, signals), []

@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from joint_probe import small_params, some_state
+from joint_probe import small_params, some_state, unrounded
 from replay_probe import replayed
 
 from massprop_drake import Estimator, Run, estimate, load_scenario, simulate
@@ -248,7 +248,7 @@ def test_a_lead_is_the_least_by_cells_and_by_noise_and_counts_what_jets_cannot_g
 
 def test_a_pass_is_linear_in_the_force_it_estimates(flown: Run, params: JointParams) -> None:
     """However far force and mass properties are from where it is linearized: their product is of second order."""
-    own = params._replace(quanta=np.zeros_like(params.quanta))  # so that all components count
+    own = unrounded(params)
     sample = next(each for each in samples(flown) if each.commands.any())
     state = opened(entered(flown, own), Cause(Kind.JETS, (5,), (1,), (1,)), own)
     about, there, slot = state.mean.copy(), state.mean.copy(), own.places.force

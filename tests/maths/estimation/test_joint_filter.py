@@ -128,7 +128,7 @@ def test_without_accelerometer_the_mass_is_not_observed() -> None:
         prior_sigma=np.append(np.ones(6 + 2 + 6), np.zeros(3)),
         accelerometer_positions=np.empty((0, 3)),
         variances=params.variances[:6],
-        quanta=params.quanta[:6],
+        **{name: getattr(params, name)[:6] for name in ("quanta", "cells", "floors", "dithered")},
         guard_relative=np.array([0.02, 0.02, 0.02, np.inf]),
     )
     made = JointFilterParams(without, PERIOD)

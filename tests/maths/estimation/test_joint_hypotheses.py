@@ -13,6 +13,7 @@ from test_joint_bank import Flight, flight, ready
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.cycle import step
 from massprop_drake.maths.estimation.joint.hypotheses import (
+    BOW,
     JUMP_SHARES,
     NO_SCORE,
     SHARES,
@@ -37,7 +38,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     stepped,
     without_increments,
 )
-from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
+from massprop_drake.maths.estimation.joint.layout import RATE, JointParams, JointState
 from massprop_drake.maths.estimation.joint.sensitivity import Link, carried, corrected, link, smeared
 from massprop_drake.maths.linear_algebra import Array
 
@@ -299,7 +300,7 @@ def _compare_with_a_slot(flown: Flight, jet: int, sign: int, on_top: int) -> Non
     )
     none = Runner(Cause(Kind.NOTHING), 0, (), onset, flown.states[onset], NO_SCORE, False)
     cause = Cause(Kind.JETS, (jet,), (sign,), (on_top,))
-    run = run_of(flown, none._replace(cause=cause, onset=onset, kicks=((kick,), (SHARES[1] * kick,))))
+    run = run_of(flown, none._replace(cause=cause, onset=onset, kicks=((kick,), (SHARES[1] * kick,), (0.0,))))
     none = run_of(flown, none)
     row = PLACES.force + slot_of(run.state, jet, sign)
     assert run.state.mean[row] == pytest.approx(amplitude[0], abs=0.1 * np.sqrt(covariance[0, 0]))
@@ -398,6 +399,8 @@ def test_what_the_jets_hypothesis_opens_with(flown: Flight) -> None:
     slots = np.zeros((PLACES.size, 2))
     slots[PLACES.force :] = np.diag(PARAMS.thrusts[[4, 1]])
     expected = state.root @ state.root.T + impulses @ impulses.T + slots @ slots.T
+    turned = BOW * over.duration_s * np.linalg.norm(state.mean[RATE]) * np.linalg.norm(impulses[RATE])
+    expected[RATE, RATE] += turned**2 * np.eye(3)
     np.testing.assert_allclose(found.root @ found.root.T, expected, atol=1e-12)
     # the same jet again: its force may have changed, in the slot it has
     again = opened(found, Cause(Kind.JETS, (4,), (1,), (0,)), PARAMS)

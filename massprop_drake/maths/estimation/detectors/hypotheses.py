@@ -309,7 +309,11 @@ def restored(vector: Array, params: HypothesisParams) -> State:
         ValueError: when the state holds what the detector cannot leave.
     """
     read = _layout(params).read(vector)
-    told = read._replace(apart=read.apart[:, 0], onsets=np.nan_to_num(read.onsets, posinf=np.inf, neginf=np.inf))
+    told = read._replace(
+        apart=read.apart[:, 0],
+        onsets=np.nan_to_num(read.onsets, posinf=np.inf, neginf=np.inf),
+        earlier=np.nan_to_num(read.earlier, posinf=np.inf, neginf=np.inf),  # a reading that is missing
+    )
     if not all(np.isfinite(part).all() for part in told):
         raise ValueError(f"{GROUP}: must be finite")
     if (read.variance < 0.0).any():

@@ -95,6 +95,7 @@ class Expected(NamedTuple):
         projected: H times root, shape (m, k).
         innovation: e of all components, NaN where missing, shape (m,).
         used: which components count, shape (m,).
+        floors: variance of each prediction beyond the state's, shape (m,).
     """
 
     prediction: Prediction
@@ -104,6 +105,7 @@ class Expected(NamedTuple):
     projected: Array
     innovation: Array
     used: np.ndarray
+    floors: Array
 
 
 class Crossing(NamedTuple):
@@ -292,12 +294,18 @@ def expect(state: JointState, acting: Drive, sample: Sample, params: JointParams
     """Predicts the state and its outputs, and says which components count."""
     prediction = predict(state, acting, rate_read(sample.rates, state.mean, params), params)
     root = propagated(state.root, prediction, params)
-    return _expected(state, prediction, root, prediction.mean[:N_PROPERTIES], sample, params)
+    about = (prediction.mean[:N_PROPERTIES], floors(state, params))
+    return _expected(state, prediction, root, about, sample, params)
 
 
 @kernel
 def _expected(
-    state: JointState, prediction: Prediction, root: Array, about: Array, sample: Sample, params: JointParams
+    state: JointState,
+    prediction: Prediction,
+    root: Array,
+    about: tuple[Array, Array],
+    sample: Sample,
+    params: JointParams,
 ) -> Expected:
     """What is expected of a sample; outputs are linearized at some mass properties and at the rate that gyros correct.
 
@@ -305,13 +313,14 @@ def _expected(
     """
     spin = state.spin + prediction.spin
     there = prediction.mean.copy()
-    there[:N_PROPERTIES], there[RATE] = about, prediction.end
+    properties, least = about
+    there[:N_PROPERTIES], there[RATE] = properties, prediction.end
     values, jacobian = outputs(there, state.reference, spin, params)
     values = values + jacobian @ (prediction.mean - there)
     projected = sparse_product(jacobian, root)
     read = readings(sample.rates, sample.velocities)
-    counts = counted(read, state.read, values, (projected**2).sum(axis=1), params)
-    return Expected(prediction, root, spin, jacobian, projected, read - values, counts)
+    counts, least = counted(read, state.read, values, (projected**2).sum(axis=1), least, params)
+    return Expected(prediction, root, spin, jacobian, projected, read - values, counts, least)
 
 
 @kernel
@@ -323,34 +332,47 @@ def _nis_by_kind(told: Sites, used: np.ndarray, params: JointParams) -> tuple[fl
 
 
 @kernel
-def _sites(used: np.ndarray, projected: Array, innovation: Array, params: JointParams) -> Sites:
+def floors(state: JointState, params: JointParams) -> Array:
+    """Variance of each prediction beyond the state's, shape (m,): before the guard holds that of a rounded reading.
+
+    Until then the second order counts, and no cell is told to a hundredth of a quantum. Passes over the start are
+    linearized where its end knows the mass properties to be, and need no such floor.
+    """
+    return params.floors if state.guarded else params.variances
+
+
+@kernel
+def _sites(used: np.ndarray, projected: Array, innovation: Array, given: tuple[Array, Array]) -> Sites:
     """Measurements that stand for the readings that count, see `quantized.sites`.
 
     Args:
         used: which components count, shape (m,).
         projected: their rows of H times the root, shape (number, k).
         innovation: of all components, shape (m,).
-        params: see `JointParams`.
+        given: quanta, and floors, of all components, shape (m,).
     """
-    counts = np.flatnonzero(used)
-    return sites(innovation[counts], projected @ projected.T, params.cells[counts], params.floors[counts])
+    counts, (cells, least) = np.flatnonzero(used), given
+    return sites(innovation[counts], projected @ projected.T, cells[counts], least[counts])
 
 
 @kernel
 def _update(expected: Expected, root: Array, mask: Array, params: JointParams) -> tuple[Update, Sites]:
     projected = sparse_product(expected.jacobian[np.flatnonzero(expected.used)], root)
-    told = _sites(expected.used, projected, expected.innovation, params)
+    told = _sites(expected.used, projected, expected.innovation, (params.cells, expected.floors))
     return updated(root, projected, told.variance, told.innovation, mask, params.places.thrust), told
 
 
 @kernel
-def crossed(state: JointState, about: Array, sample: Sample, params: JointParams) -> tuple[JointState, Crossing]:
+def crossed(
+    state: JointState, about: Array, sample: Sample, least: Array, params: JointParams
+) -> tuple[JointState, Crossing]:
     """The state with what its readings tell that were the last in their cells, and have not been taken in.
 
     Args:
         state: after the last sample.
         about: the ten parameters at which outputs are linearized, shape (10,).
         sample: the next one, whose readings show which have changed.
+        least: see `floors`.
         params: see `JointParams`.
     """
     places, m = params.places, state.read.shape[0]
@@ -364,7 +386,7 @@ def crossed(state: JointState, about: Array, sample: Sample, params: JointParams
     values = values + jacobian @ (state.mean - there)
     counts = np.flatnonzero(chosen)
     projected = sparse_product(jacobian[counts], state.root)
-    told = _sites(chosen, projected, state.read - values, params)
+    told = _sites(chosen, projected, state.read - values, (params.cells, least))
     change = widely_updated(state.root, projected, told.variance, told.innovation, gained(state, params))
     whitened = np.linalg.solve(change.upper.T, jacobian[counts])
     for place in range(counts.shape[0]):
@@ -527,7 +549,8 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, params: JointPa
         thresholds: in place of those of the parameters.
         params: see `JointParams`.
     """
-    state, crossing = crossed(state, state.mean[:N_PROPERTIES], sample, params)
+    least = floors(state, params)
+    state, crossing = crossed(state, state.mean[:N_PROPERTIES], sample, least, params)
     state, stamp = stamped(state, sample.timing, params)
     acting = driven(state, sample, params)
     firing = acting.firing
@@ -535,7 +558,9 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, params: JointPa
     expected = expect(state, acting, sample, params)
     innovation, incremented = expected.innovation, False
     deviation = np.sqrt((expected.projected**2).sum(axis=1) + params.variances)
-    told = _sites(expected.used, expected.projected[np.flatnonzero(expected.used)], innovation, params)
+    told = _sites(
+        expected.used, expected.projected[np.flatnonzero(expected.used)], innovation, (params.cells, expected.floors)
+    )
     gyro_nis, accelerometer_nis = _nis_by_kind(told, expected.used, params)
     if commanded and not state.guarded:
         count = int(expected.used[: 3 * params.places.gyros].sum())
@@ -654,7 +679,7 @@ def relinearized(state: JointState, sample: Sample, about: Array, params: JointP
 def _relinearized(
     state: JointState, sample: Sample, about: Array, params: JointParams
 ) -> tuple[JointState, Course, Sites]:
-    state, crossing = crossed(state, about[:N_PROPERTIES], sample, params)
+    state, crossing = crossed(state, about[:N_PROPERTIES], sample, params.floors, params)
     state, stamp = stamped(state, sample.timing, params)
     mean = _about(state.mean, about, params)
     there = relearned(state, mean, state.root.copy())
@@ -682,8 +707,11 @@ def _relinearized(
         at.coupled,
     )
     root = propagated(state.root, prediction, params)
-    expected = _expected(state, prediction, root, about[:N_PROPERTIES], sample, params)
-    change, told = nothing_learned(root), _sites(np.zeros_like(expected.used), root[:0], expected.innovation, params)
+    expected = _expected(state, prediction, root, (about[:N_PROPERTIES], params.floors), sample, params)
+    change, told = (
+        nothing_learned(root),
+        _sites(np.zeros_like(expected.used), root[:0], expected.innovation, (params.cells, params.floors)),
+    )
     if expected.used.any():
         change, told = _update(expected, root, gained(state, params), params)
     after = _learned(state, sample, acting, expected, change, params)
@@ -727,6 +755,7 @@ def _counting(expected: Expected, used: np.ndarray) -> Expected:
         expected.projected,
         expected.innovation,
         used,
+        expected.floors,
     )
 
 

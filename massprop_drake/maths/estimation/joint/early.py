@@ -28,7 +28,7 @@ import numpy as np
 
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.covariance import compressed
-from massprop_drake.maths.estimation.joint.cycle import Sample, incremented_root, relinearized
+from massprop_drake.maths.estimation.joint.cycle import Sample, crossed, incremented_root, relinearized
 from massprop_drake.maths.estimation.joint.decision import SIGNIFICANT, Rules
 from massprop_drake.maths.estimation.joint.guard import guarded
 from massprop_drake.maths.estimation.joint.hypotheses import (
@@ -462,10 +462,10 @@ def _screened(search: Search, early: Early, params: JointParams) -> Search:
 
 def _passed(fit: Fit, search: Search, early: Early, params: JointParams) -> Fit:
     """A fit after one more sample; beyond those that the search goes over it is not scored."""
-    state, contender, done = fit.state, fit.contender, fit.done
+    contender, done, sample = fit.contender, fit.done, early.kept[fit.done]
+    state, _ = crossed(fit.state, fit.about[:N_PROPERTIES], sample, params.floors, params)
     if done == contender.onset:
         state = opened(state, contender.cause, params)
-    sample = early.kept[done]
     if 0 <= done - contender.onset < len(contender.kicks):  # along what the jet does there, not at the screening's x*
         _, link = _over(state, sample, fit.about, params)
         state = kicked(state, contender.cause, np.array(contender.kicks[done - contender.onset]), link, params)

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.joint.covariance import compressed
-from massprop_drake.maths.estimation.joint.cycle import Report, Sample, crossed, restart, step
+from massprop_drake.maths.estimation.joint.cycle import Report, Sample, crossed, floors, restart, step
 from massprop_drake.maths.estimation.joint.guard import unguarded
 from massprop_drake.maths.estimation.joint.layout import CENTER, MASS, N_PROPERTIES, RATE, JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import rebased
@@ -369,7 +369,7 @@ def jumping(run: Runner, sample: Sample, nothing: Score, params: JointParams) ->
         nothing: score after it of the hypothesis that nothing has happened.
         params: without increments.
     """
-    state, crossing = crossed(run.state, run.state.mean[:N_PROPERTIES], sample, params)
+    state, crossing = crossed(run.state, run.state.mean[:N_PROPERTIES], sample, floors(run.state, params), params)
     if run.cycle == run.onset:
         state = opened(state, run.cause, params, run.share)
     _, report = step(state, sample, params)
@@ -389,7 +389,7 @@ def stepped(run: Runner, sample: Sample, over: Link, erratic: np.ndarray, params
         erratic: see `restless`.
         params: without increments.
     """
-    state, crossing = crossed(run.state, run.state.mean[:N_PROPERTIES], sample, params)
+    state, crossing = crossed(run.state, run.state.mean[:N_PROPERTIES], sample, floors(run.state, params), params)
     if run.age == 0:
         state = opened(state, run.cause, params, run.share, run.expected)
     if run.cause.drifts and run.age > 0:

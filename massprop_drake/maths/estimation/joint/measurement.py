@@ -11,7 +11,9 @@ say together when a mark was crossed. So a reading of a sensor whose noise does 
 
     it differs from the one before,    it is the one before that,    |y - y^| > q/2 + 3 s,    or    sqrt(h^T P h) > q/2.
 
-`quantized` says what it then tells. A reading that is missing (NaN) does not count.
+`quantized` says what it then tells. One that stays where it was, off its prediction, says that this is worse than
+believed: it is taken for a reading with rounding as noise, or the same cell again and again would be believed ever
+more. A reading that is missing (NaN) does not count.
 """
 
 from __future__ import annotations
@@ -111,20 +113,23 @@ def changed(read: Array, before: Array, params: JointParams) -> np.ndarray:
 
 
 @kernel
-def counted(read: Array, before: Array, predicted: Array, variance: Array, params: JointParams) -> np.ndarray:
-    """Which readings count, shape (m,).
+def counted(
+    read: Array, before: Array, predicted: Array, variance: Array, floors: Array, params: JointParams
+) -> tuple[np.ndarray, Array]:
+    """Which readings count, shape (m,), and the floors of their predictions, shape (m,).
 
     Args:
         read: readings, NaN where missing, shape (m,).
         before: the last reading of each, shape (m,).
         predicted: outputs, shape (m,).
         variance: of these, shape (m,).
+        floors: see `quantized`, shape (m,).
         params: see `JointParams`.
     """
     half = 0.5 * params.cells
-    off = np.abs(read - predicted) > half + _OFF * np.sqrt(variance + params.floors)
-    news = (params.dithered > 0.0) | changed(read, before, params) | off | (np.sqrt(variance) > half)
-    return ~np.isnan(read) & news
+    off = np.abs(read - predicted) > half + _OFF * np.sqrt(variance + floors)
+    fresh = (params.dithered > 0.0) | changed(read, before, params) | (np.sqrt(variance) > half)
+    return ~np.isnan(read) & (fresh | off), np.where(off & ~fresh, params.variances, floors)
 
 
 def rebased(state: JointState, params: JointParams) -> JointState:

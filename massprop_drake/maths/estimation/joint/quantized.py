@@ -84,6 +84,8 @@ def truncated_moments(lower: float, upper: float) -> Moments:
 def _upper_moments(lower: float, upper: float) -> Moments:
     """Moments over an interval whose middle is not negative."""
     width = upper - lower
+    if not math.isfinite(width):  # of a filter that has overflowed
+        return Moments(math.nan, math.nan, math.nan)
     if lower > _FAR or width < _NARROW:
         return _exponential_moments(lower, width)
     if lower > 0.0:
@@ -129,7 +131,8 @@ def sites(errors: Array, covariance: Array, quanta: Array, floors: Array) -> Sit
     nis, degrees = np.zeros(m), np.zeros(m)
     shift, left = np.zeros(m), covariance.copy()
     for j in range(m):
-        total, half = left[j, j] + floors[j], 0.5 * quanta[j]
+        known, half = max(left[j, j], 0.0), 0.5 * quanta[j]
+        total = known + floors[j]
         sigma = math.sqrt(total)
         error = errors[j] - shift[j]
         if half > 0.0:
@@ -140,8 +143,9 @@ def sites(errors: Array, covariance: Array, quanta: Array, floors: Array) -> Sit
             log_probability = -0.5 * mean * mean - _LOG_ROOT_2_PI - math.log(sigma)
         uniform = quanta[j] ** 2 / 12.0
         least = min(_LEAST_LEFT, uniform / (total + uniform))
-        told = 1.0 - min(max(exact, least), _MOST_LEFT)
-        variance[j] = total / told - left[j, j]
+        kept = min(max(exact, least), _MOST_LEFT)
+        told = 1.0 - kept
+        variance[j] = (floors[j] + kept * known) / told
         innovation[j] = shift[j] + mean * sigma / told
         log_likelihood[j], nis[j], degrees[j] = log_probability, mean * mean, 1.0 - exact
         column = left[:, j].copy()

@@ -1,0 +1,128 @@
+"""Moments of truncated Gaussians, and quantized readings as measurements."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.stats import norm
+
+from massprop_drake.maths.estimation.joint.quantized import sites, truncated_moments
+
+COVARIANCE = np.array([[0.5, 0.2, 0.0], [0.2, 0.8, -0.1], [0.0, -0.1, 0.3]])
+
+
+def integrated(lower: float, upper: float) -> tuple[float, float, float]:
+    """Log probability, mean and variance by numerical integration, relative to the density's peak in the interval."""
+    peak = min(max(lower, 0.0), upper)
+    upper = min(upper, peak + 40.0)
+    lower = max(lower, peak - 40.0)
+
+    def moment(power: int, about: float = 0.0) -> float:
+        def density(x: float) -> float:
+            return float((x - about) ** power * np.exp(-0.5 * (x - peak) * (x + peak)))
+
+        found: float = quad(density, lower, upper, epsabs=1e-14, epsrel=1e-11, limit=200)[0]
+        return found
+
+    mass = moment(0)
+    mean = moment(1) / mass
+    return float(np.log(mass) - 0.5 * peak**2 - 0.5 * np.log(2.0 * np.pi)), mean, moment(2, mean) / mass
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "accuracy"),
+    [
+        (-1.0, 1.0, 1e-9),
+        (0.0, 1.0, 1e-9),
+        (-3.0, 7.0, 1e-9),
+        (2.0, 50.0, 1e-8),
+        (5.0, 5.5, 1e-8),
+        (24.0, 24.9, 1e-6),
+        (-4e-4, 5e-4, 1e-6),
+        (10.0, 10.0009, 1e-4),
+        (26.0, 27.0, 1e-2),
+        (-40.0, -39.0, 1e-2),
+        (300.0, 300.0005, 1e-4),
+    ],
+)
+def test_moments_are_those_of_the_density(lower: float, upper: float, accuracy: float) -> None:
+    found, expected = truncated_moments(lower, upper), integrated(lower, upper)
+    assert found.log_probability == pytest.approx(expected[0], rel=1e-6, abs=1e-9)
+    assert found.mean == pytest.approx(expected[1], rel=1e-4, abs=1e-9)
+    assert found.variance == pytest.approx(expected[2], rel=accuracy)
+
+
+def test_an_interval_mirrored_has_its_moments_mirrored() -> None:
+    found, mirrored = truncated_moments(0.3, 1.7), truncated_moments(-1.7, -0.3)
+    assert mirrored == pytest.approx((found.log_probability, -found.mean, found.variance))
+
+
+@pytest.mark.parametrize("border", [(24.9999, 25.6, 25.0001, 25.6002), (3.0, 3.00099, 3.0, 3.00101)])
+def test_moments_go_on_across_the_border_between_two_forms(border: tuple[float, float, float, float]) -> None:
+    before, after = truncated_moments(*border[:2]), truncated_moments(*border[2:])
+    assert after.log_probability == pytest.approx(before.log_probability, abs=0.03)
+    assert after.mean == pytest.approx(before.mean, rel=1e-4)
+    assert after.variance == pytest.approx(before.variance, rel=0.05)
+
+
+def test_a_filter_that_has_overflowed_gets_no_number() -> None:
+    assert np.isnan(truncated_moments(np.inf, np.inf)).all()
+
+
+def test_a_reading_that_is_not_quantized_is_a_measurement_with_its_noise() -> None:
+    errors, floors = np.array([0.4, -0.7, 1.1]), np.array([0.1, 0.2, 0.3])
+    found = sites(errors, COVARIANCE, np.zeros(3), floors)
+    np.testing.assert_allclose(found.innovation, errors)
+    np.testing.assert_allclose(found.variance, floors)
+    total = COVARIANCE + np.diag(floors)
+    expected = -0.5 * (errors @ np.linalg.solve(total, errors) + np.linalg.slogdet(2.0 * np.pi * total)[1])
+    assert found.log_likelihood.sum() == pytest.approx(expected)
+    assert found.nis.sum() == pytest.approx(errors @ np.linalg.solve(total, errors))
+    np.testing.assert_allclose(found.degrees, 1.0)
+
+
+def test_a_narrow_cell_is_a_measurement_with_uniform_noise() -> None:
+    quantum = 1e-2
+    found = sites(np.array([0.3]), np.array([[1.0]]), np.array([quantum]), np.array([1e-8]))
+    assert found.variance[0] == pytest.approx(quantum**2 / 12.0 + 1e-8, rel=1e-3)
+    assert found.innovation[0] == pytest.approx(0.3, rel=1e-4)
+
+
+def test_cells_that_cover_everything_are_certain_together() -> None:
+    cells, quantum, floor = np.arange(-60, 61), 0.4, 1e-4
+    each = [sites(np.array([quantum * c]), np.array([[1.3]]), np.array([quantum]), np.array([floor])) for c in cells]
+    probabilities = np.exp([one.log_likelihood[0] for one in each])
+    assert probabilities.sum() == pytest.approx(1.0)
+    assert probabilities[60] == pytest.approx(norm.cdf(0.2, scale=np.sqrt(1.3 + floor)) * 2 - 1)
+    nis, degrees = (np.array([getattr(one, name)[0] for one in each]) for name in ("nis", "degrees"))
+    assert probabilities @ nis == pytest.approx(probabilities @ degrees)  # what is expected of the one is the other
+
+
+def test_readings_are_taken_in_given_those_before() -> None:
+    errors, quanta, floors = np.array([0.4, -0.7, 0.2]), np.full(3, 0.5), np.full(3, 1e-4)
+    found = sites(errors, COVARIANCE, quanta, floors)
+    first = sites(errors[:1], COVARIANCE[:1, :1], quanta[:1], floors[:1])
+    gain = COVARIANCE[1:, 0] / (COVARIANCE[0, 0] + first.variance[0])
+    shift, left = gain * first.innovation[0], COVARIANCE[1:, 1:] - np.outer(gain, COVARIANCE[0, 1:])
+    rest = sites(errors[1:] - shift, left, quanta[1:], floors[1:])
+    np.testing.assert_allclose(found.variance[1:], rest.variance)
+    np.testing.assert_allclose(found.innovation[1:], rest.innovation + shift)
+    np.testing.assert_allclose(found.log_likelihood[1:], rest.log_likelihood)
+
+
+def test_one_cell_halves_a_sigma_at_most() -> None:
+    found = sites(np.array([6.0]), np.array([[1.0]]), np.array([2.0]), np.array([4e-4]))
+    assert 1.0 / (1.0 / 1.0 + 1.0 / found.variance[0]) == pytest.approx(0.25, rel=1e-2)
+
+
+def test_a_wide_cell_about_the_prediction_says_nothing() -> None:
+    found = sites(np.array([0.1]), np.array([[1.0]]), np.array([100.0]), np.array([1.0]))
+    assert found.variance[0] > 1e8
+    assert found.log_likelihood[0] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_rounding_of_a_huge_covariance_leaves_no_negative_variance() -> None:
+    huge = 1e30 * np.outer([1.0, 1.0 + 1e-9], [1.0, 1.0 + 1e-9])
+    found = sites(np.array([1.0, 2.0]), huge, np.full(2, 1e-6), np.full(2, 1e-16))
+    assert (found.variance > 0.0).all()
