@@ -45,6 +45,7 @@ from massprop_drake.maths.estimation.joint.bank import (
     followed,
 )
 from massprop_drake.maths.estimation.joint.cycle import (
+    OWN_CHOICE,
     Crossing,
     Cycled,
     Cycling,
@@ -201,7 +202,7 @@ def work(part: int, asked: Any, following: Any, memory: Any, desk: Any, holder: 
     else:
         cycling = asked.value.cycling
         if part == CYCLE:
-            one = cycled(cycling.state, cycling.sample, cycling.thresholds, params)
+            one = cycled(cycling.state, cycling.sample, cycling.thresholds, cycling.counts, params)
         else:
             over = gone_over(cycling.state, cycling.sample, asked.value.about, params)
     return one, found, over
@@ -237,7 +238,7 @@ def _watched(kept: Memory, desk: Desk, row: int, params: JointParams) -> tuple[M
     rates, velocities = samples.rates[row].copy(), samples.velocities[row].copy()
     durations, commands = np.full(1, rules.period_s), command.reshape(1, -1)
     sample = Sample(samples.time_s[row], durations, commands, outside, rates, velocities, on_ticks())
-    done = cycled(kept.joint, sample, params.thresholds, params)
+    done = cycled(kept.joint, sample, params.thresholds, np.zeros(0, dtype=np.bool_), params)
     after = done.state
     if done.incremented or not (np.isfinite(after.mean).all() and np.isfinite(after.root).all()):
         return kept, False
@@ -313,7 +314,7 @@ class Work:
         self._work, self._compiled = chosen(work, compile_it), compile_it
         self._params = held(params, compile_it)
         state, sample = initial(params), _no_sample(params.places)
-        cycling = Cycling(state, sample, params.thresholds)
+        cycling = Cycling(state, sample, params.thresholds, OWN_CHOICE)
         self._no_asked = held(Asked(cycling, state.mean), compile_it)
         self._no_following = held(_no_following(params.places, sample), compile_it)
         self._no_memory = held(_no_memory(state, params.places), compile_it)
@@ -332,7 +333,7 @@ class Work:
 
     def gone_over(self, state: JointState, sample: Sample, about: Array) -> tuple[JointState, float, float]:
         """See `cycle.gone_over`."""
-        _, _, over = self._asked(GO_OVER, Asked(Cycling(state, sample, state.mean), about))
+        _, _, over = self._asked(GO_OVER, Asked(Cycling(state, sample, state.mean, OWN_CHOICE), about))
         return over
 
     def _asked(self, part: int, asked: Asked) -> Any:

@@ -14,7 +14,7 @@ from massprop_drake.maths.estimation.filter import Told
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams, JointFilterState
 from massprop_drake.maths.estimation.joint import cycle, start
-from massprop_drake.maths.estimation.joint.cycle import Sample, cycled, gone_over
+from massprop_drake.maths.estimation.joint.cycle import OWN_CHOICE, Sample, cycled, gone_over
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, RATE, JointParams, JointState
 from massprop_drake.maths.estimation.joint.start import BEGUN, LONGEST, OVER, STEPS, Kept
 from massprop_drake.maths.estimation.joint.thrust_scale import reported
@@ -100,7 +100,7 @@ def test_a_pass_about_what_is_known_is_the_filters_own_cycle(flown: Run, params:
     sample = Sample(
         known.time_s + 0.08, np.array([0.08]), command, np.zeros(6), flown["gyro"][-1:], velocities, on_ticks()
     )
-    expected = cycled(known, sample, np.full_like(own.thresholds, np.inf), own)
+    expected = cycled(known, sample, np.full_like(own.thresholds, np.inf), OWN_CHOICE, own)
     after, nis, components = gone_over(known, sample, known.mean, own)
     np.testing.assert_allclose(after.mean, expected.state.mean, rtol=1e-6, atol=1e-12)
     np.testing.assert_allclose(after.root @ after.root.T, expected.state.root @ expected.state.root.T, atol=1e-10)

@@ -111,9 +111,9 @@ def test_readings_are_taken_in_given_those_before() -> None:
     np.testing.assert_allclose(found.log_likelihood[1:], rest.log_likelihood)
 
 
-def test_one_cell_halves_a_sigma_at_most() -> None:
+def test_one_cell_halves_a_variance_at_most() -> None:
     found = sites(np.array([6.0]), np.array([[1.0]]), np.array([2.0]), np.array([4e-4]))
-    assert 1.0 / (1.0 / 1.0 + 1.0 / found.variance[0]) == pytest.approx(0.25, rel=1e-2)
+    assert 1.0 / (1.0 / 1.0 + 1.0 / found.variance[0]) == pytest.approx(0.5, rel=1e-2)
 
 
 def test_a_wide_cell_about_the_prediction_says_nothing() -> None:

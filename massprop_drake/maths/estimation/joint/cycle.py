@@ -58,6 +58,7 @@ from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError,
 
 _WHAT = "the joint estimator's covariance"
 _UNREAD = 1e6  # sigmas of a reading that what was not read at the start may be off
+OWN_CHOICE = np.zeros(0, dtype=np.bool_)  # of the readings that count
 
 
 class Sample(NamedTuple):
@@ -397,13 +398,16 @@ def crossed(
     return after, Crossing(rows, half_gain, change.correction, told.log_likelihood.sum())
 
 
-def step(state: JointState, sample: Sample, params: JointParams) -> tuple[JointState, Report]:
+def step(
+    state: JointState, sample: Sample, params: JointParams, counts: np.ndarray = OWN_CHOICE
+) -> tuple[JointState, Report]:
     """A whole cycle.
 
     Args:
         state: after the last sample.
         sample: see `Sample`.
         params: see `JointParams`.
+        counts: see `cycled`.
 
     Raises:
         NotPositiveDefiniteError: when the covariance or the estimate overflow, or the readings are too precise for
@@ -411,7 +415,7 @@ def step(state: JointState, sample: Sample, params: JointParams) -> tuple[JointS
     """
     with np.errstate(over="ignore", invalid="ignore"):
         try:
-            after, report = _step(state, sample, params) if state.started else _first(state, sample, params)
+            after, report = _step(state, sample, params, counts) if state.started else _first(state, sample, params)
         except NotPositiveDefiniteError as error:
             raise error.at(sample.time_s, "the joint estimator") from None
         except np.linalg.LinAlgError:
@@ -421,12 +425,12 @@ def step(state: JointState, sample: Sample, params: JointParams) -> tuple[JointS
     return after, report
 
 
-def _step(state: JointState, sample: Sample, params: JointParams) -> tuple[JointState, Report]:
+def _step(state: JointState, sample: Sample, params: JointParams, counts: np.ndarray) -> tuple[JointState, Report]:
     made = params.compiled
     done: Cycled = (
-        cycled(state, sample, params.thresholds, params)
+        cycled(state, sample, params.thresholds, counts, params)
         if made is None
-        else made.cycled(Cycling(state, sample, params.thresholds))
+        else made.cycled(Cycling(state, sample, params.thresholds, counts))
     )
     expected = done.expected
     return done.state, Report(
@@ -532,21 +536,25 @@ class Cycling(NamedTuple):
         state: see `cycled`.
         sample: see `cycled`.
         thresholds: see `JointParams`; of all parameters these alone may be others than those that it was compiled for.
+        counts: see `cycled`.
     """
 
     state: JointState
     sample: Sample
     thresholds: Array
+    counts: np.ndarray
 
 
 @kernel
-def cycled(state: JointState, sample: Sample, thresholds: Array, params: JointParams) -> Cycled:
+def cycled(state: JointState, sample: Sample, thresholds: Array, counts: np.ndarray, params: JointParams) -> Cycled:
     """A cycle after the first.
 
     Args:
         state: after the last sample.
         sample: see `Sample`.
         thresholds: in place of those of the parameters.
+        counts: which readings count unless they are missing, so that hypotheses are compared on the same ones, shape
+            (m,); or `OWN_CHOICE`, shape (0,).
         params: see `JointParams`.
     """
     least = floors(state, params)
@@ -556,6 +564,8 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, params: JointPa
     firing = acting.firing
     commanded = firing.commanded or bool(np.any(sample.outside != 0.0))
     expected = expect(state, acting, sample, params)
+    if counts.size > 0:
+        expected = _counting(expected, counts & ~np.isnan(expected.innovation))
     innovation, incremented = expected.innovation, False
     deviation = np.sqrt((expected.projected**2).sum(axis=1) + params.variances)
     told = _sites(

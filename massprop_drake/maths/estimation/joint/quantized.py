@@ -11,7 +11,7 @@ A Gaussian update with the variance s^2 / (1 - v) - h^T P h and the innovation e
 narrow cell v vanishes, and this is the Kalman filter's update.
 
 Two bounds keep a Gaussian from being believed beyond its shape. The floor q/100 covers linearization and arithmetic.
-One cell leaves at least a quarter of the variance, or what rounding taken for uniform noise leaves if that is less.
+One cell leaves at least half of the variance, or what rounding taken for uniform noise leaves if that is less.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 FLOOR = 0.01  # of the quantum, 1 sigma: linearization and arithmetic; calibrates the likelihood
 DITHER = 0.05  # of the quantum, 1 sigma: noise above which each sample is news, and not only a change of reading
-_LEAST_LEFT = 0.25  # of the variance: a reading halves a sigma at most
+_LEAST_LEFT = 0.5  # of the variance: at a quarter, one flight in 500 becomes sure of what is false
 _MOST_LEFT = 1.0 - 1e-9  # of the variance: a cell that says nothing
 _FAR = 25.0  # sigmas from which on the tail is that of an exponential
 _NARROW = 1e-3  # sigmas: width of a cell over which a Gaussian is an exponential
