@@ -67,7 +67,9 @@ def force_correction(force: float, sigma: float, thrust: float, *, missing: bool
     density[inside] = 1.0 if missing else 1.0 / (shares[inside] * math.log(_MOST / _LEAST_LEAK))
     anything = _mean(density, opened)
     width = sigma / thrust
-    spread = math.hypot(width, _FULL_SPREAD)  # of N(f; T) against the posterior, in closed form but for the opened prior
+    spread = math.hypot(
+        width, _FULL_SPREAD
+    )  # of N(f; T) against the posterior, in closed form but for the opened prior
     at = (force / thrust * _FULL_SPREAD**2 + width**2) / spread**2
     full = math.exp(-0.5 * ((force / thrust - 1.0) / spread) ** 2 + 0.5 * at**2) / spread
     total = 0.5 * anything + 0.5 * full

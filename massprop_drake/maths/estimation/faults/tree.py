@@ -1,10 +1,10 @@
 r"""Hypotheses about what has happened, each a filter with a log weight and a list of events.
 
-    advance   steps every hypothesis and adds the log likelihood of what its filter takes in
-    watch     looks, in those that are likely, for anything that they do not explain
-    propose   ranks what may have happened to first order, and opens the likeliest at its onset
-    replay    steps what has been opened from its onset to now, best first, so many steps a sample
-    prune     merges hypotheses with the same events, and drops those that are far behind
+advance   steps every hypothesis and adds the log likelihood of what its filter takes in
+watch     looks, in those that are likely, for anything that they do not explain
+propose   ranks what may have happened to first order, and opens the likeliest at its onset
+replay    steps what has been opened from its onset to now, best first, so many steps a sample
+prune     merges hypotheses with the same events, and drops those that are far behind
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     Kind,
     Runner,
     Score,
-    slot_of,
     stepped,
     told,
     without_increments,
 )
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
+from massprop_drake.maths.estimation.joint.race import known_forces
 from massprop_drake.maths.estimation.joint.screen import Contender, Screen
-from massprop_drake.maths.estimation.joint.sensitivity import Link, traces
-from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
+from massprop_drake.maths.estimation.joint.sensitivity import Link, link, traces
+from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 
 _NOTHING = Cause(Kind.NOTHING)
 _ALARM = 22.0  # GLR of a single jet, chi-square: once in 1e6 samples
@@ -171,12 +171,11 @@ def advance(tree: Tree, evidence: JointEvidence, priors: Priors, params: JointPa
     quiet = without_increments(params)
     sample, cycle = evidence.sample, tree.cycle + 1
     leader, first = _watched(tree.leader, evidence, quiet, cycle)
-    link = first.link
-    samples = (*tree.samples, (sample, link))[-(banks.OLDEST + 2) :]
+    samples = (*tree.samples, (sample, first.link))[-(banks.OLDEST + 2) :]
     on = [leader]
     for each in tree.hypotheses[1:]:
         try:
-            on.append(_stepped(each, sample, link, cycle, quiet))
+            on.append(_stepped(each, sample, first.link, cycle, quiet))
         except NotPositiveDefiniteError:
             continue
     tree = tree._replace(cycle=cycle, hypotheses=tuple(on), samples=samples)
@@ -185,13 +184,11 @@ def advance(tree: Tree, evidence: JointEvidence, priors: Priors, params: JointPa
     return _pruned(tree, sample.time_s, params)
 
 
-def _watched(
-    each: Hypothesis, evidence: JointEvidence, params: JointParams, cycle: int
-) -> tuple[Hypothesis, Record]:
+def _watched(each: Hypothesis, evidence: JointEvidence, params: JointParams, cycle: int) -> tuple[Hypothesis, Record]:
     """The leader after a cycle that the filter has made, if it has, and its record."""
     run, sample = each.run, evidence.sample
-    if run.age < _KICKED and run.cause.kind != Kind.NOTHING or run.lying:
-        over = _link(evidence, params)
+    if (run.age < _KICKED and run.cause.kind != Kind.NOTHING) or run.lying:
+        over = link(evidence.before, evidence.report, sample, params)
         done = stepped(run, sample, over, np.zeros(params.places.n_force), params)
         return each._replace(run=done), Record(sample, over, done.score)
     score = run.score.plus(told(evidence.report))
@@ -211,12 +208,6 @@ def _watched(
     return each._replace(run=done, watch=watch), record
 
 
-def _link(evidence: JointEvidence, params: JointParams) -> Link:
-    from massprop_drake.maths.estimation.joint.sensitivity import link
-
-    return link(evidence.before, evidence.report, evidence.sample, params)
-
-
 def _alarm(bank: Bank, records: tuple[Record, ...], index: int, cycle: int, params: JointParams) -> Alarm:
     first, chosen = max(index - 2, 0), range(max(index - 2, 0), min(index + 2, len(bank.states)))
     cycles = bank.cycles.astype(np.intp)
@@ -230,11 +221,11 @@ def _alarm(bank: Bank, records: tuple[Record, ...], index: int, cycle: int, para
     return Alarm(cycle, tuple(bank.states[k] for k in chosen), scores, screen)
 
 
-def _stepped(each: Hypothesis, sample: Sample, link: Link, cycle: int, params: JointParams) -> Hypothesis:
+def _stepped(each: Hypothesis, sample: Sample, over: Link, cycle: int, params: JointParams) -> Hypothesis:
     """A hypothesis that does not lead after a cycle; a root is watched on."""
     run = each.run
-    if each.watch is None or run.age < _KICKED and run.cause.kind != Kind.NOTHING:
-        return each._replace(run=stepped(run, sample, link, np.zeros(params.places.n_force), params))
+    if each.watch is None or (run.age < _KICKED and run.cause.kind != Kind.NOTHING):
+        return each._replace(run=stepped(run, sample, over, np.zeros(params.places.n_force), params))
     after, report = step(run.state, sample, params)
     evidence = JointEvidence(run.state, after, report, sample, False)
     return _watched(each, evidence, params, cycle)[0]
@@ -248,7 +239,7 @@ def _proposed(tree: Tree, priors: Priors, params: JointParams) -> Tree:
         if alarm is None:
             hypotheses.append(each)
             continue
-        age = tree.cycle - alarm.cycle
+        age, until_s = tree.cycle - alarm.cycle, each.root_until_s
         now_s = tree.samples[-1][0].time_s
         due = age == 0 or age & (age - 1) == 0
         if due and alarm.drawn != age:
@@ -256,10 +247,10 @@ def _proposed(tree: Tree, priors: Priors, params: JointParams) -> Tree:
             more, unheard = _drawn(each, alarm, tree, priors, params)
             births += more
             alarm = alarm._replace(drawn=age, unheard=unheard)
-            each = each._replace(root_until_s=max(each.root_until_s, _until(each, now_s, age)))
-        if now_s > each.root_until_s:
+            until_s = max(until_s, _until(each, now_s, age))
+        if now_s > until_s:
             alarm = None
-        hypotheses.append(each._replace(watch=each.watch._replace(alarm=alarm)))
+        hypotheses.append(each._replace(watch=each.watch._replace(alarm=alarm), root_until_s=until_s))
     births.sort(key=lambda birth: -birth.first_order)
     return tree._replace(hypotheses=tuple(hypotheses), births=tuple(births))
 
@@ -272,7 +263,7 @@ def _drawn(
     each: Hypothesis, alarm: Alarm, tree: Tree, priors: Priors, params: JointParams
 ) -> tuple[list[Birth], float]:
     """Proposals of a draw that are not there yet, and the weight of what is left over that of what is opened."""
-    state, known = alarm.states[0], _known(alarm.states[0], params)
+    state, known = alarm.states[0], known_forces(alarm.states[0], params)
     free = int((state.slot_jet < 0).sum())
     allowed = (np.ones(2 * params.places.jets) if free > 0 else known) > 0.0
     found = screens.contenders(alarm.screen, allowed, known, params)
@@ -288,7 +279,9 @@ def _drawn(
         child = _child(each, one, alarm, priors, params)
         if child is None or (child.key, child.run.onset) in there:
             continue
-        births.append(Birth(child, alarm.scores[0].likelihood + child.prior + one.lead - 0.5 * alarm.screen.misfit, origin))
+        births.append(
+            Birth(child, alarm.scores[0].likelihood + child.prior + one.lead - 0.5 * alarm.screen.misfit, origin)
+        )
     chosen = {id(one) for one in (*singles, *pairs)}
     left = [one.lead + _log_prior(one.cause, priors) for one in found if id(one) not in chosen]
     opened = [one.lead + _log_prior(one.cause, priors) for one in (*singles, *pairs)]
@@ -301,9 +294,7 @@ def _log_prior(cause: Cause, priors: Priors) -> float:
     return math.log(priors.together) * max(len(cause.jets) - 1, 0)
 
 
-def _child(
-    each: Hypothesis, one: Contender, alarm: Alarm, priors: Priors, params: JointParams
-) -> Hypothesis | None:
+def _child(each: Hypothesis, one: Contender, alarm: Alarm, priors: Priors, params: JointParams) -> Hypothesis | None:
     """The hypothesis that a proposal is, at its onset."""
     screen, cause = alarm.screen, one.cause
     place = 0 if cause.kind == Kind.JUMP else screen.onsets.index(one.onset)
@@ -322,12 +313,6 @@ def _child(
     return Hypothesis(run, events, each.prior + prior)
 
 
-def _known(state: JointState, params: JointParams) -> Array:
-    from massprop_drake.maths.estimation.joint.race import known_forces
-
-    return known_forces(state, params)
-
-
 def _replayed(tree: Tree, params: JointParams) -> Tree:
     """The tree with its proposals as far as the budget lets them go; those that have arrived are hypotheses."""
     left, waiting, arrived = _BUDGET, [], list(tree.hypotheses)
@@ -337,8 +322,8 @@ def _replayed(tree: Tree, params: JointParams) -> Tree:
             continue
         try:
             while left > 0 and run.cycle < tree.cycle:
-                sample, link = tree.samples[run.cycle - tree.cycle]
-                run = stepped(run, sample, link, np.zeros(params.places.n_force), params)
+                sample, over = tree.samples[run.cycle - tree.cycle]
+                run = stepped(run, sample, over, np.zeros(params.places.n_force), params)
                 left -= 1
         except (NotPositiveDefiniteError, np.linalg.LinAlgError):
             continue

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from massprop_drake.maths.estimation.detectors.multi_hypothesis import (
     Declaration,
     JetsDeclared,
@@ -67,7 +65,9 @@ def judged(
     found, doubt = marginals(tree, params), priors.doubt
     best = weight(tree.leader, params)
     waits = sum(math.exp(min(birth.first_order - best, 0.0)) for birth in tree.births) > doubt
-    unheard = max((each.watch.alarm.unheard for each in tree.hypotheses if each.watch and each.watch.alarm), default=0.0)
+    unheard = max(
+        (each.watch.alarm.unheard for each in tree.hypotheses if each.watch and each.watch.alarm), default=0.0
+    )
     held, said, declared = {}, [], set(verdicts.declared)
     counts = dict(verdicts.held)
     for part, probability in found.items():
