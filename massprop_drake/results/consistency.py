@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 CONSISTENT, INCONSISTENT, TOO_LITTLE = "consistent", "inconsistent", "not enough data"
 
-# signals that say how many components a NIS is made of, where that varies
+# signals that say what a NIS is expected to be, as of so many components, where that varies
 COMPONENTS = {"rotation": "gyro_components", "mass": "accelerometer_components"}
 
 _TAIL, _QUARTER = 0.01, 0.25  # probabilities of the two points
@@ -112,11 +112,11 @@ class Tally:
         NUMBERS: names of the numbers that it comes to.
     """
 
-    NUMBERS = ("n", "sum", "sum_within", "beyond_tail", "beyond_quarter")
+    NUMBERS = ("n", "sum", "expected", "sum_within", "expected_within", "beyond_tail", "beyond_quarter")
 
     def __init__(self) -> None:
         self.n = 0
-        self._sum = self._sum_within = 0.0
+        self._sum = self._expected = self._sum_within = self._expected_within = 0.0  # in threes of components
         self._beyond = [0, 0]
         self._explained = [0, 0, 0]  # samples of which it is known why they are what they are, and those beyond
 
@@ -124,25 +124,30 @@ class Tally:
     def of(cls, numbers: Array) -> Tally:
         """A tally that goes on from what another came to, `NUMBERS`; what is explained is not among them."""
         tally = cls()
-        n, tally._sum, tally._sum_within, *beyond = numbers.tolist()
+        n, tally._sum, tally._expected, tally._sum_within, tally._expected_within, *beyond = numbers.tolist()
         tally.n, tally._beyond = int(n), list(map(int, beyond))
         return tally
 
     @property
     def numbers(self) -> Array:
         """Its counts and sums, `NUMBERS`."""
-        return np.array([self.n, self._sum, self._sum_within, *self._beyond], dtype=float)
+        sums = self._sum, self._expected, self._sum_within, self._expected_within
+        return np.array([self.n, *sums, *self._beyond], dtype=float)
 
     def add(self, nis: Array, components: Array) -> None:
         """Takes in the NIS of samples that were used, as `used_nis` gives them, shape (n,) each."""
         from scipy.special import chdtrc  # noqa: PLC0415 (slow to load, and what runs in real time needs none)
 
         self.n += nis.size
-        self._sum += float(nis.sum())
-        chance = chdtrc(components, nis * components / 3.0)
+        threes = components / 3.0
+        self._sum += float((nis * threes).sum())
+        self._expected += float(threes.sum())
+        # what a wide cell tells spreads less than chi-square, by which one component is the least
+        chance = chdtrc(np.maximum(components, 1.0), nis * threes)
         # one by one, so that it does not depend on how the samples come in blocks
-        for value in nis[chance >= _TAIL].tolist():
-            self._sum_within += value
+        for value, weight in zip(nis[chance >= _TAIL].tolist(), threes[chance >= _TAIL].tolist(), strict=True):
+            self._sum_within += value * weight
+            self._expected_within += weight
         self._beyond = [
             count + int((chance < least).sum()) for count, least in zip(self._beyond, (_TAIL, _QUARTER), strict=True)
         ]
@@ -155,8 +160,8 @@ class Tally:
 
     @property
     def mean(self) -> float | None:
-        """None without a sample."""
-        return self._sum / self.n if self.n else None
+        """Sum of the NIS over its expectation, per three components; None without a sample that tells anything."""
+        return self._sum / self._expected if self._expected else None
 
     @property
     def beyond(self) -> float | None:
@@ -166,8 +171,7 @@ class Tally:
     @property
     def within(self) -> float | None:
         """Mean of the samples within the 99 % point; None without any."""
-        left = self.n - self._beyond[0]
-        return self._sum_within / left if left else None
+        return self._sum_within / self._expected_within if self._expected_within else None
 
     def faults(self, name: str) -> list[str]:
         """What cannot be chance, in words."""
@@ -183,7 +187,7 @@ class Tally:
 
 
 def used_nis(name: str, signals: Mapping[str, Array]) -> tuple[Array, Array]:
-    """The NIS of the samples that a filter used, scaled to three components, and of how many each is made.
+    """The NIS of the samples that a filter used, scaled to three components, and of how many each is, as expected.
 
     Args:
         name: "rotation" or "mass".

@@ -187,11 +187,10 @@ def in_words(found: Sequence[Identifiability], symbols: Sequence[str]) -> list[t
 def bound_in_words(
     deviations: Sequence[float], found: Sequence[Identifiability], symbols: Sequence[str], *, failed: bool = False
 ) -> str:
-    """How the 1-sigma at the end compare with the least that the flight allows; empty where that is not known.
+    """How the 1-sigma at the end compare with the least for rounding taken as noise; empty where that is not known.
 
-    A filter whose model the readings contradict takes for news what tells nothing new, a reading that is not where it
-    expects it, and so comes to claim less than the least. What a flight with failed jets allows is not known, since
-    the bound has them as they were told to be.
+    Readings that change tell more than that, when a mark was crossed: a ratio below 1 is no fault. What a flight with
+    failed jets allows is not known, since the bound has them as they were told to be.
 
     Args:
         deviations: 1-sigma of the ten parameters.
@@ -205,12 +204,10 @@ def bound_in_words(
         return ""
     (least, low), (most, high) = min(ratios), max(ratios)
     allowed = "would allow had no jet failed" if failed else "allows"
-    if least >= _LESS:
-        farther = "" if _times(least) == _times(most) else f" to {_times(most)} ({high})"
-        return f"1-sigma is {_times(least)}{farther} times the least this flight {allowed}"
-    too_little = "" if failed else "; below 1 it claims more than the readings hold"
-    span = f"{_times(least)} ({low}) to {_times(most)} ({high})"
-    return f"1-sigma is {span} times the least this flight {allowed}{too_little}"
+    same = _times(least) == _times(most)
+    above = f"{_times(least)}{'' if same else f' to {_times(most)} ({high})'}"
+    span = above if least >= _LESS else f"{_times(least)} ({low}) to {_times(most)} ({high})"
+    return f"1-sigma is {span} times the least this flight {allowed} for rounding taken as noise"
 
 
 def _times(value: float) -> str:

@@ -63,7 +63,7 @@ class FlightMonitor:
         reports: layout of each report, by its port.
 
     Attributes:
-        counts: at the start, what `counted` goes on from, shape (13 + 2 n_jets,).
+        counts: at the start, what `counted` goes on from, shape (17 + 2 n_jets,).
         said: at the start, what `told` goes on from.
     """
 

@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 
 from massprop_drake import Run, load_scenario, simulate
+from massprop_drake.maths.estimation.joint.quantized import truncated_moments
 from massprop_drake.maths.mass_properties import NAMES
 from massprop_drake.results.consistency import Consistency, Tally, judged
 
@@ -67,6 +68,21 @@ def test_the_number_of_components_counts() -> None:
     assert unknown.beyond is not None
     assert known.beyond == pytest.approx(0.01, abs=0.003)
     assert unknown.beyond > 0.02
+
+
+@pytest.mark.parametrize("width", [0.1, 1.0, 3.0, 6.0])
+def test_what_cells_tell_is_counted_against_what_they_can(width: float) -> None:
+    """Readings of a quantum of so many sigmas: their mean is three, and their tails are no heavier than chi-square."""
+    random = np.random.default_rng(9)
+    middle = width * np.rint(random.uniform(-50.0, 50.0, 4000))
+    phase = width * random.uniform(-0.5, 0.5, 4000)
+    errors = middle + phase - width * np.rint((middle + phase + random.standard_normal(4000)) / width)
+    each = [truncated_moments(-error - width / 2.0, -error + width / 2.0) for error in errors.tolist()]
+    degrees = np.array([1.0 - one.variance for one in each])
+    tally = Tally()
+    tally.add(3.0 * np.array([one.mean for one in each]) ** 2 / degrees, degrees)
+    assert tally.mean == pytest.approx(3.0, abs=0.25)
+    assert not tally.faults("rotation")
 
 
 def test_one_bad_sample_does_not_rule() -> None:

@@ -27,7 +27,6 @@ from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import (
     JointFilterState,
     Seen,
-    components,
     mass_report,
     rotation_report,
 )
@@ -286,6 +285,8 @@ def _log(rows: Rows, row: int, impulses: Impulses, done: Cycled, params: JointPa
         expected.used,
         done.gyro_nis,
         done.accelerometer_nis,
+        done.gyro_degrees,
+        done.accelerometer_degrees,
         done.incremented,
         expected.prediction.coupled,
     )
@@ -295,8 +296,7 @@ def _log(rows: Rows, row: int, impulses: Impulses, done: Cycled, params: JointPa
     )
     fill(rows.rotation_report[row], rotation_report(done.estimate, done.covariance, seen, gyros))
     fill(rows.mass_report[row], mass_report(done.estimate, done.covariance, seen, gyros))
-    of_gyros, of_accelerometers = components(expected.used, gyros)
-    fill(rows.joint_report[row], (of_gyros, of_accelerometers, settled(done.state, params)))
+    fill(rows.joint_report[row], (done.gyro_degrees, done.accelerometer_degrees, settled(done.state, params)))
 
 
 # ------------------------------------------------------------------------------------- asked for by Python

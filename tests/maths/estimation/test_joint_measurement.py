@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from joint_probe import PERIOD, TRUTH, small_params, some_sample
 
+from massprop_drake.maths.estimation.filters import joint
+from massprop_drake.maths.estimation.filters.joint import JointFilterParams
 from massprop_drake.maths.estimation.joint.cycle import Sample, begun, crossed, initial, step
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams, JointState, make_places
-from massprop_drake.maths.estimation.joint.measurement import changed, counted
+from massprop_drake.maths.estimation.joint.measurement import changed, counted, outputs
+from massprop_drake.maths.estimation.joint.quantized import sites
 
 QUANTUM = 1e-4
 CELLS = np.array([QUANTUM] * 3 + [2 * QUANTUM] * 3)
@@ -125,3 +129,47 @@ def test_a_rate_that_stands_still_is_not_known_ever_better() -> None:
     """The same constraint again and again is one constraint."""
     few, many = (after(*[[0.0, 0.0, 0.0]] * number) for number in (5, 50))
     np.testing.assert_allclose(np.sum(many.root[10:13] ** 2, axis=1), np.sum(few.root[10:13] ** 2, axis=1), rtol=1e-6)
+
+
+def test_what_is_taken_in_is_the_site_of_the_reading_with_the_state_of_its_own_sample() -> None:
+    state = after([0.0, 0, 0], [0.0, 0, 0])
+    now, told = crossed(state, state.mean[:N_PROPERTIES], reading([QUANTUM, 0, 0], number=2), PARAMS.floors, PARAMS)
+    values, jacobian = outputs(state.mean, state.reference, state.spin, PARAMS)
+    before = state.root @ state.root.T
+    variance = jacobian[0] @ before @ jacobian[0]
+    site = sites(-values[:1], np.array([[variance]]), PARAMS.cells[:1], PARAMS.floors[:1])
+    gain = before @ jacobian[0] / (variance + site.variance[0])
+    assert told.log_likelihood == pytest.approx(site.log_likelihood[0])
+    np.testing.assert_allclose(told.gain[:, 0], gain, rtol=1e-7, atol=1e-16)
+    np.testing.assert_allclose(now.mean, state.mean + gain * site.innovation[0], rtol=1e-9, atol=1e-18)
+    np.testing.assert_array_equal(told.jacobian[0], jacobian[0])
+    rest = np.eye(before.shape[0]) - np.outer(gain, jacobian[0])
+    joseph = rest @ before @ rest.T + site.variance[0] * np.outer(gain, gain)
+    scale = np.sqrt(np.maximum(np.diag(before), 1e-300))
+    np.testing.assert_allclose((now.root @ now.root.T - joseph) / np.outer(scale, scale), 0.0, atol=1e-9)
+
+
+def test_a_cycle_has_the_likelihood_of_both_readings() -> None:
+    state, later = after([0.0, 0, 0], [0.0, 0, 0])._replace(guarded=True), reading([QUANTUM, 0.0, 0.0], number=2)
+    now, told = crossed(state, state.mean[:N_PROPERTIES], later, PARAMS.floors, PARAMS)
+    (_, report), (_, alone) = step(state, later, PARAMS), step(now, later, PARAMS)
+    assert report.log_likelihood == pytest.approx(told.log_likelihood + alone.log_likelihood)
+    assert report.course is not None
+    np.testing.assert_array_equal(report.course.crossing.correction, told.correction)
+
+
+def test_a_reading_that_changes_back_counts_twice() -> None:
+    for number, rate in ((2, QUANTUM), (3, 0.0)):
+        state = after([0.0, 0, 0], [0.0, 0, 0], *[[QUANTUM, 0.0, 0.0]] * (number - 2))
+        _, report = step(state, reading([rate, 0.0, 0.0], number=number), PARAMS)
+        assert report.used[0]
+
+
+def test_a_kept_state_may_lack_readings() -> None:
+    params = JointFilterParams(PARAMS, PERIOD)
+    first = joint.initial(params)
+    groups = joint.saved(first, params)
+    np.testing.assert_array_equal(joint.restored(groups, params).joint.read, first.joint.read)
+    wrong = joint.saved(first._replace(joint=first.joint._replace(fresh=np.ones(6))), params)
+    with pytest.raises(ValueError, match="0 where no reading is kept"):
+        joint.restored(wrong, params)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from massprop_drake.maths.estimation.joint.quantized import sites, truncated_moments
+from massprop_drake.maths.estimation.joint.quantized import FLOOR, Sites, sites, truncated_moments
+from massprop_drake.maths.linear_algebra import Array
 
 COVARIANCE = np.array([[0.5, 0.2, 0.0], [0.2, 0.8, -0.1], [0.0, -0.1, 0.3]])
 
@@ -126,3 +129,111 @@ def test_rounding_of_a_huge_covariance_leaves_no_negative_variance() -> None:
     huge = 1e30 * np.outer([1.0, 1.0 + 1e-9], [1.0, 1.0 + 1e-9])
     found = sites(np.array([1.0, 2.0]), huge, np.full(2, 1e-6), np.full(2, 1e-16))
     assert (found.variance > 0.0).all()
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper"), [(26.0, 26.1), (26.0, 29.0), (100.0, 100.02), (1e3, 1e3 + 1.0), (0.3, 0.3005), (-4e-4, 5e-4)]
+)
+def test_where_the_density_is_exponential_a_hundredth_of_the_variance_is_given_up(lower: float, upper: float) -> None:
+    for a, b in ((lower, upper), (-upper, -lower)):
+        found, (probability, mean, variance) = truncated_moments(a, b), integrated(a, b)
+        assert found.log_probability == pytest.approx(probability, abs=5e-3)
+        assert found.mean == pytest.approx(mean, rel=1e-4, abs=1e-6)
+        assert found.variance == pytest.approx(variance, rel=1e-2)
+
+
+@pytest.mark.parametrize("middle", [0.0, 0.4, 3.0, 20.0])
+def test_nothing_jumps_where_a_cell_becomes_narrow(middle: float) -> None:
+    """From the density of a Gaussian to an exponential one, a thousandth of a sigma wide."""
+    below, above = (
+        truncated_moments(middle - 0.5 * width, middle + 0.5 * width) for width in (1e-3 - 1e-12, 1e-3 + 1e-12)
+    )
+    assert below.log_probability == pytest.approx(above.log_probability, abs=1e-6)
+    assert below.mean == pytest.approx(above.mean, abs=1e-6)
+    assert below.variance == pytest.approx(above.variance, abs=1e-6)  # of the whole; of a ten millionth what is left
+
+
+def test_moments_of_any_interval_are_those_of_a_variable_within_it() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(2000):
+        lower, width = 40.0 * rng.standard_normal(), 10.0 ** rng.uniform(-6.0, 2.0)
+        found = truncated_moments(lower, lower + width)
+        slack = 1e-9 * (1.0 + abs(lower))
+        assert lower - slack <= found.mean <= lower + width + slack
+        assert -1e-12 <= found.variance <= min(1.0, 0.25 * width**2) + 1e-9
+        assert found.log_probability <= 1e-12
+        mirrored = truncated_moments(-lower - width, -lower)
+        assert mirrored.mean == pytest.approx(-found.mean, rel=1e-6, abs=1e-9)
+        assert mirrored.log_probability == pytest.approx(found.log_probability, rel=1e-6, abs=1e-9)
+
+
+def taken_in(prior: Array, jacobian: Array, found: Sites) -> tuple[Array, Array]:
+    """Mean and covariance of a state after measurements that stand for readings, all at once."""
+    total = jacobian @ prior @ jacobian.T + np.diag(found.variance)
+    gain = prior @ jacobian.T @ np.linalg.inv(total)
+    return gain @ found.innovation, prior - gain @ jacobian @ prior
+
+
+RNG = np.random.default_rng(4)
+JACOBIAN = RNG.standard_normal((3, 5))
+PRIOR = np.cov(RNG.standard_normal((5, 40)))
+
+
+def test_readings_of_independent_components_have_the_exact_moments_of_all() -> None:
+    """A state of three, each read by itself: what is left is what each cell leaves."""
+    sigmas, quanta, errors = np.array([1.0, 0.5, 2.0]), np.array([1.5, 1.0, 3.0]), np.array([0.2, -0.6, 1.0])
+    floors = np.full(3, 1e-12)
+    found = sites(errors, np.diag(sigmas**2), quanta, floors)
+    mean, covariance = taken_in(np.diag(sigmas**2), np.eye(3), found)
+    for j in range(3):
+        low, high = (errors[j] + side * quanta[j] / 2.0 for side in (-1.0, 1.0))
+        probability, shift, left = integrated(low / sigmas[j], high / sigmas[j])
+        assert mean[j] == pytest.approx(sigmas[j] * shift, rel=1e-6)
+        uniform = quanta[j] ** 2 / 12.0
+        least = min(0.25, uniform / (sigmas[j] ** 2 + uniform))
+        assert covariance[j, j] == pytest.approx(sigmas[j] ** 2 * max(left, least), rel=1e-6)
+        assert found.log_likelihood[j] == pytest.approx(probability)
+        assert (found.nis[j], found.degrees[j]) == (pytest.approx(shift**2), pytest.approx(1.0 - left))
+
+
+def test_readings_one_after_the_other_are_measurements_all_at_once() -> None:
+    """Of correlated predictions: each given those before, and the update of all by what stands for them."""
+    errors, quanta, floors = np.array([0.4, -0.7, 0.1]), np.array([1.0, 0.5, 2.0]), np.full(3, 1e-4)
+    found = sites(errors, JACOBIAN @ PRIOR @ JACOBIAN.T, quanta, floors)
+    mean, covariance = np.zeros(5), PRIOR
+    for j in range(3):
+        row = JACOBIAN[j : j + 1]
+        one = sites(errors[j : j + 1] - row @ mean, row @ covariance @ row.T, quanta[j : j + 1], floors[:1])
+        assert one.log_likelihood[0] == pytest.approx(found.log_likelihood[j])
+        shift, covariance = taken_in(covariance, row, one)
+        mean = mean + shift
+    together, left = taken_in(PRIOR, JACOBIAN, found)
+    np.testing.assert_allclose(together, mean, rtol=1e-9)
+    np.testing.assert_allclose(left, covariance, atol=1e-12)
+
+
+@pytest.mark.parametrize("quantum", [0.2, 1.0, 3.0, 10.0])
+def test_all_cells_together_are_certain_and_their_nis_is_as_expected(quantum: float) -> None:
+    """Over all that one reading may be: probabilities sum to one, E[nis] = E[degrees]."""
+    sigma, floor = 1.0, (FLOOR * quantum) ** 2
+    marks = quantum * (np.arange(-200, 201) + 0.3)
+    cells = [sites(np.array([mark]), np.array([[sigma**2]]), np.array([quantum]), np.array([floor])) for mark in marks]
+    probability = np.exp([each.log_likelihood[0] for each in cells])
+    assert probability.sum() == pytest.approx(1.0, abs=1e-9)
+    nis, degrees = (probability @ [getattr(each, name)[0] for each in cells] for name in ("nis", "degrees"))
+    assert nis == pytest.approx(degrees, rel=1e-6)
+    assert 0.0 < degrees <= 1.0
+
+
+@pytest.mark.parametrize(("quantum", "sigma", "error"), [(1.0, 0.1, 0.9), (1.0, 0.02, 1.0), (1.0, 1.0, 3.0)])
+def test_one_reading_at_most_halves_a_sigma(quantum: float, sigma: float, error: float) -> None:
+    """However far off its cell lies; a cell that is narrower than a sigma leaves what uniform rounding would."""
+    floor = (FLOOR * quantum) ** 2
+    found = sites(np.array([error]), np.array([[sigma**2]]), np.array([quantum]), np.array([floor]))
+    total, uniform = sigma**2 + floor, quantum**2 / 12.0
+    exact = truncated_moments(*((error + side * quantum / 2.0) / math.sqrt(total) for side in (-1.0, 1.0))).variance
+    least = min(0.25, uniform / (total + uniform))
+    left = 1.0 - total / (sigma**2 + found.variance[0])
+    assert left == pytest.approx(max(least, exact))
+    assert exact < 0.25
+    assert found.degrees[0] == pytest.approx(1.0 - exact)

@@ -56,11 +56,11 @@ _DITHERED = 0.25  # of a quantum: noise from which on a reading dithers itself
 _ROUNDING = 1e-9  # of a level
 
 # what is logged of every cycle besides the reports that all filters give
-# the NIS in the reports of all filters is that of three components; here it is scaled to as many
+# the NIS in the reports of all filters is that of three components; here it is scaled to that expectation
 JOINT_REPORT = Layout(
     "joint_report",
-    gyro_components=Field("gyro components used", component="components"),
-    accelerometer_components=Field("accelerometer components used", component="components"),
+    gyro_components=Field("expected NIS of the gyro components used", component="components"),
+    accelerometer_components=Field("expected NIS of the accelerometer components used", component="components"),
     settled=Field("the start is over"),
 )
 
@@ -318,9 +318,10 @@ def done(measurement: Measurement, params: JointFilterParams) -> FilterStep:
     gyros = 3 * params.joint.places.gyros
     seen = Seen(*(getattr(report, name) for name in Seen._fields))
     rotation = rotation_report(after.estimate, after.covariance, seen, gyros)
-    of_gyros, of_accelerometers = components(report.used, gyros)
     own = JOINT_REPORT.make(
-        gyro_components=of_gyros, accelerometer_components=of_accelerometers, settled=_settled(after, params)
+        gyro_components=report.gyro_degrees,
+        accelerometer_components=report.accelerometer_degrees,
+        settled=_settled(after, params),
     )
     if params.joint.places.accelerometers == 0:
         return FilterStep(after, rotation, None, own)
@@ -335,6 +336,8 @@ class Seen(NamedTuple):
     used: np.ndarray
     gyro_nis: float
     accelerometer_nis: float
+    gyro_degrees: float
+    accelerometer_degrees: float
     incremented: bool
     coupled: bool
 
@@ -354,7 +357,7 @@ def rotation_report(estimate: Array, covariance: Array, seen: Seen, gyros: int) 
         np.sqrt(np.diag(covariance))[:N_ROTATION],
         seen.innovation[:3],
         seen.innovation_std[:3],
-        _per_three(seen.gyro_nis, float(used.sum())),
+        _per_three(seen.gyro_nis, seen.gyro_degrees),
         bool(used.any()),
         seen.incremented,
         seen.coupled,
@@ -370,16 +373,10 @@ def mass_report(estimate: Array, covariance: Array, seen: Seen, gyros: int) -> M
         float(covariance[MASS_RECIPROCAL, MASS_RECIPROCAL]),
         seen.innovation[gyros : gyros + 3],
         seen.innovation_std[gyros : gyros + 3],
-        _per_three(seen.accelerometer_nis, float(used.sum())),
+        _per_three(seen.accelerometer_nis, seen.accelerometer_degrees),
         bool(used.any()),
         False,
     )
-
-
-@kernel
-def components(used: np.ndarray, gyros: int) -> tuple[float, float]:
-    """How many components of gyros and of accelerometers count."""
-    return float(used[:gyros].sum()), float(used[gyros:].sum())
 
 
 def replaced(step: FilterStep, joint: JointState, params: JointFilterParams) -> FilterStep:
@@ -399,9 +396,9 @@ def published(step: FilterStep, joint: JointState, params: JointFilterParams) ->
 
 
 @kernel
-def _per_three(nis: float, count: float) -> float:
-    """NIS of some components on the scale of three, as other filters have it: of mean three."""
-    return 3.0 * nis / count if count > 0.0 else np.nan
+def _per_three(nis: float, degrees: float) -> float:
+    """NIS on the scale of three components, as other filters have it: of mean three; NaN where none counted."""
+    return 3.0 * nis / degrees if degrees > 0.0 else nis
 
 
 def _settled(state: JointFilterState, params: JointFilterParams) -> float:
@@ -438,8 +435,11 @@ def restored(groups: Groups, params: JointFilterParams) -> JointFilterState:
     """
     state = unpacked(groups[GROUP], params)
     joint, clock = state.joint, state.clock
-    if not all(np.isfinite(part).all() for part in (*joint, *clock[:-1])):
-        raise ValueError(f"{GROUP}: only commands may be missing")
+    told = joint._replace(read=joint.read[~np.isnan(joint.read)])
+    if not all(np.isfinite(part).all() for part in (*told, *clock[:-1])):
+        raise ValueError(f"{GROUP}: only commands and readings may be missing")
+    if not np.isin(joint.fresh, (0.0, 1.0)).all() or (np.isnan(joint.read) & (joint.fresh > 0.0)).any():
+        raise ValueError(f"{GROUP}: fresh must be 0 or 1, and 0 where no reading is kept")
     if triangular_rows(in_order(joint.root, params.joint.places.thrust)) < joint.root.shape[0]:
         raise ValueError(f"{GROUP}: the covariance's root must be lower triangular, parameters first")
     levels = joint.level[:0] if clock.off else joint.level  # off its tick, beyond for an interval

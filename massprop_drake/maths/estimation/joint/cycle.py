@@ -160,6 +160,7 @@ class Report(NamedTuple):
         log_likelihood: of all readings that the cycle has taken in, nats.
         gyro_nis, accelerometer_nis: of the components of either kind that counted, of accelerometers given the gyros,
             before any increment; NaN where none did.
+        gyro_degrees, accelerometer_degrees: their expectations; zero where none did.
         incremented: whether the covariance was incremented.
         coupled: whether dynamic coupling counted.
         course: see `Course`; None at the first sample.
@@ -177,6 +178,8 @@ class Report(NamedTuple):
     log_likelihood: float
     gyro_nis: float
     accelerometer_nis: float
+    gyro_degrees: float
+    accelerometer_degrees: float
     incremented: bool
     coupled: bool
     course: Course | None
@@ -325,11 +328,18 @@ def _expected(
 
 
 @kernel
-def _nis_by_kind(told: Sites, used: np.ndarray, params: JointParams) -> tuple[float, float]:
-    """NIS of the gyros' components that count, and of the accelerometers' given these; NaN where none does."""
-    gyros, every = int(used[: 3 * params.places.gyros].sum()), told.nis.shape[0]
-    of_gyros = told.nis[:gyros].sum() if gyros > 0 else np.nan
-    return of_gyros, told.nis[gyros:].sum() if every > gyros else np.nan
+def _by_kind(values: Array, used: np.ndarray, nothing: float, params: JointParams) -> tuple[float, float]:
+    """Sums over the gyros' components that count, and over the accelerometers'.
+
+    Args:
+        values: of each that counts, shape (number,).
+        used: which components count, shape (m,).
+        nothing: in place of a sum of none.
+        params: see `JointParams`.
+    """
+    gyros, every = int(used[: 3 * params.places.gyros].sum()), values.shape[0]
+    of_gyros = values[:gyros].sum() if gyros > 0 else nothing
+    return of_gyros, values[gyros:].sum() if every > gyros else nothing
 
 
 @kernel
@@ -444,6 +454,8 @@ def _step(state: JointState, sample: Sample, params: JointParams, counts: np.nda
         log_likelihood=done.log_likelihood,
         gyro_nis=done.gyro_nis,
         accelerometer_nis=done.accelerometer_nis,
+        gyro_degrees=done.gyro_degrees,
+        accelerometer_degrees=done.accelerometer_degrees,
         incremented=done.incremented,
         coupled=expected.prediction.coupled,
         course=course_of(done),
@@ -456,7 +468,7 @@ def _first(state: JointState, sample: Sample, params: JointParams) -> tuple[Join
     estimate, rows = reported(after, params)
     nothing, unused = np.full(n_outputs, np.nan), np.zeros(n_outputs, dtype=np.bool_)
     return after, Report(
-        estimate, rows @ rows.T, nothing, nothing, unused, 0.0, 0.0, 0.0, np.nan, np.nan, False, False, None
+        estimate, rows @ rows.T, nothing, nothing, unused, 0.0, 0.0, 0.0, np.nan, np.nan, 0.0, 0.0, False, False, None
     )
 
 
@@ -490,7 +502,8 @@ class Cycled(NamedTuple):
         state: after it.
         estimate: see `Report`, as all up to `log_likelihood`.
         covariance: see there.
-        innovation, innovation_std, gyro_nis, accelerometer_nis, incremented: see there.
+        innovation, innovation_std: see there.
+        gyro_nis, accelerometer_nis, gyro_degrees, accelerometer_degrees, incremented: see there.
         nis, degrees, log_likelihood: see there.
         crossing, stamp, acting, expected: see `Course`.
         update: see there.
@@ -503,6 +516,8 @@ class Cycled(NamedTuple):
     innovation_std: Array
     gyro_nis: float
     accelerometer_nis: float
+    gyro_degrees: float
+    accelerometer_degrees: float
     incremented: bool
     nis: float
     degrees: float
@@ -571,7 +586,8 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, counts: np.ndar
     told = _sites(
         expected.used, expected.projected[np.flatnonzero(expected.used)], innovation, (params.cells, expected.floors)
     )
-    gyro_nis, accelerometer_nis = _nis_by_kind(told, expected.used, params)
+    gyro_nis, accelerometer_nis = _by_kind(told.nis, expected.used, np.nan, params)
+    gyro_degrees, accelerometer_degrees = _by_kind(told.degrees, expected.used, 0.0, params)
     if commanded and not state.guarded:
         count = int(expected.used[: 3 * params.places.gyros].sum())
         if count > 0 and gyro_nis > thresholds[count - 1]:
@@ -595,6 +611,8 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, counts: np.ndar
         deviation,
         gyro_nis,
         accelerometer_nis,
+        gyro_degrees,
+        accelerometer_degrees,
         incremented,
         float(told.nis.sum()),
         float(told.degrees.sum()),
