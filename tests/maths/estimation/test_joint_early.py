@@ -26,6 +26,7 @@ from massprop_drake.maths.estimation.joint.ticks import on_ticks
 from massprop_drake.results.summary import from_names
 from massprop_drake.runners.recorded import settings_alone
 
+ACCELEROMETERS = ("acc2", "acc1", "acc3")  # the preferred one first, as the filter has them
 SETTINGS = ("plant.lag_factor=0.9523809523809523", "seed=3")
 LEAK = ("estimation.start=zero", "duration_s=8", "failures=[{kind: leak, jet: F1U, start_s: 1.48, force: 50}]")
 ON = ("estimation.start=nominal", "duration_s=10", "failures=[{kind: stuck_on, jet: R2D, start_s: 1.1}]")
@@ -98,7 +99,7 @@ def steps(dut: Estimator, run: Run, rows: range, *, same: bool = True) -> list[s
     """Jets that are named over rows of a run; whether its estimates must be those of the run."""
     named = []
     for row in rows:
-        readings = {name: run[name][row] for name in ("acc1", "acc2", "acc3")}
+        readings = {name: run[name][row] for name in ACCELEROMETERS}
         step = dut.step(run.time_s[row], run["gyro"][row], readings, run["command"][row])
         if same:
             np.testing.assert_array_equal(step.estimate, run["estimate"][row])
@@ -112,7 +113,7 @@ def steps(dut: Estimator, run: Run, rows: range, *, same: bool = True) -> list[s
 
 def samples(run: Run) -> list[Sample]:
     """Of a run, from the second on."""
-    velocities = np.stack([run[name] for name in ("acc1", "acc2", "acc3")], axis=1)
+    velocities = np.stack([run[name] for name in ACCELEROMETERS], axis=1)
     rows = range(1, len(run.time_s))
     command = run["command"]
     return [
@@ -130,7 +131,7 @@ def samples(run: Run) -> list[Sample]:
 
 
 def entered(run: Run, params: JointParams) -> JointState:
-    velocities = np.stack([run[name][0] for name in ("acc1", "acc2", "acc3")])
+    velocities = np.stack([run[name][0] for name in ACCELEROMETERS])
     first = Sample(0.0, np.array([0.08]), np.zeros((1, 44)), np.zeros(6), run["gyro"][:1], velocities, on_ticks())
     return cycle.begun(cycle.initial(params), first, params)
 

@@ -104,7 +104,7 @@ def test_which_components_count() -> None:
     ]
     read, before, predicted, deviation, counts = (np.array(column) for column in zip(*cases, strict=True))
     n = read.size
-    params = small_params(cells=np.ones(n), floors=np.full(n, 1e-4), dithered=np.zeros(n))
+    params = small_params(cells=np.ones(n), floors=np.full(n, 1e-4), dithered=np.zeros(n), variances=np.full(n, 1 / 12))
     np.testing.assert_array_equal(counted(read, before, predicted, deviation**2, params.floors, params)[0], counts)
     np.testing.assert_array_equal(changed(read, before, params), [False, True, False, False, False, False, True])
     every, _ = counted(read, before, predicted, deviation**2, params.floors, params._replace(dithered=np.ones(n)))
@@ -113,7 +113,7 @@ def test_which_components_count() -> None:
 
 def test_the_floor_widens_what_is_off() -> None:
     """Half a quantum and three sigmas: of the floor alone, 0.01, where the prediction is exact."""
-    params = small_params(cells=np.ones(2), floors=np.full(2, 1e-4), dithered=np.zeros(2))
+    params = small_params(cells=np.ones(2), floors=np.full(2, 1e-4), dithered=np.zeros(2), variances=np.full(2, 1 / 12))
     found, floors = counted(np.zeros(2), np.zeros(2), np.array([0.529, 0.531]), np.zeros(2), params.floors, params)
     np.testing.assert_array_equal(found, [False, True])
     np.testing.assert_array_equal(floors, [1e-4, params.variances[1]])  # what stays and is off: rounding as noise

@@ -382,7 +382,9 @@ def test_what_began_shortly_before_a_decision_is_in_the_bank_after_it() -> None:
     assert 1 < len(bank.states) == len(history.records) <= since
     np.testing.assert_array_equal(np.diff(bank.cycles), 1.0)
     assert bank.cycles[-1] == history.last == flight.cycle
-    np.testing.assert_array_equal(bank.states[-1].mean, flight.filter.mean)  # on the winner's way
+    sigma = np.sqrt(np.sum(flight.filter.root**2, axis=1))
+    off = np.abs(bank.states[-1].mean - flight.filter.mean)
+    assert (off <= 1e-3 * sigma).all()  # on the winner's way, but for what its impulse still builds up
 
 
 def test_a_race_about_what_has_just_begun_looks_before_what_nothing_explained() -> None:
