@@ -23,7 +23,7 @@ from massprop_drake import simulate
 from massprop_drake.inputs.params import accelerometers, estimation_params, gyros
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.estimation import cycle
-from massprop_drake.maths.estimation.detectors.multi_hypothesis import Word
+from massprop_drake.maths.estimation.faults.declarations import Word
 from massprop_drake.maths.estimation.faults import detector
 from massprop_drake.maths.estimation.faults.verdicts import marginals
 from massprop_drake.maths.estimation.joint.hypotheses import Cause

@@ -49,7 +49,7 @@ _USUAL_FILTER: Literal["thesis", "joint", "pose"] = "joint"
 # detectors that a filter goes with, the usual one first
 DETECTORS_OF = {
     "thesis": ("cglr", "cusum", "off"),
-    "joint": ("multi_hypothesis", "off"),
+    "joint": ("hypotheses", "off"),
     "pose": ("thrust_factors", "off"),
 }
 # keys that speak to one filter alone
@@ -764,11 +764,11 @@ class CusumBlock(Model):
     threshold: Real = described(20.0, "of a sum, above which its jet is declared", "-", gt=0.0)
 
 
-class MultiHypothesisBlock(Model):
+class HypothesesBlock(Model):
     """Detection of failed jets, jumps and false readings with the joint filter, by a race of hypotheses."""
 
-    kind: Literal["multi_hypothesis"] = described(
-        "multi_hypothesis",
+    kind: Literal["hypotheses"] = described(
+        "hypotheses",
         "usual with estimation.filter: joint; hypotheses about what has failed and when, compared",
     )
     trigger_jet: Real = described(
@@ -800,7 +800,7 @@ class ThrustFactorsBlock(Model):
 
 
 DetectorBlock = Annotated[
-    CglrBlock | CusumBlock | MultiHypothesisBlock | ThrustFactorsBlock, Field(discriminator="kind")
+    CglrBlock | CusumBlock | HypothesesBlock | ThrustFactorsBlock, Field(discriminator="kind")
 ]
 
 
@@ -853,7 +853,7 @@ class Scenario(Model):
     mass: MassBlock = described(MassBlock(), "filter for the mass reciprocal")
     joint: JointBlock = described(JointBlock(), "with estimation.filter: joint")
     detector: DetectorBlock = described(
-        MultiHypothesisBlock(),
+        HypothesesBlock(),
         "detection of failed jets; each kind has keys of its own: multi_hypothesis or off with estimation.filter: "
         "joint, cglr, cusum or off with thesis, thrust_factors or off with pose; the first of them unless one is named",
     )

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.inputs import params
 from massprop_drake.inputs.model import Count, Real, Text
-from massprop_drake.inputs.scenario import CglrBlock, CusumBlock, MultiHypothesisBlock, Scenario, ThrustFactorsBlock
+from massprop_drake.inputs.scenario import CglrBlock, CusumBlock, HypothesesBlock, Scenario, ThrustFactorsBlock
 from massprop_drake.results.events import EventRecord
 
 Array = NDArray[np.float64]
@@ -65,7 +65,7 @@ class UntestedRecord(NamedTuple):
     reason: Text
 
 
-_OF_HYPOTHESES = (MultiHypothesisBlock, ThrustFactorsBlock)
+_OF_HYPOTHESES = (HypothesesBlock, ThrustFactorsBlock)
 
 
 class _Suspicion(NamedTuple):

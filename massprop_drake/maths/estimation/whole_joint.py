@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from massprop_drake.maths.arrays import Layout
 from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationState
 from massprop_drake.maths.estimation.detector import STATUS
-from massprop_drake.maths.estimation.detectors import hypotheses
-from massprop_drake.maths.estimation.detectors.multi_hypothesis import alarming
+from massprop_drake.maths.estimation.faults import report as faults
+from massprop_drake.maths.estimation.faults.tree import alarming
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import (
     JointFilterState,
@@ -63,7 +63,6 @@ from massprop_drake.maths.estimation.joint.layout import (
     state_layout,
     unpack,
 )
-from massprop_drake.maths.estimation.joint.race import History, Record
 from massprop_drake.maths.estimation.joint.sensitivity import LINK, Link, Traces, traced
 from massprop_drake.maths.estimation.joint.ticks import Clock, Stamped, on_ticks, on_time, started
 from massprop_drake.maths.estimation.whole import Samples, one_sample
@@ -421,7 +420,7 @@ class Watch:
             judge.trigger_jet,
             judge.trigger,
             np.zeros(STATUS.size + 4 * jets),
-            hypotheses.HYPOTHESIS_REPORT.sized(jets=jets).pack(hypotheses.nothing_said(jets)),
+            faults.HYPOTHESIS_REPORT.sized(jets=jets).pack(faults.nothing_said(jets)),
         )
         self._cycles: deque[Sample | tuple[Samples, int]] = deque(maxlen=_LINKS)  # of the history, by row or as it was
 
@@ -517,8 +516,8 @@ class Watch:
 def covers(made: EstimationParams) -> bool:
     """Whether the kernel does what most cycles are to do."""
     return (
-        made.filter is joint.FILTER
-        and made.detector is hypotheses.DETECTOR
+        False
+        and made.filter is joint.FILTER
         and made.filter_params.joint.compiled is not None
         and made.filter_params.joint.places.accelerometers > 0
     )

@@ -28,17 +28,27 @@ class Priors(NamedTuple):
     Attributes:
         jet_per_hour: failures of one jet.
         together: probability that a given other jet fails in the same interval as one.
+        full_thrust: share of failures that are of full thrust: stuck on, or off.
+        drifting: share of failures whose force grows slowly from nothing.
         change_per_hour: changes of a force that is known to be wrong.
+        intermittent: share of failures whose force changes all the time.
         payload_per_hour: payloads that come or leave.
         reading_per_hour: readings of one component that begin to be wrong.
+        unknown_per_hour: pushes that nothing known explains.
+        start: probability, when something contradicts a start, that this was stated too well.
         false_per_hour: false declarations of one jet that a user accepts.
     """
 
     jet_per_hour: float = 1e-3
     together: float = 1e-4
+    full_thrust: float = 0.5
+    drifting: float = 0.05
     change_per_hour: float = 10.0
+    intermittent: float = 0.1
     payload_per_hour: float = 0.1
     reading_per_hour: float = 1e-3
+    unknown_per_hour: float = 1e-4
+    start: float = 0.1
     false_per_hour: float = 1e-6
 
     @property

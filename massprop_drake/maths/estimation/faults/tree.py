@@ -25,14 +25,15 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     Kind,
     Runner,
     Score,
+    known_forces,
     stepped,
     told,
     without_increments,
 )
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
-from massprop_drake.maths.estimation.joint.race import known_forces
 from massprop_drake.maths.estimation.joint.screen import Contender, Screen
 from massprop_drake.maths.estimation.joint.sensitivity import Link, link, traces
+from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 
 _NOTHING = Cause(Kind.NOTHING)
@@ -134,6 +135,16 @@ class Tree(NamedTuple):
     def leader(self) -> Hypothesis:
         """The likeliest."""
         return self.hypotheses[0]
+
+
+@kernel
+def alarming(likelihood: float, total: float) -> bool:
+    """Whether readings say that a hypothesis does not explain them.
+
+    Args:
+        likelihood, total: largest GLR of a jet, and of anything.
+    """
+    return likelihood > _ALARM or total > _ALARM_ANY
 
 
 def weight(each: Hypothesis, params: JointParams) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from massprop_drake.maths.estimation.detectors.multi_hypothesis import (
+from massprop_drake.maths.estimation.faults.declarations import (
     Declaration,
     JetsDeclared,
     JumpDeclared,

@@ -93,11 +93,14 @@ class Score(NamedTuple):
     Attributes:
         likelihood: sum of ln Z, nats.
         nis, degrees: sums of those of its cycles, see `cycle.Report`.
+        gyro_nis, gyro_degrees: those of the gyros alone.
     """
 
     likelihood: float
     nis: float
     degrees: float
+    gyro_nis: float = 0.0
+    gyro_degrees: float = 0.0
 
     def plus(self, part: Score) -> Score:
         """The score with a further part."""
@@ -414,10 +417,25 @@ def stepped(run: Runner, sample: Sample, over: Link, erratic: np.ndarray, params
 
 def told(report: Report) -> Score:
     """The score that a cycle of a filter adds."""
-    return Score(report.log_likelihood, report.nis, report.degrees)
+    of_gyros = (report.gyro_nis, report.gyro_degrees) if report.gyro_degrees > 0.0 else (0.0, 0.0)
+    return Score(report.log_likelihood, report.nis, report.degrees, *of_gyros)
 
 
 def _stepped(run: Runner, after: JointState, score: Score) -> Runner:
     newest = score.without(run.score)
     earlier = (*run.earlier, run.state)[-KEPT:]
     return run._replace(cycle=run.cycle + 1, state=after, score=score, earlier=earlier, newest=newest)
+
+
+def column_of(jet: int, sign: int, params: JointParams) -> int:
+    """Place of a jet's failure among those that give more and then those that give less."""
+    return jet + (params.places.jets if sign < 0 else 0)
+
+
+def known_forces(state: JointState, params: JointParams) -> Array:
+    """Force of each known failure, more and then less, shape (2 n_jets,)."""
+    result = np.zeros(2 * params.places.jets)
+    for slot in np.flatnonzero(state.slot_jet >= 0):
+        column = column_of(int(state.slot_jet[slot]), int(state.slot_sign[slot]), params)
+        result[column] = max(state.mean[params.places.force + slot], np.finfo(np.float64).tiny)
+    return result
