@@ -24,9 +24,7 @@ from massprop_drake.inputs.params import accelerometers, estimation_params, gyro
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.estimation import cycle
 from massprop_drake.maths.estimation.faults.declarations import Word
-from massprop_drake.maths.estimation.faults import detector
-from massprop_drake.maths.estimation.faults.verdicts import marginals
-from massprop_drake.maths.estimation.joint.hypotheses import Cause
+from massprop_drake.maths.estimation.faults.verdicts import of_jets, of_others
 
 _KEPT = Path("runs") / "hypotheses"
 
@@ -56,6 +54,8 @@ def said(own: Any, time_s: float, names: tuple[str, ...]) -> list[str]:
     ]
     if np.isfinite(own.jump_measured):
         found.append(f"{time_s:.2f} mass properties")
+    if np.isfinite(own.unexplained_since):
+        found.append(f"{time_s:.2f} unexplained")
     if np.isfinite(own.lying_component):
         found.append(f"{time_s:.2f} reading {int(own.lying_component)}")
     return found
@@ -73,7 +73,6 @@ def main() -> None:
         scenario, read = flown(given.kind, number)
         names, params = scenario.vehicle_data.designations, estimation_params(scenario)
         joint = params.filter_params.joint
-        params = params._replace(detector=detector.DETECTOR, detector_params=detector.Params(joint))
         state, before = cycle.initial_state(params), np.zeros(len(names))
         first_s = min((one["first_acted_s"] or np.inf for one in read["injected"]), default=np.inf)
         words, spent, count = [], [], []
@@ -88,11 +87,10 @@ def main() -> None:
             count.append(len(tree.hypotheses))
             words += said(done.judgment.own, time_s, names)
             if given.verbose and first_s - 0.2 < time_s < first_s + 4.0:
-                likely = sorted(marginals(tree, joint).items(), key=lambda item: -item[1])[:5]
-                events = [
-                    f"{part.kind.name if isinstance(part, Cause) else names[part[0]]} {share:.4f}"
-                    for part, share in likely
-                ]
+                found = {f"{names[jet]}{'+-'[sign < 0]}": share for (jet, sign), share in of_jets(tree, joint).items()}
+                found |= {f"{part[0].name} {part[1]}": share for part, share in of_others(tree).items()}
+                likely = sorted(found.items(), key=lambda item: -item[1])[:5]
+                events = [f"{name} {share:.4f}" for name, share in likely]
                 print(f"{time_s - first_s:6.2f} s {count[-1]:3d} hypotheses {len(tree.births):3d} wait:", *events)
         error = state.filter.estimate - read["truth"][-1]
         sigmas = error / np.sqrt(np.diag(state.filter.covariance))

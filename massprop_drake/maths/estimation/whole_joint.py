@@ -22,7 +22,7 @@ from massprop_drake.maths.arrays import Layout
 from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationState
 from massprop_drake.maths.estimation.detector import STATUS
 from massprop_drake.maths.estimation.faults import report as faults
-from massprop_drake.maths.estimation.faults.tree import alarming
+from massprop_drake.maths.estimation.faults.proposals import alarming
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import (
     JointFilterState,

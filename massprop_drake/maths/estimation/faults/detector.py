@@ -14,32 +14,19 @@ import numpy as np
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
 from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, Detector, Jets, Judgment
 from massprop_drake.maths.estimation.faults.declarations import Declaration, JetsDeclared, Word
-from massprop_drake.maths.estimation.faults.priors import Priors
-from massprop_drake.maths.estimation.faults.report import HYPOTHESIS_REPORT, certain, own_row, status_row
-from massprop_drake.maths.estimation.faults.tree import Tree, advance, begun
-from massprop_drake.maths.estimation.faults.verdicts import Verdicts, judged
+from massprop_drake.maths.estimation.faults.events import force_of
+from massprop_drake.maths.estimation.faults.priors import Params, Priors
+from massprop_drake.maths.estimation.faults.report import HYPOTHESIS_REPORT, own_row, status_row
+from massprop_drake.maths.estimation.faults.saved import restored, saved
+from massprop_drake.maths.estimation.faults.tree import Tree, advance
+from massprop_drake.maths.estimation.faults.verdicts import Verdicts, judged, odds
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams
 from massprop_drake.maths.estimation.joint.cycle import JointEvidence
+from massprop_drake.maths.estimation.joint.hypotheses import slot_of, without_increments
 from massprop_drake.maths.estimation.joint.layout import JointParams
 from massprop_drake.maths.linear_algebra import Array
 
 GROUP = "hypothesis_detector"  # the system that holds the state in a diagram
-
-
-class Params(NamedTuple):
-    """What shapes the hypothesis filter.
-
-    Attributes:
-        joint: of the filter.
-        priors: see `Priors`.
-        allowed: 1 for each fault of a jet that there may be, more thrust and then less, shape (2 n_jets,).
-        rates: failures per hour of each jet in terms of the usual rate, shape (n_jets,).
-    """
-
-    joint: JointParams
-    priors: Priors
-    allowed: Array
-    rates: Array
 
 
 class State(NamedTuple):
@@ -64,39 +51,55 @@ class State(NamedTuple):
 def make_params(jets: Jets, _options: Any, filter_params: JointFilterParams) -> Params:
     """Parameters from those of the filter and the scenario's block."""
     n = jets.thrusts.size
-    return Params(filter_params.joint, Priors(), np.ones(2 * n), np.ones(n))
+    return Params(without_increments(filter_params.joint), Priors(), np.ones(2 * n), np.ones(n))
 
 
 def initial(params: Params) -> State:
-    """Before the first sample."""
+    """The state before the first sample."""
     none = np.zeros(params.joint.places.jets)
     return State(Tree(), Verdicts(), none, none, none, none)
 
 
 def judge(state: State, evidence: JointEvidence, params: Params) -> Judgment:
-    """What is made of a cycle of the filter."""
-    joint, report = params.joint, evidence.report
-    tree, verdicts, said = state.tree, state.verdicts, ()
-    starting = report.course is None or report.incremented or not evidence.after.guarded or evidence.anew
-    if starting and len(tree.hypotheses) <= 1:
-        tree = Tree(tree.cycle + 1, (begun(evidence.after, tree.cycle + 1, joint),))
-    else:
-        tree = advance(tree, evidence, params.priors, joint)
-        verdicts, said = judged(verdicts, tree, params.priors, joint)
-    leader = tree.leader.run.state
-    removed = _removed(state.removed, said)
-    kept = State(tree, verdicts, state.force, state.variance, removed, state.closed)
-    n = joint.places.jets
-    own = own_row(said, certain(n))
+    """Advances the hypotheses by a sample, and declares what is sure.
+
+    Args:
+        state: of the cycle before.
+        evidence: see `JointEvidence`.
+        params: see `Params`.
+
+    Raises:
+        NotPositiveDefiniteError: see `joint.cycle.step`.
+    """
+    joint = params.joint
+    tree = advance(state.tree, evidence, params)
+    verdicts, said = judged(state.verdicts, tree, params)
+    probable = odds(tree, joint)
+    force, variance = _declared(verdicts, tree, joint)
+    kept = State(tree, verdicts, force, variance, _removed(state.removed, said), state.closed)
+    watch, now = tree.leader.watch, tree.next_state(params)
+    tested, statistic = (watch.tested, watch.statistic) if watch is not None else (False, 0.0)
+    own = own_row(said, probable, tree.history)
     return Judgment(
         state=kept,
         adaptation=NO_ADAPTATION,
-        status=status_row(said, certain(n), True, 0.0),
-        likelihood=np.full(n, np.nan),
+        status=status_row(said, probable, tested, statistic),
+        likelihood=np.full(joint.places.jets, np.nan),
         magnitude=own.verdict_magnitude,
-        replacement=None if leader is evidence.after else leader,
+        replacement=None if now is evidence.after else now,
         own=own,
     )
+
+
+def _declared(verdicts: Verdicts, tree: Tree, params: JointParams) -> tuple[Array, Array]:
+    """Force and variance of each declared jet that pushes untold, shape (n_jets,) each; what is off pushes nobody."""
+    force, variance = np.zeros(params.places.jets), np.zeros(params.places.jets)
+    state = tree.leader.run.state
+    for jet, sign in verdicts.ways & tree.leader.ways:
+        if sign > 0:
+            found, sigma = force_of(state, slot_of(state, jet, sign), params)
+            force[jet], variance[jet] = max(found, 0.0), sigma**2
+    return force, variance
 
 
 def _removed(removed: Array, said: tuple[Declaration, ...]) -> Array:
@@ -108,12 +111,38 @@ def _removed(removed: Array, said: tuple[Declaration, ...]) -> Array:
     return removed
 
 
+def kept(state: State, params: Params) -> Array:
+    """The state as a vector, see `faults.saved`."""
+    own = saved(state.tree, state.verdicts, params.joint.places)
+    return np.concatenate((state.force, state.variance, state.removed, own))
+
+
+def taken_up(vector: Array, params: Params) -> State:
+    """The inverse of `kept`.
+
+    Raises:
+        ValueError: when the detector cannot have left such a state.
+    """
+    n = params.joint.places.jets
+    if vector.size < 3 * n:
+        raise ValueError(f"{GROUP}: ends too soon")
+    force, variance, removed = vector[:n], vector[n : 2 * n], vector[2 * n : 3 * n]
+    if not np.isfinite(vector[: 3 * n]).all() or (variance < 0.0).any():
+        raise ValueError(f"{GROUP}: forces must be finite, and their variances zero or positive")
+    if not np.isin(removed, (0.0, 1.0)).all():
+        raise ValueError(f"{GROUP}: removed must be 0 or 1 for each jet")
+    tree, verdicts = restored(vector[3 * n :], params.joint.places)
+    return State(tree, verdicts, force, variance, removed, np.zeros(n))
+
+
 DETECTOR = Detector(
     made_for="joint",
     params=make_params,
     initial=initial,
     known_force=lambda *_: NO_KNOWN_FORCE,
     judge=judge,
+    saved=kept,
+    restored=taken_up,
     group=GROUP,
     report=HYPOTHESIS_REPORT,
 )

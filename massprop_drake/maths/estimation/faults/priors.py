@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from massprop_drake.maths.estimation.joint.layout import JointParams
 from massprop_drake.maths.linear_algebra import Array
 
 _HOUR_S = 3600.0
@@ -57,35 +58,65 @@ class Priors(NamedTuple):
         return min(self.false_per_hour / self.jet_per_hour, 0.5)
 
 
+class Params(NamedTuple):
+    """What shapes the hypothesis filter.
+
+    Attributes:
+        joint: of the filter, without increments.
+        priors: see `Priors`.
+        allowed: 1 for each fault of a jet that there may be, more thrust and then less, shape (2 n_jets,).
+        rates: failures per hour of each jet in terms of the usual rate, shape (n_jets,).
+    """
+
+    joint: JointParams
+    priors: Priors
+    allowed: Array
+    rates: Array
+
+
 def log_rate(per_hour: float, seconds: float) -> float:
     """Log probability of an event of a rate within some time, nats."""
     return math.log(per_hour * seconds / _HOUR_S)
 
 
-def force_correction(force: float, sigma: float, thrust: float, *, missing: bool) -> float:
-    """Log of the mean of p(f) / N(f; 0, T^2) over the posterior N(force, sigma^2), nats.
+def force_correction(
+    force: float, sigma: float, thrust: float, priors: Priors, *, missing: bool, about: float | None = None
+) -> float:
+    """Log of the mean of p(f) / N(f; opened, T^2) over the posterior N(force, sigma^2), nats.
 
     Args:
         force, sigma: of the posterior, lbf or N.
         thrust: T.
+        priors: see `Priors`.
         missing: whether the force is missing, and not too much.
+        about: the force before it changed; a third of changes is to nothing, a third to full thrust. None: it is new.
     """
     shares = (force + sigma * _NODES) / thrust
-    opened = -0.5 * shares**2 - _LOG_ROOT_2_PI
-    inside = (shares > _LEAST_LEAK) & (shares < _MOST)
-    density = np.zeros_like(shares)
-    density[inside] = 1.0 if missing else 1.0 / (shares[inside] * math.log(_MOST / _LEAST_LEAK))
-    anything = _mean(density, opened)
-    width = sigma / thrust
-    spread = math.hypot(
-        width, _FULL_SPREAD
-    )  # of N(f; T) against the posterior, in closed form but for the opened prior
-    at = (force / thrust * _FULL_SPREAD**2 + width**2) / spread**2
-    full = math.exp(-0.5 * ((force / thrust - 1.0) / spread) ** 2 + 0.5 * at**2) / spread
-    total = 0.5 * anything + 0.5 * full
+    opened_at = 0.0 if about is None else about / thrust
+    opened = -0.5 * (shares - opened_at) ** 2 - _LOG_ROOT_2_PI
+    if about is None:
+        inside = (shares > _LEAST_LEAK) & (shares < _MOST)
+        spread = np.log(_MOST / _LEAST_LEAK)
+        density = np.where(inside, 1.0 if missing else 1.0 / (np.where(inside, shares, 1.0) * spread), 0.0)
+        total = (1.0 - priors.full_thrust) * _mean(density, opened)
+        peaks = ((1.0, priors.full_thrust),)
+    else:
+        density = np.where((shares > 0.0) & (shares < _MOST), 1.0 / _MOST, 0.0)
+        total = _mean(density, opened) / 3.0
+        peaks = ((1.0, 1.0 / 3.0), (0.0, 1.0 / 3.0))
+    for at, share in peaks:
+        total += share * _at(at, opened_at, force / thrust, sigma / thrust)
     return math.log(total) if total > 0.0 else -math.inf
 
 
+def _at(at: float, opened_at: float, share: float, width: float) -> float:
+    """Mean of N(f; at, spread^2) / N(f; opened, 1) over N(share, width^2), in closed form but for the denominator."""
+    spread = math.hypot(width, _FULL_SPREAD)
+    there = (share * _FULL_SPREAD**2 + at * width**2) / spread**2
+    return math.exp(-0.5 * ((share - at) / spread) ** 2 + 0.5 * (there - opened_at) ** 2) / spread
+
+
 def _mean(density: Array, opened: Array) -> float:
+    """Mean of density / exp(opened) over the posterior."""
     weights = _WEIGHTS / _WEIGHTS.sum()
     return float(np.sum(weights * density * np.exp(-opened)))

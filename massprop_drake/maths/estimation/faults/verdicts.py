@@ -1,97 +1,300 @@
-"""What is declared, from posterior probabilities alone."""
+"""Declarations, from posterior probabilities alone."""
 
 from __future__ import annotations
 
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from massprop_drake.maths.estimation.faults.declarations import (
     Declaration,
     JetsDeclared,
     JumpDeclared,
+    Mode,
     ReadingDeclared,
+    Unexplained,
     Word,
 )
-from massprop_drake.maths.estimation.faults.priors import Priors
-from massprop_drake.maths.estimation.faults.tree import Hypothesis, Tree, force_of, probabilities, weight
-from massprop_drake.maths.estimation.joint.hypotheses import Cause, Kind, slot_of
-from massprop_drake.maths.estimation.joint.layout import JointParams
-from massprop_drake.maths.estimation.joint.payload import UNKNOWN
+from massprop_drake.maths.estimation.faults.events import ANEW, Event, Hypothesis, Part, Way, force_of
+from massprop_drake.maths.estimation.faults.priors import Params
+from massprop_drake.maths.estimation.faults.proposals import INTERMITTENT_AFTER
+from massprop_drake.maths.estimation.faults.report import Odds, certain
+from massprop_drake.maths.estimation.faults.tree import Tree, probabilities
+from massprop_drake.maths.estimation.joint.apart import Apart, told_apart
+from massprop_drake.maths.estimation.joint.hypotheses import Kind, slot_of
+from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, settled
+from massprop_drake.maths.estimation.joint.payload import UNKNOWN, Payload, brought
 
-_HELD = 2  # samples: a probability must hold
-_GROUP_S = 2.0  # for which a group must hold
-_GROUP = 3  # jets at most
+_HELD = 2  # samples in a row at which a probability must be there
+_GROUP_S = 2.0  # for which that of a group must be there
+_GROUP = 3  # jets that a group may have
 _LEAST_LEAK, _LEAST_LOSS = 0.002, 0.1  # of full thrust: less is no failure, but a thrust that is not as stated
+_STUCK_ON, _STUCK_OFF = 0.5, 0.9  # of full thrust, from which on it is called so
+_SIGNIFICANT = 3.0  # sigmas by which a force must have changed to be said to have, and
+_CHANGE = 0.1  # of full thrust, by which it must, too
+_MEASURED = 0.1  # of a payload's mass, to which it is known when its size is told
+_APART = 14.0  # log likelihood ratio, doubled, at which jets are told apart: a probability of 1e-3 is left
+
+
+class Declared(NamedTuple):
+    """A failure that has been declared: its force as declared or known better since, lbf or N, and its changes."""
+
+    way: Way
+    force: float
+    sigma: float
+    changes: int = 0
 
 
 class Verdicts(NamedTuple):
-    """What has been declared, and for how long what may be declared has held."""
+    """What has been declared, and what may be.
 
-    declared: frozenset[object] = frozenset()
-    held: tuple[tuple[object, int], ...] = ()
-    grouped: tuple[frozenset[object], int] = (frozenset(), 0)
+    Attributes:
+        jets: failures.
+        others: other parts of the likeliest history.
+        held: parts whose probability is large enough, and for how many samples.
+        group: smallest set of jets that is likely enough, and since when, s.
+        groups: declared.
+        earlier: state before a jump whose size has not been told.
+    """
+
+    jets: tuple[Declared, ...] = ()
+    others: frozenset[Part] = frozenset()
+    held: tuple[tuple[Part, int], ...] = ()
+    group: tuple[frozenset[Way], float] = (frozenset(), math.inf)
+    groups: frozenset[frozenset[Way]] = frozenset()
+    earlier: JointState | None = None
+
+    @property
+    def ways(self) -> frozenset[Way]:
+        """Jets that have been declared, and how."""
+        return frozenset(one.way for one in self.jets)
 
 
-def marginals(tree: Tree, params: JointParams) -> dict[object, float]:
-    """Probability of each event: (jet, sign), or a cause."""
-    found: dict[object, float] = {}
-    for each, share in probabilities(tree, params):
-        for part in each.key:
-            found[part] = found.get(part, 0.0) + share * _above_floor(part, each, params)
-    return found
-
-
-def _above_floor(part: object, each: Hypothesis, params: JointParams) -> float:
-    """Probability that a failed jet's force is larger than what is called a failure; 1 for anything else."""
-    if isinstance(part, Cause):
-        return 1.0
-    jet, sign = part
+def above_floor(way: Way, each: Hypothesis, params: JointParams) -> float:
+    """Probability, given a hypothesis, that a failed jet's force is large enough to be called a failure."""
+    jet, sign = way
     force, sigma = force_of(each.run.state, slot_of(each.run.state, jet, sign), params)
     floor = (_LEAST_LOSS if sign < 0 else _LEAST_LEAK) * float(params.thrusts[jet])
     return 0.5 * math.erfc((floor - force) / (math.sqrt(2.0) * sigma))
 
 
-def judged(
-    verdicts: Verdicts, tree: Tree, priors: Priors, params: JointParams
-) -> tuple[Verdicts, tuple[Declaration, ...]]:
-    """What is declared after a sample.
+def of_jets(tree: Tree, params: JointParams) -> dict[Way, float]:
+    """Probability of each failure of a jet."""
+    found: dict[Way, float] = {}
+    for each, share in probabilities(tree):
+        for way in each.ways if each.run.age > 0 else ():
+            found[way] = found.get(way, 0.0) + share * above_floor(way, each, params)
+    return found
+
+
+def of_others(tree: Tree) -> dict[Part, float]:
+    """Probability of everything else that may have happened, each with how often it has before."""
+    found: dict[Part, float] = {}
+    for each, share in probabilities(tree):
+        for part in each.parts:
+            if isinstance(part[0], Kind):
+                found[part] = found.get(part, 0.0) + share
+    return found
+
+
+def odds(tree: Tree, params: JointParams) -> Odds:
+    """Posterior probabilities of faults after a sample."""
+    n = params.places.jets
+    if len(tree.hypotheses) == 1 and not tree.leader.events:
+        return certain(n)
+    healthy, modes = np.ones(n), np.zeros(n)
+    forces, sigmas, best = np.full(n, np.nan), np.full(n, np.nan), np.full(n, -np.inf)
+    none = unknown = 0.0
+    failed = np.zeros(n)
+    for each, share in probabilities(tree):
+        none += share * float(not each.events)
+        unknown += share * float(any(event.cause.kind == Kind.UNKNOWN for event in each.events))
+        for way in each.ways if each.run.age > 0 else ():
+            jet, sign = way
+            failed[jet] += share * above_floor(way, each, params)
+            if share > best[jet]:
+                best[jet], modes[jet] = share, float(mode_of(way, each, params))
+                force, sigmas[jet] = force_of(each.run.state, slot_of(each.run.state, jet, sign), params)
+                forces[jet] = sign * force
+    healthy -= failed
+    return Odds(len(tree.hypotheses), none, unknown, np.minimum(failed, 1.0), modes, forces, sigmas)
+
+
+def mode_of(way: Way, each: Hypothesis, params: JointParams) -> Mode:
+    """Fault mode of a failed jet."""
+    jet, sign = way
+    slot = slot_of(each.run.state, jet, sign)
+    walk, share = float(each.walks[slot]), force_of(each.run.state, slot, params)[0] / float(params.thrusts[jet])
+    if walk == ANEW:
+        return Mode.INTERMITTENT
+    if walk > 0.0:
+        return Mode.DRIFTING
+    if sign > 0:
+        return Mode.STUCK_ON if share > _STUCK_ON else Mode.LEAK
+    return Mode.STUCK_OFF if share > _STUCK_OFF else Mode.LOSS
+
+
+def judged(verdicts: Verdicts, tree: Tree, params: Params) -> tuple[Verdicts, tuple[Declaration, ...]]:
+    """Declarations after a sample.
 
     Args:
         verdicts: before it.
         tree: after it.
-        priors: see `Priors`.
-        params: see `JointParams`.
+        params: see `Params`.
     """
-    found, doubt = marginals(tree, params), priors.doubt
-    best = weight(tree.leader, params)
-    waits = sum(math.exp(min(birth.first_order - best, 0.0)) for birth in tree.births) > doubt
-    unheard = max(
-        (each.watch.alarm.unheard for each in tree.hypotheses if each.watch and each.watch.alarm), default=0.0
+    if len(tree.hypotheses) == 1 and not tree.leader.events and not verdicts.jets:
+        return Verdicts(others=verdicts.others), ()
+    joint, now_s = params.joint, tree.leader.run.state.time_s
+    jets, others = of_jets(tree, joint), of_others(tree)
+    enough = 1.0 - params.priors.doubt
+    unheard = _unheard(tree, params)
+    verdicts, said = _withdrawn(verdicts, jets, now_s)
+    open_to = {way: share for way, share in jets.items() if way not in verdicts.ways}
+    counts, held = dict(verdicts.held), {}
+    for part, share in (*open_to.items(), *((part, share) for part, share in others.items() if part not in verdicts.others)):
+        if share * (1.0 - unheard) >= enough:
+            held[part] = counts.get(part, 0) + 1
+    verdicts = verdicts._replace(held=tuple(held.items()))
+    for part in [part for part, count in held.items() if count >= _HELD]:
+        verdicts, more = _declared(part, verdicts, tree, joint)
+        said += more
+    verdicts, more = _grouped(verdicts, open_to, (tree, unheard, now_s), params)
+    said += more
+    if _is_settled(tree):
+        verdicts, more = _known_now(verdicts, tree, joint)
+        said += more
+    return verdicts, tuple(said)
+
+
+def _unheard(tree: Tree, params: Params) -> float:
+    """Probability of what waits, or has been left to first order."""
+    best = tree.leader.weight
+    waits = sum(math.exp(min(birth.first_order - best, 0.0)) for birth in tree.births)
+    left = max((each.watch.alarm.unheard for each in tree.hypotheses if each.watch and each.watch.alarm), default=0.0)
+    total = waits + left
+    return total / (1.0 + total)
+
+
+def _is_settled(tree: Tree) -> bool:
+    """Whether the likeliest history explains its readings, and nothing waits that might do so instead."""
+    watch = tree.leader.watch
+    return watch is not None and watch.alarm is None and not tree.births
+
+
+def _withdrawn(
+    verdicts: Verdicts, jets: dict[Way, float], now_s: float
+) -> tuple[Verdicts, list[Declaration]]:
+    """Declarations that are taken back: what was declared has become unlikely."""
+    gone = [one for one in verdicts.jets if jets.get(one.way, 0.0) < 0.5]
+    said: list[Declaration] = [
+        JetsDeclared(Word.WITHDRAWN, (one.way[0],), (one.way[1],), (0.0,), (one.sigma,), now_s) for one in gone
+    ]
+    return verdicts._replace(jets=tuple(one for one in verdicts.jets if one not in gone)), said
+
+
+def _declared(part: Part, verdicts: Verdicts, tree: Tree, params: JointParams) -> tuple[Verdicts, list[Declaration]]:
+    """Declaration of a part of what has happened."""
+    holder = next(each for each in tree.hypotheses if part in each.ways or part in each.parts)
+    if not isinstance(part[0], Kind):
+        way: Way = (part[0], part[1])
+        event = next(event for event in reversed(holder.events) if way in event.cause.failures)
+        force, sigma = force_of(holder.run.state, slot_of(holder.run.state, *way), params)
+        said = JetsDeclared(Word.FAILED, (way[0],), (way[1],), (force,), (sigma,), event.onset_s)
+        return verdicts._replace(jets=(*verdicts.jets, Declared(way, force, sigma))), [said]
+    verdicts = verdicts._replace(others=verdicts.others | {part})
+    event = _event_of(part, holder)
+    match part[0]:
+        case Kind.JUMP:
+            return verdicts._replace(earlier=event.before), [JumpDeclared(False, event.onset_s, *UNKNOWN)]
+        case Kind.LIES:
+            return verdicts, [ReadingDeclared(event.cause.component, event.onset_s)]
+        case _:
+            begins = part[2] % 2 == 0  # pushes begin and end in turn
+            return verdicts, [Unexplained(event.onset_s)] if begins else []
+
+
+def _event_of(part: Part, holder: Hypothesis) -> Event:
+    """The event that a part is of."""
+    same = [event for event in holder.events if (event.cause.kind, event.cause.component) == part[:2]]
+    return same[part[2]]
+
+
+def _grouped(
+    verdicts: Verdicts, open_to: dict[Way, float], seen: tuple[Tree, float, float], params: Params
+) -> tuple[Verdicts, list[Declaration]]:
+    """Declaration of the smallest set of jets of which one has failed for sure."""
+    tree, unheard, now_s = seen
+    likely = sorted(open_to, key=lambda way: -open_to[way])[:_GROUP]
+    group: frozenset[Way] = frozenset()
+    for count in range(2, len(likely) + 1):
+        among = frozenset(likely[:count])
+        some = sum(
+            share * max(above_floor(way, each, params.joint) for way in among & each.ways)
+            for each, share in probabilities(tree)
+            if among & each.ways and each.run.age > 0
+        )
+        if some * (1.0 - unheard) >= 1.0 - params.priors.doubt and open_to[likely[0]] < 1.0 - params.priors.doubt:
+            group = among
+            break
+    if not group or any(group <= other or other <= group for other in verdicts.groups):
+        return verdicts._replace(group=(frozenset(), math.inf)), []
+    since_s = verdicts.group[1] if verdicts.group[0] == group else now_s
+    verdicts = verdicts._replace(group=(group, since_s))
+    if now_s - since_s < _GROUP_S:
+        return verdicts, []
+    ways = [way for way in likely if way in group]
+    holders = [next(each for each in tree.hypotheses if way in each.ways) for way in ways]
+    forces = [
+        force_of(each.run.state, slot_of(each.run.state, *way), params.joint)
+        for way, each in zip(ways, holders, strict=True)
+    ]
+    event = next(event for event in reversed(holders[0].events) if ways[0] in event.cause.failures)
+    apart = _apart(ways, [force for force, _ in forces], tree, params.joint)
+    jets, signs = zip(*ways, strict=True)
+    said = JetsDeclared(
+        Word.GROUP, jets, signs, tuple(one for one, _ in forces), tuple(one for _, one in forces), event.onset_s, apart
     )
-    held, said, declared = {}, [], set(verdicts.declared)
-    counts = dict(verdicts.held)
-    for part, probability in found.items():
-        if part in declared or probability / (1.0 + unheard) < 1.0 - doubt or waits:
+    return verdicts._replace(groups=verdicts.groups | {group}, group=(frozenset(), math.inf)), [said]
+
+
+def _apart(ways: list[Way], forces: list[float], tree: Tree, params: JointParams) -> Apart:
+    """What would tell the jets of a group apart, by the screen of an alarm that there still is."""
+    alarm = next((each.watch.alarm for each in tree.hypotheses if each.watch and each.watch.alarm), None)
+    if alarm is None:
+        return Apart()
+    members = [(jet, sign, force) for (jet, sign), force in zip(ways, forces, strict=True)]
+    return told_apart(alarm.screen, tree.samples[-1][1], alarm.screen.onsets[-1], members, _APART, params)
+
+
+def _known_now(verdicts: Verdicts, tree: Tree, params: JointParams) -> tuple[Verdicts, list[Declaration]]:
+    """Declarations of what is known only now: forces that have changed, and the size of a jump."""
+    leader, said = tree.leader, list[Declaration]()
+    now = leader.run.state
+    earlier = verdicts.earlier
+    if earlier is not None and settled(now, params):
+        size = brought(earlier, now, params)
+        if is_measured(size):
+            said.append(JumpDeclared(True, earlier.time_s, *size))
+            earlier = None
+    kept = []
+    for one in verdicts.jets:
+        slot = slot_of(now, *one.way) if one.way in leader.ways else -1
+        if slot < 0 or leader.walks[slot] == ANEW:
+            kept.append(one)
             continue
-        held[part] = counts.get(part, 0) + 1
-        if held[part] >= _HELD:
-            said.append(_declaration(part, tree, params))
-            declared.add(part)
-    for part in verdicts.declared:
-        if found.get(part, 0.0) < 0.5 and not isinstance(part, Cause):
-            jet, sign = part
-            said.append(JetsDeclared(Word.WITHDRAWN, (jet,), (sign,), (0.0,), (0.0,), tree.samples[-1][0].time_s))
-            declared.discard(part)
-    return Verdicts(frozenset(declared), tuple(held.items())), tuple(said)
+        force, sigma = force_of(now, slot, params)
+        if abs(force - one.force) > max(_SIGNIFICANT * math.hypot(sigma, one.sigma), _CHANGE * params.thrusts[one.way[0]]):
+            one = one._replace(force=force, sigma=sigma, changes=one.changes + 1)
+            word = Word.ERRATIC if one.changes >= INTERMITTENT_AFTER else Word.CHANGED
+            event = next(event for event in reversed(leader.events) if one.way in event.cause.failures)
+            said.append(JetsDeclared(word, one.way[:1], one.way[1:], (force,), (sigma,), event.onset_s))
+        elif sigma < 0.5 * one.sigma:  # the same force, known better: it is what a change is told from
+            one = one._replace(force=force, sigma=sigma)
+        kept.append(one)
+    return verdicts._replace(jets=tuple(kept), earlier=earlier), said
 
 
-def _declaration(part: object, tree: Tree, params: JointParams) -> Declaration:
-    holder = next(each for each in tree.hypotheses if part in each.key)
-    cause, onset_s = next(pair for pair in holder.events if part in (pair[0].failures or {pair[0]}))
-    if not isinstance(part, Cause):
-        jet, sign = part
-        force, sigma = force_of(holder.run.state, slot_of(holder.run.state, jet, sign), params)
-        return JetsDeclared(Word.FAILED, (jet,), (sign,), (force,), (sigma,), onset_s)
-    if cause.kind == Kind.JUMP:
-        return JumpDeclared(False, onset_s, *UNKNOWN)
-    return ReadingDeclared(cause.component, onset_s)
+def is_measured(size: Payload) -> bool:
+    """Whether a mass is known well enough to be told."""
+    return size.mass_sigma < _MEASURED * abs(size.mass)

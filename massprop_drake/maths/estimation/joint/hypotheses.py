@@ -38,10 +38,8 @@ SHARES = (1.0, 0.17)  # of it in the first interval and in the second: a lag of 
 _MOVED = 0.5  # steps by which a reading has moved that does not stand still
 BOW = 0.1  # of an impulse at an unknown time, 1 sigma: the angle that it turns by beyond what a steady one does
 _LEFT = 1e-6  # of a force that builds up: less is not felt
-KEPT = 6  # states of a filter: what began so many cycles before a decision may not have shown yet
 _RANGE = 4e4  # steps that a sensor's range has
 _STILL = 2.0  # a lie is as likely as not the same as the one before
-FIT = 6.0  # standard deviations of chi-square: rounding is not white, and six are never chance
 _LIES = 5.0  # sigmas off: a reading that does not fit
 
 
@@ -52,6 +50,7 @@ class Kind(IntEnum):
     JETS = 1
     JUMP = 2
     LIES = 3
+    UNKNOWN = 4  # something pushes as jets could, or has ceased to
 
 
 class Cause(NamedTuple):
@@ -78,14 +77,6 @@ class Cause(NamedTuple):
         """Jets with their signs: what is named of it."""
         return frozenset(zip(self.jets, self.signs, strict=True))
 
-    @property
-    def named(self) -> Named:
-        """By which it is told from others: a jet that leaks and one that is stuck on are the same."""
-        return self.failures or self
-
-
-Named = frozenset[tuple[int, int]] | Cause
-
 
 class Score(NamedTuple):
     """How well a hypothesis explains the readings.
@@ -110,25 +101,12 @@ class Score(NamedTuple):
         """What is left of it but for a part."""
         return Score(*(whole - less for whole, less in zip(self, part, strict=True)))
 
-    @property
-    def misfit(self) -> float:
-        """NIS above its expectation in its own standard deviations."""
-        return (self.nis - self.degrees) / max(np.sqrt(2.0 * self.degrees), 1.0)
-
-    @property
-    def surprise(self) -> float:
-        """NIS of few components as a standard normal deviate, by the transformation of Wilson and Hilferty."""
-        if self.degrees == 0.0:
-            return 0.0
-        spread = 2.0 / (9.0 * self.degrees)
-        return float((np.cbrt(max(self.nis, 0.0) / self.degrees) - (1.0 - spread)) / np.sqrt(spread))
-
 
 NO_SCORE = Score(0.0, 0.0, 0.0)
 
 
 class Runner(NamedTuple):
-    """A hypothesis on its way.
+    """A filter that takes an event for true.
 
     Attributes:
         cause: see `Cause`.
@@ -137,13 +115,10 @@ class Runner(NamedTuple):
             force, lbf or N.
         cycle: the last one done.
         state: after it.
-        score: since the race's beginning.
+        score: sum over all cycles since the common origin.
         lying: whether its reading does not fit yet.
-        earlier: states before the last cycles, oldest first, `KEPT` at most.
-        newest: what that cycle added to the score.
-        entry: the score at its onset.
         share: see `opened`.
-        lie: what its reading said last while it lied; NaN: nothing yet.
+        lie: last false reading; NaN: none yet.
         expected: see `opened`.
     """
 
@@ -153,10 +128,7 @@ class Runner(NamedTuple):
     cycle: int
     state: JointState
     score: Score
-    lying: bool
-    earlier: tuple[JointState, ...] = ()
-    newest: Score = NO_SCORE
-    entry: Score = NO_SCORE
+    lying: bool = False
     share: float = JUMP_SHARES[0]
     lie: float = np.nan
     expected: tuple[tuple[float, float], ...] = ()
@@ -165,29 +137,6 @@ class Runner(NamedTuple):
     def age(self) -> int:
         """Cycles since its onset."""
         return self.cycle - self.onset
-
-    @property
-    def fits(self) -> bool:
-        """Whether it explains the readings since its onset."""
-        return self._explains(self.score)
-
-    @property
-    def explained_before(self) -> bool:
-        """Whether it explained those before the newest."""
-        return self._explains(self.before_newest)
-
-    def _explains(self, score: Score) -> bool:
-        return score.misfit < FIT
-
-    @property
-    def before_newest(self) -> Score:
-        """Its score before the last cycle."""
-        return self.score.without(self.newest)
-
-    @property
-    def is_small(self) -> bool:
-        """Whether it is a jump that expects little."""
-        return self.cause.kind == Kind.JUMP and self.share < JUMP_SHARES[0]
 
 
 def cost_of_a_lie(component: int, params: JointParams, moved: float = np.inf) -> float:
@@ -321,18 +270,19 @@ def restless(state: JointState, erratic: np.ndarray, params: JointParams) -> Joi
     return state._replace(root=compressed(np.hstack((root, columns)), params.places.thrust))
 
 
-def drifted(state: JointState, cause: Cause, duration_s: float, params: JointParams) -> JointState:
-    """The state with what the forces of failed jets may have changed by over an interval, a random walk.
+def pushed(state: JointState, push: float, over: Link, params: JointParams) -> JointState:
+    """The state with what something unknown may have given over an interval, independent of what it gave before.
 
     Args:
         state: before the interval.
-        cause: see `Cause`.
-        duration_s: of the interval, s.
+        push: 1-sigma of it, in terms of what every jet gives at full thrust; zero: nothing pushes.
+        over: the interval, of any filter that is near.
         params: see `JointParams`.
     """
-    walks = np.zeros(params.places.n_force)
-    walks[[slot_of(state, *way) for way in zip(cause.jets, cause.signs, strict=True)]] = DRIFT * duration_s
-    return restless(state, walks, params)
+    if push == 0.0:
+        return state
+    columns = smeared(over, params.places) * (push * params.thrusts)
+    return state._replace(root=compressed(np.hstack((state.root, columns)), params.places.thrust))
 
 
 def without_increments(params: JointParams) -> JointParams:
@@ -359,48 +309,26 @@ def misfits(report: Report, component: int, params: JointParams) -> bool:
     return not bool(abs(course.expected.innovation[component]) <= _LIES * deviation)
 
 
-def jumping(run: Runner, sample: Sample, nothing: Score, params: JointParams) -> Runner:
-    """A jump after one more cycle of those in which it may have happened.
-
-    The filter learns nothing: what fired may have fired before the jump, or in the midst of it. Rate and gathered
-    velocity begin anew with each reading, and the ten parameters stay as uncertain as they are. The jump is as likely
-    as it is at the likeliest time: until then nothing has happened.
+def stepped(
+    run: Runner, sample: Sample, over: Link, erratic: np.ndarray, push: float, params: JointParams
+) -> Runner:
+    """A filter after one more cycle.
 
     Args:
         run: before; it opens when its onset is the last cycle done.
         sample: of the cycle.
-        nothing: score after it of the hypothesis that nothing has happened.
-        params: without increments.
-    """
-    state, crossing = crossed(run.state, run.state.mean[:N_PROPERTIES], sample, floors(run.state, params), params)
-    if run.cycle == run.onset:
-        state = opened(state, run.cause, params, run.share)
-    _, report = step(state, sample, params)
-    own = run.score.plus(told(report)).plus(Score(crossing.log_likelihood, 0.0, 0.0))
-    score = max(own, nothing, key=lambda each: each.likelihood)
-    after, _ = restart(state, sample, params)
-    return _stepped(run, after, score)._replace(entry=score)
-
-
-def stepped(run: Runner, sample: Sample, over: Link, erratic: np.ndarray, params: JointParams) -> Runner:
-    """A hypothesis after one more cycle.
-
-    Args:
-        run: before; it opens when its onset is the last cycle done.
-        sample: of the cycle.
-        over: the cycle of the filter that knows of nothing.
+        over: the cycle of any filter that is near.
         erratic: see `restless`.
+        push: see `pushed`.
         params: without increments.
     """
     state, crossing = crossed(run.state, run.state.mean[:N_PROPERTIES], sample, floors(run.state, params), params)
     if run.age == 0:
         state = opened(state, run.cause, params, run.share, run.expected)
-    if run.cause.drifts and run.age > 0:
-        state = drifted(state, run.cause, over.duration_s, params)
     kicks = kicks_at(run, over.duration_s, params)
     if kicks is not None:
         state = kicked(state, run.cause, kicks, over, params)
-    state = restless(state, erratic, params)
+    state = pushed(restless(state, erratic, params), push, over, params)
     after, report = step(state, sample, params)
     lying, lie, component = run.lying, run.lie, run.cause.component
     score = run.score.plus(Score(crossing.log_likelihood, 0.0, 0.0))
@@ -412,19 +340,13 @@ def stepped(run: Runner, sample: Sample, over: Link, erratic: np.ndarray, params
                 score = score._replace(likelihood=score.likelihood - cost)
             after, report = step(state, masked(sample, component), params)
             lie = float(over.read[component])
-    return _stepped(run, after, score.plus(told(report)))._replace(lying=lying, lie=lie)
+    return run._replace(cycle=run.cycle + 1, state=after, score=score.plus(told(report)), lying=lying, lie=lie)
 
 
 def told(report: Report) -> Score:
     """The score that a cycle of a filter adds."""
     of_gyros = (report.gyro_nis, report.gyro_degrees) if report.gyro_degrees > 0.0 else (0.0, 0.0)
     return Score(report.log_likelihood, report.nis, report.degrees, *of_gyros)
-
-
-def _stepped(run: Runner, after: JointState, score: Score) -> Runner:
-    newest = score.without(run.score)
-    earlier = (*run.earlier, run.state)[-KEPT:]
-    return run._replace(cycle=run.cycle + 1, state=after, score=score, earlier=earlier, newest=newest)
 
 
 def column_of(jet: int, sign: int, params: JointParams) -> int:

@@ -1,0 +1,342 @@
+"""Proposals: what may have happened, ranked to first order, where a hypothesis does not explain the readings.
+
+Each watched hypothesis has a bank of onsets (`joint.bank`), whose test raises an alarm: a screen (`joint.screen`) then
+follows the first-order effects of every fault from a few onsets on, and is drawn from at ages of 0, 1, 2, 4, 8 ...
+samples. The first order only proposes.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.faults.events import ANEW, Event, Hypothesis
+from massprop_drake.maths.estimation.faults.priors import Params, Priors, log_rate
+from massprop_drake.maths.estimation.joint import bank as banks
+from massprop_drake.maths.estimation.joint import screen as screens
+from massprop_drake.maths.estimation.joint.bank import Bank
+from massprop_drake.maths.estimation.joint.cycle import JointEvidence, Sample
+from massprop_drake.maths.estimation.joint.hypotheses import (
+    DRIFT,
+    Cause,
+    Kind,
+    Runner,
+    Score,
+    known_forces,
+    slot_of,
+    told,
+)
+from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
+from massprop_drake.maths.estimation.joint.screen import PAIR_PRIOR, Contender, Screen
+from massprop_drake.maths.estimation.joint.sensitivity import Link, Traces, linked, traces
+from massprop_drake.maths.kernels import kernel
+from massprop_drake.maths.linear_algebra import Array
+
+_ALARM = 22.0  # GLR of a single jet, chi-square of one degree: once in 4e5 samples of a jet
+_ALARM_ANY = 40.0  # of anything, chi-square of six degrees: once in 2e6
+_SHARE = 0.7  # of the largest statistic: older onsets explain the end point as well
+_SINGLES, _PAIRS = 12, 24  # proposals of a draw: compute budget
+_DRIFTS = 4  # of the likeliest single failures, as drifting ones: compute budget
+_NEAR = 20.0  # nats of first order within which proposals are followed: what is less likely counts as unheard
+_PUSHES = (1.0, 0.1, 0.01)  # of an unknown push, in what all jets give
+_INTERMITTENT_PER_S = 1.0  # changes of an intermittent force
+_ENDS_PER_S = 1.0  # of an unknown push
+_NATS_OF_A_PUSH = 20.0  # that an unknown push costs a sample: as its readings tell nothing else
+
+
+class Record(NamedTuple):
+    """A cycle of a watched hypothesis, and its score after it."""
+
+    sample: Sample
+    link: Link
+    score: Score
+
+
+class Alarm(NamedTuple):
+    """Something that a hypothesis does not explain.
+
+    Attributes:
+        cycle: of the first alarm.
+        states: where the screen begins, and at each of its onsets.
+        scores: at each of its onsets.
+        screen: see `Screen`.
+        drawn: age of the newest draw.
+        unheard: probability of what it left to first order, over that of what it opened.
+    """
+
+    cycle: int
+    states: tuple[JointState, ...]
+    scores: tuple[Score, ...]
+    screen: Screen
+    drawn: int = -1
+    unheard: float = 0.0
+
+
+class Watch(NamedTuple):
+    """Bank of onsets of a hypothesis, its cycles since the oldest, and its alarm.
+
+    Attributes:
+        bank: see `Bank`.
+        records: see `Record`.
+        alarm: None: its readings are explained.
+        tested: whether the newest readings were tested.
+        statistic: largest GLR of a jet in them.
+    """
+
+    bank: Bank
+    records: tuple[Record, ...]
+    alarm: Alarm | None = None
+    tested: bool = False
+    statistic: float = 0.0
+
+
+class Birth(NamedTuple):
+    """A proposal on its way from its onset to now, with its weight to first order, and the alarm that it is of."""
+
+    child: Hypothesis
+    first_order: float
+    origin: object
+
+
+@kernel
+def alarming(likelihood: float, total: float) -> bool:
+    """Whether readings say that a hypothesis does not explain them.
+
+    Args:
+        likelihood, total: largest GLR of a jet, and of anything.
+    """
+    return likelihood > _ALARM or total > _ALARM_ANY
+
+
+def watched(each: Hypothesis, evidence: JointEvidence, cycle: int, params: JointParams) -> Hypothesis:
+    """The hypothesis after a cycle that its filter has made by itself, with its watch.
+
+    Args:
+        each: before it.
+        evidence: of it.
+        cycle: its number.
+        params: without increments.
+    """
+    run, sample = each.run, evidence.sample
+    score = run.score.plus(told(evidence.report))
+    done = run._replace(cycle=cycle, state=evidence.after, score=score)
+    if not evidence.after.guarded or each.push > 0.0:
+        return each._replace(run=done, watch=None)
+    watch = each.watch or Watch(banks.empty(params.places), ())
+    seen = traces(evidence.before, evidence.report, sample)
+    seen = _uncertain(seen, evidence.before, np.minimum(each.walks * seen.duration_s, 1.0), params)
+    over, found, tested, bank = banks.followed_on(watch.bank, seen, evidence.after, cycle, _ALARM, params)
+    record, statistic = Record(sample, over, score), 0.0
+    records = (*watch.records, record)
+    alarm = watch.alarm
+    if found is not None:
+        statistic = float(found.likelihood.max())
+    if alarm is not None:
+        alarm = alarm._replace(screen=screens.screened(alarm.screen, over, params))
+    elif found is not None and alarming(statistic, float(found.total.max())):
+        alarm = _alarm(watch.bank, records, banks.onset_of(found.total, _SHARE), cycle, params)
+    oldest = int(bank.cycles[0]) if alarm is None else min(int(bank.cycles[0]), alarm.screen.began)
+    watch = Watch(bank, records[-(cycle - oldest + 1) :], alarm, tested, statistic)
+    return each._replace(run=done, watch=watch)
+
+
+def _uncertain(seen: Traces, before: JointState, walks: Array, params: JointParams) -> Traces:
+    """A link's traces with what forces that walk add to the noise of its interval."""
+    noise = seen.noise
+    for slot in np.flatnonzero(walks):
+        column = params.places.force + int(slot)
+        effect = np.concatenate((seen.rate_rows[:, column], seen.velocity_rows[:, column]))
+        may_change = walks[slot] * params.thrusts[int(before.slot_jet[slot])]
+        noise = noise + may_change**2 * np.outer(effect, effect)
+    return seen._replace(noise=noise)
+
+
+def newest_link(evidence: JointEvidence, params: JointParams) -> Link:
+    """First-order effects of errors over the cycle that the filter has made."""
+    return linked(traces(evidence.before, evidence.report, evidence.sample), params)
+
+
+def _alarm(bank: Bank, records: tuple[Record, ...], index: int, cycle: int, params: JointParams) -> Alarm:
+    first, chosen = max(index - 2, 0), range(max(index - 2, 0), min(index + 2, len(bank.states)))
+    cycles = bank.cycles.astype(np.intp)
+    onsets = tuple(int(cycles[k]) for k in chosen)
+    gaps = tuple(int(cycles[k] - cycles[k - 1]) if k > 0 else 1 for k in chosen)
+    began = int(cycles[first])
+    screen = screens.begin((bank.states[first], began), onsets, gaps, records[began - cycle - 1].link.read, params)
+    for record in records[len(records) - (cycle - began) :]:
+        screen = screens.screened(screen, record.link, params)
+    scores = tuple(records[onset - cycle - 1].score for onset in onsets)
+    return Alarm(cycle, tuple(bank.states[k] for k in chosen), scores, screen)
+
+
+# -------------------------------------------------------------------------------------------- draws
+
+
+def drawn(each: Hypothesis, cycle: int, there: set[object], params: Params) -> tuple[list[Birth], float]:
+    """Proposals of an alarm that are not there yet, and how likely what it leaves is, over what it opens.
+
+    Args:
+        each: the hypothesis, with an alarm.
+        cycle: number of the newest sample.
+        there: keys, with onsets, of hypotheses and proposals that there are.
+        params: see `Params`.
+    """
+    alarm = each.watch.alarm
+    joint = params.joint
+    state, known = alarm.states[0], known_forces(alarm.states[0], joint)
+    free = int((state.slot_jet < 0).sum())
+    allowed = ((params.allowed if free > 0 else np.zeros_like(known)) + known) > 0.0
+    found = screens.contenders(alarm.screen, allowed, known, joint)
+    new = [sum(known[jet + (joint.places.jets if sign < 0 else 0)] == 0.0 for jet, sign in one.cause.failures) for one in found]
+    found = [one for one, needed in zip(found, new, strict=True) if needed <= free]
+    priors = [_log_prior(each, one, alarm, params) for one in found]
+    worth = [one.lead + prior + PAIR_PRIOR * max(len(one.cause.jets) - 1, 0) for one, prior in zip(found, priors, strict=True)]
+    order = sorted(range(len(found)), key=lambda index: -worth[index])
+    singles = [index for index in order if len(found[index].cause.jets) <= 1][:_SINGLES]
+    pairs = [index for index in order if len(found[index].cause.jets) == 2][:_PAIRS]
+    best = max((worth[index] for index in (*singles, *pairs)), default=0.0)
+    near = max(_NEAR, 0.05 * best)
+    chosen = [index for index in (*singles, *pairs) if worth[index] > best - near]
+    entry = alarm.scores[0].likelihood + each.prior - 0.5 * alarm.screen.misfit
+    births = []
+    for index in chosen:
+        for child in _children(each, found[index], priors[index], alarm, params):
+            births.append(Birth(child, entry + worth[index], (each.key, alarm.cycle)))
+    drifts = [index for index in singles if index in chosen and _may_drift(found[index], known, params)][:_DRIFTS]
+    for index in drifts:
+        child = _drifting(each, found[index], alarm, params)
+        births.append(Birth(child, entry + worth[index] + child.prior - each.prior - priors[index], (each.key, alarm.cycle)))
+    for push in _PUSHES:
+        child = _pushed(each, push, alarm, params)
+        spent = _NATS_OF_A_PUSH * (cycle - alarm.screen.onsets[0]) * (1.0 + 0.3 * math.log10(push))
+        births.append(Birth(child, alarm.scores[0].likelihood + child.prior - spent, (each.key, alarm.cycle)))
+    births = [birth for birth in births if (born_key(birth.child), birth.child.run.onset) not in there]
+    left = sum(math.exp(min(worth[index] - best, 0.0)) for index in order if index not in chosen)
+    return births, left
+
+
+def born_key(child: Hypothesis) -> object:
+    """By which proposals are the same: what happens, and what their newest event is like."""
+    cause = child.run.cause
+    return (frozenset(child.parts), cause.jets, cause.signs, cause.on_top, tuple(child.walks), child.push, child.run.share)
+
+
+def _seconds(alarm: Alarm, place: int) -> float:
+    """Time that an onset of the screen stands for, s."""
+    states = alarm.states
+    if place > 0:
+        return states[place].time_s - states[place - 1].time_s
+    gap = alarm.screen.gaps[0]
+    return gap * (states[1].time_s - states[0].time_s) / max(alarm.screen.gaps[1], 1) if len(states) > 1 else 0.1 * gap
+
+
+def _log_prior(each: Hypothesis, one: Contender, alarm: Alarm, params: Params) -> float:
+    """Log prior of a proposed event, but for the size of its forces, nats."""
+    priors, cause = params.priors, one.cause
+    place = 0 if cause.kind == Kind.JUMP else alarm.screen.onsets.index(one.onset)
+    seconds = _seconds(alarm, place)
+    if cause.kind == Kind.JUMP:
+        return log_rate(priors.payload_per_hour, seconds)
+    if cause.kind == Kind.LIES:
+        return log_rate(priors.reading_per_hour, seconds)
+    new = [jet for jet, sign in zip(cause.jets, cause.signs, strict=True) if (jet, sign) not in each.ways]
+    total = math.log(priors.together) * max(len(new) - 1, 0)
+    if new:
+        total += log_rate(priors.jet_per_hour * float(np.mean(params.rates[new])), seconds)
+        total += math.log1p(-priors.drifting)
+    for way in zip(cause.jets, cause.signs, strict=True):
+        if way in each.ways:
+            total += _log_change(way, each, seconds, priors)
+    return total
+
+
+def _log_change(way: tuple[int, int], each: Hypothesis, seconds: float, priors: Priors) -> float:
+    """Log probability that a known force changes within some time: rarely, or often if it is intermittent.
+
+    That it is intermittent is the likelier the more often it has changed.
+    """
+    onsets = [event.onset_s for event in each.events if way in event.cause.failures]
+    rare, often = priors.change_per_hour / 3600.0, _INTERMITTENT_PER_S
+    lasted, changes = each.run.state.time_s - onsets[0], len(onsets) - 1
+    odds = math.log(priors.intermittent / (1.0 - priors.intermittent))
+    odds += changes * math.log(often / rare) - (often - rare) * lasted
+    share = 1.0 / (1.0 + math.exp(-max(min(odds, 500.0), -500.0)))
+    return math.log(min((share * often + (1.0 - share) * rare) * seconds, 0.5))
+
+
+def _children(each: Hypothesis, one: Contender, prior: float, alarm: Alarm, params: Params) -> list[Hypothesis]:
+    """Hypotheses of a proposal, at their onsets: a jump at each of the screen's, for nobody knows when it was."""
+    if one.cause.kind != Kind.JUMP:
+        return [_child(each, one, prior, alarm, alarm.screen.onsets.index(one.onset), params)]
+    return [_child(each, one, prior, alarm, place, params) for place in range(len(alarm.screen.onsets))]
+
+
+def _child(
+    each: Hypothesis, one: Contender, prior: float, alarm: Alarm, place: int, params: Params
+) -> Hypothesis:
+    onset, state, score = alarm.screen.onsets[place], alarm.states[place], alarm.scores[place]
+    cause = one.cause
+    run = Runner(cause, onset, one.kicks, onset, state, score, cause.kind == Kind.LIES, share=one.share)
+    return _born(each, run, prior, params.joint)
+
+
+def _born(each: Hypothesis, run: Runner, prior: float, params: JointParams) -> Hypothesis:
+    """A child of a hypothesis, at its onset."""
+    opened_at, walks, state = each.opened_at.copy(), each.walks.copy(), run.state
+    slots = state.slot_jet.copy()
+    for way in run.cause.failures if run.cause.kind == Kind.JETS else ():
+        slot = slot_of(state._replace(slot_jet=slots), *way)
+        known = slots[slot] >= 0
+        slots[slot] = way[0]
+        opened_at[slot] = state.mean[params.places.force + slot] if known else np.nan
+        if known and sum(way in event.cause.failures for event in each.events) >= INTERMITTENT_AFTER:
+            walks[slot] = ANEW
+    before = state if run.cause.kind == Kind.JUMP else None
+    event = Event(run.cause, state.time_s, run.score, before)
+    return Hypothesis(
+        run, (*each.events, event), each.prior + prior, opened_at, walks, decided=each.decided, push=each.push
+    )
+
+
+INTERMITTENT_AFTER = 3  # changes, from which on anything is expected of a force at every interval
+
+
+def _may_drift(one: Contender, known: Array, params: Params) -> bool:
+    """Whether a single failure may be one whose force grows slowly from nothing."""
+    cause = one.cause
+    if cause.kind != Kind.JETS or len(cause.jets) != 1:
+        return False
+    column = cause.jets[0] + (params.joint.places.jets if cause.signs[0] < 0 else 0)
+    return bool(known[column] == 0.0 and params.priors.drifting > 0.0)
+
+
+def _drifting(each: Hypothesis, one: Contender, alarm: Alarm, params: Params) -> Hypothesis:
+    """A single failure as one whose force grows slowly from nothing."""
+    priors, place = params.priors, alarm.screen.onsets.index(one.onset)
+    seconds = _seconds(alarm, place)
+    rate = priors.jet_per_hour * float(params.rates[one.cause.jets[0]])
+    prior = log_rate(rate, seconds) + math.log(priors.drifting)
+    start = DRIFT * seconds * float(params.joint.thrusts[one.cause.jets[0]])
+    onset = alarm.screen.onsets[place]
+    run = Runner(one.cause, onset, (), onset, alarm.states[place], alarm.scores[place], expected=((0.0, start),))
+    child = _born(each, run, prior, params.joint)
+    walks = child.walks.copy()
+    walks[slot_of(run.state, one.cause.jets[0], one.cause.signs[0])] = DRIFT
+    return child._replace(walks=walks)
+
+
+def _pushed(each: Hypothesis, push: float, alarm: Alarm, params: Params) -> Hypothesis:
+    """The hypothesis that something unknown pushes from the screen's first onset on."""
+    onset, state, score = alarm.screen.onsets[0], alarm.states[0], alarm.scores[0]
+    prior = log_rate(params.priors.unknown_per_hour, _seconds(alarm, 0)) - math.log(len(_PUSHES))
+    run = Runner(Cause(Kind.UNKNOWN), onset, (), onset, state, score)
+    return _born(each, run, prior, params.joint)._replace(push=push)
+
+
+def released(each: Hypothesis, duration_s: float, params: JointParams) -> Hypothesis:
+    """The hypothesis that what pushed has ceased to with the newest sample."""
+    run = each.run
+    fresh = Runner(Cause(Kind.UNKNOWN), run.cycle, (), run.cycle, run.state, run.score)
+    return _born(each, fresh, math.log(_ENDS_PER_S * duration_s), params)._replace(push=0.0)
