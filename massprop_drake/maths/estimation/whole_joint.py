@@ -246,7 +246,7 @@ def _watched(kept: Memory, desk: Desk, row: int, params: JointParams) -> tuple[M
     likelihood = 0.0
     if found.some:
         likelihood = found.tested.likelihood.max()
-        if alarming(likelihood, found.tested.total.max(), settled(after, params), (rules.trigger_jet, rules.trigger)):
+        if alarming(likelihood, found.tested.total.max()):
             return kept, False
     _remember(desk.past, after, found, cycle)
     _log(desk.rows, row, impulses, done, params)

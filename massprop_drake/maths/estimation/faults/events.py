@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.faults.priors import Params, force_correction
+from massprop_drake.maths.estimation.faults.priors import Params, force_correction, log_possible
 from massprop_drake.maths.estimation.joint.cycle import Sample, restart
 from massprop_drake.maths.estimation.joint.hypotheses import (
     NO_SCORE,
@@ -118,9 +118,12 @@ def weighed(each: Hypothesis, params: Params) -> Hypothesis:
     """The hypothesis with its log weight: likelihood, prior of its events, and what its forces are worth."""
     total, state = each.run.score.likelihood + each.prior, each.run.state
     if each.run.age > 0:
-        for slot in np.flatnonzero((state.slot_jet >= 0) & (each.walks == 0.0)).tolist():
+        for slot in np.flatnonzero((state.slot_jet >= 0) & (each.walks != ANEW)).tolist():
             force, sigma = force_of(state, slot, params.joint)
             thrust, about = float(params.joint.thrusts[int(state.slot_jet[slot])]), float(each.opened_at[slot])
+            if each.walks[slot] > 0.0:
+                total += log_possible(force, sigma, thrust)
+                continue
             total += force_correction(
                 force,
                 sigma,

@@ -19,6 +19,7 @@ _HOUR_S = 3600.0
 _FULL_SPREAD = 0.03  # of full thrust, 1 sigma: of a jet that is stuck
 _LEAST_LEAK = 1e-3  # of full thrust: a smaller leak is none
 _MOST = 1.05  # of full thrust: no jet gives more
+_FAR = 30.0  # sigmas: from there on a normal tail by its asymptote
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(15)  # of a standard normal variable
 _LOG_ROOT_2_PI = 0.5 * math.log(2.0 * math.pi)
 
@@ -107,6 +108,19 @@ def force_correction(
     for at, share in peaks:
         total += share * _at(at, opened_at, force / thrust, sigma / thrust)
     return math.log(total) if total > 0.0 else -math.inf
+
+
+def log_possible(force: float, sigma: float, thrust: float) -> float:
+    """Log probability that a force N(force, sigma^2) is one that a jet can give, nats."""
+    low, high = force / sigma, (_MOST * thrust - force) / sigma
+    return _log_tail(low) + _log_tail(high)
+
+
+def _log_tail(z: float) -> float:
+    """Log probability that a standard normal variable is below z."""
+    if z > -_FAR:
+        return math.log(0.5 * math.erfc(-z / math.sqrt(2.0)))
+    return -0.5 * z**2 - _LOG_ROOT_2_PI - math.log(-z)
 
 
 def _at(at: float, opened_at: float, share: float, width: float) -> float:

@@ -40,6 +40,7 @@ _SHARE = 0.7  # of the largest statistic: older onsets explain the end point as 
 _SINGLES, _PAIRS = 12, 24  # proposals of a draw: compute budget
 _DRIFTS = 4  # of the likeliest single failures, as drifting ones: compute budget
 _NEAR = 20.0  # nats of first order within which proposals are followed: what is less likely counts as unheard
+_OFF = 0.05  # of the largest lead, by which the first order may be off: a linearization
 _PUSHES = (1.0, 0.1, 0.01)  # of an unknown push, in what all jets give
 _INTERMITTENT_PER_S = 1.0  # changes of an intermittent force
 _ENDS_PER_S = 1.0  # of an unknown push
@@ -93,10 +94,18 @@ class Watch(NamedTuple):
 
 
 class Birth(NamedTuple):
-    """A proposal on its way from its onset to now, with its weight to first order, and the alarm that it is of."""
+    """A proposal on its way from its onset to now.
+
+    Attributes:
+        child: its hypothesis.
+        ahead: by how much it was ahead of the likeliest hypothesis when it was drawn, to first order, nats.
+        doubt: by which the first order may be off, nats.
+        origin: alarm that it is of.
+    """
 
     child: Hypothesis
-    first_order: float
+    ahead: float
+    doubt: float
     origin: object
 
 
@@ -174,11 +183,14 @@ def _alarm(bank: Bank, records: tuple[Record, ...], index: int, cycle: int, para
 # -------------------------------------------------------------------------------------------- draws
 
 
-def drawn(each: Hypothesis, cycle: int, there: set[object], params: Params) -> tuple[list[Birth], float]:
+def drawn(
+    each: Hypothesis, best: float, cycle: int, there: set[object], params: Params
+) -> tuple[list[Birth], float]:
     """Proposals of an alarm that are not there yet, and how likely what it leaves is, over what it opens.
 
     Args:
         each: the hypothesis, with an alarm.
+        best: log weight of the likeliest hypothesis.
         cycle: number of the newest sample.
         there: keys, with onsets, of hypotheses and proposals that there are.
         params: see `Params`.
@@ -196,24 +208,25 @@ def drawn(each: Hypothesis, cycle: int, there: set[object], params: Params) -> t
     order = sorted(range(len(found)), key=lambda index: -worth[index])
     singles = [index for index in order if len(found[index].cause.jets) <= 1][:_SINGLES]
     pairs = [index for index in order if len(found[index].cause.jets) == 2][:_PAIRS]
-    best = max((worth[index] for index in (*singles, *pairs)), default=0.0)
-    near = max(_NEAR, 0.05 * best)
-    chosen = [index for index in (*singles, *pairs) if worth[index] > best - near]
-    entry = alarm.scores[0].likelihood + each.prior - 0.5 * alarm.screen.misfit
-    births = []
-    for index in chosen:
-        for child in _children(each, found[index], priors[index], alarm, params):
-            births.append(Birth(child, entry + worth[index], (each.key, alarm.cycle)))
-    drifts = [index for index in singles if index in chosen and _may_drift(found[index], known, params)][:_DRIFTS]
-    for index in drifts:
+    top = max((worth[index] for index in (*singles, *pairs)), default=0.0)
+    doubt, origin = max(_NEAR, _OFF * top), (each.key, alarm.cycle)
+    chosen = [index for index in (*singles, *pairs) if worth[index] > top - doubt]
+    entry = alarm.scores[0].likelihood + each.prior - 0.5 * alarm.screen.misfit - best
+    births = [
+        Birth(child, entry + worth[index], doubt, origin)
+        for index in chosen
+        for child in _children(each, found[index], priors[index], alarm, params)
+    ]
+    for index in [index for index in singles if index in chosen and _may_drift(found[index], known, params)][:_DRIFTS]:
         child = _drifting(each, found[index], alarm, params)
-        births.append(Birth(child, entry + worth[index] + child.prior - each.prior - priors[index], (each.key, alarm.cycle)))
+        ahead = entry + worth[index] + child.prior - each.prior - priors[index]
+        births.append(Birth(child, ahead, doubt, origin))
     for push in _PUSHES:
         child = _pushed(each, push, alarm, params)
         spent = _NATS_OF_A_PUSH * (cycle - alarm.screen.onsets[0]) * (1.0 + 0.3 * math.log10(push))
-        births.append(Birth(child, alarm.scores[0].likelihood + child.prior - spent, (each.key, alarm.cycle)))
+        births.append(Birth(child, alarm.scores[0].likelihood + child.prior - spent - best, _NEAR, origin))
     births = [birth for birth in births if (born_key(birth.child), birth.child.run.onset) not in there]
-    left = sum(math.exp(min(worth[index] - best, 0.0)) for index in order if index not in chosen)
+    left = sum(math.exp(min(worth[index] - top, 0.0)) for index in order if index not in chosen)
     return births, left
 
 

@@ -123,7 +123,7 @@ def _proposed(tree: Tree, params: Params) -> Tree:
     """The tree with proposals of every alarm that is due to be drawn from, and of pushes that may have ended."""
     births, hypotheses, more = list(tree.births), [], []
     sample, over = tree.samples[-1]
-    now_s = sample.time_s
+    now_s, best = sample.time_s, max(each.weight for each in tree.hypotheses)
     for each in tree.hypotheses:
         age = each.run.age
         if each.push > 0.0 and age > 0 and age & (age - 1) == 0:
@@ -137,7 +137,7 @@ def _proposed(tree: Tree, params: Params) -> Tree:
             births = [birth for birth in births if birth.origin != (each.key, alarm.cycle)]
             there: set[object] = {(born_key(other), other.run.onset) for other in tree.hypotheses}
             there |= {(born_key(birth.child), birth.child.run.onset) for birth in births}
-            fresh, unheard = drawn(each, tree.cycle, there, params)
+            fresh, unheard = drawn(each, best, tree.cycle, there, params)
             births += fresh
             alarm = alarm._replace(drawn=age, unheard=unheard)
             if age == 0:
@@ -147,7 +147,7 @@ def _proposed(tree: Tree, params: Params) -> Tree:
                 watch=each.watch._replace(alarm=alarm if now_s <= until_s else None), root_until_s=until_s
             )
         )
-    births.sort(key=lambda birth: -birth.first_order)
+    births.sort(key=lambda birth: -birth.ahead)
     return tree._replace(hypotheses=(*hypotheses, *more), births=tuple(births))
 
 
@@ -191,7 +191,7 @@ def _pruned(tree: Tree, now_s: float, params: Params) -> Tree:
         more = math.log1p(math.exp(each.weight - same.weight))
         kept[each.key] = same._replace(prior=same.prior + more, weight=same.weight + more)
     likely = [each for place, each in enumerate(kept.values()) if place < _MOST or now_s <= each.root_until_s]
-    births = tuple(birth for birth in tree.births if birth.first_order > best - _BEHIND)
+    births = tuple(birth for birth in tree.births if birth.ahead + birth.doubt > -_BEHIND)
     return tree._replace(hypotheses=tuple(likely), births=births)
 
 

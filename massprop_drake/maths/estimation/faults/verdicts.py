@@ -169,8 +169,7 @@ def judged(verdicts: Verdicts, tree: Tree, params: Params) -> tuple[Verdicts, tu
 
 def _unheard(tree: Tree, params: Params) -> float:
     """Probability of what waits, or has been left to first order."""
-    best = tree.leader.weight
-    waits = sum(math.exp(min(birth.first_order - best, 0.0)) for birth in tree.births)
+    waits = sum(math.exp(min(birth.ahead + birth.doubt, 0.0)) for birth in tree.births)
     left = max((each.watch.alarm.unheard for each in tree.hypotheses if each.watch and each.watch.alarm), default=0.0)
     total = waits + left
     return total / (1.0 + total)
