@@ -799,9 +799,7 @@ class ThrustFactorsBlock(Model):
     )
 
 
-DetectorBlock = Annotated[
-    CglrBlock | CusumBlock | HypothesesBlock | ThrustFactorsBlock, Field(discriminator="kind")
-]
+DetectorBlock = Annotated[CglrBlock | CusumBlock | HypothesesBlock | ThrustFactorsBlock, Field(discriminator="kind")]
 
 
 class ExecutionBlock(Model):

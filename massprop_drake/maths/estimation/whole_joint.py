@@ -3,7 +3,7 @@
 Nothing happens in most cycles: the filter goes on, the bank of onsets is carried with it, and the test finds nothing.
 What such a cycle keeps stays within a `kernels.Holder` and in arrays that are written in place, and what is logged of
 it goes straight into rows. A cycle that is anything else is not taken: it is left to the parts, `cycle.step`, which
-begin with what `Watch.state` makes of these.
+begin with what `Quiet.state` makes of these.
 
 All compiled code of the joint filter is one function, `work`, of whose parts Python asks for one at a time: machine
 code is made of each kernel once, and not for each of its callers.
@@ -21,8 +21,10 @@ from numpy.typing import NDArray
 from massprop_drake.maths.arrays import Layout
 from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationState
 from massprop_drake.maths.estimation.detector import STATUS
-from massprop_drake.maths.estimation.faults import report as faults
-from massprop_drake.maths.estimation.faults.proposals import alarming
+from massprop_drake.maths.estimation.faults import detector as faults
+from massprop_drake.maths.estimation.faults.proposals import ALARM, Record, Watch, alarming
+from massprop_drake.maths.estimation.faults.report import HYPOTHESIS_REPORT, nothing_said
+from massprop_drake.maths.estimation.faults.tree import Tree
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import (
     JointFilterState,
@@ -54,6 +56,7 @@ from massprop_drake.maths.estimation.joint.cycle import (
     gone_over,
     initial,
 )
+from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Score
 from massprop_drake.maths.estimation.joint.layout import (
     JointParams,
     JointState,
@@ -70,7 +73,7 @@ from massprop_drake.maths.kernels import chosen, fill, held, kernel, released, s
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
 from massprop_drake.maths.vehicle.thrust import LagFactors, lag_factors
 
-WATCH, CYCLE, FOLLOW, GO_OVER = range(4)  # parts of `work`
+GO_ON, CYCLE, FOLLOW, GO_OVER = range(4)  # parts of `work`
 _LINKS = OLDEST + 2  # that are kept: the oldest onset's, and those since
 _TESTED, _LIKELIHOOD = (STATUS.slice(name).start for name in ("tested", "suspected_likelihood"))
 
@@ -84,7 +87,7 @@ class Memory(NamedTuple):
         estimate, covariance: see `JointFilterState`.
         since: see `bank.Since`.
         command, level: see `cycle.EstimationState`.
-        cycle, commanded: see `multi_hypothesis.State`.
+        cycle: number of the newest sample.
     """
 
     joint: JointState
@@ -95,7 +98,6 @@ class Memory(NamedTuple):
     command: Array
     level: Array
     cycle: float
-    commanded: Array
 
 
 class Past(NamedTuple):
@@ -130,15 +132,12 @@ class Rules(NamedTuple):
 
     Attributes:
         period_s, impulse_per_level, lag: see `cycle.EstimationParams`.
-        trigger_jet, trigger: see `HypothesisParams`.
         detector_row, hypothesis_row: what is logged of the detector where nothing is found.
     """
 
     period_s: float
     impulse_per_level: Array
     lag: LagFactors
-    trigger_jet: float
-    trigger: float
     detector_row: Array
     hypothesis_row: Array
 
@@ -180,11 +179,11 @@ def work(part: int, asked: Any, following: Any, memory: Any, desk: Any, holder: 
     """A part of the joint filter's work.
 
     Args:
-        part: WATCH: see `watch`; CYCLE: see `cycle.cycled`; FOLLOW: see `bank.followed`; GO_OVER: see
+        part: GO_ON: see `watch`; CYCLE: see `cycle.cycled`; FOLLOW: see `bank.followed`; GO_OVER: see
             `cycle.gone_over`.
         asked: holder of `Asked`, for CYCLE and GO_OVER.
         following: holder of `bank.Following`, for FOLLOW.
-        memory, desk: holders of `Memory` and `Desk`, for WATCH.
+        memory, desk: holders of `Memory` and `Desk`, for GO_ON.
         holder: of the parameters.
 
     Returns:
@@ -192,7 +191,7 @@ def work(part: int, asked: Any, following: Any, memory: Any, desk: Any, holder: 
     """
     params = holder.value
     one = found = over = None
-    if part == WATCH:
+    if part == GO_ON:
         watch(memory, desk.value, params)
     elif part == FOLLOW:
         told = following.value
@@ -242,7 +241,7 @@ def _watched(kept: Memory, desk: Desk, row: int, params: JointParams) -> tuple[M
         return kept, False
     seen = traced(kept.joint.mean, course_of(done), sample)
     roots, cycle = Roots(desk.past.roots, desk.past.places), kept.cycle + 1.0
-    found = followed(kept.since, roots, seen, cycle, min(rules.trigger_jet, rules.trigger), params)
+    found = followed(kept.since, roots, seen, cycle, ALARM, params)
     likelihood = 0.0
     if found.some:
         likelihood = found.tested.likelihood.max()
@@ -256,8 +255,7 @@ def _watched(kept: Memory, desk: Desk, row: int, params: JointParams) -> tuple[M
     desk.rows.hypothesis_report[row] = rules.hypothesis_row
     clock = started(stamp_s, command)
     estimate, covariance = done.estimate.copy(), done.covariance.copy()
-    commanded = kept.commanded + (command > 0.0)
-    return Memory(after, clock, estimate, covariance, found.since, command, impulses.level, cycle, commanded), True
+    return Memory(after, clock, estimate, covariance, found.since, command, impulses.level, cycle), True
 
 
 @kernel
@@ -323,7 +321,7 @@ class Work:
 
     def watch(self, memory: Any, desk: Any) -> None:
         """See `watch`; both are holders."""
-        self._work(WATCH, self._no_asked, self._no_following, memory, desk, self._params)
+        self._work(GO_ON, self._no_asked, self._no_following, memory, desk, self._params)
 
     def cycled(self, cycling: Cycling) -> Cycled:
         """See `cycle.cycled`."""
@@ -370,7 +368,7 @@ def _no_following(places: Places, sample: Sample) -> Following:
 
 def _no_memory(state: JointState, places: Places) -> Memory:
     clock, none, since = started(0.0, state.level), np.zeros(places.jets), Since(*empty(places)[1:])
-    return Memory(state, clock, np.zeros(10), np.zeros((10, 10)), since, none, none, 0.0, none)
+    return Memory(state, clock, np.zeros(10), np.zeros((10, 10)), since, none, none, 0.0)
 
 
 def _no_past(places: Places) -> Past:
@@ -381,7 +379,7 @@ def _no_past(places: Places) -> Past:
 
 def _no_desk(places: Places) -> Desk:
     samples, nothing = one_sample(places.gyros, places.accelerometers, places.jets), np.zeros(1)
-    rules = Rules(1.0, np.zeros((places.jets, 6)), lag_factors(np.zeros(places.jets), 1.0), 0.0, 0.0, nothing, nothing)
+    rules = Rules(1.0, np.zeros((places.jets, 6)), lag_factors(np.zeros(places.jets), 1.0), nothing, nothing)
     rows, reached = Rows(*[np.zeros((1, 1))] * len(Rows._fields)), np.zeros(2, dtype=np.int_)
     return Desk(samples, np.zeros(1), rows, reached, _no_past(places), rules)
 
@@ -394,7 +392,7 @@ def _link_layout(places: Places) -> Layout:
 # --------------------------------------------------------------------------------------- taken up and left
 
 
-class Watch:
+class Quiet:
     """Cycles in which nothing happens, between such as are left to `cycle.step`.
 
     Args:
@@ -412,15 +410,12 @@ class Watch:
         self._places, self._compiled = joint.places, compiled
         self._past, self._reached = _no_past(joint.places), np.zeros(2, dtype=np.int_)
         jets = joint.places.jets
-        judge = made.detector_params
         self._rules = Rules(
             made.period_s,
             np.ascontiguousarray(made.impulse_per_level),
             made.lag,
-            judge.trigger_jet,
-            judge.trigger,
             np.zeros(STATUS.size + 4 * jets),
-            faults.HYPOTHESIS_REPORT.sized(jets=jets).pack(faults.nothing_said(jets)),
+            HYPOTHESIS_REPORT.sized(jets=jets).pack(nothing_said(jets)),
         )
         self._cycles: deque[Sample | tuple[Samples, int]] = deque(maxlen=_LINKS)  # of the history, by row or as it was
 
@@ -433,21 +428,21 @@ class Watch:
     def take_up(self, state: EstimationState) -> None:
         """Goes on from a state, if nothing is happening in it."""
         filtered, detector = state.filter, state.detector
-        self.on = _is_quiet(filtered, detector.method)
+        self.on = _is_quiet(filtered, detector.tree)
         if not self.on:
             return
-        bank, history = detector.method.bank, detector.method.history
-        self._before = state
+        tree: Tree = detector.tree
+        watch: Watch = tree.leader.watch
+        self._before, bank, records = state, watch.bank, watch.records[-_LINKS:]
         for place, each in enumerate(bank.states):
             self._past.states[place], self._past.roots[place] = pack(each, self._places), each.root
         self._past.places[:] = np.arange(ONSETS)
         layout = _link_layout(self._places)
-        first = history.last - len(history.records) + 1
         self._cycles.clear()
-        for number, record in enumerate(history.records[-_LINKS:], start=max(first, history.last - _LINKS + 1)):
+        for number, record in enumerate(records, start=tree.cycle - len(records) + 1):
             self._past.links[number % _LINKS] = layout.pack(record.link)
             self._cycles.append(record.sample)
-        fill(self._rules.detector_row, hypotheses.unremarkable(detector))
+        fill(self._rules.detector_row, faults.unremarkable(detector))
         memory = Memory(
             filtered.joint,
             filtered.clock,
@@ -456,8 +451,7 @@ class Watch:
             Since(*bank[1:]),
             state.command,
             state.level,
-            float(detector.method.cycle),
-            detector.method.commanded,
+            float(tree.cycle),
         )
         self._memory = held(memory, self._compiled)
 
@@ -478,22 +472,24 @@ class Watch:
         states = self._past.states.copy()
         onsets = tuple(unpack(states[places[index]], self._places) for index in range(since.cycles.size))
         before = self._before.detector
-        method = before.method._replace(
-            cycle=cycle,
-            bank=Bank(onsets, *since),
-            history=History(cycle, self._records(cycle, cycle - int(since.cycles[0]) + 1)),
-            commanded=kept.commanded,
-        )
+        records = self._records(cycle)
+        leader = before.tree.leader
+        run = leader.run._replace(state=kept.joint, cycle=cycle, score=records[-1].score)
+        of_bank = records[-(cycle - int(since.cycles[0]) + 1) :]
+        leader = leader._replace(run=run, weight=run.score.likelihood, watch=Watch(Bank(onsets, *since), of_bank))
+        tree = Tree(cycle, (leader,), samples=tuple((record.sample, record.link) for record in records))
         filtered = JointFilterState(kept.joint, kept.clock, kept.estimate, kept.covariance, starts.OVER)
-        return EstimationState(kept.command, kept.level, filtered, before._replace(method=method))
+        return EstimationState(kept.command, kept.level, filtered, before._replace(tree=tree))
 
-    def _records(self, cycle: int, count: int) -> tuple[Record, ...]:
-        """The last cycles."""
-        layout, links = _link_layout(self._places), self._past.links.copy()
-        count = min(count, len(self._cycles))
-        seen = list(self._cycles)[len(self._cycles) - count :]
-        rows = [links[number % _LINKS] for number in range(cycle - count + 1, cycle + 1)]
-        return tuple(Record(self._sample(each), Link(*layout.read(row))) for each, row in zip(seen, rows, strict=True))
+    def _records(self, cycle: int) -> tuple[Record, ...]:
+        """The last cycles; scores count from the first of them."""
+        layout, links, score = _link_layout(self._places), self._past.links.copy(), NO_SCORE
+        seen, found = list(self._cycles), []
+        for number, each in enumerate(seen, start=cycle - len(seen) + 1):
+            over = Link(*layout.read(links[number % _LINKS]))
+            score = score.plus(Score(over.log_likelihood, over.nis, over.degrees))
+            found.append(Record(self._sample(each), over, score))
+        return tuple(found)
 
     def _sample(self, each: Sample | tuple[Samples, int]) -> Sample:
         if isinstance(each, Sample):
@@ -516,23 +512,23 @@ class Watch:
 def covers(made: EstimationParams) -> bool:
     """Whether the kernel does what most cycles are to do."""
     return (
-        False
-        and made.filter is joint.FILTER
+        made.filter is joint.FILTER
+        and made.detector is faults.DETECTOR
         and made.filter_params.joint.compiled is not None
         and made.filter_params.joint.places.accelerometers > 0
     )
 
 
-def _is_quiet(filtered: JointFilterState, method: Any) -> bool:
-    """Whether the next cycle may be one in which nothing happens: no start, no race, and nothing to follow."""
+def _is_quiet(filtered: JointFilterState, tree: Tree) -> bool:
+    """Whether the next cycle may be one in which nothing happens: no start, no event, and no alarm."""
     clock = filtered.clock
+    if len(tree.hypotheses) != 1 or tree.births or not filtered.joint.guarded or filtered.start.under_way:
+        return False
+    watch: Watch | None = tree.leader.watch
     return (
-        filtered.joint.guarded
-        and not filtered.start.under_way
-        and not method.early.under_way
-        and method.race is None
-        and bool(method.bank.states)
-        and method.earlier is None
+        not tree.leader.events
+        and watch is not None
+        and watch.alarm is None
+        and bool(watch.bank.states)
         and not (clock.lost or clock.off or np.isnan(clock.earlier).any())
-        and not (method.members.any() or method.lying.any() or method.erratic.any())
     )

@@ -16,7 +16,7 @@ from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, Detector, J
 from massprop_drake.maths.estimation.faults.declarations import Declaration, JetsDeclared, Word
 from massprop_drake.maths.estimation.faults.events import force_of
 from massprop_drake.maths.estimation.faults.priors import Params, Priors
-from massprop_drake.maths.estimation.faults.report import HYPOTHESIS_REPORT, own_row, status_row
+from massprop_drake.maths.estimation.faults.report import HYPOTHESIS_REPORT, certain, own_row, status_row
 from massprop_drake.maths.estimation.faults.saved import restored, saved
 from massprop_drake.maths.estimation.faults.tree import Tree, advance
 from massprop_drake.maths.estimation.faults.verdicts import Verdicts, judged, odds
@@ -100,6 +100,13 @@ def _declared(verdicts: Verdicts, tree: Tree, params: JointParams) -> tuple[Arra
             found, sigma = force_of(state, slot_of(state, jet, sign), params)
             force[jet], variance[jet] = max(found, 0.0), sigma**2
     return force, variance
+
+
+def unremarkable(state: State) -> tuple[Any, ...]:
+    """What all detectors log of a cycle in which nothing happens: of `STATUS`, and of each jet."""
+    n = state.force.size
+    nothing = np.full(n, np.nan)
+    return (*status_row((), certain(n), tested=False, statistic=0.0), nothing, nothing, state.force, state.variance)
 
 
 def _removed(removed: Array, said: tuple[Declaration, ...]) -> Array:

@@ -34,7 +34,7 @@ from massprop_drake.maths.estimation.joint.sensitivity import Link, Traces, link
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
 
-_ALARM = 22.0  # GLR of a single jet, chi-square of one degree: once in 4e5 samples of a jet
+ALARM = 22.0  # GLR of a single jet, chi-square of one degree: once in 4e5 samples of a jet
 _ALARM_ANY = 40.0  # of anything, chi-square of six degrees: once in 2e6
 _SHARE = 0.7  # of the largest statistic: older onsets explain the end point as well
 _SINGLES, _PAIRS = 12, 24  # proposals of a draw: compute budget
@@ -116,7 +116,7 @@ def alarming(likelihood: float, total: float) -> bool:
     Args:
         likelihood, total: largest GLR of a jet, and of anything.
     """
-    return likelihood > _ALARM or total > _ALARM_ANY
+    return likelihood > ALARM or total > _ALARM_ANY
 
 
 def watched(each: Hypothesis, evidence: JointEvidence, cycle: int, params: JointParams) -> Hypothesis:
@@ -136,7 +136,7 @@ def watched(each: Hypothesis, evidence: JointEvidence, cycle: int, params: Joint
     watch = each.watch or Watch(banks.empty(params.places), ())
     seen = traces(evidence.before, evidence.report, sample)
     seen = _uncertain(seen, evidence.before, np.minimum(each.walks * seen.duration_s, 1.0), params)
-    over, found, tested, bank = banks.followed_on(watch.bank, seen, evidence.after, cycle, _ALARM, params)
+    over, found, tested, bank = banks.followed_on(watch.bank, seen, evidence.after, cycle, ALARM, params)
     record, statistic = Record(sample, over, score), 0.0
     records = (*watch.records, record)
     alarm = watch.alarm
@@ -183,9 +183,7 @@ def _alarm(bank: Bank, records: tuple[Record, ...], index: int, cycle: int, para
 # -------------------------------------------------------------------------------------------- draws
 
 
-def drawn(
-    each: Hypothesis, best: float, cycle: int, there: set[object], params: Params
-) -> tuple[list[Birth], float]:
+def drawn(each: Hypothesis, best: float, cycle: int, there: set[object], params: Params) -> tuple[list[Birth], float]:
     """Proposals of an alarm that are not there yet, and how likely what it leaves is, over what it opens.
 
     Args:
@@ -201,10 +199,16 @@ def drawn(
     free = int((state.slot_jet < 0).sum())
     allowed = ((params.allowed if free > 0 else np.zeros_like(known)) + known) > 0.0
     found = screens.contenders(alarm.screen, allowed, known, joint)
-    new = [sum(known[jet + (joint.places.jets if sign < 0 else 0)] == 0.0 for jet, sign in one.cause.failures) for one in found]
+    new = [
+        sum(known[jet + (joint.places.jets if sign < 0 else 0)] == 0.0 for jet, sign in one.cause.failures)
+        for one in found
+    ]
     found = [one for one, needed in zip(found, new, strict=True) if needed <= free]
     priors = [_log_prior(each, one, alarm, params) for one in found]
-    worth = [one.lead + prior + PAIR_PRIOR * max(len(one.cause.jets) - 1, 0) for one, prior in zip(found, priors, strict=True)]
+    worth = [
+        one.lead + prior + PAIR_PRIOR * max(len(one.cause.jets) - 1, 0)
+        for one, prior in zip(found, priors, strict=True)
+    ]
     order = sorted(range(len(found)), key=lambda index: -worth[index])
     singles = [index for index in order if len(found[index].cause.jets) <= 1][:_SINGLES]
     pairs = [index for index in order if len(found[index].cause.jets) == 2][:_PAIRS]
@@ -233,7 +237,15 @@ def drawn(
 def born_key(child: Hypothesis) -> object:
     """By which proposals are the same: what happens, and what their newest event is like."""
     cause = child.run.cause
-    return (frozenset(child.parts), cause.jets, cause.signs, cause.on_top, tuple(child.walks), child.push, child.run.share)
+    return (
+        frozenset(child.parts),
+        cause.jets,
+        cause.signs,
+        cause.on_top,
+        tuple(child.walks),
+        child.push,
+        child.run.share,
+    )
 
 
 def _seconds(alarm: Alarm, place: int) -> float:
@@ -286,9 +298,7 @@ def _children(each: Hypothesis, one: Contender, prior: float, alarm: Alarm, para
     return [_child(each, one, prior, alarm, place, params) for place in range(len(alarm.screen.onsets))]
 
 
-def _child(
-    each: Hypothesis, one: Contender, prior: float, alarm: Alarm, place: int, params: Params
-) -> Hypothesis:
+def _child(each: Hypothesis, one: Contender, prior: float, alarm: Alarm, place: int, params: Params) -> Hypothesis:
     onset, state, score = alarm.screen.onsets[place], alarm.states[place], alarm.scores[place]
     cause = one.cause
     run = Runner(cause, onset, one.kicks, onset, state, score, cause.kind == Kind.LIES, share=one.share)

@@ -110,7 +110,12 @@ def own_row(said: tuple[Declaration, ...], odds: Odds, history: History | None =
     told = _told(said, odds.jets.size) if said else _nothing_told(odds.jets.size)
     of_jets = {"fault_probability": odds.jets, "fault_mode": odds.modes}
     of_jets |= {"fault_force": odds.forces, "fault_force_std": odds.sigmas}
-    row = {"racing": float(odds.hypotheses > 1), "hypotheses": odds.hypotheses, "none_probability": odds.none, "unknown_probability": odds.unknown}
+    row = {
+        "racing": float(odds.hypotheses > 1),
+        "hypotheses": odds.hypotheses,
+        "none_probability": odds.none,
+        "unknown_probability": odds.unknown,
+    }
     if history is not None:
         score = history.score
         row |= {"history_since": history.since_s, "history_rotation_nis": score.gyro_nis}

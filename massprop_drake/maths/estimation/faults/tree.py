@@ -143,9 +143,7 @@ def _proposed(tree: Tree, params: Params) -> Tree:
             if age == 0:
                 until_s = max(until_s, now_s + _ROOT_S)
         hypotheses.append(
-            each._replace(
-                watch=each.watch._replace(alarm=alarm if now_s <= until_s else None), root_until_s=until_s
-            )
+            each._replace(watch=each.watch._replace(alarm=alarm if now_s <= until_s else None), root_until_s=until_s)
         )
     births.sort(key=lambda birth: -birth.ahead)
     return tree._replace(hypotheses=(*hypotheses, *more), births=tuple(births))

@@ -152,7 +152,10 @@ def judged(verdicts: Verdicts, tree: Tree, params: Params) -> tuple[Verdicts, tu
     verdicts, said = _withdrawn(verdicts, jets, now_s)
     open_to = {way: share for way, share in jets.items() if way not in verdicts.ways}
     counts, held = dict(verdicts.held), {}
-    for part, share in (*open_to.items(), *((part, share) for part, share in others.items() if part not in verdicts.others)):
+    for part, share in (
+        *open_to.items(),
+        *((part, share) for part, share in others.items() if part not in verdicts.others),
+    ):
         if share * (1.0 - unheard) >= enough:
             held[part] = counts.get(part, 0) + 1
     verdicts = verdicts._replace(held=tuple(held.items()))
@@ -181,9 +184,7 @@ def _is_settled(tree: Tree) -> bool:
     return watch is not None and watch.alarm is None and not tree.births
 
 
-def _withdrawn(
-    verdicts: Verdicts, jets: dict[Way, float], now_s: float
-) -> tuple[Verdicts, list[Declaration]]:
+def _withdrawn(verdicts: Verdicts, jets: dict[Way, float], now_s: float) -> tuple[Verdicts, list[Declaration]]:
     """Declarations that are taken back: what was declared has become unlikely."""
     gone = [one for one in verdicts.jets if jets.get(one.way, 0.0) < 0.5]
     said: list[Declaration] = [
@@ -283,7 +284,9 @@ def _known_now(verdicts: Verdicts, tree: Tree, params: JointParams) -> tuple[Ver
             kept.append(one)
             continue
         force, sigma = force_of(now, slot, params)
-        if abs(force - one.force) > max(_SIGNIFICANT * math.hypot(sigma, one.sigma), _CHANGE * params.thrusts[one.way[0]]):
+        if abs(force - one.force) > max(
+            _SIGNIFICANT * math.hypot(sigma, one.sigma), _CHANGE * params.thrusts[one.way[0]]
+        ):
             one = one._replace(force=force, sigma=sigma, changes=one.changes + 1)
             word = Word.ERRATIC if one.changes >= INTERMITTENT_AFTER else Word.CHANGED
             event = next(event for event in reversed(leader.events) if one.way in event.cause.failures)

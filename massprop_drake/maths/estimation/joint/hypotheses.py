@@ -309,9 +309,7 @@ def misfits(report: Report, component: int, params: JointParams) -> bool:
     return not bool(abs(course.expected.innovation[component]) <= _LIES * deviation)
 
 
-def stepped(
-    run: Runner, sample: Sample, over: Link, erratic: np.ndarray, push: float, params: JointParams
-) -> Runner:
+def stepped(run: Runner, sample: Sample, over: Link, erratic: np.ndarray, push: float, params: JointParams) -> Runner:
     """A filter after one more cycle.
 
     Args:
