@@ -17,8 +17,8 @@ from massprop_drake.inputs.scenario import Scenario, check_against_vehicle
 from massprop_drake.inputs.vehicle import SensorPackage, Vehicle
 from massprop_drake.maths.estimation import cycle, whole
 from massprop_drake.maths.estimation.detector import Event
-from massprop_drake.maths.estimation.faults.report import named
 from massprop_drake.maths.estimation.faults.declarations import Word
+from massprop_drake.maths.estimation.faults.report import named
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.maths.mass_properties import converged_rows
 from massprop_drake.maths.possible_inertia import nearest_possible

@@ -22,7 +22,7 @@ from massprop_drake.maths.arrays import Layout
 from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationState
 from massprop_drake.maths.estimation.detector import STATUS
 from massprop_drake.maths.estimation.faults import detector as faults
-from massprop_drake.maths.estimation.faults.proposals import ALARM, Record, Watch, alarming
+from massprop_drake.maths.estimation.faults.proposals import Record, Watch
 from massprop_drake.maths.estimation.faults.report import HYPOTHESIS_REPORT, nothing_said
 from massprop_drake.maths.estimation.faults.tree import Tree
 from massprop_drake.maths.estimation.filters import joint
@@ -35,6 +35,7 @@ from massprop_drake.maths.estimation.filters.joint import (
 from massprop_drake.maths.estimation.impulses import Impulses, interval_impulses
 from massprop_drake.maths.estimation.joint import start as starts
 from massprop_drake.maths.estimation.joint.bank import (
+    ALARM,
     OLDEST,
     ONSETS,
     Bank,
@@ -42,6 +43,7 @@ from massprop_drake.maths.estimation.joint.bank import (
     Following,
     Roots,
     Since,
+    alarming,
     empty,
     followed,
 )

@@ -5,8 +5,6 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import NamedTuple
 
-import numpy as np
-
 from massprop_drake.maths.estimation.joint.apart import Apart
 from massprop_drake.maths.linear_algebra import Array
 

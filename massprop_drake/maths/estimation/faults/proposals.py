@@ -8,6 +8,7 @@ samples. The first order only proposes.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -31,16 +32,14 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.screen import PAIR_PRIOR, Contender, Screen
 from massprop_drake.maths.estimation.joint.sensitivity import Link, Traces, linked, traces
-from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
 
-ALARM = 22.0  # GLR of a single jet, chi-square of one degree: once in 4e5 samples of a jet
-_ALARM_ANY = 40.0  # of anything, chi-square of six degrees: once in 2e6
 _SHARE = 0.7  # of the largest statistic: older onsets explain the end point as well
 _SINGLES, _PAIRS = 12, 24  # proposals of a draw: compute budget
 _DRIFTS = 4  # of the likeliest single failures, as drifting ones: compute budget
 _NEAR = 20.0  # nats of first order within which proposals are followed: what is less likely counts as unheard
-_OFF = 0.05  # of the largest lead, by which the first order may be off: a linearization
+_OFF = 5e-3  # of the largest lead, by which the first order may be off: a linearization
+_HOPELESS = 50.0  # nats behind the likeliest hypothesis, to first order, at which nothing is followed
 _PUSHES = (1.0, 0.1, 0.01)  # of an unknown push, in what all jets give
 _INTERMITTENT_PER_S = 1.0  # changes of an intermittent force
 _ENDS_PER_S = 1.0  # of an unknown push
@@ -109,16 +108,6 @@ class Birth(NamedTuple):
     origin: object
 
 
-@kernel
-def alarming(likelihood: float, total: float) -> bool:
-    """Whether readings say that a hypothesis does not explain them.
-
-    Args:
-        likelihood, total: largest GLR of a jet, and of anything.
-    """
-    return likelihood > ALARM or total > _ALARM_ANY
-
-
 def watched(each: Hypothesis, evidence: JointEvidence, cycle: int, params: JointParams) -> Hypothesis:
     """The hypothesis after a cycle that its filter has made by itself, with its watch.
 
@@ -136,7 +125,7 @@ def watched(each: Hypothesis, evidence: JointEvidence, cycle: int, params: Joint
     watch = each.watch or Watch(banks.empty(params.places), ())
     seen = traces(evidence.before, evidence.report, sample)
     seen = _uncertain(seen, evidence.before, np.minimum(each.walks * seen.duration_s, 1.0), params)
-    over, found, tested, bank = banks.followed_on(watch.bank, seen, evidence.after, cycle, ALARM, params)
+    over, found, tested, bank = banks.followed_on(watch.bank, seen, evidence.after, cycle, banks.ALARM, params)
     record, statistic = Record(sample, over, score), 0.0
     records = (*watch.records, record)
     alarm = watch.alarm
@@ -144,7 +133,7 @@ def watched(each: Hypothesis, evidence: JointEvidence, cycle: int, params: Joint
         statistic = float(found.likelihood.max())
     if alarm is not None:
         alarm = alarm._replace(screen=screens.screened(alarm.screen, over, params))
-    elif found is not None and alarming(statistic, float(found.total.max())):
+    elif found is not None and banks.alarming(statistic, float(found.total.max())):
         alarm = _alarm(watch.bank, records, banks.onset_of(found.total, _SHARE), cycle, params)
     oldest = int(bank.cycles[0]) if alarm is None else min(int(bank.cycles[0]), alarm.screen.began)
     watch = Watch(bank, records[-(cycle - oldest + 1) :], alarm, tested, statistic)
@@ -183,12 +172,14 @@ def _alarm(bank: Bank, records: tuple[Record, ...], index: int, cycle: int, para
 # -------------------------------------------------------------------------------------------- draws
 
 
-def drawn(each: Hypothesis, best: float, cycle: int, there: set[object], params: Params) -> tuple[list[Birth], float]:
+def drawn(
+    each: Hypothesis, among: Sequence[Hypothesis], cycle: int, there: set[object], params: Params
+) -> tuple[list[Birth], float]:
     """Proposals of an alarm that are not there yet, and how likely what it leaves is, over what it opens.
 
     Args:
         each: the hypothesis, with an alarm.
-        best: log weight of the likeliest hypothesis.
+        among: all hypotheses that there are.
         cycle: number of the newest sample.
         there: keys, with onsets, of hypotheses and proposals that there are.
         params: see `Params`.
@@ -213,9 +204,20 @@ def drawn(each: Hypothesis, best: float, cycle: int, there: set[object], params:
     singles = [index for index in order if len(found[index].cause.jets) <= 1][:_SINGLES]
     pairs = [index for index in order if len(found[index].cause.jets) == 2][:_PAIRS]
     top = max((worth[index] for index in (*singles, *pairs)), default=0.0)
-    doubt, origin = max(_NEAR, _OFF * top), (each.key, alarm.cycle)
-    chosen = [index for index in (*singles, *pairs) if worth[index] > top - doubt]
+    best, origin = max(other.weight for other in among), (each.key, alarm.cycle)
     entry = alarm.scores[0].likelihood + each.prior - 0.5 * alarm.screen.misfit - best
+    known_one = _known_one(each, [found[index].cause for index in order], among)
+    if known_one is not None:  # first orders are compared among each other: what they neglect is much the same
+        if _OFF * top > _HOPELESS:  # and what is left of that is more than what matters
+            return [], 0.0
+        place, weight = known_one
+        entry = weight - best - worth[order[place]]
+    doubt = _NEAR
+    chosen = [
+        index
+        for index in (*singles, *pairs)
+        if worth[index] > top - max(_NEAR, _OFF * top) and entry + worth[index] > -_HOPELESS
+    ]
     births = [
         Birth(child, entry + worth[index], doubt, origin)
         for index in chosen
@@ -230,8 +232,26 @@ def drawn(each: Hypothesis, best: float, cycle: int, there: set[object], params:
         spent = _NATS_OF_A_PUSH * (cycle - alarm.screen.onsets[0]) * (1.0 + 0.3 * math.log10(push))
         births.append(Birth(child, alarm.scores[0].likelihood + child.prior - spent - best, _NEAR, origin))
     births = [birth for birth in births if (born_key(birth.child), birth.child.run.onset) not in there]
-    left = sum(math.exp(min(worth[index] - top, 0.0)) for index in order if index not in chosen)
+    opened = {id(found[index].cause) for index in chosen}
+    left = sum(
+        math.exp(min(entry + worth[index], 0.0))
+        for place, index in enumerate(order)
+        if id(found[index].cause) not in opened and (known_one is None or place != known_one[0])
+    )
     return births, left
+
+
+def _known_one(each: Hypothesis, causes: list[Cause], among: Sequence[Hypothesis]) -> tuple[int, float] | None:
+    """Place of a proposal that is a hypothesis already, and its log weight; of several the likeliest; None: none is."""
+    n, found = len(each.events), list[tuple[float, int]]()
+    for other in among:
+        if len(other.events) <= n or other.events[:n] != each.events:
+            continue
+        cause = other.events[n].cause
+        same = [place for place, one in enumerate(causes) if one.kind == cause.kind and one.failures == cause.failures]
+        found += [(other.weight, place) for place in same[:1]]
+    weight, place = max(found, default=(0.0, -1))
+    return None if place < 0 else (place, weight)
 
 
 def born_key(child: Hypothesis) -> object:

@@ -123,7 +123,7 @@ def _proposed(tree: Tree, params: Params) -> Tree:
     """The tree with proposals of every alarm that is due to be drawn from, and of pushes that may have ended."""
     births, hypotheses, more = list(tree.births), [], []
     sample, over = tree.samples[-1]
-    now_s, best = sample.time_s, max(each.weight for each in tree.hypotheses)
+    now_s = sample.time_s
     for each in tree.hypotheses:
         age = each.run.age
         if each.push > 0.0 and age > 0 and age & (age - 1) == 0:
@@ -137,7 +137,7 @@ def _proposed(tree: Tree, params: Params) -> Tree:
             births = [birth for birth in births if birth.origin != (each.key, alarm.cycle)]
             there: set[object] = {(born_key(other), other.run.onset) for other in tree.hypotheses}
             there |= {(born_key(birth.child), birth.child.run.onset) for birth in births}
-            fresh, unheard = drawn(each, best, tree.cycle, there, params)
+            fresh, unheard = drawn(each, tree.hypotheses, tree.cycle, there, params)
             births += fresh
             alarm = alarm._replace(drawn=age, unheard=unheard)
             if age == 0:
