@@ -60,6 +60,7 @@ class Hypothesis(NamedTuple):
         watch: see `proposals.Watch`; None: it is not watched.
         root_until_s: time until which it is kept, whatever its weight.
         weight: see `weighed`.
+        before: that before the newest sample.
     """
 
     run: Runner
@@ -72,6 +73,7 @@ class Hypothesis(NamedTuple):
     watch: Any = None
     root_until_s: float = -math.inf
     weight: float = 0.0
+    before: float = -math.inf
 
     @property
     def parts(self) -> tuple[Part, ...]:

@@ -36,6 +36,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 _SHARE = 0.7  # of the largest statistic: older onsets explain the end point as well
 _SINGLES, _PAIRS = 12, 24  # proposals of a draw: compute budget
+_FEWEST = 2  # onsets of a bank
 _DRIFTS = 4  # of the likeliest single failures, as drifting ones: compute budget
 _NEAR = 20.0  # nats of first order within which proposals are followed: what is less likely counts as unheard
 _OFF = 5e-3  # of the largest lead, by which the first order may be off: a linearization
@@ -138,6 +139,16 @@ def watched(each: Hypothesis, evidence: JointEvidence, cycle: int, params: Joint
     oldest = int(bank.cycles[0]) if alarm is None else min(int(bank.cycles[0]), alarm.screen.began)
     watch = Watch(bank, records[-(cycle - oldest + 1) :], alarm, tested, statistic)
     return each._replace(run=done, watch=watch)
+
+
+def surprised(each: Hypothesis, cycle: int, params: JointParams) -> Hypothesis:
+    """A watched hypothesis whose newest readings are far likelier by another, with an alarm: it may have children."""
+    watch = each.watch
+    if watch is None or watch.alarm is not None or len(watch.bank.states) < _FEWEST:
+        return each
+    bank = Bank(watch.bank.states[:-1], *(part[:-1] for part in watch.bank[1:]))
+    alarm = _alarm(bank, watch.records, len(bank.states) - 1, cycle, params)
+    return each._replace(watch=watch._replace(alarm=alarm))
 
 
 def _uncertain(seen: Traces, before: JointState, walks: Array, params: JointParams) -> Traces:

@@ -24,7 +24,15 @@ from massprop_drake.maths.estimation.faults.events import (
     weighed,
 )
 from massprop_drake.maths.estimation.faults.priors import Params
-from massprop_drake.maths.estimation.faults.proposals import Birth, born_key, drawn, newest_link, released, watched
+from massprop_drake.maths.estimation.faults.proposals import (
+    Birth,
+    born_key,
+    drawn,
+    newest_link,
+    released,
+    surprised,
+    watched,
+)
 from massprop_drake.maths.estimation.faults.report import History
 from massprop_drake.maths.estimation.joint import bank as banks
 from massprop_drake.maths.estimation.joint.cycle import JointEvidence, Sample, step
@@ -35,6 +43,9 @@ from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 _BEHIND = 30.0  # nats at which a hypothesis is dropped: a probability of 1e-13
 _MOST = 16  # hypotheses: compute budget
 _BUDGET = 24  # filter steps a sample beside those of the hypotheses: compute budget
+_WATCHED = 4  # hypotheses whose readings are watched: compute budget
+_LIKELY = 5.0  # nats behind the likeliest within which they are: a probability of 1 %
+_SURPRISE = 10.0  # nats by which newest readings are likelier by another: as rare as an event
 _ROOT_S = 8.0  # for which what was likeliest before an alarm has children
 
 
@@ -89,7 +100,8 @@ def advance(tree: Tree, evidence: JointEvidence, params: Params) -> Tree:
     samples = (*tree.samples, (evidence.sample, over))[-(banks.OLDEST + 2) :]
     before = tree.leader
     tree = tree._replace(cycle=cycle, samples=samples, history=None)
-    tree = tree._replace(hypotheses=tuple(_stepped(tree.hypotheses, evidence, cycle, params, over)))
+    stepped = _stepped(tree.hypotheses, evidence, cycle, params, over)
+    tree = tree._replace(hypotheses=tuple(_surprised(stepped, before.weight, cycle, params)))
     tree = _proposed(tree, params)
     tree = _replayed(tree, params)
     return _forked(_pruned(tree, evidence.sample.time_s, params), before)
@@ -107,7 +119,7 @@ def _stepped(
                     found.append(moved(each, sample, over, joint)._replace(watch=None))
                 elif place == 0 and each.run.state is whole.run.state:
                     found.append(watched(each, evidence, cycle, joint))
-                elif each.watch is not None:
+                elif each.watch is not None or (place < _WATCHED and each.weight > hypotheses[0].weight - _LIKELY):
                     before = readied(each, over, joint)
                     after, report = step(before, sample, joint)
                     found.append(watched(each, JointEvidence(before, after, report, sample, False), cycle, joint))
@@ -116,7 +128,24 @@ def _stepped(
             except NotPositiveDefiniteError:
                 if place == 0:
                     raise
-    return [weighed(each, params) for each in found]
+    return [weighed(each._replace(before=each.weight), params) for each in found]
+
+
+def _surprised(hypotheses: list[Hypothesis], best: float, cycle: int, params: Params) -> list[Hypothesis]:
+    """Hypotheses after a sample, those with an alarm that were likely until it and are not any more.
+
+    Args:
+        hypotheses: after it.
+        best: log weight of the likeliest before it.
+        cycle: its number.
+        params: see `Params`.
+    """
+    now = max(each.weight for each in hypotheses)
+    was_likely = [each.before > best - _LIKELY and each.weight < now - _SURPRISE for each in hypotheses]
+    return [
+        surprised(each, cycle, params.joint) if likely else each
+        for each, likely in zip(hypotheses, was_likely, strict=True)
+    ]
 
 
 def _proposed(tree: Tree, params: Params) -> Tree:
