@@ -37,13 +37,11 @@ class Event(NamedTuple):
         cause: see `Cause`.
         onset_s: time of the sample before it.
         score: sum over the readings until then.
-        before: state of the filter then, of a jump of the mass properties; else None.
     """
 
     cause: Cause
     onset_s: float
     score: Score
-    before: JointState | None = None
 
 
 class Hypothesis(NamedTuple):
@@ -57,8 +55,11 @@ class Hypothesis(NamedTuple):
         walks: of each slot the 1-sigma by which its force walks, in full thrusts a second, or `ANEW`, shape (n_force,).
         decided: jets that give too much of which it is assumed whether that comes on top of the command.
         push: see `joint.hypotheses.pushed`.
+        earlier: state before the newest jump of the mass properties; None: there was none.
         watch: see `proposals.Watch`; None: it is not watched.
         root_until_s: time until which it is kept, whatever its weight.
+        origin: see `proposals.Origin`; None: of the tree's beginning.
+        review: see `review.Review`; None: it is not reviewed.
         weight: see `weighed`.
         before: that before the newest sample.
     """
@@ -70,7 +71,10 @@ class Hypothesis(NamedTuple):
     walks: Array
     decided: frozenset[int] = frozenset()
     push: float = 0.0
+    earlier: JointState | None = None
     watch: Any = None
+    origin: Any = None
+    review: Any = None
     root_until_s: float = -math.inf
     weight: float = 0.0
     before: float = -math.inf
@@ -185,7 +189,9 @@ def split(each: Hypothesis, sample: Sample) -> tuple[Hypothesis, ...]:
         one = each._replace(prior=each.prior - math.log(2.0), decided=each.decided | {jet}, watch=None)
         other = state.slot_on_top.copy()
         other[slot] = 1.0 - other[slot]
-        twin = one._replace(run=one.run._replace(state=state._replace(slot_on_top=other)), root_until_s=-math.inf)
+        twin = one._replace(
+            run=one.run._replace(state=state._replace(slot_on_top=other)), root_until_s=-math.inf, review=None
+        )
         return (one._replace(watch=each.watch), twin)
     return (each,)
 
@@ -193,4 +199,4 @@ def split(each: Hypothesis, sample: Sample) -> tuple[Hypothesis, ...]:
 def regained(each: Hypothesis, sample: Sample, cycle: int, params: JointParams) -> Hypothesis:
     """The hypothesis after an interval of which nothing is known."""
     after, _ = restart(each.run.state, sample, params)
-    return each._replace(run=each.run._replace(state=after, cycle=cycle), watch=None)
+    return each._replace(run=each.run._replace(state=after, cycle=cycle), watch=None, origin=None, review=None)

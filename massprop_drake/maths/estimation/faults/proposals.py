@@ -8,7 +8,7 @@ samples. The first order only proposes.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -40,11 +40,16 @@ _FEWEST = 2  # onsets of a bank
 _DRIFTS = 4  # of the likeliest single failures, as drifting ones: compute budget
 _NEAR = 20.0  # nats of first order within which proposals are followed: what is less likely counts as unheard
 _OFF = 5e-3  # of the largest lead, by which the first order may be off: a linearization
+_NEARER = 3.0  # the same of a hypothesis that is reviewed: first orders are of what is near it
 _HOPELESS = 50.0  # nats behind the likeliest hypothesis, to first order, at which nothing is followed
 _PUSHES = (1.0, 0.1, 0.01)  # of an unknown push, in what all jets give
 _INTERMITTENT_PER_S = 1.0  # changes of an intermittent force
 _ENDS_PER_S = 1.0  # of an unknown push
 _NATS_OF_A_PUSH = 20.0  # that an unknown push costs a sample: as its readings tell nothing else
+
+
+# Log weights of all hypotheses over that of the likeliest, by their events: of one that is no more, minus infinity.
+Leads = Mapping[tuple[Event, ...], float]
 
 
 class Record(NamedTuple):
@@ -55,6 +60,43 @@ class Record(NamedTuple):
     score: Score
 
 
+class Rest(NamedTuple):
+    """Proposals that are not followed, all together.
+
+    Attributes:
+        ahead: log weight to first order over that of the hypothesis that it is compared with, nats.
+        than: events of that hypothesis; None: the likeliest when it was drawn.
+    """
+
+    ahead: float
+    than: tuple[Event, ...] | None
+
+    def lead(self, leads: Leads) -> float:
+        """Log weight to first order over that of the likeliest hypothesis, nats; see `Leads`."""
+        return self.ahead if self.than is None else self.ahead + leads.get(self.than, -math.inf)
+
+
+class Birth(NamedTuple):
+    """A proposal on its way from its onset to now.
+
+    Attributes:
+        child: its hypothesis.
+        ahead, than: see `Rest`.
+        doubt: by which the first order may be off, nats.
+        origin: draws that it is of.
+    """
+
+    child: Hypothesis
+    ahead: float
+    than: tuple[Event, ...] | None
+    doubt: float
+    origin: object = None
+
+    def lead(self, leads: Leads) -> float:
+        """Log weight to first order over that of the likeliest hypothesis, nats; see `Leads`."""
+        return Rest(self.ahead, self.than).lead(leads)
+
+
 class Alarm(NamedTuple):
     """Something that a hypothesis does not explain.
 
@@ -63,16 +105,37 @@ class Alarm(NamedTuple):
         states: where the screen begins, and at each of its onsets.
         scores: at each of its onsets.
         screen: see `Screen`.
+        read: readings at the first onset, shape (m,).
         drawn: age of the newest draw.
-        unheard: probability of what it left to first order, over that of what it opened.
+        rest: of that draw; None: nothing is left.
     """
 
     cycle: int
     states: tuple[JointState, ...]
     scores: tuple[Score, ...]
     screen: Screen
+    read: Array
     drawn: int = -1
-    unheard: float = 0.0
+    rest: Rest | None = None
+
+
+class Origin(NamedTuple):
+    """Where a proposal comes from.
+
+    Attributes:
+        parent: hypothesis that did not explain its readings.
+        cycle: number of the sample with which that showed.
+        onsets, gaps, states, scores: of the screen, see `Alarm` and `Screen`.
+        read: readings at the first of them, shape (m,).
+    """
+
+    parent: Hypothesis
+    cycle: int
+    onsets: tuple[int, ...]
+    gaps: tuple[int, ...]
+    states: tuple[JointState, ...]
+    scores: tuple[Score, ...]
+    read: Array
 
 
 class Watch(NamedTuple):
@@ -91,22 +154,6 @@ class Watch(NamedTuple):
     alarm: Alarm | None = None
     tested: bool = False
     statistic: float = 0.0
-
-
-class Birth(NamedTuple):
-    """A proposal on its way from its onset to now.
-
-    Attributes:
-        child: its hypothesis.
-        ahead: by how much it was ahead of the likeliest hypothesis when it was drawn, to first order, nats.
-        doubt: by which the first order may be off, nats.
-        origin: alarm that it is of.
-    """
-
-    child: Hypothesis
-    ahead: float
-    doubt: float
-    origin: object
 
 
 def watched(each: Hypothesis, evidence: JointEvidence, cycle: int, params: JointParams) -> Hypothesis:
@@ -173,29 +220,50 @@ def _alarm(bank: Bank, records: tuple[Record, ...], index: int, cycle: int, para
     onsets = tuple(int(cycles[k]) for k in chosen)
     gaps = tuple(int(cycles[k] - cycles[k - 1]) if k > 0 else 1 for k in chosen)
     began = int(cycles[first])
-    screen = screens.begin((bank.states[first], began), onsets, gaps, records[began - cycle - 1].link.read, params)
+    read = records[began - cycle - 1].link.read
+    screen = screens.begin((bank.states[first], began), onsets, gaps, read, params)
     for record in records[len(records) - (cycle - began) :]:
         screen = screens.screened(screen, record.link, params)
     scores = tuple(records[onset - cycle - 1].score for onset in onsets)
-    return Alarm(cycle, tuple(bank.states[k] for k in chosen), scores, screen)
+    return Alarm(cycle, tuple(bank.states[k] for k in chosen), scores, screen, read)
 
 
 # -------------------------------------------------------------------------------------------- draws
 
 
-def drawn(
-    each: Hypothesis, among: Sequence[Hypothesis], cycle: int, there: set[object], params: Params
-) -> tuple[list[Birth], float]:
-    """Proposals of an alarm that are not there yet, and how likely what it leaves is, over what it opens.
+def drawn(each: Hypothesis, cycle: int, among: Sequence[Hypothesis], params: Params) -> tuple[list[Birth], Rest | None]:
+    """Proposals of a hypothesis with an alarm, and how likely what is left of them is.
 
     Args:
-        each: the hypothesis, with an alarm.
-        among: all hypotheses that there are.
+        each: the hypothesis.
         cycle: number of the newest sample.
-        there: keys, with onsets, of hypotheses and proposals that there are.
+        among: all hypotheses that there are.
         params: see `Params`.
     """
-    alarm = each.watch.alarm
+    alarm: Alarm = each.watch.alarm
+    level = alarm.scores[0].likelihood + each.prior - 0.5 * alarm.screen.misfit
+    births, left = ranked(each, alarm, level, among, params, off=_OFF)
+    best = max(other.weight for other in among)
+    for push in _PUSHES:
+        child = _pushed(each, push, alarm, params)
+        spent = _NATS_OF_A_PUSH * (cycle - alarm.screen.onsets[0]) * (1.0 + 0.3 * math.log10(push))
+        births.append(Birth(child, alarm.scores[0].likelihood + child.prior - spent - best, None, _NEAR))
+    return births, left
+
+
+def ranked(
+    each: Hypothesis, alarm: Alarm, level: float, among: Sequence[Hypothesis], params: Params, *, off: float
+) -> tuple[list[Birth], Rest | None]:
+    """Proposals of an alarm by their first order, and how likely what is left of them is.
+
+    Args:
+        each: hypothesis of which they are children.
+        alarm: see `Alarm`.
+        level: log weight that a lead of zero stands for.
+        among: all hypotheses that there are.
+        params: see `Params`.
+        off: share of a lead by which the first order may be off.
+    """
     joint = params.joint
     state, known = alarm.states[0], known_forces(alarm.states[0], joint)
     free = int((state.slot_jet < 0).sum())
@@ -215,54 +283,49 @@ def drawn(
     singles = [index for index in order if len(found[index].cause.jets) <= 1][:_SINGLES]
     pairs = [index for index in order if len(found[index].cause.jets) == 2][:_PAIRS]
     top = max((worth[index] for index in (*singles, *pairs)), default=0.0)
-    best, origin = max(other.weight for other in among), (each.key, alarm.cycle)
-    entry = alarm.scores[0].likelihood + each.prior - 0.5 * alarm.screen.misfit - best
+    best = max(other.weight for other in among)
+    entry, than = level - best, None
     known_one = _known_one(each, [found[index].cause for index in order], among)
     if known_one is not None:  # first orders are compared among each other: what they neglect is much the same
-        if _OFF * top > _HOPELESS:  # and what is left of that is more than what matters
-            return [], 0.0
-        place, weight = known_one
-        entry = weight - best - worth[order[place]]
-    doubt = _NEAR
+        if off * top > _HOPELESS:  # and what is left of that is more than what matters
+            return [], None
+        place, other = known_one
+        entry, than = other.weight - best - worth[order[place]], other.events
+    behind = 0.0 if known_one is None else known_one[1].weight - best
+    doubt = _NEAR if off > 0.0 else _NEARER
     chosen = [
         index
         for index in (*singles, *pairs)
-        if worth[index] > top - max(_NEAR, _OFF * top) and entry + worth[index] > -_HOPELESS
+        if worth[index] > top - max(_NEAR, off * top) and entry + worth[index] > -_HOPELESS
     ]
     births = [
-        Birth(child, entry + worth[index], doubt, origin)
+        Birth(child, entry + worth[index] - behind, than, doubt)
         for index in chosen
         for child in _children(each, found[index], priors[index], alarm, params)
     ]
     for index in [index for index in singles if index in chosen and _may_drift(found[index], known, params)][:_DRIFTS]:
         child = _drifting(each, found[index], alarm, params)
-        ahead = entry + worth[index] + child.prior - each.prior - priors[index]
-        births.append(Birth(child, ahead, doubt, origin))
-    for push in _PUSHES:
-        child = _pushed(each, push, alarm, params)
-        spent = _NATS_OF_A_PUSH * (cycle - alarm.screen.onsets[0]) * (1.0 + 0.3 * math.log10(push))
-        births.append(Birth(child, alarm.scores[0].likelihood + child.prior - spent - best, _NEAR, origin))
-    births = [birth for birth in births if (born_key(birth.child), birth.child.run.onset) not in there]
+        ahead = entry + worth[index] + child.prior - each.prior - priors[index] - behind
+        births.append(Birth(child, ahead, than, doubt))
     opened = {id(found[index].cause) for index in chosen}
     left = sum(
         math.exp(min(entry + worth[index], 0.0))
         for place, index in enumerate(order)
         if id(found[index].cause) not in opened and (known_one is None or place != known_one[0])
     )
-    return births, left
+    return births, Rest(math.log(left) - behind, than) if left > 0.0 else None
 
 
-def _known_one(each: Hypothesis, causes: list[Cause], among: Sequence[Hypothesis]) -> tuple[int, float] | None:
-    """Place of a proposal that is a hypothesis already, and its log weight; of several the likeliest; None: none is."""
-    n, found = len(each.events), list[tuple[float, int]]()
+def _known_one(each: Hypothesis, causes: list[Cause], among: Sequence[Hypothesis]) -> tuple[int, Hypothesis] | None:
+    """Place of a proposal that is a hypothesis already, and that; of several the likeliest; None: none is."""
+    n, found = len(each.events), list[tuple[int, Hypothesis]]()
     for other in among:
         if len(other.events) <= n or other.events[:n] != each.events:
             continue
         cause = other.events[n].cause
         same = [place for place, one in enumerate(causes) if one.kind == cause.kind and one.failures == cause.failures]
-        found += [(other.weight, place) for place in same[:1]]
-    weight, place = max(found, default=(0.0, -1))
-    return None if place < 0 else (place, weight)
+        found += [(place, other) for place in same[:1]]
+    return max(found, key=lambda one: one[1].weight, default=None)
 
 
 def born_key(child: Hypothesis) -> object:
@@ -333,10 +396,17 @@ def _child(each: Hypothesis, one: Contender, prior: float, alarm: Alarm, place: 
     onset, state, score = alarm.screen.onsets[place], alarm.states[place], alarm.scores[place]
     cause = one.cause
     run = Runner(cause, onset, one.kicks, onset, state, score, cause.kind == Kind.LIES, share=one.share)
-    return _born(each, run, prior, params.joint)
+    return _born(each, run, prior, params.joint, origin_of(each, alarm))
 
 
-def _born(each: Hypothesis, run: Runner, prior: float, params: JointParams) -> Hypothesis:
+def origin_of(each: Hypothesis, alarm: Alarm) -> Origin:
+    """Where proposals of an alarm come from."""
+    screen = alarm.screen
+    parent = each._replace(watch=None, origin=None, review=None)
+    return Origin(parent, alarm.cycle, screen.onsets, screen.gaps, alarm.states, alarm.scores, alarm.read)
+
+
+def _born(each: Hypothesis, run: Runner, prior: float, params: JointParams, origin: Origin | None = None) -> Hypothesis:
     """A child of a hypothesis, at its onset."""
     opened_at, walks, state = each.opened_at.copy(), each.walks.copy(), run.state
     slots = state.slot_jet.copy()
@@ -347,10 +417,17 @@ def _born(each: Hypothesis, run: Runner, prior: float, params: JointParams) -> H
         opened_at[slot] = state.mean[params.places.force + slot] if known else np.nan
         if known and sum(way in event.cause.failures for event in each.events) >= INTERMITTENT_AFTER:
             walks[slot] = ANEW
-    before = state if run.cause.kind == Kind.JUMP else None
-    event = Event(run.cause, state.time_s, run.score, before)
+    event = Event(run.cause, state.time_s, run.score)
     return Hypothesis(
-        run, (*each.events, event), each.prior + prior, opened_at, walks, decided=each.decided, push=each.push
+        run,
+        (*each.events, event),
+        each.prior + prior,
+        opened_at,
+        walks,
+        decided=each.decided,
+        push=each.push,
+        earlier=state if run.cause.kind == Kind.JUMP else each.earlier,
+        origin=origin,
     )
 
 

@@ -126,6 +126,7 @@ def saved(tree: Tree, verdicts: Verdicts, places: Places) -> Array:
         to.put_all(sorted(each.decided))
         to.put(*each.opened_at, *each.walks)
         to.put_state(run.state)
+        to.put_state(each.earlier)
         for pairs in (run.kicks, run.expected):
             to.put(len(pairs))
             for pair in pairs:
@@ -134,7 +135,6 @@ def saved(tree: Tree, verdicts: Verdicts, places: Places) -> Array:
         for event in each.events:
             to.put_cause(event.cause)
             to.put(event.onset_s, *event.score)
-            to.put_state(event.before)
     to.put(len(verdicts.jets))
     for one in verdicts.jets:
         to.put(*one.way, one.force, one.sigma, one.changes)
@@ -176,14 +176,14 @@ def _hypothesis(of: _Reader, places: Places) -> Hypothesis:
     prior, push, weight, onset, cycle, lying, share, lie = of.take(8).tolist()
     score, decided = of.score(), frozenset(of.whole(0, places.jets - 1))
     opened_at, walks = of.take(places.n_force), of.take(places.n_force)
-    state = of.state()
+    state, earlier = of.state(), of.state()
     if state is None:
         raise ValueError("hypothesis_detector: a hypothesis must have a state")
     kicks, expected = (tuple(of.all() for _ in range(of.count())) for _ in range(2))
-    events = tuple(Event(of.cause(), of.number(), of.score(), of.state()) for _ in range(of.count()))
+    events = tuple(Event(of.cause(), of.number(), of.score()) for _ in range(of.count()))
     if not np.isfinite([prior, push, weight, onset, cycle, share, *score]).all() or (walks < 0.0).any():
         raise ValueError("hypothesis_detector: must be finite, and walks zero or positive")
     cause = events[-1].cause if events else NOTHING
     pairs = tuple((mean, sigma) for mean, sigma in expected)
     run = Runner(cause, int(onset), kicks, int(cycle), state, score, bool(lying), share, lie, pairs)
-    return Hypothesis(run, events, prior, opened_at, walks, decided, push, weight=weight)
+    return Hypothesis(run, events, prior, opened_at, walks, decided, push, earlier, weight=weight)

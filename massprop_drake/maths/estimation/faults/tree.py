@@ -9,11 +9,14 @@ prune     merges hypotheses with the same events, and drops those that are far b
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from massprop_drake.maths.estimation.faults import review as reviews
 from massprop_drake.maths.estimation.faults.events import (
+    Event,
     Hypothesis,
     begun,
     moved,
@@ -26,6 +29,7 @@ from massprop_drake.maths.estimation.faults.events import (
 from massprop_drake.maths.estimation.faults.priors import Params
 from massprop_drake.maths.estimation.faults.proposals import (
     Birth,
+    Leads,
     born_key,
     drawn,
     newest_link,
@@ -46,6 +50,8 @@ _BUDGET = 24  # filter steps a sample beside those of the hypotheses: compute bu
 _WATCHED = 4  # hypotheses whose readings are watched: compute budget
 _LIKELY = 5.0  # nats behind the likeliest within which they are: a probability of 1 %
 _SURPRISE = 10.0  # nats by which newest readings are likelier by another: as rare as an event
+_REVIEWED = 2  # hypotheses that are reviewed at a time: compute budget
+_CATCH_UP = 8  # cycles of a review a sample: compute budget
 _ROOT_S = 8.0  # for which what was likeliest before an alarm has children
 
 
@@ -102,7 +108,7 @@ def advance(tree: Tree, evidence: JointEvidence, params: Params) -> Tree:
     tree = tree._replace(cycle=cycle, samples=samples, history=None)
     stepped = _stepped(tree.hypotheses, evidence, cycle, params, over)
     tree = tree._replace(hypotheses=tuple(_surprised(stepped, before.weight, cycle, params)))
-    tree = _proposed(tree, params)
+    tree = _reviewed(_proposed(tree, params), params)
     tree = _replayed(tree, params)
     return _forked(_pruned(tree, evidence.sample.time_s, params), before)
 
@@ -162,20 +168,97 @@ def _proposed(tree: Tree, params: Params) -> Tree:
             hypotheses.append(each)
             continue
         age, until_s = tree.cycle - alarm.cycle, each.root_until_s
-        if (age == 0 or age & (age - 1) == 0) and alarm.drawn != age:
+        if _is_reviewed(each, tree):
             births = [birth for birth in births if birth.origin != (each.key, alarm.cycle)]
-            there: set[object] = {(born_key(other), other.run.onset) for other in tree.hypotheses}
-            there |= {(born_key(birth.child), birth.child.run.onset) for birth in births}
-            fresh, unheard = drawn(each, tree.hypotheses, tree.cycle, there, params)
-            births += fresh
-            alarm = alarm._replace(drawn=age, unheard=unheard)
+            alarm = alarm._replace(rest=None)
+        elif (age == 0 or age & (age - 1) == 0) and alarm.drawn != age:
+            origin, there = (each.key, alarm.cycle), _there(tree.hypotheses, births)
+            fresh, rest = drawn(each, tree.cycle, tree.hypotheses, params)
+            births = _redrawn(births, fresh, origin, there)
+            alarm = alarm._replace(drawn=age, rest=rest)
             if age == 0:
                 until_s = max(until_s, now_s + _ROOT_S)
         hypotheses.append(
             each._replace(watch=each.watch._replace(alarm=alarm if now_s <= until_s else None), root_until_s=until_s)
         )
-    births.sort(key=lambda birth: -birth.ahead)
     return tree._replace(hypotheses=(*hypotheses, *more), births=tuple(births))
+
+
+def _is_reviewed(each: Hypothesis, tree: Tree) -> bool:
+    """Whether reviews of what it has become look further than its own alarm."""
+    n, best = len(each.events), max(other.weight for other in tree.hypotheses)
+    return any(
+        other.review is not None
+        and other.review.drawn >= 0
+        and other.weight > best - _LIKELY
+        and len(other.events) > n
+        and other.events[:n] == each.events
+        for other in tree.hypotheses
+    )
+
+
+def leads_of(tree: Tree) -> Leads:
+    """Log weight of each hypothesis over that of the likeliest, by its events, nats."""
+    best = max(each.weight for each in tree.hypotheses)
+    found: dict[tuple[Event, ...], float] = {}
+    for each in tree.hypotheses:
+        found[each.events] = max(found.get(each.events, -math.inf), each.weight - best)
+    return found
+
+
+def _reviewed(tree: Tree, params: Params) -> Tree:
+    """The tree with reviews of its likeliest hypotheses a few cycles on, and what they propose."""
+    births, hypotheses = list(tree.births), list(tree.hypotheses)
+    best, now_s = max(each.weight for each in hypotheses), tree.samples[-1][0].time_s
+    likely = [
+        place
+        for place, each in enumerate(hypotheses)
+        if each.weight > best - _LIKELY and reviews.may_be(each) and now_s - each.events[-1].onset_s < _ROOT_S
+    ]
+    for place in sorted(likely, key=lambda place: -hypotheses[place].weight)[:_REVIEWED]:
+        each = hypotheses[place]
+        review = each.review or reviews.begun(each, params.joint)
+        if tree.cycle - review.run.cycle > len(tree.samples):
+            continue
+        for _ in range(min(tree.cycle - review.run.cycle, _CATCH_UP)):
+            sample, over = tree.samples[review.run.cycle - tree.cycle]
+            review = reviews.followed(review, each, sample, over, params.joint)
+        age = each.run.age
+        if review.run.cycle == tree.cycle and (review.drawn < 0 or age & (age - 1) == 0):
+            origin, there = ("review", each.key), _there(hypotheses, births)
+            fresh, rest = reviews.drawn(review, each, hypotheses, params)
+            births = _redrawn(births, fresh, origin, there)
+            review = review._replace(drawn=age, rest=rest)
+        hypotheses[place] = each._replace(review=review)
+    tree = tree._replace(hypotheses=tuple(hypotheses))
+    leads = leads_of(tree)
+    return tree._replace(births=tuple(sorted(births, key=lambda birth: -birth.lead(leads))))
+
+
+def _there(hypotheses: Sequence[Hypothesis], births: Sequence[Birth]) -> dict[object, Birth | None]:
+    """Hypotheses that there are, and proposals that wait."""
+    there: dict[object, Birth | None] = {_born_as(birth.child): birth for birth in births}
+    return there | dict.fromkeys(map(_born_as, hypotheses))
+
+
+def _born_as(child: Hypothesis) -> object:
+    return born_key(child), child.run.onset
+
+
+def _redrawn(
+    births: list[Birth], fresh: Sequence[Birth], origin: object, there: Mapping[object, Birth | None]
+) -> list[Birth]:
+    """Proposals that wait with those of a new draw in place of those of an earlier one, as far as they have come."""
+    kept = [birth for birth in births if birth.origin != origin]
+    waiting = {_born_as(birth.child) for birth in kept}
+    for birth in fresh:
+        same = _born_as(birth.child)
+        if same in waiting or (same in there and there[same] is None):
+            continue
+        known = there.get(same)
+        kept.append(birth._replace(child=birth.child if known is None else known.child, origin=origin))
+        waiting.add(same)
+    return kept
 
 
 def _replayed(tree: Tree, params: Params) -> Tree:
@@ -218,8 +301,9 @@ def _pruned(tree: Tree, now_s: float, params: Params) -> Tree:
         more = math.log1p(math.exp(each.weight - same.weight))
         kept[each.key] = same._replace(prior=same.prior + more, weight=same.weight + more)
     likely = [each for place, each in enumerate(kept.values()) if place < _MOST or now_s <= each.root_until_s]
-    births = tuple(birth for birth in tree.births if birth.ahead + birth.doubt > -_BEHIND)
-    return tree._replace(hypotheses=tuple(likely), births=births)
+    tree = tree._replace(hypotheses=tuple(likely))
+    leads = leads_of(tree)
+    return tree._replace(births=tuple(birth for birth in tree.births if birth.lead(leads) + birth.doubt > -_BEHIND))
 
 
 def _forked(tree: Tree, before: Hypothesis) -> Tree:

@@ -20,7 +20,7 @@ from massprop_drake.maths.estimation.faults.events import ANEW, Event, Hypothesi
 from massprop_drake.maths.estimation.faults.priors import Params
 from massprop_drake.maths.estimation.faults.proposals import INTERMITTENT_AFTER
 from massprop_drake.maths.estimation.faults.report import Odds, certain
-from massprop_drake.maths.estimation.faults.tree import Tree, probabilities
+from massprop_drake.maths.estimation.faults.tree import Tree, leads_of, probabilities
 from massprop_drake.maths.estimation.joint.apart import Apart, told_apart
 from massprop_drake.maths.estimation.joint.hypotheses import Kind, slot_of
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, settled
@@ -148,7 +148,6 @@ def judged(verdicts: Verdicts, tree: Tree, params: Params) -> tuple[Verdicts, tu
     joint, now_s = params.joint, tree.leader.run.state.time_s
     jets, others = of_jets(tree, joint), of_others(tree)
     enough = 1.0 - params.priors.doubt
-    unheard = _unheard(tree, params)
     verdicts, said = _withdrawn(verdicts, jets, now_s)
     open_to = {way: share for way, share in jets.items() if way not in verdicts.ways}
     counts, held = dict(verdicts.held), {}
@@ -156,13 +155,13 @@ def judged(verdicts: Verdicts, tree: Tree, params: Params) -> tuple[Verdicts, tu
         *open_to.items(),
         *((part, share) for part, share in others.items() if part not in verdicts.others),
     ):
-        if share * (1.0 - unheard) >= enough:
+        if share >= enough and share * (1.0 - unheard(part, tree)) >= enough:
             held[part] = counts.get(part, 0) + 1
     verdicts = verdicts._replace(held=tuple(held.items()))
     for part in [part for part, count in held.items() if count >= _HELD]:
         verdicts, more = _declared(part, verdicts, tree, joint)
         said += more
-    verdicts, more = _grouped(verdicts, open_to, (tree, unheard, now_s), params)
+    verdicts, more = _grouped(verdicts, open_to, (tree, now_s), params)
     said += more
     if _is_settled(tree):
         verdicts, more = _known_now(verdicts, tree, joint)
@@ -170,12 +169,28 @@ def judged(verdicts: Verdicts, tree: Tree, params: Params) -> tuple[Verdicts, tu
     return verdicts, tuple(said)
 
 
-def _unheard(tree: Tree, params: Params) -> float:
-    """Probability of what waits, or has been left to first order."""
-    waits = sum(math.exp(min(birth.ahead + birth.doubt, 0.0)) for birth in tree.births)
-    left = max((each.watch.alarm.unheard for each in tree.hypotheses if each.watch and each.watch.alarm), default=0.0)
-    total = waits + left
+def unheard(part: Part | frozenset[Way], tree: Tree) -> float:
+    """Probability, to first order, of what waits or has been left, and has no part in what may be declared.
+
+    Args:
+        part: a part; or jets, of which one is enough.
+        tree: see `Tree`.
+    """
+    leads = leads_of(tree)
+    total = sum(
+        math.exp(min(birth.lead(leads) + birth.doubt, 0.0)) for birth in tree.births if not _has(part, birth.child)
+    )
+    for each in tree.hypotheses:
+        draws = (each.watch.alarm if each.watch else None, each.review)
+        total += sum(math.exp(min(one.rest.lead(leads), 0.0)) for one in draws if one and one.rest)
     return total / (1.0 + total)
+
+
+def _has(part: Part | frozenset[Way], each: Hypothesis) -> bool:
+    """Whether a hypothesis has a part, or one of some jets."""
+    if isinstance(part, frozenset):
+        return bool(part & each.ways)
+    return part in each.ways or part in each.parts
 
 
 def _is_settled(tree: Tree) -> bool:
@@ -206,7 +221,7 @@ def _declared(part: Part, verdicts: Verdicts, tree: Tree, params: JointParams) -
     event = _event_of(part, holder)
     match part[0]:
         case Kind.JUMP:
-            return verdicts._replace(earlier=event.before), [JumpDeclared(False, event.onset_s, *UNKNOWN)]
+            return verdicts._replace(earlier=holder.earlier), [JumpDeclared(False, event.onset_s, *UNKNOWN)]
         case Kind.LIES:
             return verdicts, [ReadingDeclared(event.cause.component, event.onset_s)]
         case _:
@@ -221,10 +236,10 @@ def _event_of(part: Part, holder: Hypothesis) -> Event:
 
 
 def _grouped(
-    verdicts: Verdicts, open_to: dict[Way, float], seen: tuple[Tree, float, float], params: Params
+    verdicts: Verdicts, open_to: dict[Way, float], seen: tuple[Tree, float], params: Params
 ) -> tuple[Verdicts, list[Declaration]]:
     """Declaration of the smallest set of jets of which one has failed for sure."""
-    tree, unheard, now_s = seen
+    tree, now_s = seen
     likely = sorted(open_to, key=lambda way: -open_to[way])[:_GROUP]
     group: frozenset[Way] = frozenset()
     for count in range(2, len(likely) + 1):
@@ -234,7 +249,8 @@ def _grouped(
             for each, share in probabilities(tree)
             if among & each.ways and each.run.age > 0
         )
-        if some * (1.0 - unheard) >= 1.0 - params.priors.doubt and open_to[likely[0]] < 1.0 - params.priors.doubt:
+        enough = 1.0 - params.priors.doubt
+        if open_to[likely[0]] < enough <= some * (1.0 - unheard(among, tree)):
             group = among
             break
     if not group or any(group <= other or other <= group for other in verdicts.groups):

@@ -309,6 +309,22 @@ def misfits(report: Report, component: int, params: JointParams) -> bool:
     return not bool(abs(course.expected.innovation[component]) <= _LIES * deviation)
 
 
+def prepared(
+    run: Runner, sample: Sample, over: Link, erratic: np.ndarray, push: float, params: JointParams
+) -> tuple[JointState, float]:
+    """State of a filter with which a cycle begins, and log likelihood of readings that it takes in before.
+
+    Args: as of `stepped`.
+    """
+    state, crossing = crossed(run.state, run.state.mean[:N_PROPERTIES], sample, floors(run.state, params), params)
+    if run.age == 0:
+        state = opened(state, run.cause, params, run.share, run.expected)
+    kicks = kicks_at(run, over.duration_s, params)
+    if kicks is not None:
+        state = kicked(state, run.cause, kicks, over, params)
+    return pushed(restless(state, erratic, params), push, over, params), crossing.log_likelihood
+
+
 def stepped(run: Runner, sample: Sample, over: Link, erratic: np.ndarray, push: float, params: JointParams) -> Runner:
     """A filter after one more cycle.
 
@@ -320,16 +336,10 @@ def stepped(run: Runner, sample: Sample, over: Link, erratic: np.ndarray, push: 
         push: see `pushed`.
         params: without increments.
     """
-    state, crossing = crossed(run.state, run.state.mean[:N_PROPERTIES], sample, floors(run.state, params), params)
-    if run.age == 0:
-        state = opened(state, run.cause, params, run.share, run.expected)
-    kicks = kicks_at(run, over.duration_s, params)
-    if kicks is not None:
-        state = kicked(state, run.cause, kicks, over, params)
-    state = pushed(restless(state, erratic, params), push, over, params)
+    state, likelihood = prepared(run, sample, over, erratic, push, params)
     after, report = step(state, sample, params)
     lying, lie, component = run.lying, run.lie, run.cause.component
-    score = run.score.plus(Score(crossing.log_likelihood, 0.0, 0.0))
+    score = run.score.plus(Score(likelihood, 0.0, 0.0))
     if lying and run.cycle >= run.onset:
         lying = misfits(report, component, params)
         if lying:

@@ -55,7 +55,7 @@ _LEAK = 0.5  # of full thrust: below, a jet leaks; above, it is stuck on and giv
 _LEAST_KICK = 1e-6  # of the largest, so that a variance has an inverse
 BOUND = 3.0  # sigmas within which a force lies
 _NEARLY = 1.5  # of full thrust: so much may be found of a jet while its onset is taken as known
-_PAIRS = 10  # likeliest that are looked at with their onsets uncertain
+_PAIRS = 30  # likeliest that are looked at with their onsets uncertain
 _HAD_NOTHING = 1.0  # nats at a later onset that one is kept for at which no jet had anything to lose yet
 _ALIKE = 4  # jets of which pairs are looked at since together they push as one: a cluster has as many
 
@@ -253,6 +253,31 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
         jump_information=jump_information,
         jump_projection=jump_projection,
         scores=(*screen.scores, score),
+    )
+
+
+def constrained(screen: Screen, rows: np.ndarray, away: Array, covariance: Array) -> Screen:
+    """The screen with some parameters of its filter known after all, as if they had been read.
+
+    Args:
+        screen: of a filter that estimates them.
+        rows: of its state, shape (k,).
+        away: what they are, less its estimates, shape (k,).
+        covariance: of these, shape (k, k).
+    """
+    weights = np.linalg.inv(covariance)
+    columns = screen.columns[rows]
+    n, h = screen.projection.shape
+    of_jump, of_onsets = (
+        columns[:, :N_PROPERTIES],
+        columns[:, N_PROPERTIES:].reshape(rows.size, n, h).transpose(1, 0, 2),
+    )
+    pulled = weights @ away
+    return screen._replace(
+        information=screen.information + of_onsets.transpose(0, 2, 1) @ weights @ of_onsets,
+        projection=screen.projection + pulled @ of_onsets,
+        jump_information=screen.jump_information + of_jump.T @ weights @ of_jump,
+        jump_projection=screen.jump_projection + pulled @ of_jump,
     )
 
 
