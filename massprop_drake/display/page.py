@@ -60,7 +60,7 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
     results, scenario = run.results, run.scenario
     source = plots.source(run)
     jumps, shown_by = _jumps(run)
-    by_hypotheses = scenario.detector.kind == "multi_hypothesis"
+    by_hypotheses = scenario.detector.kind == "hypotheses"
     described = {
         "time": interactive.times(run.time_s),
         **interactive.packed([interactive.drawn(plot(source)) for plot in plots.available(source).values()]),

@@ -744,7 +744,7 @@ def likelihoods(run: Source) -> Plot:
     if run.clustered:
         groups, found = [f"cluster {number}" for number in numbers], np.isin(numbers, clusters[declared])
         panels.append(_highest(run.time_s[tested], of_clusters, groups, "of the clusters", found))
-    leads = run.scenario.detector.kind == "multi_hypothesis"
+    leads = run.scenario.detector.kind == "hypotheses"
     title = "Lead of each jet's failure over no failure, nats" if leads else "Likelihood arguments of a failed jet"
     others = any(isinstance(mark, Whiskers) for panel in panels for mark in panel.marks)
     return _plot(run, "likelihoods", title, panels, meaning="gray: the range of the others" if others else "")
