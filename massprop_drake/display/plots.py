@@ -797,7 +797,7 @@ def fault_probabilities(run: Source) -> Plot:
     limits = (-0.02, 1.02)
     panels = [Panel("jet has failed", "", tuple(marks), limits=limits)] if marks else []
     panels.append(Panel("nothing, or unknown", "", tuple(others), limits=limits))
-    meaning = "none: nothing has failed or changed; unknown: something pushes that is no jet of the vehicle"
+    meaning = "none: nothing has failed or changed; unknown: something pushes that nothing else explains"
     return _plot(run, "fault_probabilities", "Probability of faults", panels, meaning=meaning)
 
 

@@ -215,7 +215,8 @@ class Tally:
         """Takes in the samples that were used."""
         for add, chosen in ((self.add, ~seen.averaged), (self.add_averaged, seen.averaged)):
             there = seen.used & chosen
-            add(seen.nis[there], seen.components[there])
+            if there.any():
+                add(seen.nis[there], seen.components[there])
 
     def explain(self, nis: Array, components: Array) -> None:
         """Takes in, once more, the samples in which a payload had come or left before it was declared: no fault."""

@@ -28,8 +28,8 @@ class Recent(NamedTuple):
     def followed_on(self, time_s: float, used: float, nis: float, components: float) -> Recent:
         """The innovations after one more sample; arguments as the fields of `Innovations`."""
         rows = np.vstack([self.rows, (time_s, used, nis, components, 0.0)])
-        gone, kept = np.split(rows, [1])
-        return Recent(_counted(self.older, gone), kept) if gone[0, 1] else Recent(self.older, kept)
+        was_used = rows[0, 1] != 0.0
+        return Recent(_counted(self.older, rows[:1]) if was_used else self.older, rows[1:])
 
     def replaced(self, since_s: float, nis: float, components: float) -> Recent:
         """The innovations where another history has become the likeliest; of an old fork its share of what is kept.

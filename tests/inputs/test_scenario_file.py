@@ -55,10 +55,10 @@ def test_every_bundled_scenario_loads_and_runs_shortened(name: str) -> None:
     assert run.summary["autopilot"]["firings"] > 0
     assert run["rotation_used"].sum() > 0
     suspicion = {*STATUS.logged, *HYPOTHESIS_REPORT.logged, "failure_magnitude", "likelihood"}
-    suspicion |= {name for name in run.signals if name.startswith(("verdict", "jump_"))}
+    suspicion |= {name for name in run.signals if name.startswith(("verdict", "jump_", "fault_"))}
     for signal, logged in run.signals.items():
         # these are NaN or infinite at times; hypotheses say nothing where there is none
-        of_hypotheses = scenario.detector.kind in ("multi_hypothesis", "thrust_factors") and signal in suspicion
+        of_hypotheses = scenario.detector.kind in ("hypotheses", "thrust_factors") and signal in suspicion
         planar = scenario.vehicle_data.motion == "planar" and signal == "standard_deviation"
         values = logged[:, [2, 6, 7, 9]] if planar else logged  # what cannot move has none
         at_times = (
