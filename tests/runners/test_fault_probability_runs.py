@@ -1,4 +1,4 @@
-"""Posterior probabilities and histories in runs, records, real time and ports, of a detector that gives them by heart."""
+"""Posterior probabilities and histories in runs, records, real time and ports, by a detector that has them by heart."""
 
 from __future__ import annotations
 
@@ -71,7 +71,8 @@ def test_the_verdict_judges_the_likeliest_history(flown: Run) -> None:
         kept[replaced] = False
         nis = (flown[f"{name}_nis"][kept, 0] * part[kept] / 3.0).sum() + total
         expected = part[kept].sum() + (50.0 if name == "rotation" else 60.0)
-        mean = getattr(flown.results.consistency, f"{'rotation' if name == 'rotation' else 'translation'}_nis_mean")
+        summed = flown.results.consistency
+        mean = summed.rotation_nis_mean if name == "rotation" else summed.translation_nis_mean
         assert mean == pytest.approx(3.0 * nis / expected, rel=1e-12)
     assert flown.results.consistency.verdict == "inconsistent"  # a false name: its own sums count
     assert all("translation" in reason for reason in flown.results.consistency.reasons)
