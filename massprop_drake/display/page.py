@@ -83,6 +83,7 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
         "injected": [_injected(run, number, shown_by) for number in range(len(results.injected or ()))],
         "detections": [_detection(entry, units, by_hypotheses) for entry in results.detections],
         "events": [(event.time_s, said.in_words(event, units)) for event in results.events],
+        "probable": results.fault_probability and results.fault_probability.in_words(units),
         "against": results.against and _against(results.against),
         "unconfirmed": [unconfirmed.in_words(one) for one in results.unconfirmed],
         "untested": [f"{', '.join(one.jets)}: {one.reason}" for one in results.untested],
