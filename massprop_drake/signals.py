@@ -108,6 +108,15 @@ SIGNALS = {
         Signal("failure_magnitude", "estimated magnitude of a failure", "{force}", ()),
         Signal("known_force", "known force of a failed jet", "{force}", ()),
         Signal("known_force_variance", "variance of it", "{force}^2", ()),
+        Signal("fault_probability", "probability that a jet has failed", "-", ()),
+        Signal(
+            "fault_mode",
+            "likeliest mode of its failure: 1 stuck on, 2 leak, 3 stuck off, 4 loss, 5 drifting, 6 intermittent",
+            "-",
+            (),
+        ),
+        Signal("fault_force", "force of its failure by the likeliest hypothesis with one", "{force}", ()),
+        Signal("fault_force_std", "1-sigma of it", "{force}", ()),
         Signal(
             "verdict", "what is said of a jet: 1 failed, 2 one of a group, 3 changed, 4 withdrawn, 5 erratic", "-", ()
         ),

@@ -241,7 +241,7 @@ def test_what_is_known_decides_and_not_how_often_jets_have_fired(tmp_path: Path)
         "seed": 1,
         "estimation": {"filter": "joint"},
         "joint": {"tank_fraction": 0},
-        "detector": {"kind": "multi_hypothesis"},
+        "detector": {"kind": "hypotheses"},
         "plant": {"thrust_dispersion": 0.01},
         "jet_schedule": [dict(zip(("jet", "start_s", "end_s"), pulse, strict=True)) for pulse in pulses],
         "failures": [{"kind": "leak", "jet": "ZP1", "start_s": 6.0, "force": 0.25}],

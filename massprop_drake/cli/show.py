@@ -394,6 +394,9 @@ def _say_found(console: Terminal, results: Summary, vehicle: Vehicle) -> None:
     for event in results.events:
         if event.kind in _BESIDE:
             console.say(_told(event, vehicle))
+    probable = results.fault_probability and results.fault_probability.in_words(vehicle.unit_names)
+    if probable:
+        console.say(f"probable:    {probable}")
     largest = sorted(results.unconfirmed, key=lambda one: -one.statistic)[:_MOST_SUSPECTED]
     for one in results.unconfirmed:
         if one in largest:

@@ -26,6 +26,7 @@ from massprop_drake.maths.estimation.filters.registry import FILTERS
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 from massprop_drake.results.detections import DetectionRecord, followed, placed, settled, weighed_before
 from massprop_drake.results.events import EventRecord, said
+from massprop_drake.results.fault_probabilities import at_end
 from massprop_drake.results.spool import Spool
 from massprop_drake.results.stored import FORMAT, FilterState, made_with
 from massprop_drake.results.summary import Findings, null_for_nan
@@ -220,6 +221,7 @@ class Intake:
             tuple(event._replace(jet_index=None) for event in self._events),
             self._suspicions.found(),
             self._suspicions.untested([entry.jet for entry in entries if entry.withdrawn_s is None]),
+            at_end(self._vehicle, self.spool),
         )
 
     def state(self, row: int, states: SavedState, command: Array) -> dict[str, Any]:

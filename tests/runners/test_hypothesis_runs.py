@@ -99,14 +99,14 @@ def test_an_edited_state_is_refused(scenario: Scenario, place: int, value: float
 @pytest.mark.parametrize(
     ("overrides", "message"),
     [
-        (["detector={kind: cglr}"], "cglr does not go with estimation.filter: joint; use multi_hypothesis or off"),
+        (["detector={kind: cglr}"], "cglr does not go with estimation.filter: joint; use hypotheses or off"),
         (
             ["estimation={filter: thesis}", "joint={}"],
-            "multi_hypothesis does not go with estimation.filter: thesis; use cglr or cusum or off",
+            "hypotheses does not go with estimation.filter: thesis; use cglr or cusum or off",
         ),
-        (["detector={kind: multi_hypothesis, margin: 6}"], "margin"),
+        (["detector={kind: hypotheses, margin: 6}"], "margin"),
         (["detector={kind: cusum, slots: 2}"], "slots"),
-        (["detector={kind: multi_hypothesis, slots: 0}"], "slots"),
+        (["faults.slots=0"], "slots"),
     ],
 )
 def test_what_does_not_go_together_is_refused(overrides: list[str], message: str) -> None:

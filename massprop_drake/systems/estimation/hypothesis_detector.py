@@ -52,9 +52,11 @@ class HypothesisDetector(LeafSystem):
         hypothesis_report (out, 21 + 12 n_jets): packed as `layouts.HYPOTHESIS_REPORT`, for logs: what is said of jumps
             and readings; and of every jet, as `faults.declarations.Word`, with force, its 1-sigma and onset,
             which of the things said name it, and what would tell its group apart.
+        fault_probability (out, n_jets + 2): posterior probability that each jet has failed, then that nothing has
+            failed or changed, and that something unknown pushes; NaN of a method that gives none.
 
-    State: abstract, `Memory`: bank and race are tuples of snapshots that are never changed, so that a cycle shares
-    all but the newest with the one before, and so does a clone.
+    State: abstract, `Memory`: hypotheses are tuples that are never changed, so that a cycle shares all but the newest
+    with the one before, and so does a clone.
 
     Timing: outputs at t_k judge the interval [t_k-1, t_k). Drake updates abstract state before the discrete state of
     other systems at the same instant: the state therefore holds the newest judgment with its time, and outputs at that
@@ -89,6 +91,7 @@ class HypothesisDetector(LeafSystem):
             ("closed", n_jets, self._calc_closed),
             ("report", self._logged.size, self._calc_report),
             ("hypothesis_report", self._report.size, self._calc_hypotheses),
+            ("fault_probability", n_jets + 2, self._calc_probability),
         ):
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc=judged)
         self.DeclareVectorOutputPort(
@@ -142,6 +145,11 @@ class HypothesisDetector(LeafSystem):
 
     def _calc_hypotheses(self, context: Any, output: Any) -> None:
         output.SetFromVector(self._report.pack(self._judged(context).own))
+
+    def _calc_probability(self, context: Any, output: Any) -> None:
+        own = self._judged(context).own
+        jets = np.broadcast_to(own.fault_probability, self._jets.thrusts.shape)
+        output.SetFromVector(np.append(jets, (own.none_probability, own.unknown_probability)))
 
     def _update(self, context: Any, state: Any) -> None:
         state.get_mutable_abstract_state(self._memory).set_value(self._judgment.get(context))

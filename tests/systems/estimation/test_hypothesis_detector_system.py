@@ -48,7 +48,8 @@ def system(scenario: Scenario) -> HypothesisDetector:
 def test_topology(scenario: Scenario) -> None:
     dut = system(scenario)
     assert inputs(dut) == {"evidence": 0}
-    told = {"reconfiguration": 7 + N, "closed": N, "report": 14 + 4 * N, "hypothesis_report": 13 + 8 * N}
+    told = {"reconfiguration": 7 + N, "closed": N, "report": 14 + 4 * N, "hypothesis_report": 21 + 12 * N}
+    told["fault_probability"] = N + 2
     assert outputs(dut) == {"replacement": 0, "published": 0, **told, "held_closed": N}
     depends = feedthrough(dut)
     assert depends.pop("held_closed") == set()
@@ -59,7 +60,8 @@ def test_ports_of_the_diagram(scenario: Scenario) -> None:
     dut = estimation.build(scenario)
     assert not {"replacement", "published"} & set(inputs(dut))
     sizes = {"reconfiguration": 7 + N, "closed": N, "held_closed": N, "detector_report": 14 + 4 * N}
-    assert {**sizes, "hypothesis_report": 13 + 8 * N}.items() <= outputs(dut).items()
+    sizes |= {"hypothesis_report": 21 + 12 * N, "fault_probability": N + 2}
+    assert sizes.items() <= outputs(dut).items()
 
 
 def test_a_leak_is_declared_and_its_jet_put_out_of_use(scenario: Scenario, flown: Run) -> None:

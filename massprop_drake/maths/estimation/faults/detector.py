@@ -48,10 +48,12 @@ class State(NamedTuple):
     closed: Array
 
 
-def make_params(jets: Jets, _options: Any, filter_params: JointFilterParams) -> Params:
-    """Parameters from those of the filter and the scenario's block."""
-    n = jets.thrusts.size
-    return Params(without_increments(filter_params.joint), Priors(), np.ones(2 * n), np.ones(n))
+def make_params(_jets: Jets, options: Any, filter_params: JointFilterParams) -> Params:
+    """Parameters from those of the filter and the scenario's block `faults`, with an entry for each jet."""
+    priors, of_jets = Priors(*(getattr(options, name) for name in Priors._fields)), options.jets.values()
+    allowed = [*(jet.gives_more for jet in of_jets), *(jet.gives_less for jet in of_jets)]
+    rates = np.array([jet.per_hour for jet in of_jets]) / priors.jet_per_hour
+    return Params(without_increments(filter_params.joint), priors, np.array(allowed, dtype=float), rates)
 
 
 def initial(params: Params) -> State:

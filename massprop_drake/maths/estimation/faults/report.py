@@ -21,7 +21,8 @@ from massprop_drake.maths.estimation.faults.declarations import (
 from massprop_drake.maths.estimation.joint.hypotheses import Score
 from massprop_drake.maths.linear_algebra import Array
 
-# logged of every cycle besides what all detectors log; NaN where nothing is said
+# logged of every cycle besides what all detectors log; NaN where nothing is said. Of the detector by thrust factors are
+# `racing` and `lead`; it has neither probabilities nor histories
 HYPOTHESIS_REPORT = Layout(
     "hypothesis_report",
     racing=Field("hypotheses are compared"),
@@ -110,12 +111,7 @@ def own_row(said: tuple[Declaration, ...], odds: Odds, history: History | None =
     told = _told(said, odds.jets.size) if said else _nothing_told(odds.jets.size)
     of_jets = {"fault_probability": odds.jets, "fault_mode": odds.modes}
     of_jets |= {"fault_force": odds.forces, "fault_force_std": odds.sigmas}
-    row = {
-        "racing": float(odds.hypotheses > 1),
-        "hypotheses": odds.hypotheses,
-        "none_probability": odds.none,
-        "unknown_probability": odds.unknown,
-    }
+    row = {"hypotheses": odds.hypotheses, "none_probability": odds.none, "unknown_probability": odds.unknown}
     if history is not None:
         score = history.score
         row |= {"history_since": history.since_s, "history_rotation_nis": score.gyro_nis}

@@ -113,7 +113,7 @@ class Measurement(NamedTuple):
 
 
 def make_params(setup: Setup, options: Any) -> JointFilterParams:
-    """Parameters from what is known of the vehicle and the scenario's block `joint`."""
+    """Parameters from what is known of the vehicle and the scenario's blocks `joint` and `faults`."""
     block, thrust = options.joint, setup.thrust
     gyros, accelerometers = setup.gyros, setup.accelerometers
     n_jets, n_kinds = thrust.flows.shape[0], thrust.lag_uncertainty.shape[0]
@@ -126,7 +126,8 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
     of_gyros, gyro_prior = _scaled(np.repeat(gyros.bias_std, 3))
     of_accelerometers, acceleration_prior = _scaled(np.repeat(accelerometers.bias_std, 3))
     biases = (gyro_prior.shape[0] > 0, acceleration_prior.shape[0] > 0)
-    slots = int(getattr(options.detector, "slots", 0)) if counts[2] > 0 else 0  # forces of failed jets, as states
+    detects = options.detector.kind == "hypotheses" and counts[2] > 0
+    slots = options.faults.slots if detects else 0  # forces of failed jets, as states
     places = make_places(counts, lag_prior.shape[0], biases, thrust_prior.shape[0] > 0, slots, ticks=2)
     rest = np.zeros(places.n_scale + places.n_ticks + places.n_force)
     variances = np.concatenate((setup.gyro_variances, setup.accelerometer_variances))
