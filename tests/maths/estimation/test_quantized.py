@@ -69,8 +69,9 @@ def test_moments_go_on_across_the_border_between_two_forms(border: tuple[float, 
     assert after.variance == pytest.approx(before.variance, rel=0.05)
 
 
-def test_a_filter_that_has_overflowed_gets_no_number() -> None:
-    assert np.isnan(truncated_moments(np.inf, np.inf)).all()
+@pytest.mark.parametrize("bound", [np.inf, 1e20, -1e20])
+def test_a_filter_that_has_overflowed_or_is_off_beyond_arithmetic_gets_no_number(bound: float) -> None:
+    assert np.isnan(truncated_moments(bound, bound)).all()
 
 
 def test_a_reading_that_is_not_quantized_is_a_measurement_with_its_noise() -> None:

@@ -687,7 +687,9 @@ def gone_over(state: JointState, sample: Sample, about: Array, params: JointPara
 
 
 @kernel
-def relinearized(state: JointState, sample: Sample, about: Array, params: JointParams) -> tuple[JointState, Course]:
+def relinearized(
+    state: JointState, sample: Sample, about: Array, params: JointParams
+) -> tuple[JointState, Course, tuple[float, float]]:
     """A cycle linearized at other mass properties, biases and forces than the state's.
 
     Args:
@@ -697,10 +699,12 @@ def relinearized(state: JointState, sample: Sample, about: Array, params: JointP
         params: see `JointParams`.
 
     Returns:
-        The state after it, and how it went.
+        The state after it, how it went, and NIS of the gyros with its expectation.
     """
-    after, course, _ = _relinearized(state, sample, about, params)
-    return after, course
+    after, course, told = _relinearized(state, sample, about, params)
+    used = course.expected.used
+    of_gyros = _by_kind(told.nis, used, 0.0, params)[0], _by_kind(told.degrees, used, 0.0, params)[0]
+    return after, course, of_gyros
 
 
 @kernel

@@ -84,7 +84,7 @@ def truncated_moments(lower: float, upper: float) -> Moments:
 def _upper_moments(lower: float, upper: float) -> Moments:
     """Moments over an interval whose middle is not negative."""
     width = upper - lower
-    if not math.isfinite(width):  # of a filter that has overflowed
+    if not 0.0 < width < math.inf:  # of a filter that has overflowed, or is off by more than arithmetic resolves
         return Moments(math.nan, math.nan, math.nan)
     if lower > _FAR or width < _NARROW:
         return _exponential_moments(lower, width)

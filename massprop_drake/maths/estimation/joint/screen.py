@@ -51,7 +51,7 @@ _DRIFT_PRIOR = 6.0  # nats against a force that drifts: one failure in four hund
 _KINDS = 5  # of columns of a jet
 _BLOCKS = 4  # dimensions of A where only its blocks are kept
 _FIRES = 0.01  # of an interval: less is the rest of a tail-off
-_LEAK = 0.5  # of full thrust: below, a jet leaks; above, it is stuck on and gives no more when it is told to fire
+LEAK = 0.5  # of full thrust: below, a jet leaks; above, it is stuck on and gives no more when it is told to fire
 _LEAST_KICK = 1e-6  # of the largest, so that a variance has an inverse
 BOUND = 3.0  # sigmas within which a force lies
 _NEARLY = 1.5  # of full thrust: so much may be found of a jet while its onset is taken as known
@@ -425,7 +425,7 @@ def as_found(columns: np.ndarray, force: Array, params: JointParams) -> np.ndarr
     """The columns that go with the forces: what comes on top is a leak, less than half of full thrust."""
     jets = params.places.jets
     jet = columns % jets
-    more = np.where(force < _LEAK * params.thrusts[jet], jet, jet + 4 * jets)
+    more = np.where(force < LEAK * params.thrusts[jet], jet, jet + 4 * jets)
     return np.where((columns >= jets) & (columns < 2 * jets), columns, more)
 
 
