@@ -18,7 +18,8 @@ from massprop_drake.maths.estimation.faults.events import force_of
 from massprop_drake.maths.estimation.faults.priors import Params, Priors
 from massprop_drake.maths.estimation.faults.report import HYPOTHESIS_REPORT, certain, own_row, status_row
 from massprop_drake.maths.estimation.faults.saved import restored, saved
-from massprop_drake.maths.estimation.faults.tree import Tree, advance
+from massprop_drake.maths.estimation.faults.search import BEGUN, Found, StartSearch, followed
+from massprop_drake.maths.estimation.faults.tree import Tree, advance, begun_with
 from massprop_drake.maths.estimation.faults.verdicts import Verdicts, judged, odds
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams
 from massprop_drake.maths.estimation.joint.cycle import JointEvidence
@@ -35,6 +36,7 @@ class State(NamedTuple):
     Attributes:
         tree: see `Tree`.
         verdicts: see `Verdicts`.
+        search: of failures in the start, see `search.StartSearch`.
         force, variance: of the declared jets that push untold, as the filter has them, lbf or N, shape (n_jets,).
         removed: 1 for each jet that is named alone, shape (n_jets,).
         closed: 1 for each jet whose manifold is closed: none, shape (n_jets,).
@@ -42,6 +44,7 @@ class State(NamedTuple):
 
     tree: Tree
     verdicts: Verdicts
+    search: StartSearch
     force: Array
     variance: Array
     removed: Array
@@ -59,7 +62,7 @@ def make_params(_jets: Jets, options: Any, filter_params: JointFilterParams) -> 
 def initial(params: Params) -> State:
     """The state before the first sample."""
     none = np.zeros(params.joint.places.jets)
-    return State(Tree(), Verdicts(), none, none, none, none)
+    return State(Tree(), Verdicts(), BEGUN, none, none, none, none)
 
 
 def judge(state: State, evidence: JointEvidence, params: Params) -> Judgment:
@@ -74,11 +77,14 @@ def judge(state: State, evidence: JointEvidence, params: Params) -> Judgment:
         NotPositiveDefiniteError: see `joint.cycle.step`.
     """
     joint = params.joint
-    tree = advance(state.tree, evidence, params)
-    verdicts, said = judged(state.verdicts, tree, params)
+    search, found = _searched(state.search, evidence, params)
+    tree = begun_with(found, state.tree, params) if found else advance(state.tree, evidence, params)
+    verdicts, said = state.verdicts, tuple[Declaration, ...]()
+    if not search.contradicted:  # else what it finds would change what is declared
+        verdicts, said = judged(state.verdicts, tree, params)
     probable = odds(tree, joint)
     force, variance = _declared(verdicts, tree, joint)
-    kept = State(tree, verdicts, force, variance, _removed(state.removed, said), state.closed)
+    kept = State(tree, verdicts, search, force, variance, _removed(state.removed, said), state.closed)
     watch, now = tree.leader.watch, tree.next_state(params)
     tested, statistic = (watch.tested, watch.statistic) if watch is not None else (False, 0.0)
     own = own_row(said, probable, tree.history)
@@ -91,6 +97,16 @@ def judge(state: State, evidence: JointEvidence, params: Params) -> Judgment:
         replacement=None if now is evidence.after else now,
         own=own,
     )
+
+
+def _searched(search: StartSearch, evidence: JointEvidence, params: Params) -> tuple[StartSearch, tuple[Found, ...]]:
+    """The search for failures in the start after a cycle, and what it has found."""
+    report = evidence.report
+    if report.course is None or params.joint.places.n_force == 0:
+        return BEGUN, ()
+    if not (search.under_way and (report.starting or report.contradicted or search.contradicted)):
+        return search, ()
+    return followed(search, evidence.before, report, evidence.sample, params.priors, params.joint)
 
 
 def _declared(verdicts: Verdicts, tree: Tree, params: JointParams) -> tuple[Array, Array]:
@@ -141,7 +157,7 @@ def taken_up(vector: Array, params: Params) -> State:
     if not np.isin(removed, (0.0, 1.0)).all():
         raise ValueError(f"{GROUP}: removed must be 0 or 1 for each jet")
     tree, verdicts = restored(vector[3 * n :], params.joint.places)
-    return State(tree, verdicts, force, variance, removed, np.zeros(n))
+    return State(tree, verdicts, BEGUN, force, variance, removed, np.zeros(n))
 
 
 DETECTOR = Detector(

@@ -38,8 +38,10 @@ from massprop_drake.maths.estimation.faults.proposals import (
     watched,
 )
 from massprop_drake.maths.estimation.faults.report import History
+from massprop_drake.maths.estimation.faults.search import Found
 from massprop_drake.maths.estimation.joint import bank as banks
 from massprop_drake.maths.estimation.joint.cycle import JointEvidence, Sample, step
+from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Kind, Runner
 from massprop_drake.maths.estimation.joint.layout import JointState
 from massprop_drake.maths.estimation.joint.sensitivity import Link
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
@@ -111,6 +113,24 @@ def advance(tree: Tree, evidence: JointEvidence, params: Params) -> Tree:
     tree = _reviewed(_proposed(tree, params), params)
     tree = _replayed(tree, params)
     return _forked(_pruned(tree, evidence.sample.time_s, params), before)
+
+
+def begun_with(found: Sequence[Found], tree: Tree, params: Params) -> Tree:
+    """The tree of hypotheses that a search over the start has found.
+
+    Args:
+        found: see `search.Found`.
+        tree: before the newest sample.
+        params: see `Params`.
+    """
+    cycle = tree.cycle + 1
+    hypotheses = []
+    for one in found:
+        run = Runner(one.cause, 0, (), cycle, one.state, one.score)
+        events = () if one.cause.kind == Kind.NOTHING else (Event(one.cause, one.onset_s, NO_SCORE),)
+        start = begun(one.state, cycle, params.joint)
+        hypotheses.append(weighed(start._replace(run=run, events=events, prior=one.log_prior), params))
+    return Tree(cycle, tuple(sorted(hypotheses, key=lambda each: -each.weight)))
 
 
 def _stepped(

@@ -13,7 +13,7 @@ from massprop_drake.maths.estimation.faults import passes
 from massprop_drake.maths.estimation.faults.passes import begin_fit, begin_pass, linearization, step_fit
 from massprop_drake.maths.estimation.faults.priors import Priors, force_correction
 from massprop_drake.maths.estimation.faults.screening import begin_screening, rank_jets, refine, step_screening
-from massprop_drake.maths.estimation.faults.start import BEGUN, OVER, Found, StartSearch, followed
+from massprop_drake.maths.estimation.faults.search import BEGUN, OVER, Found, StartSearch, followed
 from massprop_drake.maths.estimation.filter import Told
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams
