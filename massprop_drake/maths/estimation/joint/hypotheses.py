@@ -77,6 +77,11 @@ class Cause(NamedTuple):
         """Jets with their signs: what is named of it."""
         return frozenset(zip(self.jets, self.signs, strict=True))
 
+    @property
+    def key(self) -> frozenset[tuple[int, int]] | Cause:
+        """By which it is told from others: a jet that leaks and one that is stuck on are the same."""
+        return self.failures or self
+
 
 class Score(NamedTuple):
     """How well a hypothesis explains the readings.
