@@ -106,6 +106,11 @@ class Score(NamedTuple):
         """What is left of it but for a part."""
         return Score(*(whole - less for whole, less in zip(self, part, strict=True)))
 
+    @property
+    def misfit(self) -> float:
+        """NIS above its expectation in its own standard deviations."""
+        return (self.nis - self.degrees) / max(np.sqrt(2.0 * self.degrees), 1.0)
+
 
 NO_SCORE = Score(0.0, 0.0, 0.0)
 
