@@ -292,7 +292,7 @@ def ranked(
         place, other = known_one
         entry, than = other.weight - best - worth[order[place]], other.events
     behind = 0.0 if known_one is None else known_one[1].weight - best
-    doubt = _NEAR if off > 0.0 else _NEARER
+    doubt = min(_NEARER + off * max(top, 0.0), _NEAR)
     chosen = [
         index
         for index in (*singles, *pairs)
