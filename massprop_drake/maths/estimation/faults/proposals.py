@@ -21,6 +21,7 @@ from massprop_drake.maths.estimation.joint.bank import Bank
 from massprop_drake.maths.estimation.joint.cycle import JointEvidence, Sample
 from massprop_drake.maths.estimation.joint.hypotheses import (
     DRIFT,
+    JUMP_SHARES,
     Cause,
     Kind,
     Runner,
@@ -243,11 +244,13 @@ def drawn(each: Hypothesis, cycle: int, among: Sequence[Hypothesis], params: Par
     alarm: Alarm = each.watch.alarm
     level = alarm.scores[0].likelihood + each.prior - 0.5 * alarm.screen.misfit
     births, left = ranked(each, alarm, level, among, params, off=_OFF)
-    best = max(other.weight for other in among)
+    level = alarm.scores[0].likelihood - max(other.weight for other in among)
     for push in _PUSHES:
         child = _pushed(each, push, alarm, params)
         spent = _NATS_OF_A_PUSH * (cycle - alarm.screen.onsets[0]) * (1.0 + 0.3 * math.log10(push))
-        births.append(Birth(child, alarm.scores[0].likelihood + child.prior - spent - best, None, _NEAR))
+        births.append(Birth(child, level + child.prior - spent, None, _NEAR))
+    for jump in _jumps(each, alarm, params):  # of which the first order knows little where jets fire in its interval
+        births.append(Birth(jump, level + jump.prior - _NATS_OF_A_PUSH, None, _NEAR))
     return births, left
 
 
@@ -464,6 +467,17 @@ def _pushed(each: Hypothesis, push: float, alarm: Alarm, params: Params) -> Hypo
     prior = log_rate(params.priors.unknown_per_hour, _seconds(alarm, 0)) - math.log(len(_PUSHES))
     run = Runner(Cause(Kind.UNKNOWN), onset, (), onset, state, score)
     return _born(each, run, prior, params.joint)._replace(push=push)
+
+
+def _jumps(each: Hypothesis, alarm: Alarm, params: Params) -> list[Hypothesis]:
+    """The hypotheses that the mass properties jump, by much or little, at each onset of the screen."""
+    cause, found = Cause(Kind.JUMP), []
+    for place, (onset, state, score) in enumerate(zip(alarm.screen.onsets, alarm.states, alarm.scores, strict=True)):
+        prior = log_rate(params.priors.payload_per_hour, _seconds(alarm, place)) - math.log(len(JUMP_SHARES))
+        for share in JUMP_SHARES:
+            run = Runner(cause, onset, (), onset, state, score, share=share)
+            found.append(_born(each, run, prior, params.joint))
+    return found
 
 
 def released(each: Hypothesis, duration_s: float, params: JointParams) -> Hypothesis:
