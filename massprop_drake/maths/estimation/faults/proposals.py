@@ -38,6 +38,7 @@ from massprop_drake.maths.linear_algebra import Array
 _SHARE = 0.7  # of the largest statistic: older onsets explain the end point as well
 _SINGLES, _PAIRS = 12, 24  # proposals of a draw: compute budget
 _FEWEST = 2  # onsets of a bank
+_FINEST = 4  # cycles that an onset stands for, up to which a proposal is made for each: compute budget
 _DRIFTS = 4  # of the likeliest single failures, as drifting ones: compute budget
 _NEAR = 20.0  # nats of first order within which proposals are followed: what is less likely counts as unheard
 _OFF = 5e-3  # of the largest lead, by which the first order may be off: a linearization
@@ -191,6 +192,16 @@ def watched(each: Hypothesis, evidence: JointEvidence, cycle: int, params: Joint
     return each._replace(run=done, watch=watch)
 
 
+def loss(each: Hypothesis) -> float:
+    """By how much less likely the newest readings of a watched hypothesis are than its readings before, nats."""
+    records = each.watch.records if each.watch is not None else ()
+    if len(records) < _FEWEST + 1:
+        return 0.0
+    first, last, newest = (records[place].score.likelihood for place in (0, -2, -1))
+    usual = (last - first) / (len(records) - 2)
+    return usual - (newest - last)
+
+
 def surprised(each: Hypothesis, cycle: int, params: JointParams) -> Hypothesis:
     """A watched hypothesis whose newest readings are far likelier by another, with an alarm: it may have children."""
     watch = each.watch
@@ -308,9 +319,9 @@ def ranked(
         if worth[index] > top - max(_NEAR, off * top) and entry + worth[index] > -_HOPELESS
     ]
     births = [
-        Birth(child, entry + worth[index] - behind, than, doubt)
+        Birth(child, entry + worth[index] + less - behind, than, doubt)
         for index in chosen
-        for child in _children(each, found[index], priors[index], alarm, params)
+        for child, less in _children(each, found[index], priors[index], alarm, params)
     ]
     for index in [index for index in singles if index in chosen and _may_drift(found[index], known, params)][:_DRIFTS]:
         child = _drifting(each, found[index], alarm, params)
@@ -395,18 +406,50 @@ def _log_change(way: tuple[int, int], each: Hypothesis, seconds: float, priors: 
     return math.log(min((share * often + (1.0 - share) * rare) * seconds, 0.5))
 
 
-def _children(each: Hypothesis, one: Contender, prior: float, alarm: Alarm, params: Params) -> list[Hypothesis]:
-    """Hypotheses of a proposal, at their onsets: a jump at each of the screen's, for nobody knows when it was."""
-    if one.cause.kind != Kind.JUMP:
-        return [_child(each, one, prior, alarm, alarm.screen.onsets.index(one.onset), params)]
-    return [_child(each, one, prior, alarm, place, params) for place in range(len(alarm.screen.onsets))]
+def _children(
+    each: Hypothesis, one: Contender, prior: float, alarm: Alarm, params: Params
+) -> list[tuple[Hypothesis, float]]:
+    """Hypotheses of a proposal at every cycle at which it is about as likely, each with what it is worth less, nats.
+
+    An onset of the screen stands for the cycles since the one before; a filter is told them apart by single readings.
+    """
+    found, screen = [], alarm.screen
+    for onset, lead in one.at_onsets or ((one.onset, one.lead),):
+        if lead <= one.lead - _NEARER:
+            continue
+        place = screen.onsets.index(onset)
+        apart = screen.gaps[place] if place > 0 and screen.gaps[place] <= _FINEST else 1
+        each_prior = prior - math.log(apart)
+        for cycle in range(onset - apart + 1, onset + 1):
+            child = _child(each, one, each_prior, alarm, (place if cycle == onset else place - 1, cycle, apart), params)
+            found.append((child, lead - one.lead - math.log(apart)))
+    return found
 
 
-def _child(each: Hypothesis, one: Contender, prior: float, alarm: Alarm, place: int, params: Params) -> Hypothesis:
-    onset, state, score = alarm.screen.onsets[place], alarm.states[place], alarm.scores[place]
-    cause = one.cause
-    run = Runner(cause, onset, one.kicks, onset, state, score, cause.kind == Kind.LIES, share=one.share)
-    return _born(each, run, prior, params.joint, origin_of(each, alarm))
+def _child(
+    each: Hypothesis, one: Contender, prior: float, alarm: Alarm, at: tuple[int, int, int], params: Params
+) -> Hypothesis:
+    """A hypothesis of a proposal.
+
+    Args:
+        each: its parent.
+        one: see `Contender`.
+        prior: see `_log_prior`.
+        alarm: see `Alarm`.
+        at: place of the state from which its filter goes on, cycle of its onset, and cycles that the onset was of.
+        params: see `Params`.
+    """
+    place, onset, apart = at
+    begins, state, score = alarm.screen.onsets[place], alarm.states[place], alarm.scores[place]
+    kicks = tuple(tuple(kick / apart for kick in kicks) for kicks in one.kicks)
+    lies = one.cause.kind == Kind.LIES
+    run = Runner(one.cause, onset, kicks, begins, state, score, lies, share=one.share)
+    child = _born(each, run, prior, params.joint, origin_of(each, alarm))
+    if onset == begins:
+        return child
+    later_s = (alarm.states[place + 1].time_s - state.time_s) * (onset - begins) / apart
+    event = child.events[-1]._replace(onset_s=state.time_s + later_s)
+    return child._replace(events=(*child.events[:-1], event))
 
 
 def origin_of(each: Hypothesis, alarm: Alarm) -> Origin:

@@ -32,6 +32,7 @@ from massprop_drake.maths.estimation.faults.proposals import (
     Leads,
     born_key,
     drawn,
+    loss,
     newest_link,
     released,
     surprised,
@@ -167,10 +168,11 @@ def _surprised(hypotheses: list[Hypothesis], best: float, cycle: int, params: Pa
         params: see `Params`.
     """
     now = max(each.weight for each in hypotheses)
-    was_likely = [each.before > best - _LIKELY and each.weight < now - _SURPRISE for each in hypotheses]
     return [
-        surprised(each, cycle, params.joint) if likely else each
-        for each, likely in zip(hypotheses, was_likely, strict=True)
+        surprised(each, cycle, params.joint)
+        if each.before > best - _LIKELY and (each.weight < now - _SURPRISE or loss(each) > _SURPRISE)
+        else each
+        for each in hypotheses
     ]
 
 
@@ -198,9 +200,9 @@ def _proposed(tree: Tree, params: Params) -> Tree:
             alarm = alarm._replace(drawn=age, rest=rest)
             if age == 0:
                 until_s = max(until_s, now_s + _ROOT_S)
-        hypotheses.append(
-            each._replace(watch=each.watch._replace(alarm=alarm if now_s <= until_s else None), root_until_s=until_s)
-        )
+        if now_s > until_s:
+            births, alarm = [birth for birth in births if birth.origin != (each.key, alarm.cycle)], None
+        hypotheses.append(each._replace(watch=each.watch._replace(alarm=alarm), root_until_s=until_s))
     return tree._replace(hypotheses=(*hypotheses, *more), births=tuple(births))
 
 
@@ -260,12 +262,31 @@ def _reviewed(tree: Tree, params: Params) -> Tree:
         if review.run.cycle == tree.cycle and (review.drawn < 0 or _due(age) or _due(_alarm_age(each, tree))):
             origin, there = ("review", each.key), _there(hypotheses, births)
             review, fresh, rest = reviews.drawn(review, each, hypotheses, params)
+            if each.weight == best:
+                births = [birth for birth in births if not _is_rival(birth, each)]
             births = _redrawn(births, fresh, origin, there)
             review = review._replace(drawn=age, rest=rest)
         hypotheses[place] = each._replace(review=review)
     tree = tree._replace(hypotheses=tuple(hypotheses))
-    leads = leads_of(tree)
-    return tree._replace(births=tuple(sorted(births, key=lambda birth: -birth.lead(leads))))
+    return tree._replace(births=_in_turn(births, leads_of(tree)))
+
+
+def _is_rival(birth: Birth, each: Hypothesis) -> bool:
+    """Whether a proposal is of jets in place of a hypothesis's newest event, which a review looks for as well."""
+    return birth.child.run.cause.kind == Kind.JETS and birth.child.events[:-1] == each.events[:-1]
+
+
+def _in_turn(births: Sequence[Birth], leads: Leads) -> tuple[Birth, ...]:
+    """Proposals in the order in which they are followed: the best of each draw, the second of each, and so on.
+
+    What different draws neglect differs; a draw that is too sure of itself must not keep all others waiting.
+    """
+    ranks: dict[object, int] = {}
+    ranked: list[tuple[int, float, int, Birth]] = []
+    for birth in sorted(births, key=lambda birth: -birth.lead(leads)):
+        ranks[birth.origin] = ranks.get(birth.origin, -1) + 1
+        ranked.append((ranks[birth.origin], -birth.lead(leads), len(ranked), birth))
+    return tuple(birth for *_, birth in sorted(ranked, key=lambda one: one[:3]))
 
 
 def _there(hypotheses: Sequence[Hypothesis], births: Sequence[Birth]) -> dict[object, Birth | None]:
@@ -335,8 +356,23 @@ def _pruned(tree: Tree, now_s: float, params: Params) -> Tree:
         kept[each.key] = same._replace(prior=same.prior + more, weight=same.weight + more)
     likely = [each for place, each in enumerate(kept.values()) if place < _MOST or now_s <= each.root_until_s]
     tree = tree._replace(hypotheses=tuple(likely))
-    leads = leads_of(tree)
-    return tree._replace(births=tuple(birth for birth in tree.births if birth.lead(leads) + birth.doubt > -_BEHIND))
+    births, leads = [_left_alone(birth, tree) for birth in tree.births], leads_of(tree)
+    return tree._replace(births=tuple(one for one in births if one and one.lead(leads) + one.doubt > -_BEHIND))
+
+
+def _left_alone(birth: Birth, tree: Tree) -> Birth | None:
+    """A proposal, by itself where readings have left behind what it was compared with; None: they have left it, too.
+
+    What something more has happened to is no longer what there are rivals of; else they may explain what it does not.
+    """
+    than, best = birth.than, tree.leader.weight
+    if than is None or any(each.events == than and each.weight > best - _BEHIND for each in tree.hypotheses):
+        return birth
+    if tree.leader.events[: len(than)] == than:
+        return None
+    before = max(each.before for each in tree.hypotheses)
+    lead = max((each.before - before for each in tree.hypotheses if each.events == than), default=0.0)
+    return birth._replace(ahead=birth.ahead + max(lead, -_LIKELY), than=None)
 
 
 def _forked(tree: Tree, before: Hypothesis) -> Tree:
