@@ -103,7 +103,7 @@ def rank_jets(screening: Screening, params: JointParams) -> list[Contender]:
     found: dict[object, Contender] = {}
     for each in (*screens.contenders(screening.screen, allowed, known, lenient), *screening.coarse):
         if each.cause.kind == Kind.JETS:
-            found.setdefault(each.cause.named, each)
+            found.setdefault(each.cause.key, each)
     return list(found.values())
 
 

@@ -223,7 +223,7 @@ def _proposed(search: StartSearch, screening: Screening, priors: Priors, params:
 
 def _tried(contender: Contender, sure: bool) -> object:
     """Key of a contender that has had passes: its jet, and its onset if nobody explains the readings."""
-    return contender.cause.named if sure else (contender.cause.named, contender.onset)
+    return contender.cause.key if sure else (contender.cause.key, contender.onset)
 
 
 def _turn(fit: Fit) -> tuple[bool, bool, float]:
@@ -269,7 +269,7 @@ def _near(search: StartSearch, params: JointParams) -> tuple[Fit, ...]:
     near: dict[object, Fit] = {}
     for weight, each in weighed:
         if weight >= weighed[0][0] - _NEAR:
-            near.setdefault(each.contender.cause.named, each)
+            near.setdefault(each.contender.cause.key, each)
     return tuple(near.values())
 
 

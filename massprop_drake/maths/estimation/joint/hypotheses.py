@@ -77,6 +77,11 @@ class Cause(NamedTuple):
         """Jets with their signs: what is named of it."""
         return frozenset(zip(self.jets, self.signs, strict=True))
 
+    @property
+    def key(self) -> frozenset[tuple[int, int]] | Cause:
+        """By which it is told from others: a jet that leaks and one that is stuck on are the same."""
+        return self.failures or self
+
 
 class Score(NamedTuple):
     """How well a hypothesis explains the readings.
@@ -100,6 +105,11 @@ class Score(NamedTuple):
     def without(self, part: Score) -> Score:
         """What is left of it but for a part."""
         return Score(*(whole - less for whole, less in zip(self, part, strict=True)))
+
+    @property
+    def misfit(self) -> float:
+        """NIS above its expectation in its own standard deviations."""
+        return (self.nis - self.degrees) / max(np.sqrt(2.0 * self.degrees), 1.0)
 
 
 NO_SCORE = Score(0.0, 0.0, 0.0)
