@@ -241,7 +241,7 @@ def drawn(each: Hypothesis, cycle: int, among: Sequence[Hypothesis], params: Par
         params: see `Params`.
     """
     alarm: Alarm = each.watch.alarm
-    level = alarm.scores[0].likelihood + each.prior - 0.5 * alarm.screen.misfit
+    level = alarm.scores[0].likelihood + each.prior + alarm.screen.log_likelihood
     births, left = ranked(each, alarm, level, among, params, off=_OFF)
     best = max(other.weight for other in among)
     for push in _PUSHES:
