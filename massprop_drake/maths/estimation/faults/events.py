@@ -181,10 +181,10 @@ def split(each: Hypothesis, sample: Sample) -> tuple[Hypothesis, ...]:
     In the one the force comes on top of the command, in the other it is in its place; both are as likely.
     """
     state = each.run.state
-    fires = (sample.commands > 0.0).any(axis=0)
+    fires = np.flatnonzero((sample.commands > 0.0).any(axis=0)).tolist()
     for slot in np.flatnonzero((state.slot_jet >= 0) & (state.slot_sign > 0.0)).tolist():
         jet = int(state.slot_jet[slot])
-        if jet in each.decided or not fires[jet]:
+        if jet in each.decided or jet not in fires:
             continue
         one = each._replace(prior=each.prior - math.log(2.0), decided=each.decided | {jet}, watch=None)
         other = state.slot_on_top.copy()

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.faults.priors import force_correction
+from massprop_drake.maths.estimation.faults.priors import Priors, force_correction
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.cycle import crossed, relinearized, restart
 from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Cause, Score, kicked, opened, slot_of
@@ -186,14 +186,14 @@ def _forces(fit: Fit, params: JointParams) -> tuple[tuple[float, ...], tuple[flo
     return tuple(mean.tolist()), tuple(np.sqrt(np.sum(root**2, axis=1)).tolist())
 
 
-def log_weight(fit: Fit, params: JointParams) -> float:
+def log_weight(fit: Fit, priors: Priors, params: JointParams) -> float:
     """Log likelihood and log prior, what the force is worth included, nats."""
     cause, forces = fit.contender.cause, zip(*_forces(fit, params), strict=True)
     return (
         fit.score.likelihood
         + fit.log_prior
         + sum(
-            force_correction(force, sigma, float(params.thrusts[jet]), missing=sign < 0)
+            force_correction(force, sigma, float(params.thrusts[jet]), priors, missing=sign < 0)
             for jet, sign, (force, sigma) in zip(cause.jets, cause.signs, forces, strict=True)
         )
     )

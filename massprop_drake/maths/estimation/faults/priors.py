@@ -100,7 +100,7 @@ def force_correction(
         spread = np.log(_MOST / _LEAST_LEAK)
         density = np.where(inside, 1.0 if missing else 1.0 / (np.where(inside, shares, 1.0) * spread), 0.0)
         total = (1.0 - priors.full_thrust) * _mean(density, opened)
-        peaks = ((1.0, priors.full_thrust),)
+        peaks: tuple[tuple[float, float], ...] = ((1.0, priors.full_thrust),)
     else:
         density = np.where((shares > 0.0) & (shares < _MOST), 1.0 / _MOST, 0.0)
         total = _mean(density, opened) / 3.0

@@ -149,7 +149,7 @@ def followed(
         search = _given_up(search)
     if not (search.final and all(map(search.is_done, search.fits))):
         return search, ()
-    near = _near(search, params)
+    near = _near(search, priors, params)
     if not near or near[0].score.misfit >= _MISFIT:
         return _given_up(search), ()
     return BEGUN, tuple(_found(each, search, params) for each in near)
@@ -197,7 +197,7 @@ def _gone_on(search: StartSearch, priors: Priors, params: JointParams) -> StartS
             ahead = (each for each in search.fits if not search.is_done(each))
             search, left = _passed(search, min(ahead, key=_turn), params), left - 1
         elif not search.final:
-            search = _turned(search, params)
+            search = _turned(search, priors, params)
         elif any(map(passes.has_moved, search.fits)):
             again = (passes.follow_up(each, search.beginning, params) for each in search.fits)
             search = search._replace(fits=tuple(again))
@@ -209,7 +209,7 @@ def _gone_on(search: StartSearch, priors: Priors, params: JointParams) -> StartS
 def _proposed(search: StartSearch, screening: Screening, priors: Priors, params: JointParams) -> StartSearch:
     """The search after a screening: with passes of jets that are near, or on to the newest sample if none is new."""
     found, entry, about = screenings.rank_jets(screening, params), search.beginning, screening.about
-    sure = search.rounds > 1 and _near(search, params)[0].score.misfit < _MISFIT
+    sure = search.rounds > 1 and _near(search, priors, params)[0].score.misfit < _MISFIT
     best = max((each.lead for each in found), default=0.0)
     reach = max(_NEAR, (_AT_THE_END if sure else _FIRST_ORDER) * best)
     near = [each for each in found if each.lead > best - reach and _tried(each, sure) not in search.tried][:_JETS]
@@ -218,7 +218,7 @@ def _proposed(search: StartSearch, screening: Screening, priors: Priors, params:
     tried = search.tried | {_tried(each, known) for each in near for known in (False, True)}
     final = not fits and search.rounds > 1
     search = search._replace(screening=None, fits=search.fits + fits, tried=tried)
-    return _brought_forward(search, params) if final else search
+    return _brought_forward(search, priors, params) if final else search
 
 
 def _tried(contender: Contender, sure: bool) -> object:
@@ -245,27 +245,29 @@ def _passed(search: StartSearch, fit: Fit, params: JointParams) -> StartSearch:
     return search._replace(fits=tuple(each for each in fits if each is not None))
 
 
-def _turned(search: StartSearch, params: JointParams) -> StartSearch:
+def _turned(search: StartSearch, priors: Priors, params: JointParams) -> StartSearch:
     """The search where all passes have ended: another screening about the likeliest, or on to the newest sample."""
     if not search.fits or search.rounds >= _ROUNDS:
-        return _brought_forward(search, params)
-    best, kept = _near(search, params)[0], search.kept[: search.until]
+        return _brought_forward(search, priors, params)
+    best, kept = _near(search, priors, params)[0], search.kept[: search.until]
     about = passes.linearization(best.state, search.beginning, params)
     screening = screenings.begin_screening(search.beginning, about, kept, (best.contender.onset, 1), params)
     return search._replace(rounds=search.rounds + 1, screening=screening)
 
 
-def _brought_forward(search: StartSearch, params: JointParams) -> StartSearch:
+def _brought_forward(search: StartSearch, priors: Priors, params: JointParams) -> StartSearch:
     """The search with the hypotheses that are near, on to the newest sample; given up if none explains the readings."""
-    near = _near(search, params)
+    near = _near(search, priors, params)
     if not near or near[0].score.misfit >= _MISFIT:
         return _given_up(search)
     return search._replace(fits=tuple(each._replace(passes=1) for each in near), final=True)
 
 
-def _near(search: StartSearch, params: JointParams) -> tuple[Fit, ...]:
+def _near(search: StartSearch, priors: Priors, params: JointParams) -> tuple[Fit, ...]:
     """Fits near the likeliest, one for each jet, likeliest first."""
-    weighed = sorted(((passes.log_weight(each, params), each) for each in search.fits), key=lambda pair: -pair[0])
+    weighed = sorted(
+        ((passes.log_weight(each, priors, params), each) for each in search.fits), key=lambda pair: -pair[0]
+    )
     near: dict[object, Fit] = {}
     for weight, each in weighed:
         if weight >= weighed[0][0] - _NEAR:
