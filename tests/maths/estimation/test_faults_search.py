@@ -90,10 +90,10 @@ def probabilities(found: tuple[Found, ...], params: JointParams) -> dict[object,
         weight = each.score.likelihood + each.log_prior
         if each.cause.jets:
             thrust = float(params.thrusts[each.cause.jets[0]])
-            weight += force_correction(*force_of(each, params), thrust, missing=each.cause.signs[0] < 0)
+            weight += force_correction(*force_of(each, params), thrust, Priors(), missing=each.cause.signs[0] < 0)
         weights.append(weight)
     shares = np.exp(np.array(weights) - max(weights))
-    return {each.cause.named: share for each, share in zip(found, (shares / shares.sum()).tolist(), strict=True)}
+    return {each.cause.key: share for each, share in zip(found, (shares / shares.sum()).tolist(), strict=True)}
 
 
 def nees(found: Found, run: Run, time_s: float, params: JointParams) -> float:

@@ -98,7 +98,8 @@ def force_correction(
     if about is None:
         inside = (shares > _LEAST_LEAK) & (shares < _MOST)
         spread = np.log(_MOST / _LEAST_LEAK)
-        density = np.where(inside, 1.0 if missing else 1.0 / (np.where(inside, shares, 1.0) * spread), 0.0)
+        uniform, log_uniform = 1.0 / (_MOST - _LEAST_LEAK), 1.0 / (np.where(inside, shares, 1.0) * spread)
+        density = np.where(inside, uniform if missing else log_uniform, 0.0)
         total = (1.0 - priors.full_thrust) * _mean(density, opened)
         peaks: tuple[tuple[float, float], ...] = ((1.0, priors.full_thrust),)
     else:
