@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from joint_probe import PERIOD, TRUTH, small_params, some_sample, unread
@@ -89,7 +90,8 @@ def dock(params: JointParams, share: float) -> Change:
     return change
 
 
-class Flown(NamedTuple):
+@dataclass(frozen=True, repr=False)
+class Flown:
     """A flight: trees, verdicts, declarations and true states after each sample."""
 
     params: Params
