@@ -31,6 +31,7 @@ CONSISTENT, INCONSISTENT, TOO_LITTLE = "consistent", "inconsistent", "not enough
 # signals that say what a NIS is expected to be, as of so many components, where that varies
 COMPONENTS = {"rotation": "gyro_components", "mass": "accelerometer_components"}
 
+_LEAST_FACTOR = 1e-6  # of NIS over its expectation: less has no tail
 _TAIL, _QUARTER = 0.01, 0.25  # probabilities of the two points
 _TAIL_ALLOWED, _QUARTER_ALLOWED = 0.025, 0.5  # shares of a flight
 _DOUBT = 0.001  # probability of calling a flight inconsistent that is at the limit
@@ -207,7 +208,7 @@ class Tally:
         within = chdtrc(degrees, unscaled) >= _TAIL
         self._sum_within += float(unscaled[within].sum())
         self._expected_within += float(threes[within].sum())
-        factor = np.maximum(unscaled / degrees, np.finfo(np.float64).tiny)
+        factor = np.maximum(unscaled / degrees, _LEAST_FACTOR)
         for index, least in enumerate((_TAIL, _QUARTER)):
             self._beyond[index] += float(chdtrc(degrees, chdtri(degrees, least) / factor).sum())
 

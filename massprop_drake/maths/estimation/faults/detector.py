@@ -14,7 +14,6 @@ import numpy as np
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
 from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, Detector, Jets, Judgment
 from massprop_drake.maths.estimation.faults.declarations import Declaration, JetsDeclared, Word
-from massprop_drake.maths.estimation.faults.events import force_of
 from massprop_drake.maths.estimation.faults.priors import Params, Priors
 from massprop_drake.maths.estimation.faults.report import HYPOTHESIS_REPORT, certain, own_row, status_row
 from massprop_drake.maths.estimation.faults.saved import restored, saved
@@ -25,6 +24,7 @@ from massprop_drake.maths.estimation.filters.joint import JointFilterParams
 from massprop_drake.maths.estimation.joint.cycle import JointEvidence
 from massprop_drake.maths.estimation.joint.hypotheses import slot_of, without_increments
 from massprop_drake.maths.estimation.joint.layout import JointParams
+from massprop_drake.maths.estimation.joint.thrust_scale import reported_force
 from massprop_drake.maths.linear_algebra import Array
 
 GROUP = "hypothesis_detector"  # the system that holds the state in a diagram
@@ -115,7 +115,7 @@ def _declared(verdicts: Verdicts, tree: Tree, params: JointParams) -> tuple[Arra
     state = tree.leader.run.state
     for jet, sign in verdicts.ways & tree.leader.ways:
         if sign > 0:
-            found, sigma = force_of(state, slot_of(state, jet, sign), params)
+            found, sigma = reported_force(state, slot_of(state, jet, sign), params)
             force[jet], variance[jet] = max(found, 0.0), sigma**2
     return force, variance
 

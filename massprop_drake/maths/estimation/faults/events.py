@@ -25,7 +25,7 @@ from massprop_drake.maths.estimation.joint.sensitivity import Link
 from massprop_drake.maths.linear_algebra import Array
 
 NOTHING = Cause(Kind.NOTHING)
-ANEW = math.inf  # walk of a force that is another at every interval
+ANEW = 1e6  # walk of a force that is another at every interval, in full thrusts a second
 Way = tuple[int, int]  # a jet, and 1: it gives too much, or -1: too little
 Part = tuple[Any, ...]  # of what a hypothesis has happen: a way, or a kind and a component, and the how manieth time
 

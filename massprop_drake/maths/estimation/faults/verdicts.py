@@ -16,7 +16,7 @@ from massprop_drake.maths.estimation.faults.declarations import (
     Unexplained,
     Word,
 )
-from massprop_drake.maths.estimation.faults.events import ANEW, Event, Hypothesis, Part, Way, force_of
+from massprop_drake.maths.estimation.faults.events import ANEW, Event, Hypothesis, Part, Way
 from massprop_drake.maths.estimation.faults.priors import Params
 from massprop_drake.maths.estimation.faults.proposals import INTERMITTENT_AFTER
 from massprop_drake.maths.estimation.faults.report import Odds, certain
@@ -25,6 +25,7 @@ from massprop_drake.maths.estimation.joint.apart import Apart, told_apart
 from massprop_drake.maths.estimation.joint.hypotheses import Kind, slot_of
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, settled
 from massprop_drake.maths.estimation.joint.payload import UNKNOWN, Payload, brought
+from massprop_drake.maths.estimation.joint.thrust_scale import reported_force
 
 _HELD = 2  # samples in a row at which a probability must be there
 _GROUP_S = 2.0  # for which that of a group must be there
@@ -72,9 +73,14 @@ class Verdicts(NamedTuple):
 
 
 def above_floor(way: Way, each: Hypothesis, params: JointParams) -> float:
-    """Probability, given a hypothesis, that a failed jet's force is large enough to be called a failure."""
+    """Probability, given a hypothesis, that a failed jet's force is large enough to be called a failure.
+
+    One whose force comes and goes has failed, whatever it gives now.
+    """
     jet, sign = way
-    force, sigma = force_of(each.run.state, slot_of(each.run.state, jet, sign), params)
+    if sum(way in event.cause.failures for event in each.events) >= INTERMITTENT_AFTER:
+        return 1.0
+    force, sigma = reported_force(each.run.state, slot_of(each.run.state, jet, sign), params)
     floor = (_LEAST_LOSS if sign < 0 else _LEAST_LEAK) * float(params.thrusts[jet])
     return 0.5 * math.erfc((floor - force) / (math.sqrt(2.0) * sigma))
 
@@ -115,7 +121,7 @@ def odds(tree: Tree, params: JointParams) -> Odds:
             failed[jet] += share * above_floor(way, each, params)
             if share > best[jet]:
                 best[jet], modes[jet] = share, float(mode_of(way, each, params))
-                force, sigmas[jet] = force_of(each.run.state, slot_of(each.run.state, jet, sign), params)
+                force, sigmas[jet] = reported_force(each.run.state, slot_of(each.run.state, jet, sign), params)
                 forces[jet] = sign * force
     healthy -= failed
     return Odds(len(tree.hypotheses), none, unknown, np.minimum(failed, 1.0), modes, forces, sigmas)
@@ -125,7 +131,7 @@ def mode_of(way: Way, each: Hypothesis, params: JointParams) -> Mode:
     """Fault mode of a failed jet."""
     jet, sign = way
     slot = slot_of(each.run.state, jet, sign)
-    walk, share = float(each.walks[slot]), force_of(each.run.state, slot, params)[0] / float(params.thrusts[jet])
+    walk, share = float(each.walks[slot]), reported_force(each.run.state, slot, params)[0] / float(params.thrusts[jet])
     if walk == ANEW:
         return Mode.INTERMITTENT
     if walk > 0.0:
@@ -214,7 +220,7 @@ def _declared(part: Part, verdicts: Verdicts, tree: Tree, params: JointParams) -
     if not isinstance(part[0], Kind):
         way: Way = (part[0], part[1])
         event = next(event for event in reversed(holder.events) if way in event.cause.failures)
-        force, sigma = force_of(holder.run.state, slot_of(holder.run.state, *way), params)
+        force, sigma = reported_force(holder.run.state, slot_of(holder.run.state, *way), params)
         said = JetsDeclared(Word.FAILED, (way[0],), (way[1],), (force,), (sigma,), event.onset_s)
         return verdicts._replace(jets=(*verdicts.jets, Declared(way, force, sigma))), [said]
     verdicts = verdicts._replace(others=verdicts.others | {part})
@@ -262,7 +268,7 @@ def _grouped(
     ways = [way for way in likely if way in group]
     holders = [next(each for each in tree.hypotheses if way in each.ways) for way in ways]
     forces = [
-        force_of(each.run.state, slot_of(each.run.state, *way), params.joint)
+        reported_force(each.run.state, slot_of(each.run.state, *way), params.joint)
         for way, each in zip(ways, holders, strict=True)
     ]
     event = next(event for event in reversed(holders[0].events) if ways[0] in event.cause.failures)
@@ -295,22 +301,32 @@ def _known_now(verdicts: Verdicts, tree: Tree, params: JointParams) -> tuple[Ver
             earlier = None
     kept = []
     for one in verdicts.jets:
-        slot = slot_of(now, *one.way) if one.way in leader.ways else -1
-        if slot < 0 or leader.walks[slot] == ANEW:
-            kept.append(one)
-            continue
-        force, sigma = force_of(now, slot, params)
-        if abs(force - one.force) > max(
-            _SIGNIFICANT * math.hypot(sigma, one.sigma), _CHANGE * params.thrusts[one.way[0]]
-        ):
-            one = one._replace(force=force, sigma=sigma, changes=one.changes + 1)
-            word = Word.ERRATIC if one.changes >= INTERMITTENT_AFTER else Word.CHANGED
+        after, word = _again(one, leader, params)
+        kept.append(after)
+        if word is not None:
             event = next(event for event in reversed(leader.events) if one.way in event.cause.failures)
-            said.append(JetsDeclared(word, one.way[:1], one.way[1:], (force,), (sigma,), event.onset_s))
-        elif sigma < 0.5 * one.sigma:  # the same force, known better: it is what a change is told from
-            one = one._replace(force=force, sigma=sigma)
-        kept.append(one)
+            said.append(JetsDeclared(word, one.way[:1], one.way[1:], (after.force,), (after.sigma,), event.onset_s))
     return verdicts._replace(jets=tuple(kept), earlier=earlier), said
+
+
+def _again(one: Declared, leader: Hypothesis, params: JointParams) -> tuple[Declared, Word | None]:
+    """A declared failure by what is known now, and the word for it if it has changed."""
+    if one.way not in leader.ways:
+        return one, None
+    now = leader.run.state
+    slot = slot_of(now, *one.way)
+    force, sigma = reported_force(now, slot, params)
+    if leader.walks[slot] == ANEW:
+        erratic = one._replace(force=force, sigma=sigma, changes=INTERMITTENT_AFTER)
+        return erratic, Word.ERRATIC if one.changes < INTERMITTENT_AFTER else None
+    least = max(_SIGNIFICANT * math.hypot(sigma, one.sigma), _CHANGE * float(params.thrusts[one.way[0]]))
+    if abs(force - one.force) > least:
+        changes = one.changes + 1
+        word = Word.ERRATIC if changes == INTERMITTENT_AFTER else Word.CHANGED
+        return one._replace(force=force, sigma=sigma, changes=changes), word
+    if sigma < 0.5 * one.sigma:  # the same force, known better: it is what a change is told from
+        return one._replace(force=force, sigma=sigma), None
+    return one, None
 
 
 def is_measured(size: Payload) -> bool:
