@@ -133,5 +133,5 @@ def _at(at: float, opened_at: float, share: float, width: float) -> float:
 
 def _mean(density: Array, opened: Array) -> float:
     """Mean of density / exp(opened) over the posterior."""
-    weights = _WEIGHTS / _WEIGHTS.sum()
-    return float(np.sum(weights * density * np.exp(-opened)))
+    weights, possible = _WEIGHTS / _WEIGHTS.sum(), density > 0.0
+    return float(np.sum(weights * density * np.exp(np.where(possible, -opened, 0.0))))
