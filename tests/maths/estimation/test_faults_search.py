@@ -130,7 +130,7 @@ def test_the_jet_that_has_failed_is_certain_and_taken_off_what_the_vehicle_is_li
 def test_a_leak_is_found_through_a_gap_in_telemetry(leaking: Run) -> None:
     own = params_of(LEAK)
     found, _ = searched(cycles(leaking, own, range(30, 36)), own.joint)
-    assert probabilities(found, own.joint)[LEAK_ON_TOP.named] > 0.999
+    assert probabilities(found, own.joint)[LEAK_ON_TOP.key] > 0.999
     force, sigma = force_of(found[0], own.joint)
     assert force == pytest.approx(50.0, abs=4.0 * sigma)
 
