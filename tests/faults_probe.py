@@ -60,7 +60,7 @@ def known_vehicle(params: JointParams) -> JointState:
 
 
 def fail(jet: int, force: float, sign: int = 1, on_top: int = 0) -> Change:
-    """A failure of a jet: its force in lbf or N, more (1) or less (-1), on top of its commands (1) or in their place."""
+    """A failure of a jet: its force, lbf or N, more (1) or less (-1), on top of its commands (1) or in their place."""
 
     def change(truth: JointState) -> JointState:
         slot = int(np.flatnonzero((truth.slot_jet < 0) | (truth.slot_jet == jet))[0])
@@ -120,7 +120,10 @@ def commands_of(count: int, seed: int = 2, idle: tuple[int, ...] = ()) -> Array:
 
 
 def samples_of(
-    params: JointParams, commands: Array, changes: dict[int, Change] | None = None, false: dict[int, Array] | None = None
+    params: JointParams,
+    commands: Array,
+    changes: dict[int, Change] | None = None,
+    false: dict[int, Array] | None = None,
 ) -> tuple[list[Sample], list[JointState]]:
     """Samples of a flight, and the truth after each.
 

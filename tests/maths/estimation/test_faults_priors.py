@@ -56,9 +56,7 @@ def test_a_changed_force_is_gone_or_full_or_anything(share: float, width: float)
         return float(density / 3.0 / norm.pdf(x, about))
 
     expected = mean_of(ratio, share, width, 0.0, 1.0, 1.05)
-    found = force_correction(
-        share * THRUST, width * THRUST, THRUST, PRIORS, missing=False, about=about * THRUST
-    )
+    found = force_correction(share * THRUST, width * THRUST, THRUST, PRIORS, missing=False, about=about * THRUST)
     assert found == pytest.approx(math.log(expected), abs=0.06)
 
 
@@ -70,9 +68,7 @@ def test_a_force_that_no_jet_can_give_is_worth_nothing() -> None:
 def test_the_prior_of_a_missing_force_is_a_density() -> None:
     """What it is worth over N(0, T^2) has the mean one there, but for the edges."""
     total = sum(
-        math.exp(force_correction(share * THRUST, 0.01 * THRUST, THRUST, PRIORS, missing=True))
-        * norm.pdf(share)
-        * 0.01
+        math.exp(force_correction(share * THRUST, 0.01 * THRUST, THRUST, PRIORS, missing=True)) * norm.pdf(share) * 0.01
         for share in (0.005 + 0.01 * k for k in range(-30, 160))
     )
     assert total == pytest.approx(1.0, abs=5e-3)

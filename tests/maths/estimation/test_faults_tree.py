@@ -180,7 +180,8 @@ def test_a_hypothesis_is_as_likely_whichever_draw_it_is_of(params: Params) -> No
     for tree in flown.trees[ONSET + 2 : ONSET + 12]:
         for root in [each for each in tree.hypotheses if not each.events and each.watch and each.watch.alarm]:
             births, _ = drawn(root, tree.cycle, tree.hypotheses, params)
-            for again in [birth.child for birth in births if birth.child.run.cause == tree.leader.run.cause]:
+            for child in [birth.child for birth in births if birth.child.run.cause == tree.leader.run.cause]:
+                again = child
                 for sample, over in tree.samples[again.run.cycle - tree.cycle :]:
                     again = moved(again, sample, over, params.joint)
                 if again.key == tree.leader.key and again.run.onset == tree.leader.run.onset:

@@ -203,9 +203,7 @@ def test_a_jump_has_a_place_and_is_measured_again(orbiter: Vehicle) -> None:
 
 
 @pytest.mark.parametrize("word", [Word.CHANGED, Word.ERRATIC, Word.WITHDRAWN])
-def test_what_is_said_of_a_group_again_is_of_all_its_members(
-    orbiter: Vehicle, word: Word
-) -> None:
+def test_what_is_said_of_a_group_again_is_of_all_its_members(orbiter: Vehicle, word: Word) -> None:
     again = JetsDeclared(word, ALIKE.jets, ALIKE.signs, (300.0, np.nan), (1.0, np.nan), 4.0)
     _, event = heard(orbiter, (ALIKE,), (again,))
     names = orbiter.designations
@@ -220,4 +218,6 @@ def test_a_jet_that_is_likelier_than_not_raises_an_alarm_before_it_is_declared()
     for probability, alarm in ((0.4, 0.0), (0.6, 1.0)):
         row = status_row((), odds(N, {7: probability, 3: 0.1}), tested=True, statistic=30.0)
         assert (row.alarm, row.detector_event, row.suspected_likelihood) == (alarm, Event.NOTHING, 30.0)
-        assert np.isnan(row.suspected_jet) if alarm == 0.0 else (row.suspected_jet, row.suspected_magnitude) == (7, 10.0)
+        assert (
+            np.isnan(row.suspected_jet) if alarm == 0.0 else (row.suspected_jet, row.suspected_magnitude) == (7, 10.0)
+        )

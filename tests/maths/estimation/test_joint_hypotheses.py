@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 from joint_probe import small_params
@@ -31,7 +29,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     without_increments,
 )
 from massprop_drake.maths.estimation.joint.layout import RATE, JointParams, JointState
-from massprop_drake.maths.estimation.joint.sensitivity import Link, carried, corrected, link, smeared
+from massprop_drake.maths.estimation.joint.sensitivity import carried, corrected, link, smeared
 from massprop_drake.maths.linear_algebra import Array
 
 PARAMS = small_params(second_order=False, flows=np.zeros(6), thrust_sigma=0.0)

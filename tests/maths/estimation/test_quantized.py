@@ -116,7 +116,7 @@ def test_readings_are_taken_in_given_those_before() -> None:
 
 
 def test_one_cell_halves_a_variance_at_most() -> None:
-    """A cell five sigmas off would leave a thirtieth of the variance: of a Gaussian that is believed so far out, a half.
+    """A cell five sigmas off would leave a thirtieth of the variance; no Gaussian is believed so far out.
 
     What is left of a variance P by a measurement with the variance R is R / (P + R).
     """
