@@ -73,6 +73,22 @@ def test_first_orders_of_alternatives_are_those_of_their_own_filters(params: Par
     assert np.ptp(pairs[:, 1]) > 1.0
 
 
+@pytest.mark.parametrize("params", [NOISY, ROUNDED], ids=["noisy", "rounded"])
+def test_a_review_knows_how_likely_it_is_that_nothing_has_happened(params: Params) -> None:
+    """So that the reviewed hypothesis, taken as one of its own alternatives, is as likely as its filter has it."""
+    tree, leader, review = reviewed(params)
+    (root,) = (each for each in tree.hypotheses if not each.events)
+    births, _ = reviews.drawn(review, leader, [root], params)
+    itself = next(
+        birth
+        for birth in births
+        if birth.child.parts == leader.parts and not birth.child.walks.any() and not birth.than
+    )
+    own = leader.run.score.likelihood + leader.prior - root.weight
+    favor = np.log(params.joint.thrusts[3] / params.joint.thrusts.max())
+    assert itself.ahead - favor == pytest.approx(own, abs=2.0)
+
+
 def test_a_hypothesis_without_an_origin_or_with_a_force_that_walks_is_not_reviewed() -> None:
     _, leader, _ = reviewed(NOISY)
     assert reviews.may_be(leader)
