@@ -41,7 +41,7 @@ def alternatives(
 
     First orders have the shares of full thrust in them, by which small jets are not favored.
     """
-    births, _ = reviews.drawn(review, leader, tree.hypotheses, params)
+    _, births, _ = reviews.drawn(review, leader, tree.hypotheses, params)
     thrusts = params.joint.thrusts
     for birth in births:
         child, cause = birth.child, birth.child.run.cause
@@ -78,7 +78,7 @@ def test_a_review_knows_how_likely_it_is_that_nothing_has_happened(params: Param
     """So that the reviewed hypothesis, taken as one of its own alternatives, is as likely as its filter has it."""
     tree, leader, review = reviewed(params)
     (root,) = (each for each in tree.hypotheses if not each.events)
-    births, _ = reviews.drawn(review, leader, [root], params)
+    _, births, _ = reviews.drawn(review, leader, [root], params)
     itself = next(
         birth
         for birth in births

@@ -101,7 +101,7 @@ def test_a_payload_is_a_jump_and_no_jet(params: Params) -> None:
     flown = flight(params, COMMANDS, changes={ONSET: dock(params.joint, 0.3)})
     ((time_s, one),) = flown.said
     said = of(one, JumpDeclared)
-    assert time_s < 0.1 * ONSET + 0.5
+    assert time_s < 0.1 * ONSET + 0.6
     assert said.onset_s == pytest.approx(0.1 * ONSET)
     assert not said.measured
     assert odds(flown.tree, params.joint).jets.max() < 1e-3

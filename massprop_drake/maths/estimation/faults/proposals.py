@@ -21,6 +21,7 @@ from massprop_drake.maths.estimation.joint.bank import Bank
 from massprop_drake.maths.estimation.joint.cycle import JointEvidence, Sample
 from massprop_drake.maths.estimation.joint.hypotheses import (
     DRIFT,
+    JUMP_SHARES,
     Cause,
     Kind,
     Runner,
@@ -106,6 +107,7 @@ class Alarm(NamedTuple):
         scores: at each of its onsets.
         screen: see `Screen`.
         read: readings at the first onset, shape (m,).
+        usual: log likelihood that a cycle adds while its readings are explained, nats.
         drawn: age of the newest draw.
         rest: of that draw; None: nothing is left.
     """
@@ -115,6 +117,7 @@ class Alarm(NamedTuple):
     scores: tuple[Score, ...]
     screen: Screen
     read: Array
+    usual: float = 0.0
     drawn: int = -1
     rest: Rest | None = None
 
@@ -225,7 +228,9 @@ def _alarm(bank: Bank, records: tuple[Record, ...], index: int, cycle: int, para
     for record in records[len(records) - (cycle - began) :]:
         screen = screens.screened(screen, record.link, params)
     scores = tuple(records[onset - cycle - 1].score for onset in onsets)
-    return Alarm(cycle, tuple(bank.states[k] for k in chosen), scores, screen, read)
+    before = max(began - cycle + len(records) - 1, 1)  # cycles
+    usual = (scores[0].likelihood - records[0].score.likelihood) / before
+    return Alarm(cycle, tuple(bank.states[k] for k in chosen), scores, screen, read, usual)
 
 
 # -------------------------------------------------------------------------------------------- draws
@@ -241,13 +246,16 @@ def drawn(each: Hypothesis, cycle: int, among: Sequence[Hypothesis], params: Par
         params: see `Params`.
     """
     alarm: Alarm = each.watch.alarm
-    level = alarm.scores[0].likelihood + each.prior + alarm.screen.log_likelihood
+    explained = alarm.scores[0].likelihood + alarm.usual * (cycle - alarm.screen.onsets[0])
+    level = explained + each.prior - 0.5 * alarm.screen.misfit
     births, left = ranked(each, alarm, level, among, params, off=_OFF)
-    best = max(other.weight for other in among)
+    level = explained - max(other.weight for other in among)
     for push in _PUSHES:
         child = _pushed(each, push, alarm, params)
         spent = _NATS_OF_A_PUSH * (cycle - alarm.screen.onsets[0]) * (1.0 + 0.3 * math.log10(push))
-        births.append(Birth(child, alarm.scores[0].likelihood + child.prior - spent - best, None, _NEAR))
+        births.append(Birth(child, level + child.prior - spent, None, _NEAR))
+    for jump in _jumps(each, alarm, params):  # of which the first order knows little where jets fire in its interval
+        births.append(Birth(jump, level + jump.prior - _NATS_OF_A_PUSH, None, _NEAR))
     return births, left
 
 
@@ -273,7 +281,8 @@ def ranked(
         sum(known[jet + (joint.places.jets if sign < 0 else 0)] == 0.0 for jet, sign in one.cause.failures)
         for one in found
     ]
-    found = [one for one, needed in zip(found, new, strict=True) if needed <= free]
+    jets = [one.cause.kind != Kind.JUMP for one in found]  # a jump has its own proposals
+    found = [one for one, needed, other in zip(found, new, jets, strict=True) if needed <= free and other]
     priors = [_log_prior(each, one, alarm, params) for one in found]
     worth = [
         one.lead + prior + PAIR_PRIOR * max(len(one.cause.jets) - 1, 0)
@@ -292,7 +301,7 @@ def ranked(
         place, other = known_one
         entry, than = other.weight - best - worth[order[place]], other.events
     behind = 0.0 if known_one is None else known_one[1].weight - best
-    doubt = _NEAR if off > 0.0 else _NEARER
+    doubt = min(_NEARER + off * max(top, 0.0), _NEAR)
     chosen = [
         index
         for index in (*singles, *pairs)
@@ -317,10 +326,11 @@ def ranked(
 
 
 def _known_one(each: Hypothesis, causes: list[Cause], among: Sequence[Hypothesis]) -> tuple[int, Hypothesis] | None:
-    """Place of a proposal that is a hypothesis already, and that; of several the likeliest; None: none is."""
+    """Place of a proposal that is a likely hypothesis already, and that; the likeliest of several; None: none is."""
     n, found = len(each.events), list[tuple[int, Hypothesis]]()
+    best = max(other.weight for other in among)
     for other in among:
-        if len(other.events) <= n or other.events[:n] != each.events:
+        if other.weight < best - _NEAR or len(other.events) != n + 1 or other.events[:n] != each.events:
             continue
         cause = other.events[n].cause
         same = [place for place, one in enumerate(causes) if one.kind == cause.kind and one.failures == cause.failures]
@@ -464,6 +474,17 @@ def _pushed(each: Hypothesis, push: float, alarm: Alarm, params: Params) -> Hypo
     prior = log_rate(params.priors.unknown_per_hour, _seconds(alarm, 0)) - math.log(len(_PUSHES))
     run = Runner(Cause(Kind.UNKNOWN), onset, (), onset, state, score)
     return _born(each, run, prior, params.joint)._replace(push=push)
+
+
+def _jumps(each: Hypothesis, alarm: Alarm, params: Params) -> list[Hypothesis]:
+    """The hypotheses that the mass properties jump, by much or little, at each onset of the screen."""
+    cause, found = Cause(Kind.JUMP), []
+    for place, (onset, state, score) in enumerate(zip(alarm.screen.onsets, alarm.states, alarm.scores, strict=True)):
+        prior = log_rate(params.priors.payload_per_hour, _seconds(alarm, place)) - math.log(len(JUMP_SHARES))
+        for share in JUMP_SHARES:
+            run = Runner(cause, onset, (), onset, state, score, share=share)
+            found.append(_born(each, run, prior, params.joint))
+    return found
 
 
 def released(each: Hypothesis, duration_s: float, params: JointParams) -> Hypothesis:

@@ -23,6 +23,8 @@ from massprop_drake.maths.estimation.joint.screen import Screen
 from massprop_drake.maths.estimation.joint.sensitivity import Link, link
 from massprop_drake.maths.linear_algebra import Array
 
+_NEAR = 10.0  # nats behind the likeliest within which a hypothesis explains its readings as well as others
+
 
 class Review(NamedTuple):
     """A review under way.
@@ -30,12 +32,15 @@ class Review(NamedTuple):
     Attributes:
         run: the hypothesis's filter, from the screen's first onset on.
         screen: see `Screen`.
+        calm: log likelihood and misfit when the hypothesis was likely last, nats: from then on the first order alone
+            says how much it does not explain, as of an alarm.
         drawn: age of the newest draw.
         rest: see `proposals.Alarm`.
     """
 
     run: Runner
     screen: Screen
+    calm: tuple[float, float]
     drawn: int = -1
     rest: Rest | None = None
 
@@ -51,7 +56,11 @@ def begun(each: Hypothesis, params: JointParams) -> Review:
     run = each.run
     state, first = origin.states[0], origin.onsets[0]
     screen = screens.begin((state, first), origin.onsets, origin.gaps, origin.read, params)
-    return Review(Runner(run.cause, run.onset, run.kicks, first, state, origin.scores[0]), screen)
+    return Review(
+        Runner(run.cause, run.onset, run.kicks, first, state, origin.scores[0]),
+        screen,
+        (origin.scores[0].likelihood, 0.0),
+    )
 
 
 def followed(review: Review, each: Hypothesis, sample: Sample, over: Link, params: JointParams) -> Review:
@@ -80,8 +89,8 @@ def followed(review: Review, each: Hypothesis, sample: Sample, over: Link, param
 
 def drawn(
     review: Review, each: Hypothesis, among: Sequence[Hypothesis], params: Params
-) -> tuple[list[Birth], Rest | None]:
-    """Proposals of what may have happened instead, and how likely what is left of them is.
+) -> tuple[Review, list[Birth], Rest | None]:
+    """Proposals of what may have happened instead, and how likely what is left of them is; and the review after that.
 
     Args:
         review: at the present.
@@ -90,13 +99,19 @@ def drawn(
         params: see `Params`.
     """
     origin: Origin = each.origin
-    screen, level = _instead(review, each, params.joint)
+    likely = each.weight > max(other.weight for other in among) - _NEAR
+    now = (review.run.score.likelihood, review.screen.misfit)
+    if likely:
+        review = review._replace(calm=now)
+    screen, posterior = _instead(review, each, params.joint)
+    level = review.calm[0] - 0.5 * (review.screen.misfit - review.calm[1]) + posterior
     alarm = Alarm(origin.cycle, origin.states, origin.scores, screen, origin.read)
-    return ranked(origin.parent, alarm, level + origin.parent.prior, among, params, off=0.0)
+    births, rest = ranked(origin.parent, alarm, level + origin.parent.prior, among, params, off=0.0)
+    return review, births, rest
 
 
 def _instead(review: Review, each: Hypothesis, params: JointParams) -> tuple[Screen, float]:
-    """The screen with the forces of the newest event as they were before, and log likelihood of a lead of zero.
+    """The screen with the forces of the newest event as they were before, and what that is worth, nats.
 
     By the ratio of Savage and Dickey: posterior over prior density of the forces where they were.
     """
@@ -110,4 +125,4 @@ def _instead(review: Review, each: Hypothesis, params: JointParams) -> tuple[Scr
     _, volume = np.linalg.slogdet(covariance)
     posterior = -0.5 * float(away @ np.linalg.solve(covariance, away)) - 0.5 * float(volume)
     prior = -sum(math.log(float(params.thrusts[jet])) for jet in cause.jets)
-    return screen, review.run.score.likelihood + posterior - prior
+    return screen, posterior - prior

@@ -52,7 +52,7 @@ _BUDGET = 24  # filter steps a sample beside those of the hypotheses: compute bu
 _WATCHED = 4  # hypotheses whose readings are watched: compute budget
 _LIKELY = 5.0  # nats behind the likeliest within which they are: a probability of 1 %
 _SURPRISE = 10.0  # nats by which newest readings are likelier by another: as rare as an event
-_REVIEWED = 2  # hypotheses that are reviewed at a time: compute budget
+_REVIEWED = 3  # hypotheses that are reviewed at a time: compute budget
 _CATCH_UP = 8  # cycles of a review a sample: compute budget
 _ROOT_S = 8.0  # for which what was likeliest before an alarm has children
 
@@ -181,7 +181,7 @@ def _proposed(tree: Tree, params: Params) -> Tree:
     now_s = sample.time_s
     for each in tree.hypotheses:
         age = each.run.age
-        if each.push > 0.0 and age > 0 and age & (age - 1) == 0:
+        if each.push > 0.0 and age > 0 and _due(age):
             more.append(weighed(released(each, over.duration_s, params.joint), params))
         alarm = each.watch.alarm if each.watch is not None else None
         if alarm is None:
@@ -191,7 +191,7 @@ def _proposed(tree: Tree, params: Params) -> Tree:
         if _is_reviewed(each, tree):
             births = [birth for birth in births if birth.origin != (each.key, alarm.cycle)]
             alarm = alarm._replace(rest=None)
-        elif (age == 0 or age & (age - 1) == 0) and alarm.drawn != age:
+        elif _due(age) and alarm.drawn != age:
             origin, there = (each.key, alarm.cycle), _there(tree.hypotheses, births)
             fresh, rest = drawn(each, tree.cycle, tree.hypotheses, params)
             births = _redrawn(births, fresh, origin, there)
@@ -217,6 +217,17 @@ def _is_reviewed(each: Hypothesis, tree: Tree) -> bool:
     )
 
 
+def _alarm_age(each: Hypothesis, tree: Tree) -> int:
+    """Cycles since its alarm; -1: there is none."""
+    alarm = each.watch.alarm if each.watch is not None else None
+    return -1 if alarm is None else tree.cycle - alarm.cycle
+
+
+def _due(age: int) -> bool:
+    """Whether proposals are drawn at an age, in cycles: at 0, 1, 2, 4, 8 ..."""
+    return age >= 0 and age & (age - 1) == 0
+
+
 def leads_of(tree: Tree) -> Leads:
     """Log weight of each hypothesis over that of the likeliest, by its events, nats."""
     best = max(each.weight for each in tree.hypotheses)
@@ -233,7 +244,9 @@ def _reviewed(tree: Tree, params: Params) -> Tree:
     likely = [
         place
         for place, each in enumerate(hypotheses)
-        if each.weight > best - _LIKELY and reviews.may_be(each) and now_s - each.events[-1].onset_s < _ROOT_S
+        if (each.weight > best - _LIKELY or _alarm_age(each, tree) >= 0)
+        and reviews.may_be(each)
+        and now_s - each.events[-1].onset_s < _ROOT_S
     ]
     for place in sorted(likely, key=lambda place: -hypotheses[place].weight)[:_REVIEWED]:
         each = hypotheses[place]
@@ -244,9 +257,9 @@ def _reviewed(tree: Tree, params: Params) -> Tree:
             sample, over = tree.samples[review.run.cycle - tree.cycle]
             review = reviews.followed(review, each, sample, over, params.joint)
         age = each.run.age
-        if review.run.cycle == tree.cycle and (review.drawn < 0 or age & (age - 1) == 0):
+        if review.run.cycle == tree.cycle and (review.drawn < 0 or _due(age) or _due(_alarm_age(each, tree))):
             origin, there = ("review", each.key), _there(hypotheses, births)
-            fresh, rest = reviews.drawn(review, each, hypotheses, params)
+            review, fresh, rest = reviews.drawn(review, each, hypotheses, params)
             births = _redrawn(births, fresh, origin, there)
             review = review._replace(drawn=age, rest=rest)
         hypotheses[place] = each._replace(review=review)

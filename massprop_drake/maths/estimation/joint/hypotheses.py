@@ -240,6 +240,23 @@ def kicked(state: JointState, cause: Cause, kicks: Array, over: Link, params: Jo
     return state._replace(root=compressed(np.hstack((state.root, impulses, bowed)), params.places.thrust))
 
 
+def torn(state: JointState, share: float, over: Link, params: JointParams) -> JointState:
+    """The state with what jets may have given otherwise in the interval of a jump: nobody knows when in it that was.
+
+    Args:
+        state: before the interval.
+        share: see `jump_sigma`.
+        over: the interval, of any filter that is near.
+        params: see `JointParams`.
+    """
+    fired = np.flatnonzero(over.amount > 0.0)
+    if fired.shape[0] == 0:
+        return state
+    gave = share * params.thrusts[fired] * over.amount[fired] / over.duration_s
+    columns = smeared(over, params.places)[:, fired] * gave
+    return state._replace(root=compressed(np.hstack((state.root, columns)), params.places.thrust))
+
+
 def kicks_at(run: Runner, duration_s: float, params: JointParams) -> Array | None:
     """1-sigma of the impulse of each failed jet in the next interval, in intervals of force; None: there is none.
 
@@ -329,6 +346,8 @@ def prepared(
     state, crossing = crossed(run.state, run.state.mean[:N_PROPERTIES], sample, floors(run.state, params), params)
     if run.age == 0:
         state = opened(state, run.cause, params, run.share, run.expected)
+        if run.cause.kind == Kind.JUMP:
+            state = torn(state, run.share, over, params)
     kicks = kicks_at(run, over.duration_s, params)
     if kicks is not None:
         state = kicked(state, run.cause, kicks, over, params)

@@ -58,7 +58,6 @@ _NEARLY = 1.5  # of full thrust: so much may be found of a jet while its onset i
 _PAIRS = 30  # likeliest that are looked at with their onsets uncertain
 _HAD_NOTHING = 1.0  # nats at a later onset that one is kept for at which no jet had anything to lose yet
 _ALIKE = 4  # jets of which pairs are looked at since together they push as one: a cluster has as many
-_ROOT_2_PI = np.sqrt(2.0 * np.pi)
 
 
 class Screen(NamedTuple):
@@ -78,7 +77,7 @@ class Screen(NamedTuple):
         scores: of no failure, after each cycle from the beginning on.
         fired: whether a jet fired in an interval in which what the race is about may have happened: the first order,
             which has a jump happen between two samples, may then be far off.
-        log_likelihood: of no failure, rounding taken as noise, nats: of cells, and of densities where there are none.
+        misfit: NIS of no failure, rounding taken as noise, above its expectation.
     """
 
     onsets: tuple[int, ...]
@@ -92,7 +91,7 @@ class Screen(NamedTuple):
     jump_projection: Array
     scores: tuple[Score, ...]
     fired: bool = False
-    log_likelihood: float = 0.0
+    misfit: float = 0.0
 
     @property
     def began(self) -> int:
@@ -229,13 +228,12 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
     score = screen.scores[-1].plus(Score(over.log_likelihood, over.nis, over.degrees))
     information, projection = screen.information, screen.projection
     jump_information, jump_projection = screen.jump_information, screen.jump_projection
-    chosen, log_likelihood = np.flatnonzero(over.used), screen.log_likelihood
+    chosen, misfit = np.flatnonzero(over.used), screen.misfit
     if chosen.shape[0] > 0:
         half = np.linalg.cholesky(over.covariance[np.ix_(chosen, chosen)])
         whitened = np.linalg.solve(half, np.column_stack((over.innovation[chosen], shown[chosen])))
         innovation, whitened = whitened[:, 0], whitened[:, 1:]
-        cells = np.where(params.cells > 0.0, params.cells, 1.0)[chosen]
-        log_likelihood += float(np.sum(np.log(cells / (_ROOT_2_PI * half.diagonal())) - 0.5 * innovation**2))
+        misfit += float(innovation @ innovation) - chosen.shape[0]
         of_jump = whitened[:, :N_PROPERTIES]
         of_onsets = whitened[:, N_PROPERTIES:].reshape(chosen.shape[0], begun, h).transpose(1, 0, 2)
         information, projection = information.copy(), projection.copy()
@@ -247,7 +245,7 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
     return screen._replace(
         cycle=screen.cycle + 1,
         fired=screen.fired or fires,
-        log_likelihood=log_likelihood,
+        misfit=misfit,
         columns=columns,
         acting=acting,
         information=information,
