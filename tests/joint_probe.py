@@ -10,7 +10,6 @@ from scipy.stats import chi2
 
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.estimation.joint.cycle import Sample, initial
-from massprop_drake.maths.estimation.joint.hypotheses import Counted
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, make_places
 from massprop_drake.maths.estimation.joint.prediction import RateRead
 from massprop_drake.maths.estimation.joint.quantized import DITHER, FLOOR
@@ -157,11 +156,6 @@ def vehicle_params(vehicle: Vehicle, *, lag: bool, start: str = "zero", **change
             **changed,
         }
     )
-
-
-def all_of(number: int, *, counts: bool = True, again: bool = False) -> Counted:
-    """All components, or none of them."""
-    return Counted(np.full(number, counts), np.full(number, again))
 
 
 def central_differences(function: Any, at: Array, steps: Array) -> Array:

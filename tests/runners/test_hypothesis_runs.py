@@ -72,7 +72,7 @@ def test_the_estimator_gives_them_too(scenario: Scenario, flown: Run) -> None:
 
 
 def test_after_a_restart_what_was_said_is_not_said_again(scenario: Scenario, flown: Run) -> None:
-    """The bank begins anew; slot, force and the jets out of use are those of before."""
+    """The bank begins anew; hypotheses, their forces and the jets out of use are those of before."""
     dut = Estimator(scenario.vehicle_data, scenario)
     (record,) = flown.results.detections
     row = int(np.searchsorted(flown.time_s, record.time_s)) + 1
@@ -86,7 +86,14 @@ def test_after_a_restart_what_was_said_is_not_said_again(scenario: Scenario, flo
 
 @pytest.mark.parametrize(
     ("place", "value", "message"),
-    [(0, 0.5, "counts must be whole numbers"), (1, None, "must be finite"), (0, -1.0, "zero or positive")],
+    [
+        (0, None, "must be finite"),
+        (44, -1.0, "zero or positive"),
+        (88, 0.5, "removed must be 0 or 1"),
+        (132, 0.5, "an index is out of its range"),
+        (133, 1.0, "ends too soon"),
+        (134, 0.5, "counts must be whole numbers"),
+    ],
 )
 def test_an_edited_state_is_refused(scenario: Scenario, place: int, value: float | None, message: str) -> None:
     dut = Estimator(scenario.vehicle_data, scenario)
@@ -205,7 +212,10 @@ def test_a_group_whose_likeliest_was_wrong_is_settled_by_what_comes() -> None:
 
 def test_a_jet_that_comes_and_goes_is_said_to_be_erratic(tmp_path: Path) -> None:
     run = simulate(load_scenario("intermittent_jet", ["duration_s=50", LOOP]))
-    (said,) = run.results.detections
+    first, said = run.results.detections
+    assert (first.jet, first.erratic_s) == ("R4R", None)
+    assert first.withdrawn_s is not None
+    assert first.withdrawn_s < said.time_s
     assert (said.jet, said.pattern, said.withdrawn_s) == ("R4R", "intermittent", None)
     assert said.erratic_s is not None
     assert said.erratic_s - 48.0 < 3.0

@@ -90,10 +90,10 @@ def probabilities(found: tuple[Found, ...], params: JointParams) -> dict[object,
         weight = each.score.likelihood + each.log_prior
         if each.cause.jets:
             thrust = float(params.thrusts[each.cause.jets[0]])
-            weight += force_correction(*force_of(each, params), thrust, missing=each.cause.signs[0] < 0)
+            weight += force_correction(*force_of(each, params), thrust, Priors(), missing=each.cause.signs[0] < 0)
         weights.append(weight)
     shares = np.exp(np.array(weights) - max(weights))
-    return {each.cause.named: share for each, share in zip(found, (shares / shares.sum()).tolist(), strict=True)}
+    return {each.cause.key: share for each, share in zip(found, (shares / shares.sum()).tolist(), strict=True)}
 
 
 def nees(found: Found, run: Run, time_s: float, params: JointParams) -> float:
@@ -130,7 +130,7 @@ def test_the_jet_that_has_failed_is_certain_and_taken_off_what_the_vehicle_is_li
 def test_a_leak_is_found_through_a_gap_in_telemetry(leaking: Run) -> None:
     own = params_of(LEAK)
     found, _ = searched(cycles(leaking, own, range(30, 36)), own.joint)
-    assert probabilities(found, own.joint)[LEAK_ON_TOP.named] > 0.999
+    assert probabilities(found, own.joint)[LEAK_ON_TOP.key] > 0.999
     force, sigma = force_of(found[0], own.joint)
     assert force == pytest.approx(50.0, abs=4.0 * sigma)
 

@@ -27,7 +27,7 @@ from massprop_drake.maths.linear_algebra import Array
 NOTHING = Cause(Kind.NOTHING)
 ANEW = 1e6  # walk of a force that is another at every interval, in full thrusts a second
 Way = tuple[int, int]  # a jet, and 1: it gives too much, or -1: too little
-Part = tuple[Any, ...]  # of what a hypothesis has happen: a way, or what else, and the how manieth time
+Part = tuple[Any, ...]  # of what a hypothesis has happen: a way, or a kind and a component, and the how manieth time
 
 
 class Event(NamedTuple):
@@ -85,8 +85,9 @@ class Hypothesis(NamedTuple):
         found: list[Part] = []
         for event in self.events:
             cause = event.cause
-            for one in sorted(cause.failures) if cause.kind == Kind.JETS else [(cause.kind, cause.component)]:
-                found.append((*one, sum(part[:2] == one for part in found)))
+            ways: list[Part] = [(way,) for way in sorted(cause.failures)]
+            for one in ways if cause.kind == Kind.JETS else [(cause.kind, cause.component)]:
+                found.append((*one, sum(part[:-1] == one for part in found)))
         return tuple(found)
 
     @property

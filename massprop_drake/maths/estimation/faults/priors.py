@@ -98,7 +98,8 @@ def force_correction(
     if about is None:
         inside = (shares > _LEAST_LEAK) & (shares < _MOST)
         spread = np.log(_MOST / _LEAST_LEAK)
-        density = np.where(inside, 1.0 if missing else 1.0 / (np.where(inside, shares, 1.0) * spread), 0.0)
+        uniform, log_uniform = 1.0 / (_MOST - _LEAST_LEAK), 1.0 / (np.where(inside, shares, 1.0) * spread)
+        density = np.where(inside, uniform if missing else log_uniform, 0.0)
         total = (1.0 - priors.full_thrust) * _mean(density, opened)
         peaks: tuple[tuple[float, float], ...] = ((1.0, priors.full_thrust),)
     else:
@@ -132,5 +133,5 @@ def _at(at: float, opened_at: float, share: float, width: float) -> float:
 
 def _mean(density: Array, opened: Array) -> float:
     """Mean of density / exp(opened) over the posterior."""
-    weights = _WEIGHTS / _WEIGHTS.sum()
-    return float(np.sum(weights * density * np.exp(-opened)))
+    weights, possible = _WEIGHTS / _WEIGHTS.sum(), density > 0.0
+    return float(np.sum(weights * density * np.exp(np.where(possible, -opened, 0.0))))

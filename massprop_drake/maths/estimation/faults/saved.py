@@ -17,6 +17,8 @@ from massprop_drake.maths.estimation.joint.layout import JointState, Places, pac
 from massprop_drake.maths.linear_algebra import Array
 
 _MOST = 10_000  # entries of a list in a saved state
+_LATEST = 2**53  # number of a sample
+_NAME = "hypothesis_detector"
 
 
 class _Writer:
@@ -60,7 +62,7 @@ class _Reader:
     def take(self, count: int) -> Array:
         """Next numbers."""
         if self._at + count > self._vector.size:
-            raise ValueError("hypothesis_detector: ends too soon")
+            raise ValueError(f"{_NAME}: ends too soon")
         self._at += count
         return self._vector[self._at - count : self._at]
 
@@ -72,14 +74,14 @@ class _Reader:
         """Next number, a count."""
         value = self.number()
         if not (0.0 <= value <= _MOST and value == round(value)):
-            raise ValueError("hypothesis_detector: counts must be whole numbers, zero or positive")
+            raise ValueError(f"{_NAME}: counts must be whole numbers, zero or positive")
         return int(value)
 
     def index(self, least: int, most: int) -> int:
         """Next number, a whole one of a range."""
         value = self.number()
         if not (least <= value <= most and value == round(value)):
-            raise ValueError("hypothesis_detector: an index is out of its range")
+            raise ValueError(f"{_NAME}: an index is out of its range")
         return int(value)
 
     def all(self) -> tuple[float, ...]:
@@ -97,14 +99,19 @@ class _Reader:
         state = unpack(self.take(state_layout(self._places).size), self._places)
         told = state._replace(read=state.read[~np.isnan(state.read)])
         if not all(np.isfinite(part).all() for part in told):
-            raise ValueError("hypothesis_detector: only readings of a hypothesis may be missing")
+            raise ValueError(f"{_NAME}: only readings of a hypothesis may be missing")
+        known = np.isin(state.slot_jet, np.arange(-1, self._places.jets)) & np.isin(state.slot_on_top, (0.0, 1.0))
+        if not (known & (np.abs(state.slot_sign) == 1.0)).all():
+            raise ValueError(f"{_NAME}: a force must be of a jet, too much or too little")
         return state
 
     def cause(self) -> Cause:
         """Next cause."""
         kind, component = Kind(self.index(0, len(Kind) - 1)), self.index(-1, _MOST)
-        jets = self.whole(0, self._places.jets - 1)
-        return Cause(kind, jets, self.whole(-1, 1), self.whole(0, 1), component)
+        jets, signs, on_top = self.whole(0, self._places.jets - 1), self.whole(-1, 1), self.whole(0, 1)
+        if not len(jets) == len(signs) == len(on_top) or 0 in signs:
+            raise ValueError(f"{_NAME}: a failure must be of a jet, too much or too little")
+        return Cause(kind, jets, signs, on_top, component)
 
     def score(self) -> Score:
         """Next score."""
@@ -155,8 +162,8 @@ def restored(vector: Array, places: Places) -> tuple[Tree, Verdicts]:
         ValueError: when no run can have left such a vector.
     """
     of = _Reader(vector, places)
-    cycle = int(of.number())
-    hypotheses = tuple(_hypothesis(of, places) for _ in range(of.count()))
+    cycle = of.index(0, _LATEST)
+    hypotheses = tuple(_hypothesis(of, cycle, places) for _ in range(of.count()))
     jets = tuple(
         Declared((of.index(0, places.jets - 1), of.index(-1, 1)), of.number(), of.number(), of.count())
         for _ in range(of.count())
@@ -165,25 +172,31 @@ def restored(vector: Array, places: Places) -> tuple[Tree, Verdicts]:
     groups = []
     for _ in range(of.count()):
         flat = of.whole(-1, places.jets - 1)
+        if len(flat) % 2:
+            raise ValueError(f"{_NAME}: a group must be of jets and signs")
         groups.append(frozenset(zip(flat[::2], flat[1::2], strict=True)))
     verdicts = Verdicts(jets, others, groups=frozenset(groups), earlier=of.state())
     if not of.ended():
-        raise ValueError("hypothesis_detector: goes on where it should end")
+        raise ValueError(f"{_NAME}: goes on where it should end")
     return Tree(cycle, hypotheses), verdicts
 
 
-def _hypothesis(of: _Reader, places: Places) -> Hypothesis:
-    prior, push, weight, onset, cycle, lying, share, lie = of.take(8).tolist()
+def _hypothesis(of: _Reader, cycle: int, places: Places) -> Hypothesis:
+    prior, push, weight = of.take(3).tolist()
+    onset, now, lying = of.index(0, cycle), of.index(cycle, cycle), of.index(0, 1)
+    share, lie = of.take(2).tolist()
     score, decided = of.score(), frozenset(of.whole(0, places.jets - 1))
     opened_at, walks = of.take(places.n_force), of.take(places.n_force)
     state, earlier = of.state(), of.state()
     if state is None:
-        raise ValueError("hypothesis_detector: a hypothesis must have a state")
+        raise ValueError(f"{_NAME}: a hypothesis must have a state")
     kicks, expected = (tuple(of.all() for _ in range(of.count())) for _ in range(2))
     events = tuple(Event(of.cause(), of.number(), of.score()) for _ in range(of.count()))
-    if not np.isfinite([prior, push, weight, onset, cycle, share, *score]).all() or (walks < 0.0).any():
-        raise ValueError("hypothesis_detector: must be finite, and walks zero or positive")
+    if not (np.isfinite([prior, push, weight, share, *score]).all() and (walks >= 0.0).all() and push >= 0.0):
+        raise ValueError(f"{_NAME}: must be finite, and pushes and walks zero or positive")
     cause = events[-1].cause if events else NOTHING
+    if not all(len(pair) == 2 for pair in expected) or not all(len(each) == len(cause.jets) for each in kicks):
+        raise ValueError(f"{_NAME}: impulses and changes must be those of the newest failure")
     pairs = tuple((mean, sigma) for mean, sigma in expected)
-    run = Runner(cause, int(onset), kicks, int(cycle), state, score, bool(lying), share, lie, pairs)
+    run = Runner(cause, onset, kicks, now, state, score, bool(lying), share, lie, pairs)
     return Hypothesis(run, events, prior, opened_at, walks, decided, push, earlier, weight=weight)

@@ -354,7 +354,8 @@ def _pruned(tree: Tree, now_s: float, params: Params) -> Tree:
             continue
         more = math.log1p(math.exp(each.weight - same.weight))
         kept[each.key] = same._replace(prior=same.prior + more, weight=same.weight + more)
-    likely = [each for place, each in enumerate(kept.values()) if place < _MOST or now_s <= each.root_until_s]
+    order = sorted(kept.values(), key=lambda each: -each.weight)
+    likely = [each for place, each in enumerate(order) if place < _MOST or now_s <= each.root_until_s]
     tree = tree._replace(hypotheses=tuple(likely))
     births, leads = [_left_alone(birth, tree) for birth in tree.births], leads_of(tree)
     return tree._replace(births=tuple(one for one in births if one and one.lead(leads) + one.doubt > -_BEHIND))
