@@ -66,6 +66,7 @@ class Tree(NamedTuple):
         hypotheses: see `Hypothesis`.
         births: see `Birth`, best first.
         samples: those since the oldest onset that a proposal may have, with their links.
+        tried: proposals that have arrived of late, whatever has become of them.
         history: None: the likeliest history is the one that has been reported.
     """
 
@@ -73,6 +74,7 @@ class Tree(NamedTuple):
     hypotheses: tuple[Hypothesis, ...] = ()
     births: tuple[Birth, ...] = ()
     samples: tuple[tuple[Sample, Link], ...] = ()
+    tried: frozenset[tuple[object, int]] = frozenset()
     history: History | None = None
 
     @property
@@ -194,7 +196,7 @@ def _proposed(tree: Tree, params: Params) -> Tree:
             births = [birth for birth in births if birth.origin != (each.key, alarm.cycle)]
             alarm = alarm._replace(rest=None)
         elif _due(age) and alarm.drawn != age:
-            origin, there = (each.key, alarm.cycle), _there(tree.hypotheses, births)
+            origin, there = (each.key, alarm.cycle), _there(tree, tree.hypotheses, births)
             fresh, rest = drawn(each, tree.cycle, tree.hypotheses, params)
             births = _redrawn(births, fresh, origin, there)
             alarm = alarm._replace(drawn=age, rest=rest)
@@ -260,7 +262,7 @@ def _reviewed(tree: Tree, params: Params) -> Tree:
             review = reviews.followed(review, each, sample, over, params.joint)
         age = each.run.age
         if review.run.cycle == tree.cycle and (review.drawn < 0 or _due(age) or _due(_alarm_age(each, tree))):
-            origin, there = ("review", each.key), _there(hypotheses, births)
+            origin, there = ("review", each.key), _there(tree, hypotheses, births)
             review, fresh, rest = reviews.drawn(review, each, hypotheses, params)
             if each.weight == best:
                 births = [birth for birth in births if not _is_rival(birth, each)]
@@ -289,13 +291,13 @@ def _in_turn(births: Sequence[Birth], leads: Leads) -> tuple[Birth, ...]:
     return tuple(birth for *_, birth in sorted(ranked, key=lambda one: one[:3]))
 
 
-def _there(hypotheses: Sequence[Hypothesis], births: Sequence[Birth]) -> dict[object, Birth | None]:
-    """Hypotheses that there are, and proposals that wait."""
+def _there(tree: Tree, hypotheses: Sequence[Hypothesis], births: Sequence[Birth]) -> dict[object, Birth | None]:
+    """Hypotheses that there are or have been, and proposals that wait."""
     there: dict[object, Birth | None] = {_born_as(birth.child): birth for birth in births}
-    return there | dict.fromkeys(map(_born_as, hypotheses))
+    return there | dict.fromkeys(map(_born_as, hypotheses)) | dict.fromkeys(tree.tried)
 
 
-def _born_as(child: Hypothesis) -> object:
+def _born_as(child: Hypothesis) -> tuple[object, int]:
     return born_key(child), child.run.onset
 
 
@@ -317,7 +319,7 @@ def _redrawn(
 
 def _replayed(tree: Tree, params: Params) -> Tree:
     """The tree with its proposals as far as the budget lets them go; those that have arrived are hypotheses."""
-    left, arrived = _BUDGET, list(tree.hypotheses)
+    left, arrived, tried = _BUDGET, list(tree.hypotheses), set(tree.tried)
     queue, waiting = list(tree.births), []
     while queue:
         birth = queue.pop(0)
@@ -336,9 +338,11 @@ def _replayed(tree: Tree, params: Params) -> Tree:
             continue
         if child.run.cycle == tree.cycle:
             arrived.append(weighed(child, params))
+            tried.add(_born_as(child))
         else:
             waiting.append(birth._replace(child=child))
-    return tree._replace(hypotheses=tuple(arrived), births=tuple(waiting))
+    kept = frozenset(one for one in tried if one[1] >= tree.cycle - len(tree.samples))
+    return tree._replace(hypotheses=tuple(arrived), births=tuple(waiting), tried=kept)
 
 
 def _pruned(tree: Tree, now_s: float, params: Params) -> Tree:
