@@ -17,7 +17,7 @@ from massprop_drake.inputs.renamed import RenamedWarning
 from massprop_drake.inputs.scenario import FaultMode, FaultsBlock, HypothesesBlock, JetFaults, resolved
 from massprop_drake.inputs.yaml import Document
 from massprop_drake.maths.estimation.faults.declarations import Mode
-from massprop_drake.maths.estimation.faults.detector import Params
+from massprop_drake.maths.estimation.faults.hypothesis_filter import Params
 from massprop_drake.maths.estimation.faults.priors import Priors
 
 JETS = 44  # of the orbiter

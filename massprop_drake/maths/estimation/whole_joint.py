@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from massprop_drake.maths.arrays import Layout
 from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationState
 from massprop_drake.maths.estimation.detector import STATUS
-from massprop_drake.maths.estimation.faults import detector as faults
+from massprop_drake.maths.estimation.faults import hypothesis_filter as faults
 from massprop_drake.maths.estimation.faults.proposals import Record, Watch
 from massprop_drake.maths.estimation.faults.report import HYPOTHESIS_REPORT, nothing_said
 from massprop_drake.maths.estimation.faults.tree import Tree

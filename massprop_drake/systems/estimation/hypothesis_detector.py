@@ -9,7 +9,7 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.estimation.detector import Detector, Event, Jets, Judgment
-from massprop_drake.maths.estimation.faults import detector as faults
+from massprop_drake.maths.estimation.faults import hypothesis_filter as faults
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.systems.caching import NOTHING, Cached
 from massprop_drake.systems.layouts import DETECTOR_REPORT, HYPOTHESIS_REPORT, RECONFIGURATION, detector_row
@@ -63,7 +63,7 @@ class HypothesisDetector(LeafSystem):
     time are taken from it.
 
     Args:
-        params: of the method, such as `faults.detector.Params`.
+        params: of the method, such as `faults.hypothesis_filter.Params`.
         jets: see `maths.estimation.detector.Jets`.
         method: a detector that is made for one filter and judges hypotheses; default that of the joint filter.
     """

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from faults_probe import SLOTS, commands_of, dock, fail, flight, follow, make_params
 
-from massprop_drake.maths.estimation.faults import detector
 from massprop_drake.maths.estimation.faults.saved import restored, saved
 from massprop_drake.maths.estimation.faults.tree import Tree
 from massprop_drake.maths.estimation.faults.verdicts import Declared, Verdicts

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from faults_probe import JETS, commands_of, fail, flight, known_vehicle, make_params
 
-from massprop_drake.maths.estimation.faults import detector
 from massprop_drake.maths.estimation.faults.declarations import (
     JetsDeclared,
     JumpDeclared,

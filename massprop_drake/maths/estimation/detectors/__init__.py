@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from massprop_drake.maths.estimation.detector import Detector
 from massprop_drake.maths.estimation.detectors import cglr, cusum, thrust_factors
-from massprop_drake.maths.estimation.faults import detector as faults
+from massprop_drake.maths.estimation.faults import hypothesis_filter as faults
 
 DETECTORS: dict[str, Detector] = {
     "cglr": cglr.DETECTOR,
