@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from faults_probe import JETS, commands_of, fail, flight, known_vehicle, make_params
 
+from massprop_drake.maths.estimation.faults import hypothesis_filter
 from massprop_drake.maths.estimation.faults.declarations import (
     JetsDeclared,
     JumpDeclared,
@@ -195,11 +196,11 @@ def test_jets_that_are_named_alone_are_out_of_use_until_they_are_well() -> None:
     """As the autopilot is told, over a flight whose jet leaks for a while."""
     commands = commands_of(50, idle=(3,))
     flown = flight(PARAMS, commands, changes={20: fail(3, 0.3 * THRUSTS[3], 1, 1), 35: fail(3, 0.0, 1, 1)})
-    state, filtered = detector.initial(PARAMS), known_vehicle(JOINT)
+    state, filtered = hypothesis_filter.initial(PARAMS), known_vehicle(JOINT)
     removed, forces = [], []
     for sample in flown.samples:
         after, report = step(filtered, sample, JOINT)
-        judgment = detector.judge(state, JointEvidence(filtered, after, report, sample, False), PARAMS)
+        judgment = hypothesis_filter.judge(state, JointEvidence(filtered, after, report, sample, False), PARAMS)
         state, filtered = judgment.state, after if judgment.replacement is None else judgment.replacement
         removed.append(np.flatnonzero(state.removed).tolist())
         forces.append(state.force.copy())

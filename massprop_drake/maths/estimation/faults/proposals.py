@@ -185,8 +185,10 @@ def watched(each: Hypothesis, evidence: JointEvidence, cycle: int, params: Joint
         statistic = float(found.likelihood.max())
     if alarm is not None:
         alarm = alarm._replace(screen=screens.screened(alarm.screen, over, params))
-    elif found is not None and banks.alarming(statistic, float(found.total.max())):
-        alarm = _alarm(watch.bank, records, banks.onset_of(found.total, _SHARE), cycle, params)
+    if found is not None and banks.alarming(statistic, float(found.total.max())):
+        index = banks.onset_of(found.total, _SHARE)
+        if alarm is None or watch.bank.cycles[index] > alarm.cycle:  # something new
+            alarm = _alarm(watch.bank, records, index, cycle, params)
     oldest = int(bank.cycles[0]) if alarm is None else min(int(bank.cycles[0]), alarm.screen.began)
     watch = Watch(bank, records[-(cycle - oldest + 1) :], alarm, tested, statistic)
     return each._replace(run=done, watch=watch)

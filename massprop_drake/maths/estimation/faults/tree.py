@@ -232,6 +232,14 @@ def _due(age: int) -> bool:
     return age >= 0 and age & (age - 1) == 0
 
 
+def draws_that_count(tree: Tree) -> tuple[Hypothesis, ...]:
+    """Hypotheses of whose draws something may be left: not those that are far behind one that has been reviewed."""
+    leader = tree.leader
+    if reviews.may_be(leader) and (leader.review is None or leader.review.drawn < 0):
+        return tree.hypotheses
+    return tuple(each for each in tree.hypotheses if each.weight > leader.weight - _BEHIND)
+
+
 def leads_of(tree: Tree) -> Leads:
     """Log weight of each hypothesis over that of the likeliest, by its events, nats."""
     best = max(each.weight for each in tree.hypotheses)

@@ -20,7 +20,7 @@ from massprop_drake.maths.estimation.faults.events import ANEW, Event, Hypothesi
 from massprop_drake.maths.estimation.faults.priors import Params
 from massprop_drake.maths.estimation.faults.proposals import INTERMITTENT_AFTER
 from massprop_drake.maths.estimation.faults.report import Odds, certain
-from massprop_drake.maths.estimation.faults.tree import Tree, leads_of, probabilities
+from massprop_drake.maths.estimation.faults.tree import Tree, draws_that_count, leads_of, probabilities
 from massprop_drake.maths.estimation.joint.apart import Apart, told_apart
 from massprop_drake.maths.estimation.joint.hypotheses import Kind, slot_of
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, settled
@@ -186,7 +186,7 @@ def unheard(part: Part | frozenset[Way], tree: Tree) -> float:
     total = sum(
         math.exp(min(birth.lead(leads) + birth.doubt, 0.0)) for birth in tree.births if not _has(part, birth.child)
     )
-    for each in tree.hypotheses:
+    for each in draws_that_count(tree):
         draws = (each.watch.alarm if each.watch else None, each.review)
         total += sum(math.exp(min(one.rest.lead(leads), 0.0)) for one in draws if one and one.rest)
     return total / (1.0 + total)
