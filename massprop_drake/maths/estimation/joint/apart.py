@@ -1,6 +1,6 @@
 r"""What would tell the members of a group of jets apart: one of them fired alone, or time.
 
-The columns of a screen go on (`screen`), with what would be commanded in place of what was: with s the innovation that a
+A screen's columns go on (`screen`), with what would be commanded in place of what was: with s the innovation that a
 unit force of a member would add in the cycles to come, and A of the past,
 
     A' = A + sum S^T Y^-1 S,    separation of i from the likeliest j = f_j^2 (A'_jj - A'_ji^2 / A'_ii),
