@@ -6,8 +6,8 @@ r"""What a hypothesis is: the joint filter's own cycle from another state, and h
             One that drifts has P += w^2 for it in every further interval, w = 3 % of full thrust a second,
             and so it has once it has been named
     jump    rebased, the ten parameters uncertain again, see `jump_sigma`, s the likeliest of `JUMP_SHARES`; guard and
-            settling begin anew; it learns nothing until one cycle after the last onset that the race looks at, since
-            what fired before the jump would be taken for what it has become
+            settling begin anew; it learns nothing until one cycle after the onset, since what fired before the jump
+            would be taken for what it has become
     lies    one component is not read from the onset on, until it fits again
 
 *Log-likelihood*: the sum of ln Z over the readings that its own filter takes in (`quantized`), so that what a filter
@@ -313,7 +313,7 @@ def pushed(state: JointState, push: float, over: Link, params: JointParams) -> J
 
 
 def without_increments(params: JointParams) -> JointParams:
-    """Parameters of a filter that increments nothing: the race compares what increments would blur."""
+    """Parameters of a filter that increments nothing: increments would blur what is compared."""
     return params._replace(thresholds=np.full_like(params.thresholds, np.inf))
 
 

@@ -1,9 +1,9 @@
-r"""Every hypothesis of a race at once, to first order: columns beside the filter that knows of nothing.
+r"""First-order test of many faults at once: columns beside the filter that knows of none.
 
 Per onset there is a column for each jet that gives something on top of what it is told to, for each that gives less,
 for the impulse of each jet in the first interval (nobody knows when in it a failure began) and in the second (it builds
 up with a lag), for each that gives more only while it is not told to, and for each reading that lies in the first
-sample; besides, the ten parameters jump at the race's beginning. With s the innovation that a column's unit adds,
+sample; besides, the ten parameters jump at the screen's beginning. With s the innovation that a column's unit adds,
 
     A = sum S^T Y^-1 S,    b = sum S^T Y^-1 e,
 
@@ -61,7 +61,7 @@ _ALIKE = 4  # jets of which pairs are looked at since together they push as one:
 
 
 class Screen(NamedTuple):
-    """The columns of a race, and what they have explained.
+    """Columns of a screen, and what they have explained.
 
     Attributes:
         onsets: cycles after which failures may have begun, ascending.
@@ -75,7 +75,7 @@ class Screen(NamedTuple):
         projection: b of each onset, shape (n_onsets, h).
         jump_information, jump_projection: of the jump, shape (10, 10) and (10,).
         scores: of no failure, after each cycle from the beginning on.
-        fired: whether a jet fired in an interval in which what the race is about may have happened: the first order,
+        fired: whether a jet fired in an interval in which what the screen is about may have happened: the first order,
             which has a jump happen between two samples, may then be far off.
         misfit: NIS of no failure, rounding taken as noise, above its expectation.
     """
@@ -95,7 +95,7 @@ class Screen(NamedTuple):
 
     @property
     def began(self) -> int:
-        """The cycle after which the race begins."""
+        """Number of the cycle after which the screen begins."""
         return self.cycle - len(self.scores) + 1
 
     @property
@@ -164,7 +164,7 @@ def begin(
     *,
     single: bool = False,
 ) -> Screen:
-    """The screen before the first cycle of a race.
+    """The screen before its first cycle.
 
     Args:
         start: state where it begins, and the cycle after which that is.
