@@ -126,8 +126,10 @@ def test_a_gap_in_the_record_begins_the_bank_anew(scenario: Scenario, folder: Pa
     holes = tmp_path / "holes.csv"
     holes.write_text("".join(lines[:40] + lines[52:]), encoding="utf-8")
     found = estimate(holes, load_scenario(folder))
-    (said,) = found.results.detections
-    assert said.jet == "L4D"
+    assert {said.jet for said in found.results.detections} <= {"L4D"}
+    names, probable = found.scenario.vehicle_data.designations, found["fault_probability"][-1]
+    assert {name for name, share in zip(names, probable, strict=True) if share > 0.1} <= {"L3D", "L4D", "L5D"}
+    assert probable[names.index("L4D")] > 0.1  # less is known after a gap, and its neighbors look alike for a while
 
 
 def test_a_payload_that_docks_is_weighed() -> None:
