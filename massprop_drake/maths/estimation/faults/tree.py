@@ -227,6 +227,11 @@ def _alarm_age(each: Hypothesis, tree: Tree) -> int:
     return -1 if alarm is None else tree.cycle - alarm.cycle
 
 
+def _is_calm(leader: Hypothesis, tree: Tree) -> bool:
+    """Whether the likeliest hypothesis explains its readings, and its own review says what may have been instead."""
+    return leader.review is not None and leader.review.drawn >= 0 and _alarm_age(leader, tree) < 0
+
+
 def _due(age: int) -> bool:
     """Whether proposals are drawn at an age, in cycles: at 0, 1, 2, 4, 8 ..."""
     return age >= 0 and age & (age - 1) == 0
@@ -253,10 +258,11 @@ def _reviewed(tree: Tree, params: Params) -> Tree:
     """The tree with reviews of its likeliest hypotheses a few cycles on, and what they propose."""
     births, hypotheses = list(tree.births), list(tree.hypotheses)
     best, now_s = max(each.weight for each in hypotheses), tree.samples[-1][0].time_s
+    calm = _is_calm(max(hypotheses, key=lambda each: each.weight), tree)
     likely = [
         place
         for place, each in enumerate(hypotheses)
-        if (each.weight > best - _LIKELY or _alarm_age(each, tree) >= 0)
+        if (each.weight > best - _LIKELY or (not calm and _alarm_age(each, tree) >= 0))
         and reviews.may_be(each)
         and now_s - each.events[-1].onset_s < _ROOT_S
     ]
