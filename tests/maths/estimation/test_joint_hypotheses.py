@@ -269,11 +269,9 @@ def test_a_force_that_drifts_walks_in_its_own_slot(flown: Flight) -> None:
     assert restless(state, NONE, PARAMS) is state
 
 
-def test_small_jets_are_not_favored_and_pairs_are_rare() -> None:
+def test_small_jets_are_not_favored() -> None:
     params = PARAMS._replace(thrusts=np.array([1.0, 1, 1, 1, 1, 0.1]))
-    assert screens.prior(Cause(Kind.JETS, (5,), (1,), (1,)), params) == pytest.approx(np.log(0.1))
-    assert screens.prior(Cause(Kind.JETS, (0, 1), (1, 1), (1, 1)), params) == pytest.approx(-12.0)
-    assert screens.prior(Cause(Kind.JUMP), params) == 0.0
+    assert screens.rarity(params)[5] == pytest.approx(np.log(0.1))
 
 
 def test_contenders_agree_with_dense_least_squares(flown: Flight) -> None:
@@ -335,11 +333,11 @@ def test_who_explains_all_alone_takes_no_place_of_two_that_do(monkeypatch: pytes
 def test_a_force_above_its_stated_thrust_is_as_rare_as_a_second_failure() -> None:
     """Up to what jets give at most, which is more where more is stated."""
     exact = PARAMS._replace(places=PARAMS.places._replace(n_thrust=0))
-    cause, thrust = Cause(Kind.JETS, (2,), (-1,), (0,)), PARAMS.thrusts[2]
+    thrust = PARAMS.thrusts[2]
     covariance = np.array([[(0.005 * thrust) ** 2]])
 
     def cost(force: float, params: JointParams) -> float:
-        return screens.prior(cause, params) - screens.believed(cause, np.array([force * thrust]), covariance, params)
+        return float(screens.too_much(np.array([[force * thrust]]), covariance[None], np.array([[2]]), params)[0])
 
     assert cost(1.0, exact) == 0.0
     assert cost(1.01, exact) == pytest.approx(0.5 * 2.0**2)

@@ -3,11 +3,9 @@ r"""What a hypothesis is: the joint filter's own cycle from another state, and h
     jets    from the onset on each has a force in a slot, prior N(0, T^2) about what is known of it; since nobody knows
             when in its interval it began, P += g g^T, g = 0.6 f x (interval) x (effect of a unit force), f the
             most that it may be; and once more in the second interval, 0.17 of that: it builds up with a lag
-            One that drifts has P += w^2 for it in every further interval, w = 3 % of full thrust a second,
-            and so it has once it has been named
-    jump    rebased, the ten parameters uncertain again, see `jump_sigma`, s the likeliest of `JUMP_SHARES`; guard and
-            settling begin anew; it learns nothing until one cycle after the onset, since what fired before the jump
-            would be taken for what it has become
+            One that drifts has P += w^2 for it in every further interval, w = 3 % of full thrust a second
+    jump    rebased, the ten parameters uncertain again, see `jump_sigma`, s one of `JUMP_SHARES`; guard and settling
+            begin anew; in its own interval jets may have given otherwise by that share
     lies    one component is not read from the onset on, until it fits again
 
 *Log-likelihood*: the sum of ln Z over the readings that its own filter takes in (`quantized`), so that what a filter
@@ -62,7 +60,6 @@ class Cause(NamedTuple):
         signs: 1: that jet gives more than it is told to, -1: less.
         on_top: 1: it gives that on top of what it is told to, as a leak; 0: as a jet that is stuck.
         component: index of the reading that lies, else -1.
-        drifts: whether what the jets give changes all the while.
     """
 
     kind: Kind
@@ -70,7 +67,6 @@ class Cause(NamedTuple):
     signs: tuple[int, ...] = ()
     on_top: tuple[int, ...] = ()
     component: int = -1
-    drifts: bool = False
 
     @property
     def failures(self) -> frozenset[tuple[int, int]]:

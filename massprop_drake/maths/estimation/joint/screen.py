@@ -47,7 +47,6 @@ from massprop_drake.maths.linear_algebra import Array
 
 _MOST_FORCE = 1.05  # of full thrust: a jet gives no more, unless its thrust is stated to be that uncertain
 PAIR_PRIOR = 12.0  # nats against two failures at once: 1e-5 of one
-_DRIFT_PRIOR = 6.0  # nats against a force that drifts: one failure in four hundred
 _KINDS = 5  # of columns of a jet
 _BLOCKS = 4  # dimensions of A where only its blocks are kept
 _FIRES = 0.01  # of an interval: less is the rest of a tail-off
@@ -112,16 +111,6 @@ class Screen(NamedTuple):
         return self.information[index][sets[:, :, None], sets[:, None, :]]
 
 
-class FailedJet(NamedTuple):
-    """A jet's failure as a hypothesis has it: see `Cause`; force and sigma in lbf or N."""
-
-    jet: int
-    sign: int
-    on_top: int
-    force: float
-    sigma: float
-
-
 class Contender(NamedTuple):
     """A hypothesis and how likely it is.
 
@@ -143,16 +132,6 @@ class Contender(NamedTuple):
     kicks: tuple[tuple[float, ...], ...] = ()
     share: float = JUMP_SHARES[0]
     at_onsets: tuple[tuple[int, float], ...] = ()
-
-    def lead_at(self, onset: int) -> float:
-        """Its lead to first order at an onset; what it has at its own where it is not possible there."""
-        return dict(self.at_onsets).get(onset, self.lead)
-
-    @property
-    def failures(self) -> tuple[FailedJet, ...]:
-        """One by one."""
-        cause = self.cause
-        return tuple(map(FailedJet, cause.jets, cause.signs, cause.on_top, self.force, self.sigma))
 
 
 def begin(
@@ -320,32 +299,13 @@ def explained(information: Array, projection: Array, variances: Array) -> tuple[
     return lead, amplitude, covariance
 
 
-def prior(cause: Cause, params: JointParams) -> float:
-    """Logarithm of how likely a cause is before any reading, nats."""
-    if cause.kind != Kind.JETS:
-        return 0.0
-    rare = PAIR_PRIOR * (len(cause.jets) - 1) + _DRIFT_PRIOR * cause.drifts
-    return float(rarity(params)[list(cause.jets)].sum()) - rare
-
-
-def believed(cause: Cause, force: Array, covariance: Array, params: JointParams) -> float:
-    """Logarithm of how likely jets that have failed are but for the readings, nats: beforehand, and as their forces go.
-
-    Args:
-        cause: see `Cause`.
-        force, covariance: of each, lbf or N, shapes (k,) and (k, k).
-        params: see `JointParams`.
-    """
-    return prior(cause, params) - float(_too_much(force[None], covariance[None], np.array([cause.jets]), params)[0])
-
-
 def most_forces(params: JointParams) -> Array:
     """What jets give at most, lbf or N, shape (n_jets,)."""
     most: Array = np.maximum(_MOST_FORCE, 1.0 + BOUND * thrust_sigmas(params)) * params.thrusts
     return most
 
 
-def _too_much(force: Array, covariance: Array, jets: np.ndarray, params: JointParams) -> Array:
+def too_much(force: Array, covariance: Array, jets: np.ndarray, params: JointParams) -> Array:
     """What it costs that jets give less than nothing or more than they can, nats.
 
     They can give full thrust and three of its stated 1-sigma. That one is off by more than is stated is as rare as a
@@ -483,7 +443,7 @@ def _singles(screen: Screen, index: int, allowed: np.ndarray, known: Array, para
     change, sigma, had = fitted.force[:, 0], fitted.sigma[:, 0], known[ways]
     total = had + change
     lead = fitted.lead + rarity(params)[steps % jets]
-    lead -= _too_much(total[:, None], fitted.covariance, steps[:, None] % jets, params)
+    lead -= too_much(total[:, None], fitted.covariance, steps[:, None] % jets, params)
     possible = allowed[ways] & (screen.among(index, steps.reshape(-1, 1))[:, 0, 0] > 0.0)
     possible &= (total + BOUND * sigma > 0.0) & (total - BOUND * sigma < most_forces(params)[steps % jets])
     possible &= ((change > 0.0) | (had > 0.0)) & ((as_found(steps, total, params) == steps) | (had > 0.0))
@@ -511,7 +471,7 @@ def _pairs(screen: Screen, index: int, allowed: np.ndarray, known: Array, params
     had = known[_directions(steps, jets)]
     total = fitted.force + had
     lead = fitted.lead + rarity(params)[steps % jets].sum(axis=1) - PAIR_PRIOR
-    lead -= _too_much(total, fitted.covariance, steps % jets, params)
+    lead -= too_much(total, fitted.covariance, steps % jets, params)
     most = most_forces(params)[steps % jets]
     within = (total + BOUND * fitted.sigma > 0.0) & (total - BOUND * fitted.sigma < most)
     possible = (within & ((as_found(steps, total, params) == steps) | (had > 0.0))).all(axis=1)
@@ -604,33 +564,3 @@ def _lies(screen: Screen, index: int, params: JointParams) -> list[Contender]:
                 cause = Cause(Kind.LIES, component=component)
                 result.append(Contender(cause, screen.onsets[index], float(lead)))
     return result
-
-
-def _column(failure: FailedJet, jets: int) -> int:
-    if failure.sign < 0:
-        return failure.jet + jets
-    return failure.jet + (0 if failure.on_top else 4 * jets)
-
-
-def separation(
-    screen: Screen, onset: int, two: tuple[FailedJet, FailedJet], common: tuple[FailedJet, ...], params: JointParams
-) -> float:
-    """How far what has fired tells two failures apart: d_j - (c_j^T Y^-1 c_i)^2 / d_i times the force's square.
-
-    Args:
-        screen: see `Screen`.
-        onset: of the likelier one.
-        two: of them; the first is likelier.
-        common: failures that there are in either case, their forces not known.
-        params: see `JointParams`.
-    """
-    jets = params.places.jets
-    information = screen.information[screen.onsets.index(onset)]
-    chosen = [_column(each, jets) for each in (*two, *common)]
-    rows = information[np.ix_(chosen, chosen)]
-    if common:
-        known = rows[2:, 2:] + np.diag([params.thrusts[each.jet] ** -2.0 for each in common])
-        rows = rows[:2, :2] - rows[:2, 2:] @ np.linalg.solve(known, rows[2:, :2])
-    if rows[1, 1] <= 0.0:
-        return np.inf
-    return float(two[0].force ** 2 * (rows[0, 0] - rows[0, 1] ** 2 / rows[1, 1]))
