@@ -295,13 +295,14 @@ def _is_rival(birth: Birth, each: Hypothesis) -> bool:
 def _in_turn(births: Sequence[Birth], leads: Leads) -> tuple[Birth, ...]:
     """Proposals in the order in which they are followed: the best of each draw, the second of each, and so on.
 
-    What different draws neglect differs; a draw that is too sure of itself must not keep all others waiting.
+    What different draws neglect differs; a draw that is too sure of itself must not keep all others waiting. Those
+    are best that might be likeliest, by what the first order may be off: they keep declarations waiting.
     """
     ranks: dict[object, int] = {}
     ranked: list[tuple[int, float, int, Birth]] = []
-    for birth in sorted(births, key=lambda birth: -birth.lead(leads)):
+    for birth in sorted(births, key=lambda birth: -birth.lead(leads) - birth.doubt):
         ranks[birth.origin] = ranks.get(birth.origin, -1) + 1
-        ranked.append((ranks[birth.origin], -birth.lead(leads), len(ranked), birth))
+        ranked.append((ranks[birth.origin], -birth.lead(leads) - birth.doubt, len(ranked), birth))
     return tuple(birth for *_, birth in sorted(ranked, key=lambda one: one[:3]))
 
 
