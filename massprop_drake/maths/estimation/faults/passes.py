@@ -23,6 +23,7 @@ from massprop_drake.maths.estimation.joint.thrust_scale import partitioned
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
 
 _MOST = 6  # passes; three as a rule
+_LATE = 2  # passes to the newest sample, during each of which more come: compute budget
 _CLOSE = 3.0  # sigmas by which samples that came since may move the end of the last pass
 
 
@@ -162,12 +163,12 @@ def end_pass(fit: Fit, entry: JointState, params: JointParams) -> Fit:
 
 def has_moved(fit: Fit) -> bool:
     """True if samples that came since the last pass have moved its end, so that another one is due."""
-    return fit.passes < _MOST and not stays(fit.state, fit.about, _CLOSE)
+    return fit.passes < _LATE and not stays(fit.state, fit.about, _CLOSE)
 
 
 def follow_up(fit: Fit, entry: JointState, params: JointParams) -> Fit:
-    """Begins another pass if one is due since newer samples have moved the end of the last."""
-    return begin_pass(fit, entry, params) if has_moved(fit) else fit
+    """Begins a last pass if one is due since newer samples have moved the end of the one before."""
+    return begin_pass(fit, entry, params)._replace(arrived=True) if has_moved(fit) else fit
 
 
 def _cause(fit: Fit, params: JointParams) -> Cause:

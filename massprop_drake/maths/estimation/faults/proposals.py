@@ -42,6 +42,7 @@ _FINEST = 4  # cycles that an onset stands for, up to which a proposal is made f
 _DRIFTS = 4  # of the likeliest single failures, as drifting ones: compute budget
 _NEAR = 20.0  # nats of first order within which proposals are followed: what is less likely counts as unheard
 _OFF = 5e-3  # of the largest lead, by which the first order may be off: a linearization
+_BENT = 0.2  # of the misfit, that the first order of a jump may leave: forces act on what has jumped
 _NEARER = 3.0  # the same of a hypothesis that is reviewed: first orders are of what is near it
 _HOPELESS = 50.0  # nats behind the likeliest hypothesis, to first order, at which nothing is followed
 _PUSHES = (1.0, 0.1, 0.01)  # of an unknown push, in what all jets give
@@ -262,13 +263,13 @@ def drawn(each: Hypothesis, cycle: int, among: Sequence[Hypothesis], params: Par
     explained = alarm.scores[0].likelihood + alarm.usual * (cycle - alarm.screen.onsets[0])
     level = explained + each.prior - 0.5 * alarm.screen.misfit
     births, left = ranked(each, alarm, level, among, params, off=_OFF)
-    level = explained - max(other.weight for other in among)
+    best = max(other.weight for other in among)
+    births += _jumps(each, alarm, level - best, params)
+    level = explained - best
     for push in _PUSHES:
         child = _pushed(each, push, alarm, params)
         spent = _NATS_OF_A_PUSH * (cycle - alarm.screen.onsets[0]) * (1.0 + 0.3 * math.log10(push))
         births.append(Birth(child, level + child.prior - spent, None, _NEAR))
-    for jump in _jumps(each, alarm, params):  # of which the first order knows little where jets fire in its interval
-        births.append(Birth(jump, level + jump.prior - _NATS_OF_A_PUSH, None, _NEAR))
     return births, left
 
 
@@ -294,8 +295,7 @@ def ranked(
         sum(known[jet + (joint.places.jets if sign < 0 else 0)] == 0.0 for jet, sign in one.cause.failures)
         for one in found
     ]
-    jets = [one.cause.kind != Kind.JUMP for one in found]  # a jump has its own proposals
-    found = [one for one, needed, other in zip(found, new, jets, strict=True) if needed <= free and other]
+    found = [one for one, needed in zip(found, new, strict=True) if needed <= free]
     priors = [_log_prior(each, one, alarm, params) for one in found]
     worth = [
         one.lead + prior + PAIR_PRIOR * max(len(one.cause.jets) - 1, 0)
@@ -377,10 +377,7 @@ def _seconds(alarm: Alarm, place: int) -> float:
 def _log_prior(each: Hypothesis, one: Contender, alarm: Alarm, params: Params) -> float:
     """Log prior of a proposed event, but for the size of its forces, nats."""
     priors, cause = params.priors, one.cause
-    place = 0 if cause.kind == Kind.JUMP else alarm.screen.onsets.index(one.onset)
-    seconds = _seconds(alarm, place)
-    if cause.kind == Kind.JUMP:
-        return log_rate(priors.payload_per_hour, seconds)
+    seconds = _seconds(alarm, alarm.screen.onsets.index(one.onset))
     if cause.kind == Kind.LIES:
         return log_rate(priors.reading_per_hour, seconds)
     new = [jet for jet, sign in zip(cause.jets, cause.signs, strict=True) if (jet, sign) not in each.ways]
@@ -445,7 +442,7 @@ def _child(
     begins, state, score = alarm.screen.onsets[place], alarm.states[place], alarm.scores[place]
     kicks = tuple(tuple(kick / apart for kick in kicks) for kicks in one.kicks)
     lies = one.cause.kind == Kind.LIES
-    run = Runner(one.cause, onset, kicks, begins, state, score, lies, share=one.share)
+    run = Runner(one.cause, onset, kicks, begins, state, score, lies)
     child = _born(each, run, prior, params.joint, origin_of(each, alarm))
     if onset == begins:
         return child
@@ -521,14 +518,27 @@ def _pushed(each: Hypothesis, push: float, alarm: Alarm, params: Params) -> Hypo
     return _born(each, run, prior, params.joint)._replace(push=push)
 
 
-def _jumps(each: Hypothesis, alarm: Alarm, params: Params) -> list[Hypothesis]:
-    """The hypotheses that the mass properties jump, by much or little, at each onset of the screen."""
-    cause, found = Cause(Kind.JUMP), []
-    for place, (onset, state, score) in enumerate(zip(alarm.screen.onsets, alarm.states, alarm.scores, strict=True)):
-        prior = log_rate(params.priors.payload_per_hour, _seconds(alarm, place)) - math.log(len(JUMP_SHARES))
-        for share in JUMP_SHARES:
-            run = Runner(cause, onset, (), onset, state, score, share=share)
-            found.append(_born(each, run, prior, params.joint))
+def _jumps(each: Hypothesis, alarm: Alarm, level: float, params: Params) -> list[Birth]:
+    """Proposals that the mass properties jump, by much or little, at each onset of the screen.
+
+    The first order, which is of the screen's beginning alone, may miss a share of what there is to explain.
+
+    Args:
+        each: the hypothesis.
+        alarm: see `Alarm`.
+        level: log weight over that of the likeliest that a lead of zero stands for.
+        params: see `Params`.
+    """
+    screen, found = alarm.screen, list[Birth]()
+    least = (1.0 - _BENT) * 0.5 * screen.misfit - _NEAR
+    for share, lead in zip(JUMP_SHARES, screens.jumps(screen, params.joint).tolist(), strict=True):
+        if lead < least:
+            continue
+        for place, (onset, state, score) in enumerate(zip(screen.onsets, alarm.states, alarm.scores, strict=True)):
+            prior = log_rate(params.priors.payload_per_hour, _seconds(alarm, place)) - math.log(len(JUMP_SHARES))
+            run = Runner(Cause(Kind.JUMP), onset, (), onset, state, score, share=share)
+            child = _born(each, run, prior, params.joint)
+            found.append(Birth(child, level + lead + child.prior - each.prior, None, _NEAR))
     return found
 
 

@@ -104,9 +104,14 @@ def advance(tree: Tree, evidence: JointEvidence, params: Params) -> Tree:
         leader = leader._replace(run=leader.run._replace(state=evidence.after, cycle=cycle), watch=None)
         return Tree(cycle, (leader, *others))
     if report.incremented:
-        leader = tree.leader
-        leader = leader._replace(run=leader.run._replace(state=evidence.after, cycle=cycle), watch=None)
-        return Tree(cycle, (leader,))
+        if not tree.leader.events:
+            leader = tree.leader
+            leader = leader._replace(run=leader.run._replace(state=evidence.after, cycle=cycle), watch=None)
+            return Tree(cycle, (leader,))
+        after, report = step(
+            evidence.before, evidence.sample, params.joint
+        )  # else what it is compared with would be lost
+        evidence = evidence._replace(after=after, report=report)
     over = newest_link(evidence, params.joint)
     samples = (*tree.samples, (evidence.sample, over))[-(banks.OLDEST + 2) :]
     before = tree.leader
@@ -295,14 +300,16 @@ def _is_rival(birth: Birth, each: Hypothesis) -> bool:
 def _in_turn(births: Sequence[Birth], leads: Leads) -> tuple[Birth, ...]:
     """Proposals in the order in which they are followed: the best of each draw, the second of each, and so on.
 
-    What different draws neglect differs; a draw that is too sure of itself must not keep all others waiting. Those
-    are best that might be likeliest, by what the first order may be off: they keep declarations waiting.
+    What different draws neglect differs, and so what jets and jumps do; a draw that is too sure of itself must not keep
+    all others waiting. Those are best that might be likeliest, by what the first order may be off: they keep
+    declarations waiting.
     """
-    ranks: dict[object, int] = {}
+    ranks: dict[tuple[object, Kind], int] = {}
     ranked: list[tuple[int, float, int, Birth]] = []
     for birth in sorted(births, key=lambda birth: -birth.lead(leads) - birth.doubt):
-        ranks[birth.origin] = ranks.get(birth.origin, -1) + 1
-        ranked.append((ranks[birth.origin], -birth.lead(leads) - birth.doubt, len(ranked), birth))
+        draw = (birth.origin, birth.child.run.cause.kind)
+        ranks[draw] = ranks.get(draw, -1) + 1
+        ranked.append((ranks[draw], -birth.lead(leads) - birth.doubt, len(ranked), birth))
     return tuple(birth for *_, birth in sorted(ranked, key=lambda one: one[:3]))
 
 

@@ -120,7 +120,6 @@ class Contender(NamedTuple):
         lead: L above that of no failure, nats.
         force, sigma: of each failed jet, lbf or N.
         kicks: 1-sigma of the impulse of each in the first and in the second interval, in intervals of force, lbf or N.
-        share: of what a jump brings, see `jump_sigma`.
         at_onsets: onsets at which it is possible to first order, and its lead at each.
     """
 
@@ -130,7 +129,6 @@ class Contender(NamedTuple):
     force: tuple[float, ...] = ()
     sigma: tuple[float, ...] = ()
     kicks: tuple[tuple[float, ...], ...] = ()
-    share: float = JUMP_SHARES[0]
     at_onsets: tuple[tuple[int, float], ...] = ()
 
 
@@ -329,7 +327,7 @@ def rarity(params: JointParams) -> Array:
 
 
 def contenders(screen: Screen, allowed: np.ndarray, known: Array, params: JointParams) -> list[Contender]:
-    """All hypotheses that are possible, each at its likeliest onset, likeliest first; the jump and lies among them.
+    """All hypotheses that are possible, each at its likeliest onset, likeliest first; lies among them, jumps not.
 
     Of a screen about single jets alone neither pairs nor lies.
 
@@ -349,12 +347,14 @@ def contenders(screen: Screen, allowed: np.ndarray, known: Array, params: JointP
             tried = (*(best.at_onsets if best is not None else ()), (contender.onset, contender.lead))
             better = contender if best is None or contender.lead > best.lead + _kept(screen, best, params) else best
             found[contender.cause] = better._replace(at_onsets=tried)
+    return sorted(found.values(), key=lambda contender: -contender.lead)
+
+
+def jumps(screen: Screen, params: JointParams) -> Array:
+    """L of a jump at the screen's beginning above that of none, for each of `JUMP_SHARES`, nats."""
     sigmas = np.array([jump_sigma(params, share) for share in JUMP_SHARES])
-    variances = (sigmas / sigmas[0]) ** 2
-    lead, _, _ = explained(screen.jump_information, screen.jump_projection, variances)
-    likeliest = int(np.argmax(lead))
-    jump = Contender(Cause(Kind.JUMP), screen.began, float(lead[likeliest]), share=JUMP_SHARES[likeliest])
-    return sorted([*found.values(), jump], key=lambda contender: -contender.lead)
+    lead, _, _ = explained(screen.jump_information, screen.jump_projection, (sigmas / sigmas[0]) ** 2)
+    return lead
 
 
 def _kept(screen: Screen, at: Contender, params: JointParams) -> float:
