@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.faults.priors import Params, force_correction, log_possible
+from massprop_drake.maths.estimation.joint.bank import OLDEST
 from massprop_drake.maths.estimation.joint.cycle import Sample, restart
 from massprop_drake.maths.estimation.joint.hypotheses import (
     NO_SCORE,
@@ -62,6 +63,7 @@ class Hypothesis(NamedTuple):
         review: see `review.Review`; None: it is not reviewed.
         weight: see `weighed`.
         before: that before the newest sample.
+        trail: log likelihood after each of its newest cycles.
     """
 
     run: Runner
@@ -78,6 +80,7 @@ class Hypothesis(NamedTuple):
     root_until_s: float = -math.inf
     weight: float = 0.0
     before: float = -math.inf
+    trail: tuple[float, ...] = ()
 
     @property
     def parts(self) -> tuple[Part, ...]:
@@ -166,6 +169,19 @@ def shares(each: Hypothesis, duration_s: float) -> Array:
     return walks
 
 
+def gone_on(each: Hypothesis, run: Runner) -> Hypothesis:
+    """The hypothesis with its filter a cycle further."""
+    return each._replace(run=run, trail=(*each.trail, run.score.likelihood)[-OLDEST:])
+
+
+def behind(each: Hypothesis, other: Hypothesis) -> float:
+    """By how much it was less likely than another at its own last cycle, nats; zero where that is not known."""
+    since = other.run.cycle - each.run.cycle
+    if each.run.age <= 0 or not 0 <= since < len(other.trail):
+        return 0.0
+    return other.trail[-1 - since] + other.prior - each.run.score.likelihood - each.prior
+
+
 def moved(each: Hypothesis, sample: Sample, over: Link, params: JointParams) -> Hypothesis:
     """The hypothesis after one more cycle.
 
@@ -173,7 +189,7 @@ def moved(each: Hypothesis, sample: Sample, over: Link, params: JointParams) -> 
         NotPositiveDefiniteError: see `joint.cycle.step`.
     """
     erratic = shares(each, over.duration_s)
-    return each._replace(run=stepped(each.run, sample, over, erratic, each.push, params))
+    return gone_on(each, stepped(each.run, sample, over, erratic, each.push, params))
 
 
 def split(each: Hypothesis, sample: Sample) -> tuple[Hypothesis, ...]:
@@ -200,4 +216,4 @@ def split(each: Hypothesis, sample: Sample) -> tuple[Hypothesis, ...]:
 def regained(each: Hypothesis, sample: Sample, cycle: int, params: JointParams) -> Hypothesis:
     """The hypothesis after an interval of which nothing is known."""
     after, _ = restart(each.run.state, sample, params)
-    return each._replace(run=each.run._replace(state=after, cycle=cycle), watch=None, origin=None, review=None)
+    return gone_on(each, each.run._replace(state=after, cycle=cycle))._replace(watch=None, origin=None, review=None)

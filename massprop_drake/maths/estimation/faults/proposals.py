@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.faults.events import ANEW, Event, Hypothesis
+from massprop_drake.maths.estimation.faults.events import ANEW, Event, Hypothesis, gone_on
 from massprop_drake.maths.estimation.faults.priors import Params, Priors, log_rate
 from massprop_drake.maths.estimation.joint import bank as banks
 from massprop_drake.maths.estimation.joint import screen as screens
@@ -174,7 +174,7 @@ def watched(each: Hypothesis, evidence: JointEvidence, cycle: int, params: Joint
     score = run.score.plus(told(evidence.report))
     done = run._replace(cycle=cycle, state=evidence.after, score=score)
     if not evidence.after.guarded or each.push > 0.0:
-        return each._replace(run=done, watch=None)
+        return gone_on(each, done)._replace(watch=None)
     watch = each.watch or Watch(banks.empty(params.places), ())
     seen = traces(evidence.before, evidence.report, sample)
     seen = _uncertain(seen, evidence.before, np.minimum(each.walks * seen.duration_s, 1.0), params)
@@ -192,7 +192,7 @@ def watched(each: Hypothesis, evidence: JointEvidence, cycle: int, params: Joint
             alarm = _alarm(watch.bank, records, index, cycle, params)
     oldest = int(bank.cycles[0]) if alarm is None else min(int(bank.cycles[0]), alarm.screen.began)
     watch = Watch(bank, records[-(cycle - oldest + 1) :], alarm, tested, statistic)
-    return each._replace(run=done, watch=watch)
+    return gone_on(each, done)._replace(watch=watch)
 
 
 def loss(each: Hypothesis) -> float:

@@ -19,6 +19,8 @@ from massprop_drake.maths.estimation.faults.events import (
     Event,
     Hypothesis,
     begun,
+    behind,
+    gone_on,
     moved,
     readied,
     regained,
@@ -101,12 +103,12 @@ def advance(tree: Tree, evidence: JointEvidence, params: Params) -> Tree:
     if report.course is None:
         others = tuple(regained(each, evidence.sample, cycle, params.joint) for each in tree.hypotheses[1:])
         leader = tree.leader
-        leader = leader._replace(run=leader.run._replace(state=evidence.after, cycle=cycle), watch=None)
+        leader = gone_on(leader, leader.run._replace(state=evidence.after, cycle=cycle))._replace(watch=None)
         return Tree(cycle, (leader, *others))
     if report.incremented:
         if not tree.leader.events:
             leader = tree.leader
-            leader = leader._replace(run=leader.run._replace(state=evidence.after, cycle=cycle), watch=None)
+            leader = gone_on(leader, leader.run._replace(state=evidence.after, cycle=cycle))._replace(watch=None)
             return Tree(cycle, (leader,))
         after, report = step(
             evidence.before, evidence.sample, params.joint
@@ -340,8 +342,12 @@ def _redrawn(
 
 
 def _replayed(tree: Tree, params: Params) -> Tree:
-    """The tree with its proposals as far as the budget lets them go; those that have arrived are hypotheses."""
+    """The tree with its proposals as far as the budget lets them go; those that have arrived are hypotheses.
+
+    One that falls behind the likeliest on its way is as little worth following as a hypothesis that does.
+    """
     left, arrived, tried = _BUDGET, list(tree.hypotheses), set(tree.tried)
+    best = max(tree.hypotheses, key=lambda each: each.weight)
     queue, waiting = list(tree.births), []
     while queue:
         birth = queue.pop(0)
@@ -349,7 +355,7 @@ def _replayed(tree: Tree, params: Params) -> Tree:
         if tree.cycle - child.run.cycle > len(tree.samples):  # too old to be heard any more
             continue
         try:
-            while left > 0 and child.run.cycle < tree.cycle:
+            while left > 0 and child.run.cycle < tree.cycle and behind(child, best) < _BEHIND:
                 sample, over = tree.samples[child.run.cycle - tree.cycle]
                 if child.run.age > 0:
                     child, *twins = split(child, sample)
@@ -358,7 +364,9 @@ def _replayed(tree: Tree, params: Params) -> Tree:
                 left -= 1
         except (NotPositiveDefiniteError, np.linalg.LinAlgError):
             continue
-        if child.run.cycle == tree.cycle:
+        if behind(child, best) >= _BEHIND:
+            tried.add(_born_as(child))
+        elif child.run.cycle == tree.cycle:
             arrived.append(weighed(child, params))
             tried.add(_born_as(child))
         else:
