@@ -56,6 +56,7 @@ _WATCHED = 4  # hypotheses whose readings are watched: compute budget
 _LIKELY = 5.0  # nats behind the likeliest within which they are: a probability of 1 %
 _SURPRISE = 10.0  # nats by which newest readings are likelier by another: as rare as an event
 _REVIEWED = 3  # hypotheses that are reviewed at a time: compute budget
+_DRAWS = 1  # of alarms, and of reviews, a sample: compute budget
 _CATCH_UP = 8  # cycles of a review a sample: compute budget
 _ROOT_S = 8.0  # for which what was likeliest before an alarm has children
 
@@ -187,28 +188,29 @@ def _surprised(hypotheses: list[Hypothesis], best: float, cycle: int, params: Pa
 
 def _proposed(tree: Tree, params: Params) -> Tree:
     """The tree with proposals of every alarm that is due to be drawn from, and of pushes that may have ended."""
-    births, hypotheses, more = list(tree.births), [], []
+    births, hypotheses, more, left = list(tree.births), [], [], _DRAWS
     sample, over = tree.samples[-1]
     now_s = sample.time_s
     for each in tree.hypotheses:
         age = each.run.age
-        if each.push > 0.0 and age > 0 and _due(age):
+        if each.push > 0.0 and age > 0 and _due(age, age - 1):
             more.append(weighed(released(each, over.duration_s, params.joint), params))
         alarm = each.watch.alarm if each.watch is not None else None
         if alarm is None:
             hypotheses.append(each)
             continue
         age, until_s = tree.cycle - alarm.cycle, each.root_until_s
+        if alarm.drawn < 0:
+            until_s = max(until_s, now_s + _ROOT_S)
         if _is_reviewed(each, tree):
             births = [birth for birth in births if birth.origin != (each.key, alarm.cycle)]
             alarm = alarm._replace(rest=None)
-        elif _due(age) and alarm.drawn != age:
+        elif left > 0 and _due(age, alarm.drawn):
+            left -= 1
             origin, there = (each.key, alarm.cycle), _there(tree, tree.hypotheses, births)
             fresh, rest = drawn(each, tree.cycle, tree.hypotheses, params)
             births = _redrawn(births, fresh, origin, there)
             alarm = alarm._replace(drawn=age, rest=rest)
-            if age == 0:
-                until_s = max(until_s, now_s + _ROOT_S)
         if now_s > until_s:
             births, alarm = [birth for birth in births if birth.origin != (each.key, alarm.cycle)], None
         hypotheses.append(each._replace(watch=each.watch._replace(alarm=alarm), root_until_s=until_s))
@@ -239,9 +241,14 @@ def _is_calm(leader: Hypothesis, tree: Tree) -> bool:
     return leader.review is not None and leader.review.drawn >= 0 and _alarm_age(leader, tree) < 0
 
 
-def _due(age: int) -> bool:
-    """Whether proposals are drawn at an age, in cycles: at 0, 1, 2, 4, 8 ..."""
-    return age >= 0 and age & (age - 1) == 0
+def _due(age: int, drawn: int) -> bool:
+    """Whether proposals are to be drawn at an age, in cycles: at 0, 1, 2, 4, 8 ..., or as soon after as there is time.
+
+    Args:
+        age: now.
+        drawn: at the last draw; negative: there was none.
+    """
+    return age >= 0 and (1 << age.bit_length()) >> 1 > drawn
 
 
 def draws_that_count(tree: Tree) -> tuple[Hypothesis, ...]:
@@ -263,7 +270,7 @@ def leads_of(tree: Tree) -> Leads:
 
 def _reviewed(tree: Tree, params: Params) -> Tree:
     """The tree with reviews of its likeliest hypotheses a few cycles on, and what they propose."""
-    births, hypotheses = list(tree.births), list(tree.hypotheses)
+    births, hypotheses, left = list(tree.births), list(tree.hypotheses), _DRAWS
     best, now_s = max(each.weight for each in hypotheses), tree.samples[-1][0].time_s
     calm = _is_calm(max(hypotheses, key=lambda each: each.weight), tree)
     likely = [
@@ -281,8 +288,10 @@ def _reviewed(tree: Tree, params: Params) -> Tree:
         for _ in range(min(tree.cycle - review.run.cycle, _CATCH_UP)):
             sample, over = tree.samples[review.run.cycle - tree.cycle]
             review = reviews.followed(review, each, sample, over, params.joint)
-        age = each.run.age
-        if review.run.cycle == tree.cycle and (review.drawn < 0 or _due(age) or _due(_alarm_age(each, tree))):
+        age, alarmed = each.run.age, _alarm_age(each, tree)
+        due = _due(age, review.drawn) or _due(alarmed, review.drawn - age + alarmed)
+        if left > 0 and review.run.cycle == tree.cycle and due:
+            left -= 1
             origin, there = ("review", each.key), _there(tree, hypotheses, births)
             review, fresh, rest = reviews.drawn(review, each, hypotheses, params)
             if each.weight == best:

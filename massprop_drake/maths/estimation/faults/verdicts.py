@@ -189,6 +189,7 @@ def unheard(part: Part | frozenset[Way], tree: Tree) -> float:
     for each in draws_that_count(tree):
         draws = (each.watch.alarm if each.watch else None, each.review)
         total += sum(math.exp(min(one.rest.lead(leads), 0.0)) for one in draws if one and one.rest)
+        total += float(each.watch is not None and each.watch.alarm is not None and each.watch.alarm.drawn < 0)
     return total / (1.0 + total)
 
 
@@ -219,7 +220,7 @@ def _declared(part: Part, verdicts: Verdicts, tree: Tree, params: JointParams) -
     holder = next(each for each in tree.hypotheses if part in each.ways or part in each.parts)
     if not isinstance(part[0], Kind):
         way: Way = (part[0], part[1])
-        event = next(event for event in reversed(holder.events) if way in event.cause.failures)
+        event = next(event for event in holder.events if way in event.cause.failures)
         force, sigma = reported_force(holder.run.state, slot_of(holder.run.state, *way), params)
         said = JetsDeclared(Word.FAILED, (way[0],), (way[1],), (force,), (sigma,), event.onset_s)
         return verdicts._replace(jets=(*verdicts.jets, Declared(way, force, sigma))), [said]
