@@ -124,7 +124,7 @@ def odds(tree: Tree, params: JointParams) -> Odds:
                 force, sigmas[jet] = reported_force(each.run.state, slot_of(each.run.state, jet, sign), params)
                 forces[jet] = sign * force
     healthy -= failed
-    return Odds(len(tree.hypotheses), none, unknown, np.minimum(failed, 1.0), modes, forces, sigmas)
+    return Odds(len(tree.hypotheses), min(none, 1.0), min(unknown, 1.0), np.minimum(failed, 1.0), modes, forces, sigmas)
 
 
 def mode_of(way: Way, each: Hypothesis, params: JointParams) -> Mode:
