@@ -24,7 +24,7 @@ from massprop_drake.maths.estimation.detector import STATUS
 from massprop_drake.maths.estimation.faults import hypothesis_filter as faults
 from massprop_drake.maths.estimation.faults.proposals import Record, Watch
 from massprop_drake.maths.estimation.faults.report import HYPOTHESIS_REPORT, nothing_said
-from massprop_drake.maths.estimation.faults.tree import Tree
+from massprop_drake.maths.estimation.faults.tree import SURPRISE, Tree
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import (
     JointFilterState,
@@ -110,12 +110,14 @@ class Past(NamedTuple):
         roots: of the same, shape (ONSETS, size, size).
         places: of each onset's among them, oldest first, shape (ONSETS,).
         links: of the last cycles, packed as `LINK`, each in the row of its number, shape (n, size of a link).
+        likelihoods: log likelihood that each of these added, nats, shape (n,).
     """
 
     states: Array
     roots: Array
     places: NDArray[np.int_]
     links: Array
+    likelihoods: Array
 
 
 class Rows(NamedTuple):
@@ -249,6 +251,9 @@ def _watched(kept: Memory, desk: Desk, row: int, params: JointParams) -> tuple[M
         likelihood = found.tested.likelihood.max()
         if alarming(likelihood, found.tested.total.max()):
             return kept, False
+    newest = found.link.log_likelihood
+    if _usual(desk.past.likelihoods, found.since.cycles[0], cycle, newest) - newest > SURPRISE:
+        return kept, False
     _remember(desk.past, after, found, cycle)
     _log(desk.rows, row, impulses, done, params)
     desk.rows.detector_report[row] = rules.detector_row
@@ -272,6 +277,17 @@ def _remember(past: Past, after: JointState, found: Followed, cycle: float) -> N
     past.roots[place] = after.root
     fill(past.states[place], after)
     fill(past.links[int(cycle) % _LINKS], found.link)
+    past.likelihoods[int(cycle) % _LINKS] = found.link.log_likelihood
+
+
+@kernel
+def _usual(likelihoods: Array, oldest: float, cycle: float, newest: float) -> float:
+    """Log likelihood that a cycle adds in the mean between the oldest onset and the newest; of none, the newest's."""
+    total, count = 0.0, 0
+    for number in range(int(oldest) + 1, int(cycle)):
+        total += likelihoods[number % _LINKS]
+        count += 1
+    return total / count if count > 0 else newest
 
 
 @kernel
@@ -376,7 +392,8 @@ def _no_memory(state: JointState, places: Places) -> Memory:
 def _no_past(places: Places) -> Past:
     states = np.zeros((ONSETS, state_layout(places).size))
     links = np.zeros((_LINKS, _link_layout(places).size))
-    return Past(states, np.zeros((ONSETS, places.size, places.size)), np.zeros(ONSETS, dtype=np.int_), links)
+    roots, order = np.zeros((ONSETS, places.size, places.size)), np.zeros(ONSETS, dtype=np.int_)
+    return Past(states, roots, order, links, np.zeros(_LINKS))
 
 
 def _no_desk(places: Places) -> Desk:
@@ -443,6 +460,7 @@ class Quiet:
         self._cycles.clear()
         for number, record in enumerate(records, start=tree.cycle - len(records) + 1):
             self._past.links[number % _LINKS] = layout.pack(record.link)
+            self._past.likelihoods[number % _LINKS] = record.link.log_likelihood
             self._cycles.append(record.sample)
         fill(self._rules.detector_row, faults.unremarkable(detector))
         memory = Memory(
@@ -478,7 +496,9 @@ class Quiet:
         leader = before.tree.leader
         run = leader.run._replace(state=kept.joint, cycle=cycle, score=records[-1].score)
         of_bank = records[-(cycle - int(since.cycles[0]) + 1) :]
-        leader = leader._replace(run=run, weight=run.score.likelihood, watch=Watch(Bank(onsets, *since), of_bank))
+        trail = tuple(record.score.likelihood for record in records)
+        watch = Watch(Bank(onsets, *since), of_bank)
+        leader = leader._replace(run=run, weight=run.score.likelihood, trail=trail, watch=watch)
         tree = Tree(cycle, (leader,), samples=tuple((record.sample, record.link) for record in records))
         filtered = JointFilterState(kept.joint, kept.clock, kept.estimate, kept.covariance, starts.OVER)
         return EstimationState(kept.command, kept.level, filtered, before._replace(tree=tree))

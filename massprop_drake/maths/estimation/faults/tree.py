@@ -54,7 +54,7 @@ _MOST = 16  # hypotheses: compute budget
 _BUDGET = 24  # filter steps a sample beside those of the hypotheses: compute budget
 _WATCHED = 4  # hypotheses whose readings are watched: compute budget
 _LIKELY = 5.0  # nats behind the likeliest within which they are: a probability of 1 %
-_SURPRISE = 10.0  # nats by which newest readings are likelier by another: as rare as an event
+SURPRISE = 10.0  # nats by which newest readings are likelier by another: as rare as an event
 _REVIEWED = 3  # hypotheses that are reviewed at a time: compute budget
 _DRAWS = 1  # of alarms, and of reviews, a sample: compute budget
 _CATCH_UP = 8  # cycles of a review a sample: compute budget
@@ -180,7 +180,7 @@ def _surprised(hypotheses: list[Hypothesis], best: float, cycle: int, params: Pa
     now = max(each.weight for each in hypotheses)
     return [
         surprised(each, cycle, params.joint)
-        if each.before > best - _LIKELY and (each.weight < now - _SURPRISE or loss(each) > _SURPRISE)
+        if each.before > best - _LIKELY and (each.weight < now - SURPRISE or loss(each) > SURPRISE)
         else each
         for each in hypotheses
     ]
