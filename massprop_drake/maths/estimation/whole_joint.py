@@ -447,7 +447,7 @@ class Quiet:
     def take_up(self, state: EstimationState) -> None:
         """Goes on from a state, if nothing is happening in it."""
         filtered, detector = state.filter, state.detector
-        self.on = _is_quiet(filtered, detector.tree)
+        self.on = _is_quiet(filtered, detector.tree) and not detector.search.contradicted
         if not self.on:
             return
         tree: Tree = detector.tree
