@@ -308,7 +308,7 @@ def looked_back(
     until_s = min((one.onset_s - made.period_s for one in standing), default=math.inf)
     with np.errstate(all="ignore"):
         parts = _without_lies(_whole(scenario, signals), events, names_of(scenario))
-        begin = np.where(np.isnan(estimate), made.prior[:10], estimate)
+        begin = np.where(np.isnan(estimate) | jumped, made.prior[:10], estimate)  # that at the end is of after a jump
         if until_s < math.inf and _off_ticks(parts, made):  # what was declared may be the clock's doing
             every = _some(parts, math.inf, made)
             if _switched(every, hindsight.fitted(every, _from(begin, made), made), made)[-1]:

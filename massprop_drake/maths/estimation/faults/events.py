@@ -57,6 +57,7 @@ class Hypothesis(NamedTuple):
         decided: jets that give too much of which it is assumed whether that comes on top of the command.
         push: see `joint.hypotheses.pushed`.
         earlier: state before the newest jump of the mass properties; None: there was none.
+        jumped: by what share of the mass that was expected to be, see `jump_sigma`; zero: there was none.
         watch: see `proposals.Watch`; None: it is not watched.
         root_until_s: time until which it is kept, whatever its weight.
         origin: see `proposals.Origin`; None: of the tree's beginning.
@@ -74,6 +75,7 @@ class Hypothesis(NamedTuple):
     decided: frozenset[int] = frozenset()
     push: float = 0.0
     earlier: JointState | None = None
+    jumped: float = 0.0
     watch: Any = None
     origin: Any = None
     review: Any = None
@@ -104,7 +106,7 @@ class Hypothesis(NamedTuple):
             )
             if jet >= 0
         ]
-        return (frozenset(self.parts), frozenset(slots), self.push)
+        return (frozenset(self.parts), frozenset(slots), self.push, 0.0 if state.guarded else self.jumped)
 
     @property
     def ways(self) -> frozenset[Way]:

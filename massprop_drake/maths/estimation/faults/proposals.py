@@ -479,6 +479,7 @@ def _born(each: Hypothesis, run: Runner, prior: float, params: JointParams, orig
         decided=each.decided,
         push=each.push,
         earlier=state if run.cause.kind == Kind.JUMP else each.earlier,
+        jumped=run.share if run.cause.kind == Kind.JUMP else each.jumped,
         origin=origin,
     )
 

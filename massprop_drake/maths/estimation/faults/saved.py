@@ -129,7 +129,7 @@ def saved(tree: Tree, verdicts: Verdicts, places: Places) -> Array:
     for each in tree.hypotheses:
         run = each.run
         to.put(each.prior, each.push, each.weight, run.onset, run.cycle, float(run.lying), run.share, run.lie)
-        to.put(*run.score)
+        to.put(each.jumped, *run.score)
         to.put_all(sorted(each.decided))
         to.put(*each.opened_at, *each.walks)
         to.put_state(run.state)
@@ -185,18 +185,18 @@ def _hypothesis(of: _Reader, cycle: int, places: Places) -> Hypothesis:
     prior, push, weight = of.take(3).tolist()
     onset, now, lying = of.index(0, cycle), of.index(cycle, cycle), of.index(0, 1)
     share, lie = of.take(2).tolist()
-    score, decided = of.score(), frozenset(of.whole(0, places.jets - 1))
+    jumped, score, decided = of.number(), of.score(), frozenset(of.whole(0, places.jets - 1))
     opened_at, walks = of.take(places.n_force), of.take(places.n_force)
     state, earlier = of.state(), of.state()
     if state is None:
         raise ValueError(f"{_NAME}: a hypothesis must have a state")
     kicks, expected = (tuple(of.all() for _ in range(of.count())) for _ in range(2))
     events = tuple(Event(of.cause(), of.number(), of.score()) for _ in range(of.count()))
-    if not (np.isfinite([prior, push, weight, share, *score]).all() and (walks >= 0.0).all() and push >= 0.0):
+    if not (np.isfinite([prior, push, weight, share, jumped, *score]).all() and (walks >= 0.0).all() and push >= 0.0):
         raise ValueError(f"{_NAME}: must be finite, and pushes and walks zero or positive")
     cause = events[-1].cause if events else NOTHING
     if not all(len(pair) == 2 for pair in expected) or not all(len(each) == len(cause.jets) for each in kicks):
         raise ValueError(f"{_NAME}: impulses and changes must be those of the newest failure")
     pairs = tuple((mean, sigma) for mean, sigma in expected)
     run = Runner(cause, onset, kicks, now, state, score, bool(lying), share, lie, pairs)
-    return Hypothesis(run, events, prior, opened_at, walks, decided, push, earlier, weight=weight)
+    return Hypothesis(run, events, prior, opened_at, walks, decided, push, earlier, jumped, weight=weight)
