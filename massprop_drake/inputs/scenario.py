@@ -858,8 +858,8 @@ class FaultsBlock(Model):
     )
     false_per_hour: Real = described(
         _PRIORS.false_per_hour,
-        "false declarations of one jet that are accepted; over jet_per_hour it is the probability that a declaration "
-        "may be wrong with",
+        "false declarations of one jet, or of anything else, that are accepted; over its rate it is the probability "
+        "that a declaration may be wrong with",
         "1/h",
         gt=0.0,
     )

@@ -92,5 +92,5 @@ def test_rates_are_probabilities_by_the_hour() -> None:
 
 
 def test_the_doubt_of_a_declaration_is_what_a_user_accepts_over_what_fails() -> None:
-    assert Priors(jet_per_hour=1e-3, false_per_hour=1e-6).doubt == pytest.approx(1e-3)
-    assert Priors(jet_per_hour=1e-6, false_per_hour=1.0).doubt == 0.5
+    assert Priors(false_per_hour=1e-6).doubt(1e-3) == pytest.approx(1e-3)
+    assert Priors(false_per_hour=1.0).doubt(1e-6) == 0.5

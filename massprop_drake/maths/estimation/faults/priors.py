@@ -38,7 +38,7 @@ class Priors(NamedTuple):
         reading_per_hour: readings of one component that begin to be wrong.
         unknown_per_hour: pushes that nothing known explains.
         start: probability, when something contradicts a start, that this was stated too well.
-        false_per_hour: false declarations of one jet that a user accepts.
+        false_per_hour: false declarations of one jet, or of anything else, that a user accepts.
     """
 
     jet_per_hour: float = 1e-3
@@ -53,10 +53,9 @@ class Priors(NamedTuple):
     start: float = 0.1
     false_per_hour: float = 1e-6
 
-    @property
-    def doubt(self) -> float:
-        """Probability that a declaration may be wrong with."""
-        return min(self.false_per_hour / self.jet_per_hour, 0.5)
+    def doubt(self, per_hour: float) -> float:
+        """Probability that a declaration may be wrong with, of what happens at some rate."""
+        return min(self.false_per_hour / per_hour, 0.5)
 
 
 class Params(NamedTuple):

@@ -17,7 +17,7 @@ from massprop_drake.maths.estimation.faults.declarations import (
     Word,
 )
 from massprop_drake.maths.estimation.faults.events import ANEW, Event, Hypothesis, Part, Way
-from massprop_drake.maths.estimation.faults.priors import Params
+from massprop_drake.maths.estimation.faults.priors import Params, Priors
 from massprop_drake.maths.estimation.faults.proposals import INTERMITTENT_AFTER
 from massprop_drake.maths.estimation.faults.report import Odds, certain
 from massprop_drake.maths.estimation.faults.tree import Tree, draws_that_count, leads_of, probabilities
@@ -27,7 +27,6 @@ from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.payload import UNKNOWN, Payload, brought
 from massprop_drake.maths.estimation.joint.thrust_scale import reported_force
 
-_HELD = 2  # samples in a row at which a probability must be there
 _GROUP_S = 2.0  # for which that of a group must be there
 _GROUP = 3  # jets that a group may have
 _LEAST_LEAK, _LEAST_LOSS = 0.002, 0.1  # of full thrust: less is no failure, but a thrust that is not as stated
@@ -53,7 +52,6 @@ class Verdicts(NamedTuple):
     Attributes:
         jets: failures.
         others: other parts of the likeliest history.
-        held: parts whose probability is large enough, and for how many samples.
         group: smallest set of jets that is likely enough, and since when, s.
         groups: declared.
         earlier: state before a jump whose size has not been told.
@@ -61,7 +59,6 @@ class Verdicts(NamedTuple):
 
     jets: tuple[Declared, ...] = ()
     others: frozenset[Part] = frozenset()
-    held: tuple[tuple[Part, int], ...] = ()
     group: tuple[frozenset[Way], float] = (frozenset(), math.inf)
     groups: frozenset[frozenset[Way]] = frozenset()
     earlier: JointState | None = None
@@ -153,26 +150,30 @@ def judged(verdicts: Verdicts, tree: Tree, params: Params) -> tuple[Verdicts, tu
         return Verdicts(others=verdicts.others), ()
     joint, now_s = params.joint, tree.leader.run.state.time_s
     jets, others = of_jets(tree, joint), of_others(tree)
-    enough = 1.0 - params.priors.doubt
     verdicts, said = _withdrawn(verdicts, jets, now_s)
     open_to = {way: share for way, share in jets.items() if way not in verdicts.ways}
-    counts, held = dict(verdicts.held), {}
-    for part, share in (
-        *open_to.items(),
-        *((part, share) for part, share in others.items() if part not in verdicts.others),
-    ):
+    new = open_to | {part: share for part, share in others.items() if part not in verdicts.others}
+    for part, share in new.items():
+        enough = _enough(part, params.priors)
         if share >= enough and share * (1.0 - unheard(part, tree)) >= enough:
-            held[part] = counts.get(part, 0) + 1
-    verdicts = verdicts._replace(held=tuple(held.items()))
-    for part in [part for part, count in held.items() if count >= _HELD]:
-        verdicts, more = _declared(part, verdicts, tree, joint)
-        said += more
+            verdicts, more = _declared(part, verdicts, tree, joint)
+            said += more
     verdicts, more = _grouped(verdicts, open_to, (tree, now_s), params)
     said += more
     if _is_settled(tree):
         verdicts, more = _known_now(verdicts, tree, joint)
         said += more
     return verdicts, tuple(said)
+
+
+def _enough(part: Part, priors: Priors) -> float:
+    """Probability at which a part is declared."""
+    rates = {
+        Kind.JUMP: priors.payload_per_hour,
+        Kind.LIES: priors.reading_per_hour,
+        Kind.UNKNOWN: priors.unknown_per_hour,
+    }
+    return 1.0 - priors.doubt(rates.get(part[0], priors.jet_per_hour))
 
 
 def unheard(part: Part | frozenset[Way], tree: Tree) -> float:
@@ -256,7 +257,7 @@ def _grouped(
             for each, share in probabilities(tree)
             if among & each.ways and each.run.age > 0
         )
-        enough = 1.0 - params.priors.doubt
+        enough = _enough(likely[0], params.priors)
         if open_to[likely[0]] < enough <= some * (1.0 - unheard(among, tree)):
             group = among
             break
