@@ -319,6 +319,7 @@ def _again(one: Declared, leader: Hypothesis, params: JointParams) -> tuple[Decl
     slot = slot_of(now, *one.way)
     force, sigma = reported_force(now, slot, params)
     if leader.walks[slot] == ANEW:
+        sigma = math.hypot(sigma, float(params.thrusts[one.way[0]]))  # it may give anything at any time
         erratic = one._replace(force=force, sigma=sigma, changes=INTERMITTENT_AFTER)
         return erratic, Word.ERRATIC if one.changes < INTERMITTENT_AFTER else None
     least = max(_SIGNIFICANT * math.hypot(sigma, one.sigma), _CHANGE * float(params.thrusts[one.way[0]]))
