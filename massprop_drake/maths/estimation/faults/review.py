@@ -87,6 +87,15 @@ def followed(review: Review, each: Hypothesis, sample: Sample, over: Link, param
     return review._replace(run=run._replace(cycle=run.cycle + 1, state=after, score=score), screen=screen)
 
 
+def tells(review: Review, each: Hypothesis, params: JointParams) -> bool:
+    """Whether it is told by now that the newest event's forces are not what they were before.
+
+    Until then its impulses in the first two intervals explain all readings, and those of any other jet as well.
+    """
+    _, posterior = _before(review, each, params)
+    return posterior < -_NEAR
+
+
 def drawn(
     review: Review, each: Hypothesis, among: Sequence[Hypothesis], params: Params
 ) -> tuple[Review, list[Birth], Rest | None]:
@@ -111,9 +120,15 @@ def drawn(
 
 
 def _instead(review: Review, each: Hypothesis, params: JointParams) -> tuple[Screen, float]:
-    """The screen with the forces of the newest event as they were before, and what that is worth, nats.
+    """The screen with the forces of the newest event as they were before, and what that is worth, nats."""
+    (rows, away, covariance), posterior = _before(review, each, params)
+    return screens.constrained(review.screen, rows, away, covariance), posterior
 
-    By the ratio of Savage and Dickey: posterior over prior density of the forces where they were.
+
+def _before(review: Review, each: Hypothesis, params: JointParams) -> tuple[tuple[np.ndarray, Array, Array], float]:
+    """Rows of the newest event's forces, by how much they were others before, and their covariance; and its worth.
+
+    By the ratio of Savage and Dickey: posterior over prior density of the forces where they were, nats.
     """
     state, cause = review.run.state, each.run.cause
     slots = np.array([slot_of(state, *way) for way in zip(cause.jets, cause.signs, strict=True)])
@@ -121,8 +136,7 @@ def _instead(review: Review, each: Hypothesis, params: JointParams) -> tuple[Scr
     before: Array = np.nan_to_num(each.opened_at[slots])
     away, half = before - state.mean[rows], state.root[rows]
     covariance = half @ half.T
-    screen = screens.constrained(review.screen, rows, away, covariance)
     _, volume = np.linalg.slogdet(covariance)
     posterior = -0.5 * float(away @ np.linalg.solve(covariance, away)) - 0.5 * float(volume)
     prior = -sum(math.log(float(params.thrusts[jet])) for jet in cause.jets)
-    return screen, posterior - prior
+    return (rows, away, covariance), posterior - prior

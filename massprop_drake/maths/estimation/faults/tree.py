@@ -58,6 +58,7 @@ SURPRISE = 10.0  # nats by which newest readings are likelier by another: as rar
 _REVIEWED = 3  # hypotheses that are reviewed at a time: compute budget
 _DRAWS = 1  # of alarms, and of reviews, a sample: compute budget
 _CATCH_UP = 8  # cycles of a review a sample: compute budget
+_NO_ROOM = "no room"  # origin of proposals that have been hypotheses
 _ROOT_S = 8.0  # for which what was likeliest before an alarm has children
 
 
@@ -290,7 +291,7 @@ def _reviewed(tree: Tree, params: Params) -> Tree:
             review = reviews.followed(review, each, sample, over, params.joint)
         age, alarmed = each.run.age, _alarm_age(each, tree)
         due = _due(age, review.drawn) or _due(alarmed, review.drawn - age + alarmed)
-        if left > 0 and review.run.cycle == tree.cycle and due:
+        if left > 0 and review.run.cycle == tree.cycle and due and reviews.tells(review, each, params.joint):
             left -= 1
             origin, there = ("review", each.key), _there(tree, hypotheses, births)
             review, fresh, rest = reviews.drawn(review, each, hypotheses, params)
@@ -304,8 +305,12 @@ def _reviewed(tree: Tree, params: Params) -> Tree:
 
 
 def _is_rival(birth: Birth, each: Hypothesis) -> bool:
-    """Whether a proposal is of jets in place of a hypothesis's newest event, which a review looks for as well."""
-    return birth.child.run.cause.kind == Kind.JETS and birth.child.events[:-1] == each.events[:-1]
+    """Whether a proposal is of jets in place of a hypothesis's newest event, which a review looks for as well.
+
+    What there was no room for has a weight by itself.
+    """
+    same = birth.child.events[:-1] == each.events[:-1]
+    return birth.origin != _NO_ROOM and birth.child.run.cause.kind == Kind.JETS and same
 
 
 def _in_turn(births: Sequence[Birth], leads: Leads) -> tuple[Birth, ...]:
@@ -385,7 +390,10 @@ def _replayed(tree: Tree, params: Params) -> Tree:
 
 
 def _pruned(tree: Tree, now_s: float, params: Params) -> Tree:
-    """The tree without those that are far behind, likeliest first; the same events merged."""
+    """The tree without those that are far behind, likeliest first; the same events merged.
+
+    Those for which there is no room wait where they are, as proposals.
+    """
     order = sorted(tree.hypotheses, key=lambda each: -each.weight)
     best, kept = order[0].weight, dict[object, Hypothesis]()
     for each in order:
@@ -398,8 +406,14 @@ def _pruned(tree: Tree, now_s: float, params: Params) -> Tree:
         more = math.log1p(math.exp(each.weight - same.weight))
         kept[each.key] = same._replace(prior=same.prior + more, weight=same.weight + more)
     order = sorted(kept.values(), key=lambda each: -each.weight)
-    likely = [each for place, each in enumerate(order) if place < _MOST or now_s <= each.root_until_s]
-    tree = tree._replace(hypotheses=tuple(likely))
+    stays = [place < _MOST or now_s <= each.root_until_s for place, each in enumerate(order)]
+    likely = tuple(each for each, here in zip(order, stays, strict=True) if here)
+    waits = [
+        Birth(each._replace(watch=None, review=None), each.weight - best, likely[0].events, 0.0, _NO_ROOM)
+        for each, here in zip(order, stays, strict=True)
+        if not here
+    ]
+    tree = tree._replace(hypotheses=likely, births=(*tree.births, *waits))
     births, leads = [_left_alone(birth, tree) for birth in tree.births], leads_of(tree)
     return tree._replace(births=tuple(one for one in births if one and one.lead(leads) + one.doubt > -_BEHIND))
 
