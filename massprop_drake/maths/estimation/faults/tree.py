@@ -102,20 +102,17 @@ def advance(tree: Tree, evidence: JointEvidence, params: Params) -> Tree:
     cycle, report = tree.cycle + 1, evidence.report
     if not tree.hypotheses:
         return Tree(cycle, (begun(evidence.after, cycle, params.joint),))
+    leader = tree.leader
     if report.course is None:
         others = tuple(regained(each, evidence.sample, cycle, params.joint) for each in tree.hypotheses[1:])
-        leader = tree.leader
         leader = gone_on(leader, leader.run._replace(state=evidence.after, cycle=cycle))._replace(watch=None)
         return Tree(cycle, (leader, *others))
-    if report.incremented:
-        if not tree.leader.events:
-            leader = tree.leader
-            leader = gone_on(leader, leader.run._replace(state=evidence.after, cycle=cycle))._replace(watch=None)
-            return Tree(cycle, (leader,))
-        after, report = step(
-            evidence.before, evidence.sample, params.joint
-        )  # else what it is compared with would be lost
-        evidence = evidence._replace(after=after, report=report)
+    if report.incremented and not leader.events:
+        leader = gone_on(leader, leader.run._replace(state=evidence.after, cycle=cycle))._replace(watch=None)
+        return Tree(cycle, (leader,))
+    if report.incremented:  # a jump was larger than it was expected
+        leader = leader._replace(prior=leader.prior + math.log(params.priors.start))
+        tree = tree._replace(hypotheses=(leader, *tree.hypotheses[1:]))
     over = newest_link(evidence, params.joint)
     samples = (*tree.samples, (evidence.sample, over))[-(banks.OLDEST + 2) :]
     before = tree.leader
