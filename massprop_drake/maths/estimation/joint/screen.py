@@ -55,6 +55,7 @@ _LEAST_KICK = 1e-6  # of the largest, so that a variance has an inverse
 BOUND = 3.0  # sigmas within which a force lies
 _NEARLY = 1.5  # of full thrust: so much may be found of a jet while its onset is taken as known
 _PAIRS = 30  # likeliest that are looked at with their onsets uncertain
+_HIDDEN = 20.0  # nats of a rounded reading, that the first order takes for noise
 _HAD_NOTHING = 1.0  # nats at a later onset that one is kept for at which no jet had anything to lose yet
 _ALIKE = 4  # jets of which pairs are looked at since together they push as one: a cluster has as many
 
@@ -448,7 +449,7 @@ def _singles(screen: Screen, index: int, allowed: np.ndarray, known: Array, para
     possible &= (total + BOUND * sigma > 0.0) & (total - BOUND * sigma < most_forces(params)[steps % jets])
     possible &= ((change > 0.0) | (had > 0.0)) & ((as_found(steps, total, params) == steps) | (had > 0.0))
     result = []
-    for row in np.flatnonzero(possible & (lead > 0.0)):
+    for row in np.flatnonzero(possible & (lead > -_HIDDEN)):
         forces = ((float(total[row]),), (float(sigma[row]),), as_rows(fitted.kicks[:, row]))
         cause = _of_columns([int(steps[row])], jets)
         result.append(Contender(cause, screen.onsets[index], float(lead[row]), *forces))
