@@ -167,13 +167,9 @@ def judged(verdicts: Verdicts, tree: Tree, params: Params) -> tuple[Verdicts, tu
 
 
 def _enough(part: Part, priors: Priors) -> float:
-    """Probability at which a part is declared."""
-    rates = {
-        Kind.JUMP: priors.payload_per_hour,
-        Kind.LIES: priors.reading_per_hour,
-        Kind.UNKNOWN: priors.unknown_per_hour,
-    }
-    return 1.0 - priors.doubt(rates.get(part[0], priors.jet_per_hour))
+    """Probability at which a part is declared: of what is more common than that a jet fails, a larger one."""
+    rates = {Kind.JUMP: priors.payload_per_hour, Kind.LIES: priors.reading_per_hour}
+    return 1.0 - priors.doubt(max(rates.get(part[0], 0.0), priors.jet_per_hour))
 
 
 def unheard(part: Part | frozenset[Way], tree: Tree) -> float:
