@@ -307,7 +307,7 @@ def ranked(
     top = max((worth[index] for index in (*singles, *pairs)), default=0.0)
     best = max(other.weight for other in among)
     entry, than = level - best, None
-    known_one = _known_one(each, [found[index].cause for index in order], among)
+    known_one = _known_one(each, [found[index].cause for index in order], alarm.states[0].time_s, among)
     if known_one is not None:  # first orders are compared among each other: what they neglect is much the same
         if off * top > _HOPELESS:  # and what is left of that is more than what matters
             return [], None
@@ -338,14 +338,25 @@ def ranked(
     return births, Rest(math.log(left) - behind, than) if left > 0.0 else None
 
 
-def _known_one(each: Hypothesis, causes: list[Cause], among: Sequence[Hypothesis]) -> tuple[int, Hypothesis] | None:
-    """Place of a proposal that is a likely hypothesis already, and that; the likeliest of several; None: none is."""
+def _known_one(
+    each: Hypothesis, causes: list[Cause], since_s: float, among: Sequence[Hypothesis]
+) -> tuple[int, Hypothesis] | None:
+    """Place of a proposal that is a likely hypothesis already, and that; the likeliest of several; None: none is.
+
+    Args:
+        each: hypothesis of which they are children.
+        causes: of the proposals.
+        since_s: time from which on they may have happened; what is said to have before is no proposal of these.
+        among: all hypotheses that there are.
+    """
     n, found = len(each.events), list[tuple[int, Hypothesis]]()
     best = max(other.weight for other in among)
     for other in among:
         if other.weight < best - _NEAR or len(other.events) != n + 1 or other.events[:n] != each.events:
             continue
-        cause = other.events[n].cause
+        cause, onset_s, _ = other.events[n]
+        if onset_s < since_s:
+            continue
         same = [place for place, one in enumerate(causes) if one.kind == cause.kind and one.failures == cause.failures]
         found += [(place, other) for place in same[:1]]
     return max(found, key=lambda one: one[1].weight, default=None)
