@@ -79,6 +79,9 @@ class Rest(NamedTuple):
         return self.ahead if self.than is None else self.ahead + leads.get(self.than, -math.inf)
 
 
+UNTOLD = Rest(0.0, None)  # of a draw whose first orders tell nothing any more: anything may be left
+
+
 class Birth(NamedTuple):
     """A proposal on its way from its onset to now.
 
@@ -310,7 +313,7 @@ def ranked(
     known_one = _known_one(each, [found[index].cause for index in order], alarm.states[0].time_s, among)
     if known_one is not None:  # first orders are compared among each other: what they neglect is much the same
         if off * top > _HOPELESS:  # and what is left of that is more than what matters
-            return [], None
+            return [], UNTOLD
         place, other = known_one
         entry, than = other.weight - best - worth[order[place]], other.events
     behind = 0.0 if known_one is None else known_one[1].weight - best

@@ -30,6 +30,7 @@ from massprop_drake.maths.estimation.faults.events import (
 )
 from massprop_drake.maths.estimation.faults.priors import Params
 from massprop_drake.maths.estimation.faults.proposals import (
+    UNTOLD,
     Birth,
     Leads,
     born_key,
@@ -207,6 +208,8 @@ def _proposed(tree: Tree, params: Params) -> Tree:
             left -= 1
             origin, there = (each.key, alarm.cycle), _there(tree, tree.hypotheses, births)
             fresh, rest = drawn(each, tree.cycle, tree.hypotheses, params)
+            if rest != UNTOLD:
+                births = [birth for birth in births if birth.origin != origin]
             births = _redrawn(births, fresh, origin, there)
             alarm = alarm._replace(drawn=age, rest=rest)
         if now_s > until_s:
@@ -294,7 +297,7 @@ def _reviewed(tree: Tree, params: Params) -> Tree:
             review, fresh, rest = reviews.drawn(review, each, hypotheses, params)
             if each.weight == best:
                 births = [birth for birth in births if not _is_rival(birth, each)]
-            births = _redrawn(births, fresh, origin, there)
+            births = _redrawn([birth for birth in births if birth.origin != origin], fresh, origin, there)
             review = review._replace(drawn=age, rest=rest)
         hypotheses[place] = each._replace(review=review)
     tree = tree._replace(hypotheses=tuple(hypotheses))
@@ -337,10 +340,10 @@ def _born_as(child: Hypothesis) -> tuple[object, int]:
 
 
 def _redrawn(
-    births: list[Birth], fresh: Sequence[Birth], origin: object, there: Mapping[object, Birth | None]
+    others: Sequence[Birth], fresh: Sequence[Birth], origin: object, there: Mapping[object, Birth | None]
 ) -> list[Birth]:
-    """Proposals that wait with those of a new draw in place of those of an earlier one, as far as they have come."""
-    kept = [birth for birth in births if birth.origin != origin]
+    """Proposals that wait, and those of a new draw as far as they have come already."""
+    kept = list(others)
     waiting = {_born_as(birth.child) for birth in kept}
     for birth in fresh:
         same = _born_as(birth.child)
