@@ -260,6 +260,11 @@ def draws_that_count(tree: Tree) -> tuple[Hypothesis, ...]:
     return tuple(each for each in tree.hypotheses if each.weight > leader.weight - _BEHIND)
 
 
+def is_likely(each: Hypothesis, tree: Tree) -> bool:
+    """Whether a hypothesis is near the likeliest: its reviews go on."""
+    return each.weight > tree.leader.weight - _LIKELY
+
+
 def leads_of(tree: Tree) -> Leads:
     """Log weight of each hypothesis over that of the likeliest, by its events, nats."""
     best = max(each.weight for each in tree.hypotheses)

@@ -20,7 +20,7 @@ from massprop_drake.maths.estimation.faults.events import ANEW, Event, Hypothesi
 from massprop_drake.maths.estimation.faults.priors import Params, Priors
 from massprop_drake.maths.estimation.faults.proposals import INTERMITTENT_AFTER
 from massprop_drake.maths.estimation.faults.report import Odds, certain
-from massprop_drake.maths.estimation.faults.tree import Tree, draws_that_count, leads_of, probabilities
+from massprop_drake.maths.estimation.faults.tree import Tree, draws_that_count, is_likely, leads_of, probabilities
 from massprop_drake.maths.estimation.joint.apart import Apart, told_apart
 from massprop_drake.maths.estimation.joint.hypotheses import Kind, slot_of
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, settled
@@ -184,7 +184,7 @@ def unheard(part: Part | frozenset[Way], tree: Tree) -> float:
         math.exp(min(birth.lead(leads) + birth.doubt, 0.0)) for birth in tree.births if not _has(part, birth.child)
     )
     for each in draws_that_count(tree):
-        draws = (each.watch.alarm if each.watch else None, each.review)
+        draws = (each.watch.alarm if each.watch else None, each.review if is_likely(each, tree) else None)
         total += sum(math.exp(min(one.rest.lead(leads), 0.0)) for one in draws if one and one.rest)
         total += float(each.watch is not None and each.watch.alarm is not None and each.watch.alarm.drawn < 0)
     return total / (1.0 + total)
