@@ -38,7 +38,8 @@ class Identifiability(NamedTuple):
         share: 1-sigma at the end over that at the start; None where one of them is not known.
         jet: designation of the jet of which a second would tell the most; None where none tells anything.
         left: share of the 1-sigma at the end that it would leave.
-        bound: least 1-sigma that the flight allows (Cramér and Rao's), in the parameter's unit; None where not known.
+        bound: least 1-sigma that the flight allows for rounding taken as noise (Cramér and Rao's), in the parameter's
+            unit; None where not known.
     """
 
     parameter: Text
@@ -90,7 +91,7 @@ def identified(
         scenario: as run.
         estimate: of the ten parameters, NaN where not observed, shape (10,).
         covariance: of their errors, shape (10, 10).
-        bound: least 1-sigma that the run allows, NaN where not known, shape (10,).
+        bound: least 1-sigma that the run allows for rounding taken as noise, NaN where not known, shape (10,).
     """
     vehicle = scenario.vehicle_data
     least = np.full(10, math.nan) if bound is None else bound

@@ -20,6 +20,7 @@ from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths import mass_properties, possible_inertia
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, N_ROTATION, Derived, six_elements
 from massprop_drake.results.against import Against
+from massprop_drake.results.allowed import Intervals
 from massprop_drake.results.consistency import (
     COMPONENTS,
     TOO_LITTLE,
@@ -185,6 +186,7 @@ class Summary:
         identifiability: what the run has told of each parameter; empty in what an earlier version wrote.
         events, unconfirmed, untested, fault_probability: see `Findings`; likewise.
         against: a record beside a simulation of its commands; None: there is none.
+        intervals: of the ten parameters, which quantized readings guarantee; None: they were not asked for.
         ended: where and why the run ended before its scenario or record does; None: it did not.
         missing: parts that could not be made, each with the reason.
         completeness: of a record; a simulated run is complete.
@@ -216,6 +218,7 @@ class Summary:
     untested: tuple[UntestedRecord, ...] = ()
     fault_probability: FaultProbabilities | None = None
     against: Against | None = None
+    intervals: Intervals | None = None
     ended: Ended | None = None
     missing: tuple[str, ...] = ()
     completeness: Completeness = "complete"
@@ -245,7 +248,7 @@ class Summary:
 
     @property
     def above_bound(self) -> str:
-        """How the 1-sigma compare with the least that the flight allows; empty where that is not known."""
+        """How the 1-sigma compare with the least for rounding taken as noise; empty where that is not known."""
         deviations = self.standard_deviations.tolist()
         return bound_in_words(deviations, self.identifiability, SYMBOLS, failed=self.has_failed)
 
@@ -301,6 +304,8 @@ class Summary:
             content["data_quality"] = self.data_quality
         if self.against is not None:
             content["against"] = self.against.as_json()
+        if self.intervals is not None:
+            content["intervals"] = self.intervals.as_json()
         if self.ended is not None:
             content["ended"] = self.ended._asdict()
         if self.missing:
@@ -354,6 +359,7 @@ class Summary:
             untested=read.untested,
             fault_probability=read.fault_probability,
             against=read.against,
+            intervals=read.intervals,
             ended=read.ended,
             missing=read.missing,
             completeness=read.completeness,
@@ -432,6 +438,7 @@ class SummaryFile(_Stored):
     untested: tuple[Annotated[UntestedRecord, _known_to(UntestedRecord)], ...] = ()
     fault_probability: Annotated[FaultProbabilities, BeforeValidator(by_jet)] | None = None
     against: Annotated[Against, _known_to(Against)] | None = None
+    intervals: Annotated[Intervals, _known_to(Intervals)] | None = None
     ended: Annotated[Ended, _known_to(Ended)] | None = None
     missing: tuple[Text, ...] = ()
     completeness: Completeness = "complete"
@@ -595,8 +602,8 @@ def composed(
         covariance: at the end, shape (10, 10).
         truth: at the end, NaN where unknown, shape (10,).
         found: what the detector made of it.
-        bound: least 1-sigma that the run allows, NaN where not known, shape (10,); None: what is identified will
-            be said later.
+        bound: least 1-sigma that the run allows for rounding taken as noise, NaN where not known, shape (10,); None:
+            what is identified will be said later.
         consistency, autopilot, timing: taken as they are.
         telemetry, telemetry_sha256, data_quality: of a record, its name, its digest and what it is worth.
         injected: of a simulated run, what became of its failures and jumps.
