@@ -54,10 +54,8 @@ class Flights:
 
 
 def _simulated(spec: Mapping[str, Any], random: Random, number: int, compiled: bool) -> tuple[Any, Any]:
-    module, _, name = spec["draw"].partition(".")
-    draw = getattr({"bundled": bundled, "moving": moving, "orbiter": orbiter, "vehicles": vehicles}[module], name)
-    flight: Flight = draw(random, number, **spec.get("with", {}))
-    scenario = _scenario(flight, number, compiled)
+    flight = drawn(spec, random, number)
+    scenario = loaded(flight, number, compiled)
     run = simulate(scenario)
     flown, truth = run, np.array(run["truth"][-1])
     if flight.recorded is not None:
@@ -66,9 +64,7 @@ def _simulated(spec: Mapping[str, Any], random: Random, number: int, compiled: b
             path = Path(folder) / "telemetry.csv"
             gyro = scenario.vehicle_data.gyros[0].name
             write_record(record, scenario.vehicle_data.designations, gyro, path)
-            run = estimate(
-                path, _scenario(flight._replace(settings=(*flight.settings, *flight.told)), number, compiled)
-            )
+            run = estimate(path, loaded(flight._replace(settings=(*flight.settings, *flight.told)), number, compiled))
     failed = [_injected(one) for one in flown.summary["injected"]]
     facts = _facts(run, truth, failed, scenario)
     if spec.get("hours"):
@@ -76,7 +72,15 @@ def _simulated(spec: Mapping[str, Any], random: Random, number: int, compiled: b
     return facts, _timed(run, flown, number)
 
 
-def _scenario(flight: Flight, number: int, compiled: bool) -> Scenario:
+def drawn(spec: Mapping[str, Any], random: Random, number: int) -> Flight:
+    """Draws a flight of a kind that the package simulates."""
+    module, _, name = spec["draw"].partition(".")
+    draw = getattr({"bundled": bundled, "moving": moving, "orbiter": orbiter, "vehicles": vehicles}[module], name)
+    flight: Flight = draw(random, number, **spec.get("with", {}))
+    return flight
+
+
+def loaded(flight: Flight, number: int, compiled: bool) -> Scenario:
     """Loads the scenario of a flight."""
     settings = [*flight.settings, f"seed={number}", f"execution.compiled={str(compiled).lower()}"]
     if isinstance(flight.scenario, str):

@@ -36,7 +36,7 @@ CASES: dict[str, dict[str, Any]] = {
     "stuck_on_29": {"scenario": "stuck_on_29"},
 }
 JOINT = ("orbiter_maneuver", "dispersed_thrust")
-CAMPAIGNS = {"sample_maneuver": ("thesis, CGLR", 25), "orbiter_maneuver": ("joint, multi_hypothesis", 250)}
+CAMPAIGNS = {"sample_maneuver": ("thesis, CGLR", 25), "orbiter_maneuver": ("joint, hypotheses", 250)}
 CAMPAIGN_CASES = 12
 RECORD = {"numpy": [], "compiled": ["execution.compiled=true"]}
 TARGETS = {

@@ -86,7 +86,8 @@ def build(scenario: Scenario, *, findings: bool = False) -> MassPropertyEstimato
             outputs: see `JointEstimator`; the inputs may stay unconnected, and the states are none with a detector.
         reconfiguration (out, 7 + n_jets), closed (out, n_jets), held_closed (out, n_jets),
             detector_report (out, 14 + 4 n_jets), with a detector: see `FailureDetector`.
-        hypothesis_report (out, 13 + 8 n_jets), with that of the joint filter or of poses: see `HypothesisDetector`.
+        hypothesis_report (out, 21 + 12 n_jets), fault_probability (out, n_jets + 2), with that of the joint filter or
+            of poses: see `HypothesisDetector`.
         <pose> (in, 7), <velocity> (in, 3), for each sensor in a fixed frame, and pose_report (out, 24 + 2 n_jets), with
             the filter of poses: see `PoseEstimator`.
         failed_jets (out, n_jets), detections (out, abstract), verdict (out, abstract), with `findings`: see
@@ -335,7 +336,7 @@ def _add_hypotheses(builder: DiagramBuilder, scenario: Scenario, method: Detecto
     builder.Connect(estimator.GetOutputPort("evidence"), detector.GetInputPort("evidence"))
     for name in ("replacement", "published"):
         builder.Connect(detector.GetOutputPort(name), estimator.GetInputPort(name))
-    for name in ("reconfiguration", "closed", "held_closed", "hypothesis_report"):
+    for name in ("reconfiguration", "closed", "held_closed", "hypothesis_report", "fault_probability"):
         builder.ExportOutput(detector.GetOutputPort(name), name)
     builder.ExportOutput(detector.GetOutputPort("report"), "detector_report")
 

@@ -37,7 +37,6 @@ nitpick_ignore_regex = [
         "py:class",
         r"massprop_drake\.(.*\._|inputs\.model\.M$|systems\.(caching|stopwatch)\.T$|maths\.kernels\.F$).*",
     ),  # private
-    ("py:class", r"massprop_drake\.(.*race\.Record$).*"),
 ]
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"

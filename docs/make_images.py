@@ -19,6 +19,10 @@ import numpy as np
 from massprop_drake import Run, load_scenario, simulate
 from massprop_drake.display import graphs, write_replay, write_report
 from massprop_drake.display.comparison import comparison_html
+from massprop_drake.inputs.params import accelerometers, estimation_params, gyros
+from massprop_drake.maths.estimation import cycle
+from massprop_drake.maths.estimation.faults.events import Hypothesis
+from massprop_drake.maths.estimation.faults.tree import Tree
 
 DOCS = Path(__file__).parent
 IMAGES = DOCS / "images"
@@ -32,6 +36,7 @@ TUTORIALS = {
     "add_a_failure": ["failure_magnitude.png"],
     "your_own_vehicle": ["tug_center_of_mass.png"],
     "consistency": ["nis.png"],
+    "probability": ["probability.png"],
 }
 DIAGRAMS = (
     "closed_loop_overview",
@@ -54,14 +59,15 @@ def named() -> None:
     figure, (above, below) = plt.subplots(2, sharex=True, figsize=(9.0, 5.0), layout="constrained")
     above.plot(run.time_s[around], np.degrees(run["rate"][around]), label=[f"rate {axis}" for axis in "xyz"])
     above.set(ylabel="rate, deg/s", title=f"Jet {found.jet} of the small satellite leaks 5 % of its thrust")
-    for jet, log_odds in zip(run.scenario.vehicle_data.designations, run["likelihood"][around].T, strict=True):
-        look = {"color": "C3", "label": f"{jet} leaks"} if jet == found.jet else {"color": "0.6", "lw": 0.8}
-        below.plot(run.time_s[around], log_odds, marker=".", **look)
-    below.plot([], [], color="0.6", lw=0.8, label="another jet fails")
-    below.set(ylim=(0.0, None), xlabel="time, s", ylabel="log-odds over no failure")
+    names = run.scenario.vehicle_data.designations
+    for jet, probability in zip(names, run["fault_probability"][around].T, strict=True):
+        look = {"color": "C3", "label": f"{jet} has failed"} if jet == found.jet else {"color": "0.6", "lw": 0.8}
+        below.plot(run.time_s[around], probability, marker=".", **look)
+    below.plot([], [], color="0.6", lw=0.8, label="another jet has failed")
+    below.set(ylim=(-0.02, 1.02), xlabel="time, s", ylabel="probability")
     below.annotate(
         f"{found.jet} named: {found.magnitude:.4f} ± {found.magnitude_std:.4f} N",
-        (found.time_s + 0.02, 100.0),
+        (found.time_s + 0.02, 0.8),
         color="C3",
     )
     for axes in (above, below):
@@ -70,6 +76,60 @@ def named() -> None:
         axes.legend(loc="center left", fontsize="small")
         axes.grid(alpha=0.3)
     figure.savefig(IMAGES / "leak_named.png", dpi=100)
+    plt.close(figure)
+
+
+def followed_trees() -> tuple[Run, list[Tree]]:
+    """Run of a leak, and the hypotheses after each of its samples, from its readings alone."""
+    run = simulate(load_scenario("leak_named", ["duration_s=50"]))
+    params, command = estimation_params(run.scenario), run["command"]
+    rates, velocities = (
+        np.stack([run[one.name] for one in of(run.scenario)], axis=1) for of in (gyros, accelerometers)
+    )
+    state, before, trees = cycle.initial_state(params), np.zeros(command.shape[1]), []
+    for time_s, rate, velocity, now in zip(run.time_s.tolist(), rates, velocities, command, strict=True):
+        sample = cycle.Sample(time_s, rate, velocity, before, None, None, now)
+        state, before = cycle.step(state, sample, params).state, now
+        trees.append(state.detector.tree)
+    return run, trees
+
+
+def history_name(each: Hypothesis, names: tuple[str, ...]) -> str:
+    """Name of a hypothesis by its events: its jets, and whether their force drifts."""
+    jets = sorted({names[jet] for jet, _ in each.ways})
+    others = sorted(event.cause.kind.name.lower() for event in each.events if not event.cause.failures)
+    drifting = " drifts" if (each.walks > 0.0).any() else ""
+    return (" + ".join([*jets, *others]) or "nothing") + drifting
+
+
+def tree() -> None:
+    """Draws the hypotheses about a leak, from its onset until they are few again."""
+    run, trees = followed_trees()
+    (found,) = run.results.detections
+    names, lowest = run.scenario.vehicle_data.designations, -30.0  # nats: what is further behind is dropped
+    lines: dict[str, dict[float, float]] = {}
+    for time_s, now in zip(run.time_s.tolist(), trees, strict=True):
+        if found.onset_s - 0.1 < time_s < found.onset_s + 1.3:
+            for each in now.hypotheses:
+                weights = lines.setdefault(history_name(each, names), {})
+                weights[time_s] = max(each.weight - now.leader.weight, weights.get(time_s, -np.inf))
+    figure, axes = plt.subplots(figsize=(9.0, 5.0), layout="constrained")
+    single = [name for name in lines if "+" not in name]
+    for name, weights in lines.items():
+        at, weight = np.array(list(weights)), np.array(list(weights.values()))
+        color, label, width = "0.7", None, 0.8
+        if name in single:
+            color, label, width = f"C{single.index(name)}", name, 2.5 if name == found.jet else 1.2
+        axes.plot(at, weight, color=color, label=label, lw=width)
+        axes.plot(at[0], weight[0], marker="o", color=color)
+    axes.plot([], [], color="0.7", lw=0.8, label="two jets")
+    axes.plot([], [], color="black", marker="o", ls="", label="birth")
+    axes.axvline(found.onset_s, color="black", ls=":", label="the leak begins")
+    axes.axvline(found.time_s, color="black", label=f"{found.jet} is declared")
+    axes.set(ylim=(lowest, 1.0), xlabel="time, s", ylabel="log weight behind the likeliest, nats")
+    figure.legend(loc="outside right upper", fontsize="small")
+    axes.grid(alpha=0.3)
+    figure.savefig(IMAGES / "hypotheses.png", dpi=100)
     plt.close(figure)
 
 
@@ -178,6 +238,7 @@ def main() -> None:
     """Writes the images."""
     IMAGES.mkdir(exist_ok=True)
     named()
+    tree()
     figures()
     screenshots()
     tutorials()

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.detector import STATUS
-from massprop_drake.maths.estimation.detectors.hypotheses import HYPOTHESIS_REPORT
+from massprop_drake.maths.estimation.faults.report import HYPOTHESIS_REPORT
 from massprop_drake.maths.estimation.filters.joint import JOINT_REPORT
 from massprop_drake.maths.estimation.filters.pose import POSE_REPORT
 from massprop_drake.maths.mass_properties import NAMES
@@ -108,6 +108,15 @@ SIGNALS = {
         Signal("failure_magnitude", "estimated magnitude of a failure", "{force}", ()),
         Signal("known_force", "known force of a failed jet", "{force}", ()),
         Signal("known_force_variance", "variance of it", "{force}^2", ()),
+        Signal("fault_probability", "probability that a jet has failed", "-", ()),
+        Signal(
+            "fault_mode",
+            "likeliest mode of its failure: 1 stuck on, 2 leak, 3 stuck off, 4 loss, 5 drifting, 6 intermittent",
+            "-",
+            (),
+        ),
+        Signal("fault_force", "force of its failure by the likeliest hypothesis with one", "{force}", ()),
+        Signal("fault_force_std", "1-sigma of it", "{force}", ()),
         Signal(
             "verdict", "what is said of a jet: 1 failed, 2 one of a group, 3 changed, 4 withdrawn, 5 erratic", "-", ()
         ),

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
 from joint_probe import vehicle_params
 
 from massprop_drake.inputs.vehicle import Vehicle
-from massprop_drake.maths.estimation.detectors import multi_hypothesis as detector
-from massprop_drake.maths.estimation.detectors.multi_hypothesis import (
-    Declaration,
-    HypothesisParams,
-    JetsDeclared,
-    Word,
-)
-from massprop_drake.maths.estimation.joint.cycle import Sample, step
+from massprop_drake.maths.estimation.faults.declarations import Declaration, JetsDeclared, Word
+from massprop_drake.maths.estimation.faults.priors import Params, Priors
+from massprop_drake.maths.estimation.faults.tree import Tree, advance
+from massprop_drake.maths.estimation.faults.verdicts import Verdicts, judged
+from massprop_drake.maths.estimation.joint.cycle import JointEvidence, Sample, step
 from massprop_drake.maths.estimation.joint.cycle import initial as initial_filter
-from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, make_places
+from massprop_drake.maths.estimation.joint.hypotheses import without_increments
+from massprop_drake.maths.estimation.joint.layout import JointState, make_places
 from massprop_drake.maths.estimation.joint.ticks import on_ticks
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.linear_algebra import cross as _cross
@@ -185,7 +182,7 @@ def quantized(values: Array, quantum: float, phase: Array) -> Array:
     return result
 
 
-def detector_params(vehicle: Vehicle, dispersed: bool, **changed: Any) -> HypothesisParams:
+def detector_params(vehicle: Vehicle, dispersed: bool, **changed: Any) -> Params:
     """Of a vehicle file, lag told wrong, four slots."""
     plain = vehicle_params(vehicle, lag=True)
     counts = (plain.places.jets, plain.places.gyros, plain.places.accelerometers)
@@ -198,56 +195,48 @@ def detector_params(vehicle: Vehicle, dispersed: bool, **changed: Any) -> Hypoth
         time_constants_s=plain.time_constants_s * TOLD_WRONG,
         **changed,
     )
-    return HypothesisParams(joint)
+    return Params(joint, Priors(), np.ones(2 * places.jets), np.ones(places.jets))
 
 
 class Watch(NamedTuple):
-    """Filter and detector on their way."""
+    """Filter and hypotheses on their way."""
 
     filter: JointState
-    detector: detector.State
+    tree: Tree
+    verdicts: Verdicts
     time_s: float
 
 
-def watch(params: HypothesisParams) -> Watch:
+def watch(params: Params) -> Watch:
     """Before the first sample."""
-    return Watch(initial_filter(params.joint), detector.initial(params.joint), 0.0)
+    return Watch(initial_filter(params.joint), Tree(), Verdicts(), 0.0)
 
 
 def watched(
-    watching: Watch,
-    commands: Array,
-    rates: Array,
-    velocities: Array,
-    params: HypothesisParams,
-    costs: list[float] | None = None,
+    watching: Watch, commands: Array, rates: Array, velocities: Array, params: Params
 ) -> tuple[Watch, list[tuple[float, Declaration]]]:
-    """Filter and detector over some samples, and what was declared when.
+    """Filter and hypotheses over some samples, and what was declared when.
 
     Args:
         watching: before.
         commands: of each interval, shape (n, n_jets).
         rates: readings at its end, shape (n, n_gyros, 3).
         velocities: shape (n, n_accelerometers, 3).
-        params: see `HypothesisParams`.
-        costs: takes the seconds of each cycle.
+        params: see `Params`.
     """
-    joint: JointParams = params.joint
+    own = params._replace(joint=without_increments(params.joint))
     period = 0.08
     said: list[tuple[float, Declaration]] = []
-    state, found, time_s = watching
+    state, tree, verdicts, time_s = watching
     for command, rate, velocity in zip(commands, rates, velocities, strict=True):
         time_s += period
         sample = Sample(time_s, np.array([period]), command[None], np.zeros(6), rate, velocity, on_ticks())
-        began = perf_counter()
-        after, report = step(state, sample, joint)
-        judgment = detector.judge(found, state, after, report, sample, params)
-        if costs is not None:
-            costs.append(perf_counter() - began)
-        state = after if judgment.replacement is None else judgment.replacement
-        found = judgment.state
-        said += [(time_s, declaration) for declaration in judgment.declarations]
-    return Watch(state, found, time_s), said
+        after, report = step(state, sample, params.joint)
+        tree = advance(tree, JointEvidence(state, after, report, sample, False), own)
+        verdicts, more = judged(verdicts, tree, own)
+        state = tree.next_state(own)
+        said += [(time_s, declaration) for declaration in more]
+    return Watch(state, tree, verdicts, time_s), said
 
 
 def verdict(said: list[tuple[float, Declaration]], truth: set[tuple[int, int]]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,9 +10,9 @@ from scipy.stats import chi2
 
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.estimation.joint.cycle import Sample, initial
-from massprop_drake.maths.estimation.joint.hypotheses import Counted
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, make_places
 from massprop_drake.maths.estimation.joint.prediction import RateRead
+from massprop_drake.maths.estimation.joint.quantized import DITHER, FLOOR
 from massprop_drake.maths.estimation.joint.ticks import on_ticks
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import initial_standard_deviation, six_elements
@@ -56,7 +57,16 @@ def small_params(**changed: Any) -> JointParams:
         "settled_after": 60.0,
         "second_order": True,
     }
-    return JointParams(**(settings | changed))
+    settings |= changed
+    variances = settings["variances"]
+    noisy = {"cells": np.zeros_like(variances), "floors": variances, "dithered": np.ones_like(variances)}
+    return JointParams(**(noisy | settings))
+
+
+def unrounded(params: JointParams) -> JointParams:
+    """The parameters with readings whose errors are Gaussian: every one counts, and updates are linear."""
+    noisy = {"quanta": np.zeros_like(params.quanta), "cells": np.zeros_like(params.cells)}
+    return params._replace(**noisy, floors=params.variances, dithered=np.ones_like(params.dithered))
 
 
 def some_state(params: JointParams, seed: int = 0) -> JointState:
@@ -107,6 +117,13 @@ def unread(params: JointParams) -> RateRead:
     return read_as(np.full(3, np.nan), params)
 
 
+def of_readings(quanta: Sequence[float], noises: Sequence[float]) -> dict[str, Array]:
+    """Parameters of readings, by quantum and 1-sigma of the noise of each package."""
+    cells, noise = np.repeat(quanta, 3), np.repeat(noises, 3)
+    dithered = (noise > DITHER * cells).astype(float)
+    return {"cells": cells, "floors": noise**2 + (FLOOR * cells) ** 2, "dithered": dithered}
+
+
 def vehicle_params(vehicle: Vehicle, *, lag: bool, start: str = "zero", **changed: Any) -> JointParams:
     """Of a vehicle file, exact thrusts, one lag error per kind, no biases."""
     kinds = sorted({jet.kind for jet in vehicle.jets})
@@ -130,6 +147,7 @@ def vehicle_params(vehicle: Vehicle, *, lag: bool, start: str = "zero", **change
             "accelerometer_positions": np.array([sensor.position for sensor in vehicle.accelerometers]),
             "variances": np.repeat([sensor.variance for sensor in sensors], 3),
             "quanta": np.repeat(dithered, 3),
+            **of_readings([sensor.quantum for sensor in sensors], [sensor.noise_std for sensor in sensors]),
             "start": nominal if given else np.zeros(10),
             "start_root": np.diag(sigma),
             "increment_sigma": wide,
@@ -138,11 +156,6 @@ def vehicle_params(vehicle: Vehicle, *, lag: bool, start: str = "zero", **change
             **changed,
         }
     )
-
-
-def all_of(number: int, *, counts: bool = True, again: bool = False) -> Counted:
-    """All components, or none of them."""
-    return Counted(np.full(number, counts), np.full(number, again))
 
 
 def central_differences(function: Any, at: Array, steps: Array) -> Array:

@@ -60,7 +60,7 @@ def test_its_run_is_loaded_with_the_same_numbers(stored: dict[str, np.ndarray], 
     consistency = {"verdict": "", "reasons": (), "diagnoses": []}
     consistency |= {f"{kind}_nis_{what}": None for kind in ("rotation", "translation") for what in ("beyond", "within")}
     later = {name: [] for name in ("identifiability", "events", "unconfirmed", "untested")} | {"injected": None}
-    later |= {"completeness": "complete", "completeness_detail": []}
+    later |= {"completeness": "complete", "completeness_detail": [], "fault_probability": None}
     expected = {**summary, **later, "consistency": {**summary["consistency"], **consistency}}
     expected["derived"] = {**summary["derived"], "nearest_possible": None}
     known = [_as_of_then(entry, summary) for entry in run.summary["detections"]]

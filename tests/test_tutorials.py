@@ -121,6 +121,20 @@ def test_verdicts(tutorial: Tutorial, tmp_path: Path) -> None:
     assert (tmp_path / "failure_magnitude.png").stat().st_size > 0
 
 
+def test_probability(tutorial: Tutorial, tmp_path: Path) -> None:
+    left = tutorial("probability")
+    (soon,), (late,) = (flight.results.detections for flight in left["doubted"].values())
+    assert (soon.jet, late.jet) == ("ZP1", "ZP1")
+    assert soon.time_s < late.time_s  # who accepts more false declarations waits less
+    assert left["others"]["healthy"].summary["fault_probability"]["none"] > 0.999
+    assert left["others"]["gusts"].summary["fault_probability"]["unknown"] > 0.999
+    claims, right = left["claims"], left["right"]
+    for low, high in ((0.5, 0.9), (0.9, 0.99), (0.99, 0.999)):
+        assert right[(claims >= low) & (claims < high)].mean() >= low
+    assert right[claims >= 0.999].mean() >= 0.99  # samples of one flight are no independent trials
+    assert (tmp_path / "probability.png").stat().st_size > 0
+
+
 def test_your_own_vehicle(tutorial: Tutorial, tmp_path: Path) -> None:
     left = tutorial("your_own_vehicle")
     flight, last = left["flight"], left["last"]

@@ -5,13 +5,25 @@ from __future__ import annotations
 import math
 import sys
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from massprop_drake.cli import campaigns, completion
-from massprop_drake.cli.options import Compiled, Figures, Force, Json, Overrides, Quiet, Report, Schema, View
+from massprop_drake.cli.options import (
+    Compiled,
+    Figures,
+    Force,
+    Guaranteed,
+    Json,
+    Overrides,
+    Quiet,
+    Report,
+    Schema,
+    View,
+)
 from massprop_drake.cli.streams import note, say
 from massprop_drake.errors import InputError
 
@@ -74,6 +86,7 @@ def run(
             autocompletion=completion.named("scenario"),
         ),
     ],
+    intervals: Guaranteed = False,
     out: Annotated[Path | None, typer.Option(help="Folder to write; default runs/<name>.")] = None,
     seed: Annotated[int | None, typer.Option(help="Replaces the scenario's seed.")] = None,
     overrides: Overrides = None,
@@ -107,6 +120,7 @@ def run(
     sources.note_doubts(case.simulation_doubts, quiet=quiet)
     save = sources.saving(place, pictures=figures, report=report, replay=view)
 
+    from massprop_drake.runners.guaranteed import with_intervals
     from massprop_drake.runners.simulate import simulate
 
     watch = None
@@ -120,6 +134,8 @@ def run(
         Progress(f"simulating {case.name}", case.duration_s, shown=not (as_json or quiet)) as progress,
     ):
         result = simulate(case, progress=progress, watch=watch, folder=place.path.parent, keep=save)
+        if intervals:
+            result = sources.extended(with_intervals, result, save)
     folder = save(result)
     if as_json:
         show.as_json(result.summary)
@@ -166,6 +182,7 @@ def estimate(
         Path | None,
         typer.Option(help="A run's folder: put the record beside a simulation of its vehicle, told the same commands."),
     ] = None,
+    intervals: Guaranteed = False,
     out: Annotated[Path | None, typer.Option(help="Folder to write; default runs/<name of the file>.")] = None,
     overrides: Overrides = None,
     compiled: Compiled = False,
@@ -201,6 +218,7 @@ def estimate(
     sources.note_doubts(case.estimation_doubts, quiet=quiet)
     save = sources.saving(place, pictures=figures, report=report, replay=view)
 
+    from massprop_drake.runners.guaranteed import with_intervals
     from massprop_drake.runners.recorded import estimate as estimate_record
 
     live = telemetry == "-" and not (as_json or quiet)
@@ -220,12 +238,10 @@ def estimate(
             keep=save,
         )
         if against is not None:
-            try:
-                result = beside(result, against, spool_folder=place.path.parent)
-            except Exception as error:
-                result.note_end(error, early=False)
-                save(result)
-                raise
+            more = partial(beside, folder=against, spool_folder=place.path.parent)
+            result = sources.extended(more, result, save)
+        if intervals:
+            result = sources.extended(with_intervals, result, save)
         folder = save(result)
     if as_json:
         show.as_json(result.summary)

@@ -15,6 +15,9 @@ Force = Annotated[
     bool, typer.Option("--force", help="Keep what is there as <name>.1, <name>.2, ... instead of refusing it.")
 ]
 Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures, or not, which is faster.")]
+Guaranteed = Annotated[
+    bool, typer.Option("--intervals", help="Add the intervals of mass properties that quantized readings guarantee.")
+]
 Compiled = Annotated[
     bool,
     typer.Option("--compiled", help="Use compiled kernels, and to simulate the plain loop; needs the extra `fast`."),

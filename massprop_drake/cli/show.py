@@ -156,6 +156,7 @@ def simulated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
         if jets:
             console.say(f"             {words}: {', '.join(jets)}")
     _say_found(console, results, vehicle)
+    _print_intervals(console, results, vehicle)
     console.say(f"speed:       {_factor(results.timing.real_time_factor)} times real time")
     _files(console, folder)
 
@@ -180,6 +181,7 @@ def estimated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
     _say_found(console, results, vehicle)
     if results.against is not None:
         _print_against(console, results.against)
+    _print_intervals(console, results, vehicle)
     console.say(f"speed:       {_factor(quality['rows'] / results.timing.wall_s)} rows a second")
     _files(console, folder)
 
@@ -187,6 +189,20 @@ def estimated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
 def _factor(value: float) -> str:
     """A speed as a whole number, to two digits where it is below ten."""
     return f"{value:.0f}" if value >= 9.95 else f"{value:.2g}"
+
+
+def _print_intervals(console: Terminal, results: Summary, vehicle: Vehicle) -> None:
+    """Prints the intervals that readings guarantee, or why there are none."""
+    from massprop_drake.results import table  # noqa: PLC0415 (slow to load)
+
+    found = results.intervals
+    if found is None:
+        return
+    if found.guaranteed:
+        headings = ("parameter", "unit", "low", "middle", "high", "estimate\ninside")
+        print_table(console, "what readings allow", headings, table.intervals(results, vehicle.unit_names))
+    name = ("contradicted:", "bold red") if found.contradicted else "intervals:"
+    console.say(name, f"{'' if found.contradicted else '  '} {found.in_words()}")
 
 
 def _print_against(console: Terminal, found: Against) -> None:
@@ -394,6 +410,9 @@ def _say_found(console: Terminal, results: Summary, vehicle: Vehicle) -> None:
     for event in results.events:
         if event.kind in _BESIDE:
             console.say(_told(event, vehicle))
+    probable = results.fault_probability and results.fault_probability.in_words(vehicle.unit_names)
+    if probable:
+        console.say(f"probable:    {probable}")
     largest = sorted(results.unconfirmed, key=lambda one: -one.statistic)[:_MOST_SUSPECTED]
     for one in results.unconfirmed:
         if one in largest:

@@ -101,6 +101,16 @@ def saving(place: Place, *, pictures: bool, report: bool, replay: bool) -> Calla
     return save
 
 
+def extended(add: Callable[[Run], Run], run: Run, save: Callable[[Run], Path]) -> Run:
+    """Adds something to a run; where that fails, saves the run with the reason before the error goes on."""
+    try:
+        return add(run)
+    except Exception as error:
+        run.note_end(error, early=False)
+        save(run)
+        raise
+
+
 def note_doubts(doubts: list[Finding], *, quiet: bool) -> None:
     """Notes what may bear on a result otherwise than it was meant, a line each."""
     for doubt in () if quiet else doubts:

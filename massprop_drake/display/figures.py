@@ -244,6 +244,10 @@ class Plots:
         """Likelihood arguments of all jets, and of the clusters (figures 5-16, 5-19, 5-22, 5-25)."""
         return drawn(plots.likelihoods(self._source))
 
+    def fault_probabilities(self) -> Figure:
+        """Posterior probabilities of faults: of the jets that reach 1 %, of nothing, and of something unknown."""
+        return drawn(plots.fault_probabilities(self._source))
+
     def margins(self) -> Figure:
         """Margins of the likeliest jet and cluster (figures 5-17, 5-20, 5-23, 5-26)."""
         return drawn(plots.margins(self._source))

@@ -60,7 +60,7 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
     results, scenario = run.results, run.scenario
     source = plots.source(run)
     jumps, shown_by = _jumps(run)
-    by_hypotheses = scenario.detector.kind == "multi_hypothesis"
+    by_hypotheses = scenario.detector.kind == "hypotheses"
     described = {
         "time": interactive.times(run.time_s),
         **interactive.packed([interactive.drawn(plot(source)) for plot in plots.available(source).values()]),
@@ -83,6 +83,7 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
         "injected": [_injected(run, number, shown_by) for number in range(len(results.injected or ()))],
         "detections": [_detection(entry, units, by_hypotheses) for entry in results.detections],
         "events": [(event.time_s, said.in_words(event, units)) for event in results.events],
+        "probable": results.fault_probability and results.fault_probability.in_words(units),
         "against": results.against and _against(results.against),
         "unconfirmed": [unconfirmed.in_words(one) for one in results.unconfirmed],
         "untested": [f"{', '.join(one.jets)}: {one.reason}" for one in results.untested],

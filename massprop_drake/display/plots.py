@@ -35,9 +35,10 @@ from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, commanded_rate
 from massprop_drake.maths.estimation.detector import Event as Code
-from massprop_drake.maths.estimation.detectors.multi_hypothesis import Word
+from massprop_drake.maths.estimation.faults.declarations import Word
 from massprop_drake.results.against_followed import turned
 from massprop_drake.results.consistency import ruled
+from massprop_drake.results.fault_probabilities import LEAST_SHOWN, rounded
 from massprop_drake.signals import AGAINST, AXES, SIGNALS, SYMBOLS, in_units, is_own, mass_property_units
 
 if TYPE_CHECKING:
@@ -117,7 +118,10 @@ def available(run: Source) -> dict[str, Callable[[Source], Plot]]:
     if run.consistency is None:
         found["propellant"] = propellant
     if "likelihood" in run.signals:
-        found["likelihoods"] = likelihoods
+        if "none_probability" in run.signals and np.isfinite(run.signals["none_probability"]).any():
+            found["fault_probabilities"] = fault_probabilities
+        else:
+            found["likelihoods"] = likelihoods
         if any(np.isfinite(run.signals[name]).any() for name in ("jet_margin", "cluster_margin")):
             found["margins"] = margins
         found |= {"failure_magnitude": failure_magnitude, "detection_timeline": detection_timeline}
@@ -728,7 +732,7 @@ def _mean_nis(run: Source, name: str, nis: Array) -> str:
 def likelihoods(run: Source) -> Plot:
     """Likelihood arguments of all jets, and of the clusters (figures 5-16, 5-19, 5-22, 5-25).
 
-    The detector by hypotheses has the lead of each jet's failure over no failure in their place.
+    The detector by thrust factors has the lead of each jet's failure over no failure in their place.
     """
     tested = run.where("tested")
     of_jets = run.signals["likelihood"][tested]
@@ -744,7 +748,7 @@ def likelihoods(run: Source) -> Plot:
     if run.clustered:
         groups, found = [f"cluster {number}" for number in numbers], np.isin(numbers, clusters[declared])
         panels.append(_highest(run.time_s[tested], of_clusters, groups, "of the clusters", found))
-    leads = run.scenario.detector.kind == "multi_hypothesis"
+    leads = run.scenario.detector.kind == "thrust_factors"
     title = "Lead of each jet's failure over no failure, nats" if leads else "Likelihood arguments of a failed jet"
     others = any(isinstance(mark, Whiskers) for panel in panels for mark in panel.marks)
     return _plot(run, "likelihoods", title, panels, meaning="gray: the range of the others" if others else "")
@@ -772,6 +776,33 @@ def _highest(time_s: Array, values: Array, names: Sequence[str], label: str, dec
         size = POINT_SIZE if declared[column] else 0.7 * POINT_SIZE
         marks.append(Points(time_s, shown[:, column], color, names[column], size=size, group=label))
     return Panel(label, "", tuple(marks), scale="log", limits=limits)
+
+
+def fault_probabilities(run: Source) -> Plot:
+    """Posterior probabilities of faults: of the jets that reach 1 %, of nothing, and of something unknown."""
+    of_jets, names = run.signals["fault_probability"], run.vehicle.designations
+    most = np.fmax.reduce(of_jets, axis=0, initial=0.0)
+    order = [jet for jet in np.argsort(-most, kind="stable").tolist() if most[jet] > LEAST_SHOWN]
+    marks: list[Mark] = []
+    if rest := order[_NAMED:]:
+        low, high = (reduced(of_jets[:, rest], axis=1) for reduced in (np.fmin.reduce, np.fmax.reduce))
+        marks.append(Whiskers(run.time_s, low, high, BAND_COLOR, f"range of {len(rest)} others"))
+    marks += [Points(run.time_s, of_jets[:, jet], BAND_COLOR, names[jet], drawn=False, group="jets") for jet in rest]
+    for jet, color in zip(order, COLORS[:_NAMED], strict=False):
+        marks.append(Line(run.time_s, of_jets[:, jet], color, f"{names[jet]}, {_at_end(of_jets[:, jet])}", steps=True))
+    others = []
+    for name, color in (("none", TRUTH_COLOR), ("unknown", FAILED_COLOR)):
+        values = run.signals[f"{name}_probability"][:, 0]
+        others.append(Line(run.time_s, values, color, f"{name}, {_at_end(values)}", steps=True))
+    limits = (-0.02, 1.02)
+    panels = [Panel("jet has failed", "", tuple(marks), limits=limits)] if marks else []
+    panels.append(Panel("nothing, or unknown", "", tuple(others), limits=limits))
+    meaning = "none: nothing has failed or changed; unknown: something pushes that nothing else explains"
+    return _plot(run, "fault_probabilities", "Probability of faults", panels, meaning=meaning)
+
+
+def _at_end(values: Array) -> str:
+    return f"at the end {rounded(float(values[-1]))}"
 
 
 def margins(run: Source) -> Plot:

@@ -17,6 +17,7 @@ from massprop_drake.inputs.scenario import (
     Degraded,
     Drift,
     Failure,
+    HypothesesBlock,
     Intermittent,
     Leak,
     MultibodyBlock,
@@ -637,4 +638,7 @@ def detector_params(scenario: Scenario) -> Any:
     if method is None:
         return None
     of_filter = (FILTERS[method.made_for].params(setup(scenario), scenario),) if method.made_for else ()
-    return method.params(jets(scenario), scenario.detector, *of_filter)
+    options: Any = scenario.detector
+    if isinstance(options, HypothesesBlock):
+        options = scenario.faults.of_each_jet(scenario.vehicle_data.designations)
+    return method.params(jets(scenario), options, *of_filter)

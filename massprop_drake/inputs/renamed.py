@@ -1,7 +1,8 @@
-"""Names of version 0.1: accepted until version 0.3, with one warning that says what to write instead.
+"""Names of earlier versions: accepted for one more release, with one warning that says what to write instead.
 
 Keys of files are renamed by `yaml.Document` as it reads them. Modules are found under their old paths, and attributes
-under their old names, by what stands here.
+under their old names, by what stands here. Keys of a detector's former kind depend on the whole scenario:
+`inputs.scenario` has them replaced by `with_present_detector`.
 """
 
 from __future__ import annotations
@@ -21,6 +22,11 @@ from massprop_drake.errors import dotted
 # keys by their place in a vehicle or a scenario: the present name
 KEYS = {"sensors.quantiser_phase": "quantizer_phase", "shape[].colour": "color"}  # codespell:ignore
 _OLD_KEYS = {place.rpartition(".")[2] for place in KEYS}
+
+# the detector of the joint filter: former and present kind, former keys without effect, and the key that has moved
+FORMER_KIND, PRESENT_KIND = "multi_hypothesis", "hypotheses"
+_WITHOUT_EFFECT = ("trigger_jet", "trigger", "lead", "lead_nothing", "jump")
+_MOVED_TO_FAULTS = "slots"
 
 # rooms: the modules that have moved there; "=" before the present name where it has changed, too
 _MOVED = {
@@ -61,9 +67,9 @@ class RenamedWarning(FutureWarning):
     """A name of an earlier version, accepted once more."""
 
 
-def warn(message: str, stacklevel: int = 2) -> None:
-    """Warns of an old name; `stacklevel` as of `warnings.warn`, counted from the caller."""
-    warnings.warn(f"{message}; version 0.3 will know the new name alone", RenamedWarning, stacklevel + 1)
+def warn(message: str, stacklevel: int = 2, version: str = "0.3") -> None:
+    """Warns of an old name that ends with a version; `stacklevel` as of `warnings.warn`, counted from the caller."""
+    warnings.warn(f"{message}; version {version} will know the new name alone", RenamedWarning, stacklevel + 1)
 
 
 def key_now(path: Sequence[str | int]) -> str | None:
@@ -71,6 +77,46 @@ def key_now(path: Sequence[str | int]) -> str | None:
     if path[-1] not in _OLD_KEYS:
         return None
     return KEYS.get(re.sub(r"\[\d+\]", "[]", dotted(tuple(path))).removeprefix("vehicle."))
+
+
+def with_present_detector(data: dict[str, Any], usual: str) -> tuple[dict[str, Any], list[str]]:
+    """Replaces what a scenario's data say of the detector of the joint filter in former terms.
+
+    Args:
+        data: of a scenario, not validated; unchanged.
+        usual: kind of detector that is meant where none is named.
+
+    Returns:
+        The data in present terms, and what to tell of each replacement.
+    """
+    block, faults = data.get("detector"), data.get("faults", {})
+    if not isinstance(block, dict) or block.get("kind", usual) not in (FORMER_KIND, PRESENT_KIND):
+        return data, []
+    kept, said = dict(block), []
+    if kept.get("kind") == FORMER_KIND:
+        kept["kind"] = PRESENT_KIND
+        said.append(f"detector.kind: {FORMER_KIND} is now {PRESENT_KIND}")
+    if _MOVED_TO_FAULTS in kept and isinstance(faults, dict) and _MOVED_TO_FAULTS not in faults:
+        data = {**data, "faults": {**faults, _MOVED_TO_FAULTS: kept.pop(_MOVED_TO_FAULTS)}}
+        said.append(f"detector.{_MOVED_TO_FAULTS} is now faults.{_MOVED_TO_FAULTS}")
+    if gone := [key for key in _WITHOUT_EFFECT if key in kept]:
+        names, verb = ", ".join(f"detector.{key}" for key in gone), "has" if len(gone) == 1 else "have"
+        said.append(f"{names} {verb} no effect any more: faults.false_per_hour says how sure a declaration is")
+        kept = {key: value for key, value in kept.items() if key not in gone}
+    return ({**data, "detector": kept}, said) if said else (data, [])
+
+
+def keys_left_behind(former: Any, kind: Any) -> tuple[str, ...]:
+    """Keys that the detector of the joint filter had, where another kind takes its place.
+
+    Args:
+        former: kind that the block had; None: it was not written out.
+        kind: that it has now.
+    """
+    if former not in (None, FORMER_KIND, PRESENT_KIND) or kind in (FORMER_KIND, PRESENT_KIND):
+        return ()
+    shared = ("lead", "lead_nothing") if former is None else ()  # with other kinds
+    return tuple(key for key in (*_WITHOUT_EFFECT, _MOVED_TO_FAULTS) if key not in shared)
 
 
 def attributes(module: str, names: Mapping[str, str]) -> Callable[[str], Any]:

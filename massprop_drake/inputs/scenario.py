@@ -37,6 +37,7 @@ from massprop_drake.inputs.model import (
 from massprop_drake.inputs.model_file import model_joints, model_text
 from massprop_drake.inputs.vehicle import MassPropertiesModel, Vehicle, load_vehicle, symmetric_inertia
 from massprop_drake.inputs.yaml import Document, FieldPath, exists, read_text
+from massprop_drake.maths.estimation.faults.priors import Priors
 from massprop_drake.maths.linear_algebra import is_covariance
 from massprop_drake.maths.mass_properties import Spread, could_be_inertia, initial_standard_deviation, joined
 from massprop_drake.maths.vehicle.joint_moves import peak_rate
@@ -44,12 +45,12 @@ from massprop_drake.maths.vehicle.joint_moves import peak_rate
 Array = NDArray[np.float64]
 
 _DEGREE = np.pi / 180.0
-_ESTIMATION = ("vehicle", "estimation", "rotation", "mass", "joint", "detector")
+_ESTIMATION = ("vehicle", "estimation", "rotation", "mass", "joint", "detector", "faults")
 _USUAL_FILTER: Literal["thesis", "joint", "pose"] = "joint"
 # detectors that a filter goes with, the usual one first
 DETECTORS_OF = {
     "thesis": ("cglr", "cusum", "off"),
-    "joint": ("multi_hypothesis", "off"),
+    "joint": ("hypotheses", "off"),
     "pose": ("thrust_factors", "off"),
 }
 # keys that speak to one filter alone
@@ -61,9 +62,10 @@ _KEYS_OF: dict[str, tuple[tuple[str, ...], ...]] = {
         ("estimation", "thrust_transient"),
         ("estimation", "thrust_uncertainty"),
     ),
-    "joint": (("joint",),),
+    "joint": (("joint",), ("faults",)),
 }
 _USUAL_VEHICLE = "orbiter"
+_PRIORS = Priors()
 _INDEX = re.compile(r"[0-9]{1,6}")
 _LONGEST_NAME = 200  # characters; those of a folder's name are limited
 
@@ -764,23 +766,138 @@ class CusumBlock(Model):
     threshold: Real = described(20.0, "of a sum, above which its jet is declared", "-", gt=0.0)
 
 
-class MultiHypothesisBlock(Model):
-    """Detection of failed jets, jumps and false readings with the joint filter, by a race of hypotheses."""
+class HypothesesBlock(Model):
+    """Detection of failed jets, payloads and false readings with the joint filter, by their posterior probability."""
 
-    kind: Literal["multi_hypothesis"] = described(
-        "multi_hypothesis",
-        "usual with estimation.filter: joint; hypotheses about what has failed and when, compared",
+    kind: Literal["hypotheses"] = described(
+        "hypotheses", "usual with estimation.filter: joint; what may fail stands in the block `faults`"
     )
-    trigger_jet: Real = described(
-        28.0, "likelihood argument of a jet's force since any onset, above which hypotheses are compared", "-", gt=0.0
+
+
+FaultMode = Literal["stuck_on", "leak", "stuck_off", "loss", "drifting", "intermittent"]
+_MODES: tuple[FaultMode, ...] = ("stuck_on", "leak", "stuck_off", "loss", "drifting", "intermittent")
+_MORE, _LESS = set(_MODES) - {"stuck_off", "loss"}, set(_MODES) - {"stuck_on", "leak"}  # thrust than commanded
+_NO_MODE = "name the fault modes that there may be; a jet that hardly ever fails has a low per_hour"
+
+
+class JetFaults(Model):
+    """Faults of one jet, where they are not those of all jets."""
+
+    per_hour: Real | None = described(None, "failures of this jet; null: faults.jet_per_hour", "1/h", gt=0.0)
+    modes: tuple[FaultMode, ...] | None = described(
+        None, "fault modes that it may have; null: faults.modes", min_length=1, reason=_NO_MODE
     )
-    trigger: Real = described(45.0, "the same of anything at all, chi-square of six degrees", "-", gt=0.0)
-    lead: Real = described(6.0, "of the likeliest hypothesis over every other that decides, nats", "-", gt=0.0)
-    lead_nothing: Real = described(12.0, "over the one that nothing has happened, nats", "-", gt=0.0)
-    jump: Real = described(
-        100.0, "over that one, of a jump of the mass properties that is announced, nats", "-", gt=0.0
+
+    @property
+    def gives_more(self) -> bool:
+        """Whether some mode lets the jet give more thrust than commanded; where none are named, all are meant."""
+        return not _MORE.isdisjoint(self.modes or _MODES)
+
+    @property
+    def gives_less(self) -> bool:
+        """Whether some mode lets the jet give less thrust than commanded; where none are named, all are meant."""
+        return not _LESS.isdisjoint(self.modes or _MODES)
+
+
+class FaultsBlock(Model):
+    """Priors of the faults that the detector of the joint filter looks for: rates and probabilities."""
+
+    jet_per_hour: Real = described(
+        _PRIORS.jet_per_hour,
+        "failures of one jet; with one in a thousand hours, one in a given sample of 0.08 s has a probability of 2e-8",
+        "1/h",
+        gt=0.0,
     )
-    slots: Whole = described(4, "failed jets whose forces are estimated at a time", "-", ge=1, le=16)
+    together: Real = described(
+        _PRIORS.together,
+        "probability that a given other jet fails in the same interval as one: jets share drivers and feed lines",
+        gt=0.0,
+        lt=1.0,
+    )
+    full_thrust: Real = described(
+        _PRIORS.full_thrust,
+        "share of failures that are of full thrust: a valve that sticks is mostly quite open, or closed",
+        gt=0.0,
+        lt=1.0,
+    )
+    drifting: Real = described(
+        _PRIORS.drifting, "share of failures whose force grows slowly from nothing, as a seal wears", gt=0.0, lt=1.0
+    )
+    change_per_hour: Real = described(
+        _PRIORS.change_per_hour,
+        "changes of a force that is known to be wrong: what has failed is seldom at rest",
+        "1/h",
+        gt=0.0,
+    )
+    intermittent: Real = described(
+        _PRIORS.intermittent,
+        "share of failures whose force changes all the time, as of a loose contact",
+        gt=0.0,
+        lt=1.0,
+    )
+    payload_per_hour: Real = described(
+        _PRIORS.payload_per_hour, "payloads that come or leave; more where such are planned", "1/h", gt=0.0
+    )
+    reading_per_hour: Real = described(
+        _PRIORS.reading_per_hour,
+        "readings of one sensor component that begin to be wrong: as rare as a jet's failure",
+        "1/h",
+        gt=0.0,
+    )
+    unknown_per_hour: Real = described(
+        _PRIORS.unknown_per_hour,
+        "pushes that nothing known explains: rarer than what is known, since they fit any reading",
+        "1/h",
+        gt=0.0,
+    )
+    start: Real = described(
+        _PRIORS.start,
+        "probability, when something contradicts a start, that this was stated too well, and no jet has failed",
+        gt=0.0,
+        lt=1.0,
+    )
+    false_per_hour: Real = described(
+        _PRIORS.false_per_hour,
+        "false declarations of one jet, or of anything else, that are accepted; over its rate it is the probability "
+        "that a declaration may be wrong with",
+        "1/h",
+        gt=0.0,
+    )
+    slots: Whole = described(
+        4, "failed jets whose forces are estimated at a time; each adds an element to the filter's state", ge=1, le=16
+    )
+    modes: tuple[FaultMode, ...] = described(
+        _MODES,
+        "fault modes that a jet may have: stuck_on and leak let it give more thrust than commanded, stuck_off and loss "
+        "less, drifting and intermittent either. More, or less, is looked for where a mode lets it",
+        min_length=1,
+        reason=_NO_MODE,
+    )
+    jets: dict[Text, JetFaults] = described({}, "jets that are unlike the others, by designation")
+
+    @model_validator(mode="after")
+    def _consistent(self) -> FaultsBlock:
+        problems: list[tuple[FieldPath, str]] = []
+        if (both := self.full_thrust + self.drifting) > 1.0 + 1e-12:
+            problem = f"is with drifting {both:g} of all failures; both are shares, and sum to at most 1"
+            problems.append((("full_thrust",), problem))
+        if self.false_per_hour >= self.jet_per_hour:
+            problem = (
+                f"{self.false_per_hour:g} is not below jet_per_hour, {self.jet_per_hour:g}: declarations would be "
+                "false as often as jets fail; give a small fraction of it"
+            )
+            problems.append((("false_per_hour",), problem))
+        if problems:
+            raise refusal(problems)
+        return self
+
+    def of_each_jet(self, designations: Iterable[str]) -> FaultsBlock:
+        """The same with an entry for each jet, in the order given, in which nothing is left out."""
+        usual, found = JetFaults(per_hour=self.jet_per_hour, modes=self.modes), {}
+        for name in designations:
+            own = self.jets.get(name, JetFaults()).model_dump(exclude_none=True)
+            found[name] = usual.model_copy(update=own)
+        return self.model_copy(update={"jets": found})
 
 
 class ThrustFactorsBlock(Model):
@@ -799,9 +916,7 @@ class ThrustFactorsBlock(Model):
     )
 
 
-DetectorBlock = Annotated[
-    CglrBlock | CusumBlock | MultiHypothesisBlock | ThrustFactorsBlock, Field(discriminator="kind")
-]
+DetectorBlock = Annotated[CglrBlock | CusumBlock | HypothesesBlock | ThrustFactorsBlock, Field(discriminator="kind")]
 
 
 class ExecutionBlock(Model):
@@ -853,9 +968,12 @@ class Scenario(Model):
     mass: MassBlock = described(MassBlock(), "filter for the mass reciprocal")
     joint: JointBlock = described(JointBlock(), "with estimation.filter: joint")
     detector: DetectorBlock = described(
-        MultiHypothesisBlock(),
-        "detection of failed jets; each kind has keys of its own: multi_hypothesis or off with estimation.filter: "
+        HypothesesBlock(),
+        "detection of failed jets; each kind has keys of its own: hypotheses or off with estimation.filter: "
         "joint, cglr, cusum or off with thesis, thrust_factors or off with pose; the first of them unless one is named",
+    )
+    faults: FaultsBlock = described(
+        FaultsBlock(), "with estimation.filter: joint; what may fail, and how likely that is"
     )
     failures: tuple[Failure, ...] = described((), "failures of jets")
     jumps: tuple[MassJump, ...] = described((), "payloads that leave or come")
@@ -869,7 +987,7 @@ class Scenario(Model):
             return data
         if isinstance(data.get("vehicle"), str):  # in a program; names in files are `resolved` beside those
             data = {**data, "vehicle": load_vehicle(data["vehicle"])}
-        data = _with_model(data, None, Path())
+        data = _in_present_terms(_with_model(data, None, Path()))
         chosen, given = filter_of(data), dict(data)
         if isinstance(data.get("plant", {}), dict):
             given["plant"] = {"kind": "rigid", **data.get("plant", {})}
@@ -1056,6 +1174,9 @@ def check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[Fi
         require("accelerometer", scenario.sensors.accelerometer, packages, "sensors", "accelerometer")
     for index, kind in enumerate((scenario.autopilot.jet_kinds or ()) if not scenario.jet_schedule else ()):
         require("jet kind", kind, vehicle.jet_kinds, "autopilot", "jet_kinds", index)
+    for name in scenario.faults.jets:
+        require("jet", name, vehicle.designations, "faults", "jets", name)
+    problems.extend(_too_many_faults(scenario.faults, vehicle))
     period = vehicle.sample_period_s
     problems.extend(_of_the_plant(scenario, vehicle))
     if vehicle.motion == "planar" and isinstance(scenario.plant, PlantBlock) and scenario.plant.dispersion.axes_deg:
@@ -1067,6 +1188,28 @@ def check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[Fi
         found = plausible.of_scenario(scenario, vehicle)
         problems.extend((finding.path, finding.problem) for finding in found if finding.impossible)
     return problems
+
+
+def _too_many_faults(faults: FaultsBlock, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
+    """Finds rates by which more than one event is expected in a sample period."""
+    period, components = vehicle.sample_period_s, 3 * (len(vehicle.gyros) + len(vehicle.accelerometers))
+    own = [jet.per_hour for jet in faults.jets.values() if jet.per_hour is not None]
+    of_jets = sum(own) + (len(vehicle.jets) - len(own)) * faults.jet_per_hour
+    total = of_jets + faults.payload_per_hour + components * faults.reading_per_hour + faults.unknown_per_hour
+    most = 3600.0 / period
+    if total > most:
+        parts = f"{len(vehicle.jets)} jets, payloads, {components} components and what is unknown"
+        problem = (
+            f"rates of {parts} sum to {total:.3g} per hour, {total / most:.3g} events in a sample period of {period:g} "
+            f"s; at most one, {most:.3g} per hour"
+        )
+        yield ("faults",), problem
+    if faults.change_per_hour > most:
+        problem = (
+            f"{faults.change_per_hour:.3g} is {faults.change_per_hour / most:.3g} changes in a sample period of "
+            f"{period:g} s; at most one, {most:.3g} per hour"
+        )
+        yield ("faults", "change_per_hour"), problem
 
 
 def _of_the_plant(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
@@ -1193,7 +1336,7 @@ def resolved(data: Any, document: Document | None = None, folder: Path | None = 
         vehicle = _inline_vehicle(vehicle, document)
     own = data if not isinstance(vehicle, (str, Vehicle)) else {key: data[key] for key in data if key != "vehicle"}
     there = vehicle if isinstance(vehicle, Vehicle) else _named_vehicle(vehicle, folder)
-    scenario = validated(Scenario, _with_filter(own, there), document)
+    scenario = validated(Scenario, _in_present_terms(_with_filter(own, there), document), document)
     vehicle = there or _find_vehicle(vehicle, folder or Path(), document)
     problems = check_against_vehicle(scenario, vehicle)
     if problems:
@@ -1227,6 +1370,21 @@ def _with_filter(data: Any, vehicle: Vehicle | None) -> Any:
         return data
     estimation = data.get("estimation", {})
     return {**data, "estimation": {"filter": "pose", **estimation}} if isinstance(estimation, dict) else data
+
+
+def _in_present_terms(data: Any, document: Document | None = None) -> Any:
+    """Replaces what data say of the detector in former terms, with one warning."""
+    if not isinstance(data, dict):
+        return data
+    faults, usual = data.get("faults"), DETECTORS_OF.get(filter_of(data), ("off",))[0]
+    if isinstance(faults, FaultsBlock):  # a program's; `slots` may have to be put in
+        data = {**data, "faults": faults.model_dump(mode="json", exclude_unset=True)}
+    data, said = renamed.with_present_detector(data, usual)
+    if said:
+        renamed.warn(f"{'scenario' if document is None else document.source}: {', '.join(said)}", 4, "0.4")
+    if said and document is not None and "slots" not in data["detector"]:
+        document.move(("detector", "slots"), ("faults", "slots"))
+    return data
 
 
 def _place(path: FieldPath, document: Document | None) -> str:
@@ -1291,9 +1449,16 @@ def replace_at(data: Any, path: list[str | int], value: Any, where: str, given: 
     """
     *above, last = field = tuple(path)
     former = value_at(data, path) if last == "kind" else None
+    of_detector = field == ("detector", "kind")
+    if of_detector and value == renamed.FORMER_KIND:
+        renamed.warn(f"{where}: {value} is now {renamed.PRESENT_KIND}", 3, "0.4")
+        value = renamed.PRESENT_KIND
     set_at(data, path, value, where)
     if last == "kind":
-        for key in keys_of_former_kind(Scenario, data, field[:-1], former):
+        leaving = keys_of_former_kind(Scenario, data, field[:-1], former)
+        if of_detector:
+            leaving += [key for key in renamed.keys_left_behind(former, value) if key in value_at(data, above)]
+        for key in dict.fromkeys(leaving):
             if not any(one[: len(field)] == (*above, key) for one in given):
                 del value_at(data, above)[key]
     given.add(field)

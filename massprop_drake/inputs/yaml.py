@@ -109,6 +109,11 @@ class Document:
             renamed.warn(f"{source}: {', '.join(f'{key} is now {new}' for key, new in old.items())}", 3)
         self.data: dict[str, Any] = deepcopy(data)
 
+    def move(self, old: FieldPath, new: FieldPath) -> None:
+        """Takes the line of a part for another place, to which its value has been moved."""
+        if old in self._lines:
+            self._lines = {**self._lines, new: self._lines[old]}
+
     def where(self, path: FieldPath) -> str:
         """File, line where it is known, and dotted field: the beginning of a message."""
         for length in range(len(path), 0, -1):

@@ -6,6 +6,11 @@ samples beyond the 99 % point of the distribution, and of those in its upper qua
 when either share is beyond doubt (binomial, 99.9 %) larger than what consistent flights have shown at the most: 2.5 %
 in place of 1, and half in place of a quarter, since innovations of one flight are not independent where thrust errors
 are considered. Smaller innovations than claimed, as those of a sensor whose quantum exceeds the signal, are no fault.
+
+Where a detector follows hypotheses, the verdict judges the innovations of the likeliest history. At a sample at which
+another history becomes the likeliest, sums over its own innovations since the fork replace those that were reported,
+see `of_likeliest_history`. Of such samples the mean is known, and not which are beyond a point. They are counted as
+the share beyond it that chi-square has when it is scaled to that mean.
 """
 
 from __future__ import annotations
@@ -23,14 +28,16 @@ Array = NDArray[np.float64]
 
 CONSISTENT, INCONSISTENT, TOO_LITTLE = "consistent", "inconsistent", "not enough data"
 
-# signals that say how many components a NIS is made of, where that varies
+# signals that say what a NIS is expected to be, as of so many components, where that varies
 COMPONENTS = {"rotation": "gyro_components", "mass": "accelerometer_components"}
 
+_LEAST_FACTOR = 1e-6  # of NIS over its expectation: less has no tail
 _TAIL, _QUARTER = 0.01, 0.25  # probabilities of the two points
 _TAIL_ALLOWED, _QUARTER_ALLOWED = 0.025, 0.5  # shares of a flight
 _DOUBT = 0.001  # probability of calling a flight inconsistent that is at the limit
 _FEWEST = 20  # samples of the rotation filter, below which nothing is said
 _RULED = 2.0  # times the mean of the other samples: such a mean is ruled by the few beyond the 99 % point
+_SAME_S = 1e-6  # times that are no farther apart are the same
 _FAR = 5.0  # sigma: of ten parameters one in 170,000 consistent flights has an error like this
 
 
@@ -50,6 +57,38 @@ class Diagnosis(NamedTuple):
     reason: Text
     statistic: Real
     threshold: Real
+
+
+class Innovations(NamedTuple):
+    """Innovations of one filter by sample.
+
+    Attributes:
+        used: whether the filter used the sample, shape (n,).
+        nis: scaled to three components, NaN where not used, shape (n,).
+        components: expectation of the unscaled NIS, shape (n,).
+        averaged: whether these two are means over several samples, shape (n,).
+    """
+
+    used: NDArray[np.bool_]
+    nis: Array
+    components: Array
+    averaged: NDArray[np.bool_]
+
+
+class Forks(NamedTuple):
+    """Samples at which another history has become the likeliest.
+
+    Attributes:
+        rows: of these samples, in their order, shape (k,).
+        since_s: time of each fork, s, shape (k,).
+        nis: sum of the unscaled NIS of the new history from there to the sample, shape (k,).
+        components: its expectation, shape (k,).
+    """
+
+    rows: NDArray[np.int_]
+    since_s: Array
+    nis: Array
+    components: Array
 
 
 class Consistency(NamedTuple):
@@ -112,51 +151,84 @@ class Tally:
         NUMBERS: names of the numbers that it comes to.
     """
 
-    NUMBERS = ("n", "sum", "sum_within", "beyond_tail", "beyond_quarter")
+    NUMBERS = ("n", "sum", "expected", "sum_within", "expected_within", "beyond_tail", "beyond_quarter")
 
     def __init__(self) -> None:
         self.n = 0
-        self._sum = self._sum_within = 0.0
-        self._beyond = [0, 0]
-        self._explained = [0, 0, 0]  # samples of which it is known why they are what they are, and those beyond
+        self._sum = self._expected = self._sum_within = self._expected_within = 0.0  # in threes of components
+        self._beyond = [0.0, 0.0]
+        self._explained = [0.0, 0.0, 0.0]  # samples of which it is known why they are what they are, and those beyond
 
     @classmethod
     def of(cls, numbers: Array) -> Tally:
         """A tally that goes on from what another came to, `NUMBERS`; what is explained is not among them."""
         tally = cls()
-        n, tally._sum, tally._sum_within, *beyond = numbers.tolist()
-        tally.n, tally._beyond = int(n), list(map(int, beyond))
+        n, tally._sum, tally._expected, tally._sum_within, tally._expected_within, *beyond = numbers.tolist()
+        tally.n, tally._beyond = int(n), beyond
         return tally
 
     @property
     def numbers(self) -> Array:
         """Its counts and sums, `NUMBERS`."""
-        return np.array([self.n, self._sum, self._sum_within, *self._beyond], dtype=float)
+        sums = self._sum, self._expected, self._sum_within, self._expected_within
+        return np.array([self.n, *sums, *self._beyond], dtype=float)
 
     def add(self, nis: Array, components: Array) -> None:
         """Takes in the NIS of samples that were used, as `used_nis` gives them, shape (n,) each."""
         from scipy.special import chdtrc  # noqa: PLC0415 (slow to load, and what runs in real time needs none)
 
         self.n += nis.size
-        self._sum += float(nis.sum())
-        chance = chdtrc(components, nis * components / 3.0)
+        threes = components / 3.0
+        self._sum += float((nis * threes).sum())
+        self._expected += float(threes.sum())
+        # what a wide cell tells spreads less than chi-square, by which one component is the least
+        chance = chdtrc(np.maximum(components, 1.0), nis * threes)
         # one by one, so that it does not depend on how the samples come in blocks
-        for value in nis[chance >= _TAIL].tolist():
-            self._sum_within += value
+        for value, weight in zip(nis[chance >= _TAIL].tolist(), threes[chance >= _TAIL].tolist(), strict=True):
+            self._sum_within += value * weight
+            self._expected_within += weight
         self._beyond = [
             count + int((chance < least).sum()) for count, least in zip(self._beyond, (_TAIL, _QUARTER), strict=True)
         ]
+
+    def add_averaged(self, nis: Array, components: Array) -> None:
+        """Takes in samples of which means over several are known, shape (n,) each; see the module.
+
+        Args:
+            nis: means, scaled to three components.
+            components: means of the expectation of the unscaled NIS.
+        """
+        from scipy.special import chdtrc, chdtri  # noqa: PLC0415 (slow to load)
+
+        self.n += nis.size
+        threes, degrees = components / 3.0, np.maximum(components, 1.0)
+        unscaled = nis * threes
+        self._sum += float(unscaled.sum())
+        self._expected += float(threes.sum())
+        within = chdtrc(degrees, unscaled) >= _TAIL
+        self._sum_within += float(unscaled[within].sum())
+        self._expected_within += float(threes[within].sum())
+        factor = np.maximum(unscaled / degrees, _LEAST_FACTOR)
+        for index, least in enumerate((_TAIL, _QUARTER)):
+            self._beyond[index] += float(chdtrc(degrees, chdtri(degrees, least) / factor).sum())
+
+    def take(self, seen: Innovations) -> None:
+        """Takes in the samples that were used."""
+        for add, chosen in ((self.add, ~seen.averaged), (self.add_averaged, seen.averaged)):
+            there = seen.used & chosen
+            if there.any():
+                add(seen.nis[there], seen.components[there])
 
     def explain(self, nis: Array, components: Array) -> None:
         """Takes in, once more, the samples in which a payload had come or left before it was declared: no fault."""
         of_these = Tally()
         of_these.add(nis, components)
-        self._explained = [of_these.n, *of_these._beyond]
+        self._explained = [float(of_these.n), *of_these._beyond]
 
     @property
     def mean(self) -> float | None:
-        """None without a sample."""
-        return self._sum / self.n if self.n else None
+        """Sum of the NIS over its expectation, per three components; None without a sample that tells anything."""
+        return self._sum / self._expected if self._expected else None
 
     @property
     def beyond(self) -> float | None:
@@ -166,8 +238,7 @@ class Tally:
     @property
     def within(self) -> float | None:
         """Mean of the samples within the 99 % point; None without any."""
-        left = self.n - self._beyond[0]
-        return self._sum_within / left if left else None
+        return self._sum_within / self._expected_within if self._expected_within else None
 
     def faults(self, name: str) -> list[str]:
         """What cannot be chance, in words."""
@@ -175,6 +246,7 @@ class Tally:
         n, tail, quarter = (
             every - known for every, known in zip((self.n, *self._beyond), self._explained, strict=True)
         )
+        n = int(n)
         if _certainly_more(tail, n, _TAIL_ALLOWED):
             found.append(f"{100.0 * tail / n:.3g} % of the {name} innovations are beyond their 99 % point")
         if _certainly_more(quarter, n, _QUARTER_ALLOWED):
@@ -183,7 +255,7 @@ class Tally:
 
 
 def used_nis(name: str, signals: Mapping[str, Array]) -> tuple[Array, Array]:
-    """The NIS of the samples that a filter used, scaled to three components, and of how many each is made.
+    """The NIS of the samples that a filter used, scaled to three components, and of how many each is, as expected.
 
     Args:
         name: "rotation" or "mass".
@@ -195,11 +267,56 @@ def used_nis(name: str, signals: Mapping[str, Array]) -> tuple[Array, Array]:
     return nis, components
 
 
-def _certainly_more(count: int, n: int, allowed: float) -> bool:
+def innovations(name: str, signals: Mapping[str, Array]) -> Innovations:
+    """Innovations of a filter by sample; arguments as of `used_nis`."""
+    used = signals[f"{name}_used"][:, 0] != 0.0
+    nis = signals[f"{name}_nis"][:, 0]
+    components = signals[COMPONENTS[name]][:, 0] if COMPONENTS[name] in signals else np.full(nis.size, 3.0)
+    return Innovations(used, nis, components, np.zeros(nis.size, dtype=np.bool_))
+
+
+def fork_signals(name: str) -> tuple[str, str, str]:
+    """Signals that say when another history has become the likeliest, and how it explains what a filter saw."""
+    return "history_since", f"history_{name}_nis", f"history_{name}_components"
+
+
+def forks(name: str, signals: Mapping[str, Array]) -> Forks:
+    """Forks that a detector has logged, with the sums of a filter; arguments as of `used_nis`."""
+    rows = np.flatnonzero(np.isfinite(signals["history_since"][:, 0]))
+    since_s, nis, components = (signals[column][rows, 0] for column in fork_signals(name))
+    return Forks(rows, since_s, nis, components)
+
+
+def of_likeliest_history(seen: Innovations, time_s: Array, found: Forks) -> Innovations:
+    """Innovations of the likeliest history, from those reported and the sums of those that replaced it.
+
+    A fork replaces all samples after it, up to the one at which it is told, by the means of the new history over
+    those that were used. Where two overlap the later one counts, and of the earlier one its mean elsewhere.
+
+    Args:
+        seen: as reported.
+        time_s: sample times, s, shape (n,).
+        found: see `Forks`.
+    """
+    used, nis = seen.used.copy(), seen.nis.copy()
+    components, averaged = seen.components.copy(), seen.averaged.copy()
+    for row, since_s, total, expected in zip(*(part.tolist() for part in found), strict=True):
+        first = int(np.searchsorted(time_s, since_s + _SAME_S, side="right"))
+        span = np.arange(first, row + 1)
+        if expected > 0.0:
+            there = span[used[span]] if used[span].any() else span
+            nis[there], components[there] = 3.0 * total / expected, expected / there.size
+            used[there] = averaged[there] = True
+        else:
+            used[span] = False
+    return Innovations(used, nis, components, averaged)
+
+
+def _certainly_more(count: float, n: int, allowed: float) -> bool:
     """Whether so many of n would be chance with less than a thousandth if the share were what is allowed."""
     from scipy.special import bdtrc  # noqa: PLC0415 (slow to load, and what runs in real time needs none)
 
-    return count > 0 and float(bdtrc(count - 1, n, allowed)) < _DOUBT
+    return count > 0.0 and float(bdtrc(count - 1.0, n, allowed)) < _DOUBT  # of a fraction the whole part
 
 
 def judged(

@@ -231,6 +231,28 @@ def pieces(scenario: Scenario, signals: Spool, until_s: float, made: Model) -> l
     return _some(_whole(scenario, signals), until_s, made)
 
 
+def believed(
+    scenario: Scenario, signals: Spool, until_s: float, events: Iterable[EventRecord], made: Model
+) -> tuple[list[Stretch], bool]:
+    """Stretches of a record up to a time, without readings that were said to be false; 1/m is that of then.
+
+    Args:
+        scenario: as run.
+        signals: with `time_s`, commands and readings.
+        until_s: up to when, s; infinity: all of it.
+        events: what was said of the run.
+        made: see `model`.
+
+    Returns:
+        Stretches, and whether their stamps lie on the ticks at which commands switch.
+    """
+    parts = _without_lies(_whole(scenario, signals), events, names_of(scenario))
+    found = [cut for part in parts if (cut := _until(part, until_s)).time_s.size > 2]
+    later = found[-1].used_after[-1] if found else 0.0
+    found = [part._replace(used_after=part.used_after - later) for part in found]
+    return found, bool(made.at_stamps) or not _off_ticks(found, made)
+
+
 def _until(part: Stretch, time_s: float) -> Stretch:
     return _rows_of(part, slice(0, int(np.searchsorted(part.time_s, time_s))))
 
@@ -269,7 +291,8 @@ class Hindsight(NamedTuple):
     """A run in hindsight.
 
     Attributes:
-        bound: least 1-sigma of the ten parameters that the run allows, NaN where not known, shape (10,).
+        bound: least 1-sigma of the ten parameters that the run allows for rounding taken as noise, NaN where not known,
+            shape (10,).
         diagnoses: what the readings contradict, the clearest first.
     """
 
@@ -308,7 +331,7 @@ def looked_back(
     until_s = min((one.onset_s - made.period_s for one in standing), default=math.inf)
     with np.errstate(all="ignore"):
         parts = _without_lies(_whole(scenario, signals), events, names_of(scenario))
-        begin = np.where(np.isnan(estimate), made.prior[:10], estimate)
+        begin = np.where(np.isnan(estimate) | jumped, made.prior[:10], estimate)  # that at the end is of after a jump
         if until_s < math.inf and _off_ticks(parts, made):  # what was declared may be the clock's doing
             every = _some(parts, math.inf, made)
             if _switched(every, hindsight.fitted(every, _from(begin, made), made), made)[-1]:

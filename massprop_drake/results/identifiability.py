@@ -38,7 +38,8 @@ class Identifiability(NamedTuple):
         share: 1-sigma at the end over that at the start; None where one of them is not known.
         jet: designation of the jet of which a second would tell the most; None where none tells anything.
         left: share of the 1-sigma at the end that it would leave.
-        bound: least 1-sigma that the flight allows (Cramér and Rao's), in the parameter's unit; None where not known.
+        bound: least 1-sigma that the flight allows for rounding taken as noise (Cramér and Rao's), in the parameter's
+            unit; None where not known.
     """
 
     parameter: Text
@@ -90,7 +91,7 @@ def identified(
         scenario: as run.
         estimate: of the ten parameters, NaN where not observed, shape (10,).
         covariance: of their errors, shape (10, 10).
-        bound: least 1-sigma that the run allows, NaN where not known, shape (10,).
+        bound: least 1-sigma that the run allows for rounding taken as noise, NaN where not known, shape (10,).
     """
     vehicle = scenario.vehicle_data
     least = np.full(10, math.nan) if bound is None else bound
@@ -187,11 +188,10 @@ def in_words(found: Sequence[Identifiability], symbols: Sequence[str]) -> list[t
 def bound_in_words(
     deviations: Sequence[float], found: Sequence[Identifiability], symbols: Sequence[str], *, failed: bool = False
 ) -> str:
-    """How the 1-sigma at the end compare with the least that the flight allows; empty where that is not known.
+    """How the 1-sigma at the end compare with the least for rounding taken as noise; empty where that is not known.
 
-    A filter whose model the readings contradict takes for news what tells nothing new, a reading that is not where it
-    expects it, and so comes to claim less than the least. What a flight with failed jets allows is not known, since
-    the bound has them as they were told to be.
+    Readings that change tell more than that, when a mark was crossed: a ratio below 1 is no fault. What a flight with
+    failed jets allows is not known, since the bound has them as they were told to be.
 
     Args:
         deviations: 1-sigma of the ten parameters.
@@ -205,12 +205,10 @@ def bound_in_words(
         return ""
     (least, low), (most, high) = min(ratios), max(ratios)
     allowed = "would allow had no jet failed" if failed else "allows"
-    if least >= _LESS:
-        farther = "" if _times(least) == _times(most) else f" to {_times(most)} ({high})"
-        return f"1-sigma is {_times(least)}{farther} times the least this flight {allowed}"
-    too_little = "" if failed else "; below 1 it claims more than the readings hold"
-    span = f"{_times(least)} ({low}) to {_times(most)} ({high})"
-    return f"1-sigma is {span} times the least this flight {allowed}{too_little}"
+    same = _times(least) == _times(most)
+    above = f"{_times(least)}{'' if same else f' to {_times(most)} ({high})'}"
+    span = above if least >= _LESS else f"{_times(least)} ({low}) to {_times(most)} ({high})"
+    return f"1-sigma is {span} times the least this flight {allowed} for rounding taken as noise"
 
 
 def _times(value: float) -> str:

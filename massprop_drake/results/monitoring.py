@@ -1,8 +1,9 @@
 """Findings of a flight while it goes on: detections and verdict as its summary would have them, sample by sample.
 
 By the functions that make the summary. What only a whole flight tells is not known yet: when a jump was at the
-earliest and at the latest, what hindsight shows, and which innovations a payload explains that came or left before it
-was declared.
+earliest and at the latest, what hindsight shows, and, of the thesis's detectors, which innovations a failure explains
+until it was declared. Where hypotheses are followed the newest samples are kept one by one: another history may become
+the likeliest that explains them otherwise.
 """
 
 from __future__ import annotations
@@ -16,9 +17,10 @@ from numpy.typing import NDArray
 
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.arrays import NUMBER, Layout
-from massprop_drake.results.consistency import COMPONENTS, Consistency, Tally, judged
+from massprop_drake.results.consistency import COMPONENTS, Consistency, Tally, fork_signals, judged
 from massprop_drake.results.detections import JUMP, DetectionRecord, followed, settled, weighed_before
 from massprop_drake.results.events import EventRecord, said
+from massprop_drake.results.recent import COLUMNS, Recent, nothing_seen
 from massprop_drake.signals import SYMBOLS
 
 Array = NDArray[np.float64]
@@ -32,7 +34,10 @@ _COUNTS = Layout(
     variance=NUMBER,
     known_force="jets",
     known_force_variance="jets",
+    recent_rotation=("window", COLUMNS),
+    recent_mass=("window", COLUMNS),
 )
+_WINDOW = 512  # samples that are kept one by one: memory budget, of a fork that is older the newest part counts
 _KEPT = ("mass_reciprocal", "variance", "known_force", "known_force_variance")  # signals of the last sample
 
 
@@ -63,13 +68,15 @@ class FlightMonitor:
         reports: layout of each report, by its port.
 
     Attributes:
-        counts: at the start, what `counted` goes on from, shape (13 + 2 n_jets,).
+        counts: at the start, what `counted` goes on from, shape (17 + 2 n_jets + 10 w,), w samples being kept: 512
+            where hypotheses are followed, else 1.
         said: at the start, what `told` goes on from.
     """
 
     def __init__(self, vehicle: Vehicle, sensors: Sequence[str], reports: Mapping[str, Layout]):
         self._vehicle, self._sensors, self._reports = vehicle, sensors, reports
-        self._layout = _COUNTS.sized(jets=len(vehicle.jets))
+        followed_by = "hypothesis_report" in reports
+        self._layout = _COUNTS.sized(jets=len(vehicle.jets), window=_WINDOW if followed_by else 1)
         self._no_force = np.zeros(len(vehicle.jets))
         self._places = {
             field: (port, layout.slice(field).start if shape == (1,) else layout.slice(field))
@@ -77,8 +84,9 @@ class FlightMonitor:
             for field, shape in layout.shapes()
         }
         self._filters = [name for name in COMPONENTS if f"{name}_nis" in self._places]
-        nothing, unknown = np.zeros(len(Tally.NUMBERS)), (math.nan,) * 3
-        self.counts = self._layout.pack((nothing, nothing, *unknown, self._no_force, self._no_force))
+        unknown = (math.nan,) * 3
+        older, rows = nothing_seen(_WINDOW if followed_by else 1)
+        self.counts = self._layout.pack((older, older, *unknown, self._no_force, self._no_force, rows, rows))
         self.said = Said()
 
     def has_event(self, detector_report: Array) -> bool:
@@ -96,16 +104,28 @@ class FlightMonitor:
         """
         after = counts.copy()
         for name in self._filters:
-            if self._value(f"{name}_used", reports):
-                part, tally = self._layout.slice(name), Tally.of(counts[self._layout.slice(name)])
-                components = self._value(COMPONENTS[name], reports) if COMPONENTS[name] in self._places else 3.0
-                tally.add(np.array([self._value(f"{name}_nis", reports)]), np.array([components]))
-                after[part] = tally.numbers
+            recent = self._recent(counts, name).followed_on(time_s, *self._seen(name, reports))
+            if "history_since" in self._places:
+                since_s, nis, components = (self._value(signal, reports) for signal in fork_signals(name))
+                if math.isfinite(since_s):
+                    recent = recent.replaced(since_s, nis, components)
+            after[self._layout.slice(name)] = recent.older
+            after[self._layout.slice(f"recent_{name}")] = recent.rows.ravel()
         after[self._layout.slice("time_s")] = time_s
         for name in _KEPT:
             if name in self._places:
                 after[self._layout.slice(name)] = self._value(name, reports)
         return after
+
+    def _seen(self, name: str, reports: Mapping[str, Array]) -> tuple[float, float, float]:
+        """What a filter saw at one sample: whether it used it, NIS and components."""
+        used, nis = (self._value(f"{name}_{what}", reports) for what in ("used", "nis"))
+        return used, nis, self._value(COMPONENTS[name], reports) if COMPONENTS[name] in self._places else 3.0
+
+    def _recent(self, counts: Array, name: str) -> Recent:
+        """Innovations of a filter so far."""
+        rows = counts[self._layout.slice(f"recent_{name}")].reshape(-1, COLUMNS)
+        return Recent(counts[self._layout.slice(name)], rows)
 
     def _value(self, signal: str, reports: Mapping[str, Array]) -> Any:
         """A signal of one sample."""
@@ -149,5 +169,5 @@ class FlightMonitor:
 
     def verdict(self, counts: Array) -> Consistency:
         """The verdict on the innovations so far."""
-        now = self._layout.read(counts)
-        return judged(Tally.of(now.rotation), Tally.of(now.mass), np.full(len(SYMBOLS), np.nan), SYMBOLS)
+        rotation, mass = (self._recent(counts, name).tally for name in COMPONENTS)
+        return judged(rotation, mass, np.full(len(SYMBOLS), np.nan), SYMBOLS)

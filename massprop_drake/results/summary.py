@@ -20,9 +20,23 @@ from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths import mass_properties, possible_inertia
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, N_ROTATION, Derived, six_elements
 from massprop_drake.results.against import Against
-from massprop_drake.results.consistency import COMPONENTS, TOO_LITTLE, Consistency, Diagnosis, Tally, judged, used_nis
+from massprop_drake.results.allowed import Intervals
+from massprop_drake.results.consistency import (
+    COMPONENTS,
+    TOO_LITTLE,
+    Consistency,
+    Diagnosis,
+    Tally,
+    fork_signals,
+    forks,
+    innovations,
+    judged,
+    of_likeliest_history,
+    used_nis,
+)
 from massprop_drake.results.detections import JUMP, DetectionRecord
 from massprop_drake.results.events import EventRecord
+from massprop_drake.results.fault_probabilities import FaultProbabilities, by_jet, gives_probabilities
 from massprop_drake.results.hindsight import looked_back
 from massprop_drake.results.identifiability import Identifiability, bound_in_words, identified
 from massprop_drake.results.injected import InjectedRecord, what_became
@@ -77,12 +91,14 @@ class Findings(NamedTuple):
         events: all that it said, in the order it was said.
         unconfirmed: what it suspected and never declared.
         untested: jets of which nothing could have shown that they do not fire.
+        fault_probability: of each jet at the end; None of a detector that gives none.
     """
 
     detections: tuple[DetectionRecord, ...] = ()
     events: tuple[EventRecord, ...] = ()
     unconfirmed: tuple[UnconfirmedRecord, ...] = ()
     untested: tuple[UntestedRecord, ...] = ()
+    fault_probability: FaultProbabilities | None = None
 
 
 class AutopilotSummary(NamedTuple):
@@ -168,8 +184,9 @@ class Summary:
         injected: failures and jumps of a simulated run, and what was made of them, in the scenario's order; None for a
             record, of which nobody knows.
         identifiability: what the run has told of each parameter; empty in what an earlier version wrote.
-        events, unconfirmed, untested: see `Findings`; likewise.
+        events, unconfirmed, untested, fault_probability: see `Findings`; likewise.
         against: a record beside a simulation of its commands; None: there is none.
+        intervals: of the ten parameters, which quantized readings guarantee; None: they were not asked for.
         ended: where and why the run ended before its scenario or record does; None: it did not.
         missing: parts that could not be made, each with the reason.
         completeness: of a record; a simulated run is complete.
@@ -199,7 +216,9 @@ class Summary:
     events: tuple[EventRecord, ...] = ()
     unconfirmed: tuple[UnconfirmedRecord, ...] = ()
     untested: tuple[UntestedRecord, ...] = ()
+    fault_probability: FaultProbabilities | None = None
     against: Against | None = None
+    intervals: Intervals | None = None
     ended: Ended | None = None
     missing: tuple[str, ...] = ()
     completeness: Completeness = "complete"
@@ -229,7 +248,7 @@ class Summary:
 
     @property
     def above_bound(self) -> str:
-        """How the 1-sigma compare with the least that the flight allows; empty where that is not known."""
+        """How the 1-sigma compare with the least for rounding taken as noise; empty where that is not known."""
         deviations = self.standard_deviations.tolist()
         return bound_in_words(deviations, self.identifiability, SYMBOLS, failed=self.has_failed)
 
@@ -270,6 +289,7 @@ class Summary:
             "events": [_without(record, "jet_index") for record in self.events],
             "unconfirmed": [_without(record) for record in self.unconfirmed],
             "untested": [_without(record) for record in self.untested],
+            "fault_probability": None if self.fault_probability is None else self.fault_probability.as_json(),
             "consistency": {
                 **self.consistency._asdict(),
                 "diagnoses": [one._asdict() for one in self.consistency.diagnoses],
@@ -284,6 +304,8 @@ class Summary:
             content["data_quality"] = self.data_quality
         if self.against is not None:
             content["against"] = self.against.as_json()
+        if self.intervals is not None:
+            content["intervals"] = self.intervals.as_json()
         if self.ended is not None:
             content["ended"] = self.ended._asdict()
         if self.missing:
@@ -335,7 +357,9 @@ class Summary:
             events=read.events,
             unconfirmed=read.unconfirmed,
             untested=read.untested,
+            fault_probability=read.fault_probability,
             against=read.against,
+            intervals=read.intervals,
             ended=read.ended,
             missing=read.missing,
             completeness=read.completeness,
@@ -412,7 +436,9 @@ class SummaryFile(_Stored):
     events: tuple[Annotated[EventRecord, _known_to(EventRecord)], ...] = ()
     unconfirmed: tuple[Annotated[UnconfirmedRecord, _known_to(UnconfirmedRecord)], ...] = ()
     untested: tuple[Annotated[UntestedRecord, _known_to(UntestedRecord)], ...] = ()
+    fault_probability: Annotated[FaultProbabilities, BeforeValidator(by_jet)] | None = None
     against: Annotated[Against, _known_to(Against)] | None = None
+    intervals: Annotated[Intervals, _known_to(Intervals)] | None = None
     ended: Annotated[Ended, _known_to(Ended)] | None = None
     missing: tuple[Text, ...] = ()
     completeness: Completeness = "complete"
@@ -576,8 +602,8 @@ def composed(
         covariance: at the end, shape (10, 10).
         truth: at the end, NaN where unknown, shape (10,).
         found: what the detector made of it.
-        bound: least 1-sigma that the run allows, NaN where not known, shape (10,); None: what is identified will
-            be said later.
+        bound: least 1-sigma that the run allows for rounding taken as noise, NaN where not known, shape (10,); None:
+            what is identified will be said later.
         consistency, autopilot, timing: taken as they are.
         telemetry, telemetry_sha256, data_quality: of a record, its name, its digest and what it is worth.
         injected: of a simulated run, what became of its failures and jumps.
@@ -619,6 +645,7 @@ def composed(
         events=found.events,
         unconfirmed=found.unconfirmed,
         untested=found.untested,
+        fault_probability=found.fault_probability,
         completeness=completeness(losses),
         completeness_detail=tuple(one.text for one in losses),
     )
@@ -680,8 +707,7 @@ def _tallied(signals: Spool, name: str, found: Sequence[DetectionRecord]) -> Tal
     if f"{name}_nis" in signals:
         parts = [used_nis(name, block) for block in blocks(signals, *_nis_signals(name, signals))]
         tally.add(*(np.concatenate(column) for column in zip(*parts, strict=True)))
-        explain(tally, signals, name, found)
-    return tally
+    return explained(tally, signals, name, found)
 
 
 def _nis_signals(name: str, signals: Spool) -> list[str]:
@@ -689,10 +715,11 @@ def _nis_signals(name: str, signals: Spool) -> list[str]:
     return [one for one in (f"{name}_nis", f"{name}_used", COMPONENTS[name]) if one in signals]
 
 
-def explain(tally: Tally, signals: Spool, name: str, found: Sequence[DetectionRecord]) -> None:
-    """Tells a tally which of its samples are explained: those from when a payload came or left until it was declared.
+def explained(tally: Tally, signals: Spool, name: str, found: Sequence[DetectionRecord]) -> Tally:
+    """A tally of a filter's samples as the verdict is to judge them, given what was declared since.
 
-    Failures are declared within samples; one that took longer to be found may be none, and then explains nothing.
+    Where hypotheses are followed it is that of the likeliest history, see `of_likeliest_history`. Of other detectors
+    those samples are no fault that lie between an onset and its declaration, of a payload or of a jet named alone.
 
     Args:
         tally: of all samples.
@@ -700,16 +727,33 @@ def explain(tally: Tally, signals: Spool, name: str, found: Sequence[DetectionRe
         name: see `used_nis`.
         found: what was declared; what was withdrawn explains nothing.
     """
-    spans = [(one.onset_s, one.time_s) for one in found if one.kind == JUMP and one.withdrawn_s is None]
-    if not spans or f"{name}_nis" not in signals:
-        return
-    names, parts = _nis_signals(name, signals), []
-    for block in blocks(signals, "time_s", *names):
-        within = np.zeros(block["time_s"].shape[0], dtype=np.bool_)
-        for onset_s, declared_s in spans:
-            within |= (block["time_s"] > onset_s) & (block["time_s"] <= declared_s)
-        parts.append(used_nis(name, {one: block[one][within] for one in names}))
-    tally.explain(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    if f"{name}_nis" not in signals:
+        return tally
+    if gives_probabilities(signals):
+        return _of_likeliest_history(tally, signals, name)
+    named = [one for one in found if one.kind == JUMP or one.isolated_to == "jet"]
+    spans = [(one.onset_s, one.time_s) for one in named if one.withdrawn_s is None]
+    if spans:
+        names, parts = _nis_signals(name, signals), []
+        for block in blocks(signals, "time_s", *names):
+            within = np.zeros(block["time_s"].shape[0], dtype=np.bool_)
+            for onset_s, declared_s in spans:
+                within |= (block["time_s"] > onset_s) & (block["time_s"] <= declared_s)
+            parts.append(used_nis(name, {one: block[one][within] for one in names}))
+        tally.explain(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    return tally
+
+
+def _of_likeliest_history(tally: Tally, signals: Spool, name: str) -> Tally:
+    """The tally itself where the likeliest history has never become another."""
+    names = ("time_s", *_nis_signals(name, signals), *fork_signals(name))
+    columns = {one: np.concatenate([block[one] for block in blocks(signals, one)]) for one in names}
+    found = forks(name, columns)
+    if not found.rows.size:
+        return tally
+    judged_by = Tally()
+    judged_by.take(of_likeliest_history(innovations(name, columns), columns["time_s"], found))
+    return judged_by
 
 
 def _jets_in_question(vehicle: Vehicle, signals: Spool) -> dict[str, Any]:

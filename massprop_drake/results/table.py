@@ -1,4 +1,4 @@
-"""The tables of a run: the ten parameters and what follows from them, a record beside a simulation.
+"""The tables of a run: the ten parameters and what follows from them, intervals, a record beside a simulation.
 
 The same numbers stand on terminal and page.
 """
@@ -34,7 +34,7 @@ class Row(NamedTuple):
         inside: "yes" or "no": whether the estimate lies within 3 sigma of the truth; "not excited" where it does
             because the flight has hardly touched it.
         flag: what the flight has told of it, in words; empty for what follows.
-        bound: least 1-sigma that the flight allows; "-" where it is not known.
+        bound: least 1-sigma that the flight allows for rounding taken as noise; "-" where it is not known.
     """
 
     symbol: str
@@ -88,6 +88,34 @@ def derived(results: Summary, units: Mapping[str, str]) -> list[Row]:
         for name, i, j in INERTIA:
             truth = None if true.inertia is None else float(true.inertia[i, j])
             rows.append(_of_derived(name, unit, float(found.inertia[i, j]), float(found.inertia_std[i, j]), truth))
+    return rows
+
+
+def intervals(results: Summary, units: Mapping[str, str]) -> list[tuple[str, ...]]:
+    """Rows of guaranteed intervals: symbol, unit, low, middle, high, and whether the estimate lies inside.
+
+    Low is rounded down and high is rounded up, to two digits of half of the width.
+
+    Args:
+        results: of a run, with intervals.
+        units: of the vehicle, as `Vehicle.unit_names`.
+    """
+    if results.intervals is None:
+        return []
+    rows: list[tuple[str, ...]] = []
+    columns = zip(SYMBOLS, mass_property_units(dict(units)), results.intervals.pairs, results.parameters, strict=True)
+    for symbol, unit, pair, one in columns:
+        if pair is None:
+            rows.append((symbol, unit, "-", "-", "-", "-"))
+            continue
+        low, high = pair
+        power = _power(max(abs(low), abs(high)))
+        digits = max(0, 1 - math.floor(math.log10(0.5 * (high - low) / 10.0**power)))
+        step = 10.0 ** (power - digits)
+        ends = (math.floor(low / step), round(0.5 * (low + high) / step), math.ceil(high / step))
+        texts = [f"{end / 10.0**digits:.{digits}f}" for end in ends]
+        inside = "-" if math.isnan(one.estimate) else "yes" if low <= one.estimate <= high else "no"
+        rows.append((symbol, _in_power(unit, power), *texts, inside))
     return rows
 
 

@@ -5,7 +5,9 @@
                             behind the largest by the detector's margin in each of its samples; a sample belongs to the
                             suspicion that has a jet in common with those that it does not tell apart
     sums (cusum)            a sum above half the threshold: healthy it gets there once in e^20 samples
-    hypotheses              a comparison that ended, or had not ended, with a jet ahead of `nothing has happened` by
+    hypotheses              a jet that had failed with a probability above one half, and nothing said of it. Where the
+                            probability went over from one jet to another, the two look alike
+    thrust_factors          a comparison that ended, or had not ended, with a jet ahead of `nothing has happened` by
                             the lead that decides, and nothing said of it
 
 A declaration takes with it the suspicions of its jets.
@@ -21,7 +23,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.inputs import params
 from massprop_drake.inputs.model import Count, Real, Text
-from massprop_drake.inputs.scenario import CglrBlock, CusumBlock, MultiHypothesisBlock, Scenario, ThrustFactorsBlock
+from massprop_drake.inputs.scenario import CglrBlock, CusumBlock, HypothesesBlock, Scenario, ThrustFactorsBlock
 from massprop_drake.results.events import EventRecord
 
 Array = NDArray[np.float64]
@@ -30,6 +32,8 @@ _BEYOND_DOUBT = 25.0  # likelihood argument of a sample in which some jet has fa
 NOTHING_TESTED = "no sample was tested: the estimates did not converge"
 _MOST = 50  # suspicions that are told, the largest
 _SMALL_GROUP = 3  # jets that a group may have to be of use
+_PROBABLE = 0.5  # probability of a suspicion
+_POSSIBLE = 0.01  # probability that a jet keeps that looks like another
 _OF_RACES = {"failed", "group", "jump", "false_reading", "unexplained"}  # events that end a comparison
 
 
@@ -39,8 +43,8 @@ class UnconfirmedRecord(NamedTuple):
     Attributes:
         time_s, until_s: its first and last sample, s.
         jets: designations of the jets that the data do not tell apart, the likeliest first; none where it is of no jet.
-        statistic: likelihood argument of the likeliest, summed over the samples; the largest sum; or its lead over
-            the hypothesis that nothing has happened, nats.
+        statistic: likelihood argument of the likeliest, summed over the samples; the largest sum; its largest
+            probability; or its lead over the hypothesis that nothing has happened, nats.
         samples: how many bear on it.
         reason: why nothing was declared.
     """
@@ -63,9 +67,6 @@ class UntestedRecord(NamedTuple):
 
     jets: tuple[Text, ...]
     reason: Text
-
-
-_OF_HYPOTHESES = (MultiHypothesisBlock, ThrustFactorsBlock)
 
 
 class _Suspicion(NamedTuple):
@@ -131,7 +132,9 @@ class Suspicions:
             said.setdefault(event.time_s, []).append(event)
         for k in np.flatnonzero(self._suspicious(signals, tested) | (signals["detector_event"][:, 0] != 0.0)):
             now_s = float(time_s[k])
-            if isinstance(self._block, _OF_HYPOTHESES):
+            if isinstance(self._block, HypothesesBlock):
+                self._suspect(now_s, signals["fault_probability"][k])
+            elif isinstance(self._block, ThrustFactorsBlock):
                 self._follow(now_s, signals, int(k), said.get(now_s, ()))
             elif now_s not in said:
                 self._gather(now_s, signals, int(k))
@@ -141,7 +144,9 @@ class Suspicions:
         block, likelihood = self._block, signals["suspected_likelihood"][:, 0]
         if isinstance(block, CusumBlock):
             return tested & (likelihood > 0.5 * block.threshold)
-        if isinstance(block, _OF_HYPOTHESES):
+        if isinstance(block, HypothesesBlock):
+            return np.any(signals["fault_probability"] > _PROBABLE, axis=1)
+        if isinstance(block, ThrustFactorsBlock):
             racing = signals["racing"][:, 0] > 0.0
             ended = np.concatenate([[self._race is not None], racing[:-1]]) & ~racing
             return racing | ended
@@ -174,15 +179,52 @@ class Suspicions:
 
     # -------------------------------------------------------------------- the detector by hypotheses
 
+    def _suspect(self, time_s: float, probabilities: Array) -> None:
+        """One more sample in which jets have failed with a probability above one half, or something is said."""
+        for jet in np.flatnonzero(probabilities > _PROBABLE).tolist():
+            if jet in self._declared:
+                continue
+            index = self._suspicion_of(jet, probabilities)
+            if index is None:
+                sums = np.zeros_like(probabilities)
+                sums[jet] = probabilities[jet]
+                self._gathered.append(_Suspicion(time_s, time_s, sums, np.array([jet]), 1, 0))
+                continue
+            one = self._gathered[index]
+            sums = one.sums.copy()
+            sums[jet] = max(sums[jet], probabilities[jet])
+            samples = one.samples + (one.until_s < time_s)
+            jets = np.union1d(one.jets, [jet])
+            self._gathered[index] = one._replace(until_s=time_s, sums=sums, jets=jets, samples=samples)
+
+    def _suspicion_of(self, jet: int, probabilities: Array) -> int | None:
+        """Index of the suspicion to which a jet belongs: its own, or of others that have lost their probability to it.
+
+        Two jets of which each has failed with a probability above one half have both failed, and do not look alike.
+        """
+        for index, one in enumerate(self._gathered):
+            if jet in one.jets:
+                return index
+        for index, one in enumerate(self._gathered):
+            others = probabilities[one.jets]
+            if (others <= _PROBABLE).all() and (others > _POSSIBLE).any():
+                return index
+        return None
+
+    # ------------------------------------------------------------------ the detector by thrust factors
+
     def _follow(self, time_s: float, signals: Mapping[str, Array], k: int, said: Sequence[EventRecord]) -> None:
         """One more sample in which hypotheses are compared, or the first after."""
         block = self._block
-        assert isinstance(block, _OF_HYPOTHESES)
+        assert isinstance(block, ThrustFactorsBlock)
         if signals["racing"][k, 0] > 0.0:
             leads = np.nan_to_num(signals["likelihood"][k], nan=-np.inf)
             race = self._race
             if np.isfinite(leads).any() or race is None:
-                jets = np.flatnonzero((leads > leads.max() - block.lead) & (leads > block.lead_nothing))
+                lead, least = 0.0, np.inf  # by hypotheses of the joint filter nothing leads: they have probabilities
+                if isinstance(block, ThrustFactorsBlock):
+                    lead, least = block.lead, block.lead_nothing
+                jets = np.flatnonzero((leads > leads.max() - lead) & (leads > least))
                 began_s, samples = (time_s, 1) if race is None else (race.time_s, race.samples + 1)
                 self._race = _Suspicion(began_s, time_s, leads, jets, samples, 0)
             else:
@@ -239,6 +281,9 @@ class Suspicions:
         block = self._block
         if isinstance(block, CusumBlock):
             return f"the sum stayed below the {block.threshold:g} that declare a failure"
+        if isinstance(block, HypothesesBlock):
+            alone = "its probability never exceeded what a declaration needs"
+            return alone if one.jets.size == 1 else "these look alike"
         assert isinstance(block, CglrBlock)
         if one.alarms and block.reconfigure_after is None:
             return f"{_count(one.alarms, 'alarm')}; this scenario declares none"

@@ -163,7 +163,7 @@ class Watched(Stepped):
 
     def __init__(self, made: EstimationParams, state: EstimationState, *, compiled: bool):
         super().__init__(made, state)
-        self._watch = whole_joint.Watch(made, compiled=compiled)
+        self._watch = whole_joint.Quiet(made, compiled=compiled)
         self._watch.take_up(state)
 
     def state(self) -> EstimationState:

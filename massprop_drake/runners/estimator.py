@@ -17,8 +17,8 @@ from massprop_drake.inputs.scenario import Scenario, check_against_vehicle
 from massprop_drake.inputs.vehicle import SensorPackage, Vehicle
 from massprop_drake.maths.estimation import cycle, whole
 from massprop_drake.maths.estimation.detector import Event
-from massprop_drake.maths.estimation.detectors.hypotheses import named
-from massprop_drake.maths.estimation.detectors.multi_hypothesis import Word
+from massprop_drake.maths.estimation.faults.declarations import Word
+from massprop_drake.maths.estimation.faults.report import named
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.maths.mass_properties import converged_rows
 from massprop_drake.maths.possible_inertia import nearest_possible
@@ -89,6 +89,9 @@ class EstimatorStep(NamedTuple):
         detection: what was declared at this cycle; None: nothing.
         known_wrench: torque about the vehicle origin and force of failed jets from now on, shape (6,).
         removed: jets to be taken out of use, boolean, shape (n_jets,).
+        fault_probability: posterior probability that each jet has failed, shape (n_jets,); zero without a detector that
+            gives it.
+        unknown_probability: posterior probability that something unknown pushes; zero likewise.
     """
 
     time_s: float
@@ -103,6 +106,8 @@ class EstimatorStep(NamedTuple):
     detection: Detection | None
     known_wrench: Array
     removed: NDArray[np.bool_]
+    fault_probability: Array
+    unknown_probability: float
 
 
 class _Cycle(NamedTuple):
@@ -327,7 +332,14 @@ class Estimator:
             None if done.status is None else self._detection(done.status, done.own),
             done.force @ self._unit_wrenches,
             done.removed != 0.0,
+            *self._probabilities(done.own),
         )
+
+    def _probabilities(self, own: Any) -> tuple[Array, float]:
+        """Posterior probabilities of the jets' failures, and of something unknown."""
+        if own is None or math.isnan(own.none_probability):
+            return np.zeros(len(self._vehicle.jets)), 0.0
+        return own.fault_probability.copy(), float(own.unknown_probability)
 
     def _converged(self, ten: Array, deviation: Array) -> bool:
         return bool(converged_rows(deviation[None], ten[None], self._params.limits, self._not_estimated)[0])

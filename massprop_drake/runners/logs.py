@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ from massprop_drake.maths.estimation.filters.registry import FILTERS
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 from massprop_drake.results.detections import DetectionRecord, followed, placed, settled, weighed_before
 from massprop_drake.results.events import EventRecord, said
+from massprop_drake.results.fault_probabilities import at_end
 from massprop_drake.results.spool import Spool
 from massprop_drake.results.stored import FORMAT, FilterState, made_with
 from massprop_drake.results.summary import Findings, null_for_nan
@@ -220,6 +221,7 @@ class Intake:
             tuple(event._replace(jet_index=None) for event in self._events),
             self._suspicions.found(),
             self._suspicions.untested([entry.jet for entry in entries if entry.withdrawn_s is None]),
+            at_end(self._vehicle, self.spool),
         )
 
     def state(self, row: int, states: SavedState, command: Array) -> dict[str, Any]:
@@ -275,7 +277,9 @@ def restored(states: SavedState, params: EstimationParams, source: str) -> Estim
         InputError: when they are of other parameters, or no run can have left them.
     """
     like = cycle.saved(cycle.initial_state(params), params)
-    groups = from_json(states, like, source, params.filter.growing)
+    detector = params.detector
+    growing = {params.filter.growing, detector.group if detector is not None and detector.layout is None else ""}
+    groups = from_json(states, like, source, growing)
     try:
         return cycle.restored(groups, params)
     except ValueError as error:
@@ -287,14 +291,14 @@ def for_json(groups: Groups) -> SavedState:
     return {name: [null_for_nan(vector)] for name, vector in groups.items()}
 
 
-def from_json(states: SavedState, like: Groups, source: str, growing: str = "") -> Groups:
+def from_json(states: SavedState, like: Groups, source: str, growing: Collection[str] = ()) -> Groups:
     """The inverse of `for_json`; a part may be in several pieces, as version 0.1 kept it.
 
     Args:
         states: as a file has them.
         like: a state of the same parameters, for the sizes.
         source: where they come from, for messages.
-        growing: a part that may have more numbers than there.
+        growing: parts that may have more numbers than there.
 
     Raises:
         InputError: when they are of another vehicle or other settings.
@@ -302,7 +306,7 @@ def from_json(states: SavedState, like: Groups, source: str, growing: str = "") 
     for name in sorted(set(like) | set(states)):
         saved = sum(map(len, states.get(name, ())))
         here = like[name].size if name in like else 0
-        if saved != here and not (name == growing and saved > here):
+        if saved != here and not (name in growing and saved > here):
             raise InputError(
                 f"{source}: the saved state of {name} has sizes {[saved] if saved else 'none'}, but these settings "
                 f"make it {[here] if here else 'none'}; go on with the vehicle and the settings of that run"

@@ -39,7 +39,7 @@ from massprop_drake.results.summary import (
     Summary,
     Timing,
     composed,
-    explain,
+    explained,
     firings,
     not_summed_up,
     null_for_nan,
@@ -239,7 +239,7 @@ class _Estimation:
         signals |= estimation_signals(self._scenario, logs)
         signals |= rows.readings
         signals |= _by_sensor(rows, self._vehicle)
-        for name in {"onset", "verdict_onset", "unexplained_since"} & set(signals):
+        for name in {"onset", "verdict_onset", "unexplained_since", "history_since"} & set(signals):
             if not self._at_any_time:
                 signals[name] = self._record_time(signals[name], rows.time_s)
         return signals
@@ -336,10 +336,11 @@ class _Estimation:
         return quality
 
     def _consistent(self, found: Findings, back: Hindsight) -> Consistency:
-        tallies = copy.deepcopy(self._nis)
-        for name, tally in tallies.items():
-            explain(tally, self._intake.spool, name, found.detections)
-        return judged(tallies["rotation"], tallies["mass"], np.full(10, np.nan), SYMBOLS, back.diagnoses)
+        rotation, mass = (
+            explained(copy.deepcopy(tally), self._intake.spool, name, found.detections)
+            for name, tally in self._nis.items()
+        )
+        return judged(rotation, mass, np.full(10, np.nan), SYMBOLS, back.diagnoses)
 
     def _state_of(self, reader: Reader) -> dict[str, Any]:
         """State to go on from at the end."""

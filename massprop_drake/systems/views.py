@@ -89,6 +89,7 @@ _PLAIN: dict[str, tuple[Names, ...]] = {
         ("command", "held_command", "jet_commands", "mean_level", "closed", "held_closed", "out_of_use", "failed_jets"),
         ((JETS,),),
     ),
+    "fault_probability": ((JETS, "none", "unknown"),),
 }
 PORTS = tuple(sorted((*_PACKED, *_PLAIN)))
 

@@ -19,6 +19,7 @@ from massprop_drake.inputs.scenario import Scenario, load_scenario
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.results import table
 from massprop_drake.results.detections import DetectionRecord
+from massprop_drake.results.fault_probabilities import FaultProbabilities, JetProbability
 from massprop_drake.results.injected import InjectedRecord
 
 STUCK_ON = DetectionRecord(
@@ -62,6 +63,17 @@ def test_what_was_injected_and_not_found_is_said(
     printed = capsys.readouterr().out
     assert ("missed:" in printed) == (said is not None)
     assert (said or "") in printed
+
+
+@pytest.mark.parametrize(("probability", "there"), [(0.97, True), (0.009, False)])
+def test_what_is_probable_is_a_line(
+    capsys: Capture, stuck_run: Run, tmp_path: Path, probability: float, there: bool
+) -> None:
+    told = FaultProbabilities({"R4R": JetProbability(probability, "leak", 10.0, 0.25)}, 0.03, 0.0)
+    show.simulated(replace(stuck_run.results, fault_probability=told), stuck_run.scenario.vehicle_data, tmp_path)
+    line = "probable:    failed with probability: R4R 0.97 (leak, +10.00 ± 0.25 lbf)\n"
+    printed = capsys.readouterr().out
+    assert (line in printed) == ("probable:" in printed) == there
 
 
 @pytest.mark.parametrize(

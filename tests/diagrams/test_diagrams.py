@@ -70,7 +70,7 @@ JOINT_OUT = {"joint_report": 3, "evidence": 0}
 POSE_OUT = {"pose_report": 24 + 2 * 44, "evidence": 0}
 THESIS_OUT = {f"{name}_innovation{part}" for name in ("rotation", "mass") for part in ("", "_covariance")}
 DETECTOR_OUT = {"reconfiguration", "closed", "held_closed", "detector_report"}
-HYPOTHESES_OUT = {"hypothesis_report": 13 + 8 * 44}
+HYPOTHESES_OUT = {"hypothesis_report": 21 + 12 * 44, "fault_probability": 44 + 2}
 
 
 def _with_filter(
@@ -94,7 +94,8 @@ def _with_filter(
 def _ports_of(ports: dict[str, int], vehicle: Vehicle) -> dict[str, int]:
     """The orbiter's ports as another vehicle has them: its own sensors, and sizes by its number of jets."""
     n = len(vehicle.jets)
-    sizes = {44: n, 7 + 44: 7 + n, 14 + 4 * 44: 14 + 4 * n, 13 + 8 * 44: 13 + 8 * n, 24 + 2 * 44: 24 + 2 * n}
+    sizes = {44: n, 7 + 44: 7 + n, 14 + 4 * 44: 14 + 4 * n, 21 + 12 * 44: 21 + 12 * n, 24 + 2 * 44: 24 + 2 * n}
+    sizes[44 + 2] = n + 2
     # the autopilot has one gyro port, whatever the package is called
     sensors = dict.fromkeys(vehicle.sensor_names(), 3) if "acc1" in ports else {"gyro": 3} if "gyro" in ports else {}
     if "acc1" in ports:

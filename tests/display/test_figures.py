@@ -187,6 +187,8 @@ def test_a_method_draws_the_plot_of_its_name(stuck_run: Run, name: str) -> None:
         followed |= {f"thrust_factor{what}": np.ones_like(stuck_run["command"])}
         followed |= {f"{name}{what}": stuck_run["rate"] for name in ("command_delay", "drag_rate", "heading_turn")}
     followed |= {"position_estimate": stuck_run["position"], "mine.doubled": 2.0 * stuck_run["rate"]}
+    followed |= {"fault_probability": np.full_like(stuck_run["command"], 0.5)}
+    followed |= {f"{name}_probability": stuck_run["alarm"] for name in ("none", "unknown")}
     pose = PoseSensor(name="camera", position_std=1.0, attitude_std=1.0)
     vehicle = stuck_run.scenario.vehicle_data.model_copy(update={"poses": (pose,)})
     read = np.hstack((stuck_run["position"], np.ones((len(stuck_run.time_s), 4)) / 2.0))

@@ -324,6 +324,51 @@ def test_a_cluster_is_as_likely_as_its_likeliest_jet(stuck: Case) -> None:
     np.testing.assert_array_equal(points.y, expected)
 
 
+def _probable(case: Case, **jets: float) -> Source:
+    """A run whose detector gives probabilities: of each jet from the tenth row to the twentieth."""
+    rows, names = len(case.source.time_s), case.source.vehicle.designations
+    of_jets = np.zeros((rows, len(names)))
+    for jet, probability in jets.items():
+        of_jets[10:20, names.index(jet)] = probability
+    none = 1.0 - of_jets.max(axis=1, keepdims=True)
+    more = {"fault_probability": of_jets, "none_probability": none, "unknown_probability": np.full((rows, 1), 0.002)}
+    return case.source._replace(signals={**case.source.signals, **more})
+
+
+def test_probabilities_stand_in_place_of_likelihoods(stuck: Case) -> None:
+    found = list(plots.available(_probable(stuck)))
+    assert found[-len(DETECTOR) :] == ["fault_probabilities", *DETECTOR[1:]]
+    unknown = {name: np.full((len(stuck.source.time_s), 1), np.nan) for name in ("none_probability",)}
+    of_poses = stuck.source._replace(signals={**stuck.source.signals, **unknown})
+    assert list(plots.available(of_poses))[-len(DETECTOR) :] == DETECTOR
+
+
+def test_every_jet_that_was_ever_probable_is_drawn(stuck: Case) -> None:
+    source = _probable(stuck, R4R=0.9, F1U=0.02, L2D=0.009)
+    of_jets, others = plots.fault_probabilities(source).panels
+    lines = marks(of_jets, Line)
+    assert [line.label for line in lines] == ["R4R, at the end 0", "F1U, at the end 0"]
+    np.testing.assert_array_equal(lines[0].y, source.signals["fault_probability"][:, 28])
+    none, unknown = marks(others, Line)
+    assert (none.label, unknown.label) == ("none, at the end above 0.9999", "unknown, at the end 0.002")
+    drawn(plots.fault_probabilities(source))
+
+
+def test_the_least_of_many_probable_jets_are_a_range_and_can_be_read(stuck: Case) -> None:
+    names = ("R4R", "F1U", "L2D", "L4D", "R1U", "F3U", "F2U")
+    source = _probable(stuck, **{jet: 0.5 - 0.05 * number for number, jet in enumerate(names)})
+    panel = plots.fault_probabilities(source).panels[0]
+    assert [line.label.partition(",")[0] for line in marks(panel, Line)] == list(names[:5])
+    (rest,) = marks(panel, Whiskers)
+    assert (rest.low[15], rest.high[15]) == (pytest.approx(0.2), pytest.approx(0.25))
+    assert [points.label for points in marks(panel, Points)] == list(names[5:])
+
+
+def test_where_no_jet_is_probable_nothing_and_unknown_are_left(stuck: Case) -> None:
+    (panel,) = plots.fault_probabilities(_probable(stuck, R4R=0.005)).panels
+    assert len(marks(panel, Line)) == 2
+
+
 def test_nothing_tested_gives_empty_panels(stuck: Case) -> None:
     signals = {**stuck.run.signals, "tested": np.zeros_like(stuck.run["tested"])}
     source = stuck.source._replace(signals=signals)

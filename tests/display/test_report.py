@@ -22,6 +22,7 @@ from massprop_drake.display.page import report_html, summary_html
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.results import table
 from massprop_drake.results.detections import size
+from massprop_drake.results.fault_probabilities import FaultProbabilities, JetProbability
 from massprop_drake.results.run import Run
 from massprop_drake.signals import SYMBOLS
 
@@ -45,6 +46,14 @@ def test_an_inconsistent_flight_is_said_in_the_verdict(stuck_run: Run) -> None:
     run.results = dataclasses.replace(stuck_run.results, consistency=judged)
     said = summary_html(run)
     assert "Inconsistent, so that a 1-sigma may say too little: the lag is off and 1 more, below." in said
+
+
+def test_what_is_probable_at_the_end_is_said(html: str, stuck_run: Run) -> None:
+    told = FaultProbabilities({"F1U": JetProbability(0.25, "loss", -10.0, 2.5)}, 0.7, 0.0)
+    run = copy.copy(stuck_run)
+    run.results = dataclasses.replace(stuck_run.results, fault_probability=told)
+    assert "<p>At the end: failed with probability: F1U 0.25 (loss, -10.0 ± 2.5 lbf).</p>" in report_html(run)
+    assert "with probability" not in html
 
 
 def test_every_parameter_has_its_row(html: str, stuck_run: Run) -> None:

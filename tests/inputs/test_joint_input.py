@@ -13,7 +13,7 @@ from scipy.stats import chi2
 from massprop_drake import InputError, Scenario, load_scenario, load_vehicle
 from massprop_drake.inputs import params
 from massprop_drake.inputs.model import yaml_text
-from massprop_drake.inputs.scenario import JointBlock, MultiHypothesisBlock, bundled_scenarios, resolved
+from massprop_drake.inputs.scenario import HypothesesBlock, JointBlock, bundled_scenarios, resolved
 from massprop_drake.maths.estimation.filters.joint import chi_square_limit
 from massprop_drake.maths.estimation.joint.layout import JointParams
 from massprop_drake.runners.recorded import settings_alone
@@ -58,7 +58,10 @@ def test_scenarios_of_before_are_pinned_to_the_thesis(name: str) -> None:
         ("sensors.combine.gyros=average", r"sensors\.combine\.gyros: is a key of estimation\.filter: thesis"),
         ("estimation.thrust_transient=gate", r"estimation\.thrust_transient: is a key of"),
         ("estimation.thrust_uncertainty=0.01", r"estimation\.thrust_uncertainty: is a key of"),
-        ("detector.kind=cglr", r"detector\.kind: cglr does not go with estimation\.filter: joint; use multi_hyp"),
+        (
+            "detector.kind=cglr",
+            r"detector\.kind: cglr does not go with estimation\.filter: joint; use hypotheses or off",
+        ),
         ("detector.kind=cusum", r"detector\.kind: cusum does not go with"),
     ],
 )
@@ -76,10 +79,11 @@ def test_keys_of_the_joint_filter_are_refused_with_the_thesis() -> None:
 @pytest.mark.parametrize(
     ("data", "chosen"),
     [
-        ({}, ("joint", "multi_hypothesis")),
-        ({"estimation": {"start": "zero"}}, ("joint", "multi_hypothesis")),
-        ({"estimation": {"filter": "joint"}}, ("joint", "multi_hypothesis")),
-        ({"estimation": {"filter": "joint"}, "detector": {"lead": 8}}, ("joint", "multi_hypothesis")),
+        ({}, ("joint", "hypotheses")),
+        ({"estimation": {"start": "zero"}}, ("joint", "hypotheses")),
+        ({"estimation": {"filter": "joint"}}, ("joint", "hypotheses")),
+        ({"estimation": {"filter": "joint"}, "faults": {"slots": 2}}, ("joint", "hypotheses")),
+        ({"faults": {"slots": 2}}, ("joint", "hypotheses")),
         ({"detector": {"kind": "off"}}, ("joint", "off")),
         ({"estimation": {"filter": "thesis"}}, ("thesis", "cglr")),
         ({"estimation": {"filter": "thesis"}, "detector": {"margin": 8}}, ("thesis", "cglr")),
@@ -99,7 +103,7 @@ def test_filter_and_detector_of_a_scenario(data: dict[str, Any], chosen: tuple[s
 
 
 def test_what_names_nothing_is_the_joint_filter_with_its_detector() -> None:
-    assert (Scenario().estimation.filter, Scenario().detector) == ("joint", MultiHypothesisBlock())
+    assert (Scenario().estimation.filter, Scenario().detector) == ("joint", HypothesesBlock())
     alone = vehicle_scenario("flight", "orbiter")
     assert alone.model_copy(update={"name": "scenario", "vehicle": "orbiter"}) == Scenario()
     old = vehicle_scenario("flight", "orbiter", ["estimation.filter=thesis", "rotation.jump=none"])
@@ -111,18 +115,26 @@ def test_what_names_nothing_is_the_joint_filter_with_its_detector() -> None:
     ("data", "message"),
     [
         ({"rotation": {"jump": "none"}, "joint": {"rate_walk": 1e-7}}, r"rotation\.jump: is a key of .* thesis"),
-        ({"detector": {"kind": "multi_hypothesis"}, "mass": {"jump": "none"}}, r"mass\.jump: is a key of"),
+        ({"detector": {"kind": "hypotheses"}, "mass": {"jump": "none"}}, r"mass\.jump: is a key of"),
         (
             {"estimation": {"filter": "joint"}, "detector": {"kind": "cglr"}},
             "cglr does not go with .* joint; use",
         ),
         (
-            {"estimation": {"filter": "thesis"}, "detector": {"kind": "multi_hypothesis"}},
-            "multi_hypothesis does not go with estimation.filter: thesis; use cglr or cusum or off",
+            {"estimation": {"filter": "thesis"}, "detector": {"kind": "hypotheses"}},
+            "hypotheses does not go with estimation.filter: thesis; use cglr or cusum or off",
         ),
-        ({"detector": {"threshold": 30}}, "threshold: is a key of kind: cglr, and the kind is multi_hypothesis"),
-        ({"detector": {"slot": 3}}, "unknown key; did you mean .slots."),
-        ({"estimation": {"filter": "thesis"}, "detector": {"trigger": 30}}, "is a key of kind: multi_hypothesis"),
+        ({"detector": {"threshold": 30}}, "threshold: is a key of kind: cglr, and the kind is hypotheses"),
+        ({"detector": {"slot": 3}}, "detector.slot: unknown key"),
+        ({"faults": {"slot": 3}}, "unknown key; did you mean .slots."),
+        (
+            {"faults": {}, "rotation": {"jump": "none"}},
+            r"rotation\.jump: is a key of .* thesis, and the filter is joint",
+        ),
+        (
+            {"estimation": {"filter": "thesis"}, "detector": {"trigger": 30}},
+            "detector.trigger: unknown key; valid are: kind, margin",
+        ),
         ({"estimation": {"filter": "neither"}}, "estimation.filter: 'neither' is not one of"),
         ({"estimation": {"filter": ["joint"]}}, "estimation.filter: .* is not one of"),
         ({"estimation": None}, "estimation: .*mapping"),

@@ -109,7 +109,7 @@ MISMATCHED: dict[str, tuple[dict[str, Any], str]] = {
         {"vehicle": "orbiter", "estimation": {"filter": "pose"}},
         "pose does not go with vehicle 'orbiter', which has no pose or velocity sensor; use joint",
     ),
-    "detector": ({"detector": {"kind": "multi_hypothesis"}}, "detector"),
+    "detector": ({"detector": {"kind": "hypotheses"}}, "detector"),
 }
 
 

@@ -18,10 +18,10 @@ from massprop_drake import InputError, Scenario, load_scenario, simulate
 from massprop_drake.inputs import model
 from massprop_drake.inputs.model import Model, digest, yaml_text
 from massprop_drake.inputs.params import thrust_factors, true_properties
-from massprop_drake.inputs.scenario import JointBlock, bundled_scenarios, resolved, set_field
+from massprop_drake.inputs.scenario import FaultsBlock, JointBlock, bundled_scenarios, resolved, set_field
 from massprop_drake.inputs.yaml import to_yaml
 from massprop_drake.maths.estimation.detector import STATUS
-from massprop_drake.maths.estimation.detectors.hypotheses import HYPOTHESIS_REPORT
+from massprop_drake.maths.estimation.faults.report import HYPOTHESIS_REPORT
 
 DATA = REPOSITORY / "tests" / "data"
 MANEUVER = "maneuver:\n  - {controller: rhc, axis: +x, start_s: 1, end_s: 3}\n"
@@ -55,10 +55,10 @@ def test_every_bundled_scenario_loads_and_runs_shortened(name: str) -> None:
     assert run.summary["autopilot"]["firings"] > 0
     assert run["rotation_used"].sum() > 0
     suspicion = {*STATUS.logged, *HYPOTHESIS_REPORT.logged, "failure_magnitude", "likelihood"}
-    suspicion |= {name for name in run.signals if name.startswith(("verdict", "jump_"))}
+    suspicion |= {name for name in run.signals if name.startswith(("verdict", "jump_", "fault_"))}
     for signal, logged in run.signals.items():
         # these are NaN or infinite at times; hypotheses say nothing where there is none
-        of_hypotheses = scenario.detector.kind in ("multi_hypothesis", "thrust_factors") and signal in suspicion
+        of_hypotheses = scenario.detector.kind in ("hypotheses", "thrust_factors") and signal in suspicion
         planar = scenario.vehicle_data.motion == "planar" and signal == "standard_deviation"
         values = logged[:, [2, 6, 7, 9]] if planar else logged  # what cannot move has none
         at_times = (
@@ -112,12 +112,14 @@ def test_one_of_everything_runs(tmp_path: Path, toy_data: dict[str, Any]) -> Non
     shutil.copy(DATA / "one_of_everything.yaml", path)
     scenario = load_scenario(path)
     joint = ["joint", *(f"joint.{key}" for key in JointBlock.model_fields)]  # of the other filter
+    faults = ["faults", *(f"faults.{key}" for key in FaultsBlock.model_fields)]  # likewise
     left_out = [
         "jet_schedule",
         "plant.kind",
         "estimation.given.covariance",
         *joint,
         "detector.kind",
+        *faults,
         "execution",
         "execution.engine",
         "execution.compiled",
@@ -617,7 +619,11 @@ def test_a_model_may_outlive_the_module_that_has_its_digest(monkeypatch: pytest.
         ({"kind": "cglr", "threshold": 0.0}, ["kind=cusum"], {"kind": "cusum"}),  # means something else there
         ({"kind": "cglr", "margin": 7.0}, ["kind=off"], {"kind": "off", "margin": 7.0}),
         ({"kind": "cglr", "margin": 7.0}, ["drift=2.0", "kind=cusum"], {"kind": "cusum", "drift": 2.0}),
+        ({"kind": "hypotheses", "trigger": 45.0}, ["kind=off"], {"kind": "off"}),
+        ({"kind": "multi_hypothesis", "lead": 7.0}, ["kind=thrust_factors"], {"kind": "thrust_factors"}),
         ({"slots": 2}, ["kind=off"], {"kind": "off"}),
+        ({"lead": 7.0}, ["kind=thrust_factors"], {"kind": "thrust_factors", "lead": 7.0}),
+        ({"kind": "cglr", "margin": 7.0}, ["kind=hypotheses"], {"kind": "hypotheses"}),
     ],
 )
 def test_a_kind_that_is_set_takes_the_keys_of_the_former_one_along(
@@ -636,8 +642,8 @@ def test_a_key_that_is_set_is_not_dropped_with_the_former_kind(tmp_path: Path) -
         encoding="utf-8",
     )
     assert load_scenario(path, ["detector.kind=off"]).detector.kind == "off"
-    with pytest.raises(InputError, match="slots: is a key of kind: multi_hypothesis, and the kind is cglr"):
-        load_scenario(path, ["detector.slots=2", "detector.kind=off"])
+    with pytest.raises(InputError, match="drift: is a key of kind: cusum, and the kind is cglr"):
+        load_scenario(path, ["detector.drift=2", "detector.kind=off"])
 
 
 def test_what_kinds_have_in_common_stays_when_the_kind_is_set() -> None:

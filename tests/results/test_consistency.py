@@ -7,8 +7,9 @@ import pytest
 from scipy import stats
 
 from massprop_drake import Run, load_scenario, simulate
+from massprop_drake.maths.estimation.joint.quantized import truncated_moments
 from massprop_drake.maths.mass_properties import NAMES
-from massprop_drake.results.consistency import Consistency, Tally, judged
+from massprop_drake.results.consistency import Consistency, Forks, Innovations, Tally, judged, of_likeliest_history
 
 UNKNOWN = np.full(10, np.nan)
 
@@ -69,6 +70,21 @@ def test_the_number_of_components_counts() -> None:
     assert unknown.beyond > 0.02
 
 
+@pytest.mark.parametrize("width", [0.1, 1.0, 3.0, 6.0])
+def test_what_cells_tell_is_counted_against_what_they_can(width: float) -> None:
+    """Readings of a quantum of so many sigmas: their mean is three, and their tails are no heavier than chi-square."""
+    random = np.random.default_rng(9)
+    middle = width * np.rint(random.uniform(-50.0, 50.0, 4000))
+    phase = width * random.uniform(-0.5, 0.5, 4000)
+    errors = middle + phase - width * np.rint((middle + phase + random.standard_normal(4000)) / width)
+    each = [truncated_moments(-error - width / 2.0, -error + width / 2.0) for error in errors.tolist()]
+    degrees = np.array([1.0 - one.variance for one in each])
+    tally = Tally()
+    tally.add(3.0 * np.array([one.mean for one in each]) ** 2 / degrees, degrees)
+    assert tally.mean == pytest.approx(3.0, abs=0.25)
+    assert not tally.faults("rotation")
+
+
 def test_one_bad_sample_does_not_rule() -> None:
     values = _drawn(140, 5)
     values[17] = 1e6
@@ -119,3 +135,91 @@ def test_words_are_not_ruled_by_a_few_samples() -> None:
     assert found.rotation_nis_within == pytest.approx(within.mean())
     share = f"{100.0 * (1.0 - within.size / 200):.2g} % beyond their 99 % point"
     assert found.in_words().startswith(f"mean NIS {within.mean():.2f} ({values.mean():.4g} with the {share}) rotation")
+
+
+# ------------------------------------------------------------------------------- the likeliest history
+
+
+def _seen(nis: np.ndarray, components: float = 3.0) -> Innovations:
+    """Innovations of samples a second apart, NaN where one was not used."""
+    used = np.isfinite(nis)
+    return Innovations(used, nis, np.full(nis.size, components), np.zeros(nis.size, dtype=bool))
+
+
+def _by_history(seen: Innovations, *told: tuple[int, float, float, float]) -> Innovations:
+    """Innovations after forks: row, time, sum of the NIS, its expectation."""
+    rows, since_s, nis, components = np.array(told, dtype=float).reshape(-1, 4).T
+    time_s = np.arange(seen.nis.size, dtype=float)
+    return of_likeliest_history(seen, time_s, Forks(rows.astype(int), since_s, nis, components))
+
+
+def test_a_fork_replaces_the_samples_after_it_by_the_mean_of_the_new_history() -> None:
+    found = _by_history(_seen(np.array([1.0, 2.0, 400.0, 500.0, 3.0])), (3, 1.0, 14.0, 12.0))
+    np.testing.assert_array_equal(found.nis, [1.0, 2.0, 3.5, 3.5, 3.0])
+    np.testing.assert_array_equal(found.components, [3.0, 3.0, 6.0, 6.0, 3.0])
+    np.testing.assert_array_equal(found.averaged, [False, False, True, True, False])
+    assert found.used.all()
+
+
+def test_what_is_reported_is_left_as_it_is() -> None:
+    seen = _seen(np.array([1.0, 2.0, 400.0]))
+    _by_history(seen, (2, 0.0, 6.0, 6.0))
+    np.testing.assert_array_equal(seen.nis, [1.0, 2.0, 400.0])
+    assert not seen.averaged.any()
+
+
+@pytest.mark.parametrize(
+    ("second", "expected"),
+    [
+        ((4, 0.0, 24.0, 24.0), [1.0, 3.0, 3.0, 3.0, 3.0, 7.0]),  # begins earlier: in place of the first
+        ((4, 1.0, 18.0, 18.0), [1.0, 2.0, 3.0, 3.0, 3.0, 7.0]),  # where it began
+        ((4, 2.0, 12.0, 12.0), [1.0, 2.0, 9.0, 3.0, 3.0, 7.0]),  # within it: of the first its mean elsewhere
+        ((5, 3.0, 12.0, 12.0), [1.0, 2.0, 9.0, 9.0, 3.0, 3.0]),  # after it
+    ],
+)
+def test_a_later_fork_counts_where_two_overlap(second: tuple[int, float, float, float], expected: list[float]) -> None:
+    seen = _seen(np.array([1.0, 2.0, 400.0, 500.0, 600.0, 7.0]))
+    np.testing.assert_array_equal(_by_history(seen, (3, 1.0, 36.0, 12.0), second).nis, expected)
+
+
+def test_a_sample_that_was_not_used_stays_so_unless_the_history_used_some_of_all() -> None:
+    seen = _seen(np.array([1.0, np.nan, 400.0, np.nan]))
+    found = _by_history(seen, (3, 0.0, 5.0, 6.0))
+    np.testing.assert_array_equal(found.used, [True, False, True, False])
+    assert found.components[2] == 6.0  # all that the history used
+    np.testing.assert_array_equal(_by_history(seen, (3, 2.0, 5.0, 6.0)).used, [True, False, True, True])
+    np.testing.assert_array_equal(_by_history(seen, (2, 0.0, 0.0, 0.0)).used, [True, False, False, False])
+
+
+@pytest.mark.parametrize("components", [0.5, 3.0, 9.0])
+def test_samples_of_which_the_mean_is_known_count_as_chi_square_that_is_scaled(components: float) -> None:
+    degrees = max(components, 1.0)
+    for factor in (0.3, 1.0, 1.5, 1e6):
+        tally = Tally()
+        nis = 3.0 * factor * degrees / components
+        tally.add_averaged(np.full(50, nis), np.full(50, components))
+        assert tally.n == 50
+        assert tally.mean == pytest.approx(nis)
+        assert tally.beyond == pytest.approx(stats.chi2.sf(stats.chi2.isf(0.01, degrees) / factor, degrees))
+        assert (tally.within is None) == (factor == 1e6)
+        assert bool(tally.faults("rotation")) == (factor == 1e6)
+
+
+def test_a_rightly_named_failure_is_consistent_and_a_false_name_is_not() -> None:
+    """Innovations that only the right history explains; that of a false name makes them smaller, not small."""
+    values = np.concatenate([_drawn(300, 9), np.full(60, 1e4), _drawn(240, 10)])
+    for total, verdict in ((0.0, "inconsistent"), (3.1 * 60, "consistent"), (40.0 * 60, "inconsistent")):
+        tally = Tally()
+        tally.take(_by_history(_seen(values), *([(359, 299.0, total, 180.0)] if total else [])))
+        assert judged(tally, Tally(), UNKNOWN, NAMES).verdict == verdict
+        assert tally.n == 600
+
+
+def test_a_tally_goes_on_from_its_numbers() -> None:
+    one, other = Tally(), Tally()
+    seen = _by_history(_seen(_drawn(30, 11)), (20, 4.0, 60.0, 48.0))
+    one.take(seen)
+    for row in range(30):
+        other = Tally.of(other.numbers)
+        other.take(Innovations(*(part[row : row + 1] for part in seen)))
+    np.testing.assert_allclose(other.numbers, one.numbers, rtol=1e-12)

@@ -65,12 +65,15 @@ def test_an_earlier_summary_has_none(short_run: Run) -> None:
     assert again.identifiability == short_run.results.identifiability
 
 
-def test_a_sigma_below_the_bound_is_said_to_claim_too_much(short_run: Run) -> None:
+def test_sigmas_are_told_against_the_least_for_rounding_as_noise(short_run: Run) -> None:
     known = [one._replace(bound=2.0) for one in short_run.results.identifiability[:2]]
-    assert bound_in_words([2.0, 3.0], known, "ab") == "1-sigma is 1 to 1.5 (b) times the least this flight allows"
-    assert bound_in_words([2.0, 2.001], known, "ab") == "1-sigma is 1 times the least this flight allows"
+    noise = "for rounding taken as noise"
+    assert (
+        bound_in_words([2.0, 3.0], known, "ab") == f"1-sigma is 1 to 1.5 (b) times the least this flight allows {noise}"
+    )
+    assert bound_in_words([2.0, 2.001], known, "ab") == f"1-sigma is 1 times the least this flight allows {noise}"
     said = bound_in_words([0.76, 3.0], known, "ab")
-    assert said.startswith("1-sigma is 0.38 (a) to 1.5 (b) times the least this flight allows; below 1 it claims more")
+    assert said == f"1-sigma is 0.38 (a) to 1.5 (b) times the least this flight allows {noise}"
     assert bound_in_words([1.0], [known[0]._replace(bound=None)], "a") == ""
     said = bound_in_words([0.76, 3.0], known, "ab", failed=True)
-    assert said == "1-sigma is 0.38 (a) to 1.5 (b) times the least this flight would allow had no jet failed"
+    assert said == f"1-sigma is 0.38 (a) to 1.5 (b) times the least this flight would allow had no jet failed {noise}"

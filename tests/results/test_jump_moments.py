@@ -67,6 +67,6 @@ def test_a_docking_while_nothing_fires_is_said_with_its_interval() -> None:
     assert found.earliest_s < 55.0 < found.latest_s
     fired_s = run.time_s[(run["command"] > 0.0).any(axis=1)]
     assert not ((fired_s >= found.earliest_s - 1e-9) & (fired_s < 55.0)).any()
-    assert run.time_s[run["alarm"][:, 0] > 0.0].tolist().count(found.latest_s) == 1
+    assert found.latest_s == found.time_s  # no jet is in question, so that no alarm shows it sooner
     assert run.summary["detections"][0]["latest_s"] == found.latest_s
     assert since(found) in show._detected(found, run.scenario.vehicle_data)

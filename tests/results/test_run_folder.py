@@ -102,6 +102,7 @@ SUMMARY: dict[str, Any] = {
     "events": list,
     "unconfirmed": list,
     "untested": list,
+    "fault_probability": type(None),  # the thesis's detector gives none
     "consistency": {
         "rotation_nis_mean": MAYBE,
         "translation_nis_mean": MAYBE,

@@ -15,14 +15,11 @@ N = 44
 PERIOD_S = 0.08
 CGLR = "detector={kind: cglr}"
 CUSUM = "detector={kind: cusum}"
+JOINT = ["estimation={filter: joint, start: nominal}", "mass={}", "rotation={}", "detector={kind: hypotheses}"]
 
 
 def case(*overrides: str) -> Scenario:
     return load_scenario("sample_maneuver", list(overrides))
-
-
-def races() -> Scenario:
-    return load_scenario("leak_named")
 
 
 def number(jet: str) -> int:
@@ -97,31 +94,86 @@ def test_a_sum_that_nearly_reached_the_threshold() -> None:
     assert found.reason == "the sum stayed below the 20 that declare a failure"
 
 
+def probable(rows: int, **jets: dict[int, float]) -> dict[str, Any]:
+    """Signals of the detector by hypotheses: probabilities of jets, by the row from which on each holds."""
+    signals = quiet(rows)
+    signals["fault_probability"] = np.zeros((rows, N))
+    for jet, since in jets.items():
+        for row, probability in since.items():
+            signals["fault_probability"][row:, number(jet)] = probability
+    return signals
+
+
+def hypotheses() -> Scenario:
+    return load_scenario("sample_maneuver", JOINT)
+
+
+def test_a_jet_that_was_probable_and_never_declared_is_suspected() -> None:
+    signals = probable(30, L4D={5: 0.4, 8: 0.6, 12: 0.98, 20: 0.7, 25: 0.5}, L2D={8: 0.3})
+    (found,) = taken(hypotheses(), signals).found()
+    assert (found.jets, found.statistic, found.samples) == (("L4D",), 0.98, 17)
+    assert (found.time_s, found.until_s) == (pytest.approx(8 * PERIOD_S), pytest.approx(24 * PERIOD_S))
+    assert found.reason == "its probability never exceeded what a declaration needs"
+    assert in_words(found).startswith("L4D, 0.64 to 1.92 s, 17 samples, statistic 0.98: its probability")
+
+
+def test_jets_between_which_the_probability_moves_look_alike() -> None:
+    signals = probable(30, L4D={5: 0.6, 10: 0.3, 20: 0.65, 25: 0.2}, L2D={10: 0.7, 20: 0.3, 25: 0.4})
+    (found,) = taken(hypotheses(), signals).found()
+    assert (found.jets, found.statistic, found.samples) == (("L2D", "L4D"), 0.7, 20)
+    assert found.reason == "these look alike"
+
+
+def test_two_jets_that_have_both_failed_do_not_look_alike() -> None:
+    together = taken(hypotheses(), probable(30, L4D={5: 0.9}, F1U={5: 0.8})).found()
+    assert [one.jets for one in together] == [("L4D",), ("F1U",)]
+    later = taken(hypotheses(), probable(30, L4D={5: 0.9, 10: 0.001}, F1U={20: 0.8})).found()  # of something else
+    assert [one.jets for one in later] == [("L4D",), ("F1U",)]
+
+
+def test_a_declaration_takes_its_jet_from_the_suspicions() -> None:
+    signals = probable(30, L4D={5: 0.6, 10: 0.999999})
+    signals["detector_event"][11] = 1.0
+    named = EventRecord(float(11 * PERIOD_S), "failed", 0.4, ("L4D",), 10, jet_index=number("L4D"))
+    assert taken(hypotheses(), signals, named).found() == ()
+    (other,) = taken(hypotheses(), signals, named._replace(jets=("L2D",), jet_index=number("L2D"))).found()
+    assert other.jets == ("L4D",)
+
+
+def pose() -> Scenario:
+    return load_scenario("air_bearing_pulses")
+
+
+def raced(racing: slice, leads: slice, **jets: float) -> dict[str, Any]:
+    """Signals of the detector by thrust factors: when hypotheses are compared, and leads of jets, nats."""
+    names, signals = pose().vehicle_data.designations, quiet(20)
+    signals |= {name: np.zeros((20, len(names))) for name in ("likelihood", "command")}
+    signals["likelihood"][:] = np.nan
+    signals["racing"][racing] = 1.0
+    for jet, lead in jets.items():
+        signals["likelihood"][leads, names.index(jet)] = lead
+    return signals
+
+
 @pytest.mark.parametrize(("end", "reason"), [(20, "still compared at the end"), (15, "none that is large enough")])
 def test_a_comparison_that_decided_nothing(end: int, reason: str) -> None:
-    signals = quiet(20)
-    signals["likelihood"][:] = np.nan
-    signals["racing"][8:end] = 1.0
-    signals["likelihood"][10:end, [number("L4D"), number("L2D"), number("F1U")]] = (40.0, 36.0, 20.0)
-    (found,) = taken(races(), signals).found()
-    assert (found.jets, found.statistic, found.samples) == (("L4D", "L2D"), 40.0, end - 8)
+    signals = raced(slice(8, end), slice(10, end), T1=40.0, T2=36.0, T3=20.0)
+    (found,) = taken(pose(), signals).found()
+    assert (found.jets, found.statistic, found.samples) == (("T1", "T2"), 40.0, end - 8)
     assert reason in found.reason
 
 
 @pytest.mark.parametrize("lead", [5.0, 40.0])
 def test_a_comparison_that_ends_in_a_word(lead: float) -> None:
     """Of a jet that is declared nothing is unconfirmed; what nothing explains is, whatever led."""
-    signals = quiet(20)
-    signals["likelihood"][:] = np.nan
-    signals["racing"][8:12] = 1.0
-    signals["likelihood"][8:12, number("L4D")] = lead
+    signals = raced(slice(8, 12), slice(8, 12), T1=lead)
     signals["detector_event"][11] = 4.0
     now_s = float(11 * PERIOD_S)
-    named = EventRecord(now_s, "failed", 0.5, ("L4D",), 10, jet_index=number("L4D"))
-    assert taken(races(), signals, named).found() == ()
-    assert taken(races(), signals, named._replace(kind="withdrawn")).found() == ()
-    (found,) = taken(races(), signals, EventRecord(now_s, "unexplained", 0.5)).found()
-    assert found.jets == (("L4D",) if lead > 12.0 else ())
+    named = EventRecord(now_s, "failed", 0.5, ("T1",), 1, jet_index=0)
+    assert taken(pose(), signals, named).found() == ()
+    assert taken(pose(), signals, named._replace(kind="withdrawn")).found() == ()
+    (found,) = taken(pose(), signals, EventRecord(now_s, "unexplained", 0.5)).found()
+    assert found.jets == (("T1",) if lead > 12.0 else ())
     assert "explains the readings" in found.reason
 
 

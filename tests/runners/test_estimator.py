@@ -620,7 +620,7 @@ def test_the_nearest_possible_estimate_on_request(orbiter: Vehicle) -> None:
 # --------------------------------------------------------------------------------- copies of what users hold
 
 COPIES = {"pickle": lambda held: pickle.loads(pickle.dumps(held)), "deepcopy": copy.deepcopy, "copy": copy.copy}
-JOINT = ("estimation={filter: joint, start: nominal}", "mass={}", "detector={kind: multi_hypothesis}")
+JOINT = ("estimation={filter: joint, start: nominal}", "mass={}", "detector={kind: hypotheses}")
 COPIED: dict[str, tuple[str, tuple[str, ...]]] = {
     "thesis, cglr": ("sample_maneuver", ("duration_s=7",)),
     "thesis, cusum": ("sample_maneuver", ("duration_s=7", "detector={kind: cusum}")),

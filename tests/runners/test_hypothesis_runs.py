@@ -72,7 +72,7 @@ def test_the_estimator_gives_them_too(scenario: Scenario, flown: Run) -> None:
 
 
 def test_after_a_restart_what_was_said_is_not_said_again(scenario: Scenario, flown: Run) -> None:
-    """The bank begins anew; slot, force and the jets out of use are those of before."""
+    """The bank begins anew; hypotheses, their forces and the jets out of use are those of before."""
     dut = Estimator(scenario.vehicle_data, scenario)
     (record,) = flown.results.detections
     row = int(np.searchsorted(flown.time_s, record.time_s)) + 1
@@ -86,7 +86,14 @@ def test_after_a_restart_what_was_said_is_not_said_again(scenario: Scenario, flo
 
 @pytest.mark.parametrize(
     ("place", "value", "message"),
-    [(0, 0.5, "counts must be whole numbers"), (1, None, "must be finite"), (0, -1.0, "zero or positive")],
+    [
+        (0, None, "must be finite"),
+        (44, -1.0, "zero or positive"),
+        (88, 0.5, "removed must be 0 or 1"),
+        (132, 0.5, "an index is out of its range"),
+        (133, 1.0, "ends too soon"),
+        (134, 0.5, "counts must be whole numbers"),
+    ],
 )
 def test_an_edited_state_is_refused(scenario: Scenario, place: int, value: float | None, message: str) -> None:
     dut = Estimator(scenario.vehicle_data, scenario)
@@ -99,14 +106,14 @@ def test_an_edited_state_is_refused(scenario: Scenario, place: int, value: float
 @pytest.mark.parametrize(
     ("overrides", "message"),
     [
-        (["detector={kind: cglr}"], "cglr does not go with estimation.filter: joint; use multi_hypothesis or off"),
+        (["detector={kind: cglr}"], "cglr does not go with estimation.filter: joint; use hypotheses or off"),
         (
             ["estimation={filter: thesis}", "joint={}"],
-            "multi_hypothesis does not go with estimation.filter: thesis; use cglr or cusum or off",
+            "hypotheses does not go with estimation.filter: thesis; use cglr or cusum or off",
         ),
-        (["detector={kind: multi_hypothesis, margin: 6}"], "margin"),
+        (["detector={kind: hypotheses, margin: 6}"], "margin"),
         (["detector={kind: cusum, slots: 2}"], "slots"),
-        (["detector={kind: multi_hypothesis, slots: 0}"], "slots"),
+        (["faults.slots=0"], "slots"),
     ],
 )
 def test_what_does_not_go_together_is_refused(overrides: list[str], message: str) -> None:
@@ -119,8 +126,10 @@ def test_a_gap_in_the_record_begins_the_bank_anew(scenario: Scenario, folder: Pa
     holes = tmp_path / "holes.csv"
     holes.write_text("".join(lines[:40] + lines[52:]), encoding="utf-8")
     found = estimate(holes, load_scenario(folder))
-    (said,) = found.results.detections
-    assert said.jet == "L4D"
+    assert {said.jet for said in found.results.detections} <= {"L4D"}
+    names, probable = found.scenario.vehicle_data.designations, found["fault_probability"][-1]
+    assert {name for name, share in zip(names, probable, strict=True) if share > 0.1} <= {"L3D", "L4D", "L5D"}
+    assert probable[names.index("L4D")] > 0.1  # less is known after a gap, and its neighbors look alike for a while
 
 
 def test_a_payload_that_docks_is_weighed() -> None:
@@ -197,7 +206,7 @@ def test_a_group_whose_likeliest_was_wrong_is_settled_by_what_comes() -> None:
     ]
     given = [*told, "joint.thrust_uncertainty=0.01", "seed=991037", "duration_s=53", LOOP]
     run = simulate(load_scenario("payload_docking", given))
-    said = [(each.kind, each.jets) for each in run.results.events]
+    said = sorted((each.kind, each.jets) for each in run.results.events)
     assert said == [("failed", ("F3D",)), ("failed", ("F3U",))]
     errors = (np.array(run["estimate"][-1]) - run["truth"][-1]) / run["standard_deviation"][-1]
     assert np.abs(errors).max() < 4.0
@@ -205,7 +214,10 @@ def test_a_group_whose_likeliest_was_wrong_is_settled_by_what_comes() -> None:
 
 def test_a_jet_that_comes_and_goes_is_said_to_be_erratic(tmp_path: Path) -> None:
     run = simulate(load_scenario("intermittent_jet", ["duration_s=50", LOOP]))
-    (said,) = run.results.detections
+    first, said = run.results.detections
+    assert (first.jet, first.erratic_s) == ("R4R", None)
+    assert first.withdrawn_s is not None
+    assert first.withdrawn_s < said.time_s
     assert (said.jet, said.pattern, said.withdrawn_s) == ("R4R", "intermittent", None)
     assert said.erratic_s is not None
     assert said.erratic_s - 48.0 < 3.0

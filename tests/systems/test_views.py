@@ -55,11 +55,16 @@ def test_every_port_of_more_than_a_few_elements_has_names(scenario: Scenario) ->
     assert seen > 10
 
 
+def test_probabilities_of_jets_come_before_those_of_none_and_of_something_unknown() -> None:
+    assert list(port_view("fault_probability", ("A1", "B2")).get_fields()) == ["A1", "B2", "none", "unknown"]
+
+
 @pytest.mark.parametrize("port", PORTS)
 def test_elements_are_called_as_signals_are(port: str) -> None:
     jets = ("A1", "B2")
     names = list(port_view(port, jets).get_fields())
-    if port in SIGNALS and port != "known_force":  # the signal is of jets, the port of what they do together
+    of_more = ("known_force", "fault_probability")  # the signal is of jets, the port of more
+    if port in SIGNALS and port not in of_more:
         components = SIGNALS[port].components or jets
         assert names == list(components)
     elif port.endswith("_report") or port == "impulses":

@@ -171,7 +171,8 @@ class Detector(NamedTuple):
             where none acts.
         judge: (state, evidence, params) -> `Judgment`; the evidence is an `Evidence`, or what the filter that it is
             made for gives.
-        layout: params -> fields of the state, packed; None: it is kept by `saved` and `restored`.
+        layout: params -> fields of the state, packed; None: it is kept by `saved` and `restored`, in as many numbers
+            as it takes, at least as many as at the start.
         saved: (state, params) -> a vector to keep it by.
         restored: (vector, params) -> state; raises ValueError when the detector cannot have left it.
         made_for: name of the one filter that it goes with; empty: any whose evidence is a `Joint`.

@@ -9,7 +9,7 @@ That is a regression, whatever filter has flown. Its columns are the ten paramet
 error of the lag of each kind, biases, and what a flight should not have: torques, drag, gains of axes. With those that
 the filter reckons with (of prior variance Lambda^-1), the information A = X^T R^-1 X and the score h = X^T R^-1 e
 
-- bound each parameter: the 1-sigma that A and the start leave is the least that any estimator can have;
+- bound each parameter: the 1-sigma that A and the start leave is the least for rounding taken as noise;
 - test all else (Lagrange's multiplier, or score, test). With the fitted columns marginalized, the score U of a group of
   others has the covariance S if they are zero, so that U^T S^-1 U is chi-square distributed, and S^-1 U is how large
   they are. Errors that are stated with a 1-sigma of s have estimates of variance s^2 + 1/S.
@@ -1288,7 +1288,7 @@ def least_deviation(
     model: Model,
     information: Array | None = None,
 ) -> Array:
-    """The least 1-sigma of the ten parameters that a flight allows, NaN where it cannot be told, shape (10,).
+    """The least 1-sigma of the ten parameters for rounding taken as noise, NaN where it cannot be told, shape (10,).
 
     What changes with propellant that is used does so half before and half after what each part of a stretch shows, and
     parts are made shorter until it makes no difference.

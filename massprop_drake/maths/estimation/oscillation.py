@@ -38,7 +38,7 @@ _FEWEST = 16  # readings, below which a component shows no line
 _FINER = 4  # steps of the grid's own between two of it, about the best
 
 
-class Mode(NamedTuple):
+class OscillationMode(NamedTuple):
     """The mode that explains residuals best.
 
     Attributes:
@@ -76,7 +76,7 @@ class _Linearized(NamedTuple):
     misfit: float
 
 
-def strongest_mode(stretches: Sequence[Stretch], fit: Fit, model: Model) -> Mode | None:
+def strongest_mode(stretches: Sequence[Stretch], fit: Fit, model: Model) -> OscillationMode | None:
     """The mode that leaves least unexplained; None where it is too slow for the stretches to show that it returns.
 
     Its frequency is found on a grid at one damping, and both more finely about the best.
@@ -99,7 +99,7 @@ def strongest_mode(stretches: Sequence[Stretch], fit: Fit, model: Model) -> Mode
     return best if best.frequency_hz * longest_s >= _LEAST_TURNS else None
 
 
-def _misfit(mode: Mode) -> float:
+def _misfit(mode: OscillationMode) -> float:
     return mode.misfit
 
 
@@ -231,7 +231,7 @@ def _linearized(parts: list[_Part], fit: Fit, model: Model) -> _Linearized:
     return _Linearized(scaled, fit.at.size, free, sigma, information, vector, misfit)
 
 
-def _with_mode(flight: _Linearized, frequency_hz: float, damping: float) -> Mode:
+def _with_mode(flight: _Linearized, frequency_hz: float, damping: float) -> OscillationMode:
     """The misfit once the coefficients of a mode are fitted to every component, and the unknowns once more."""
     information, vector, misfit = flight.information.copy(), flight.vector.copy(), flight.misfit
     readings = 0.0
@@ -249,7 +249,7 @@ def _with_mode(flight: _Linearized, frequency_hz: float, damping: float) -> Mode
     step = np.linalg.solve(information, vector)
     change = np.zeros(flight.size)
     change[flight.free] = step * flight.sigma
-    return Mode(frequency_hz, damping, max(misfit - float(vector @ step), 0.0), max(readings, 1.0), change)
+    return OscillationMode(frequency_hz, damping, max(misfit - float(vector @ step), 0.0), max(readings, 1.0), change)
 
 
 def _ringing(part: _Part, frequency_hz: float, damping: float) -> Array:

@@ -3,7 +3,7 @@
 Nothing happens in most cycles: the filter goes on, the bank of onsets is carried with it, and the test finds nothing.
 What such a cycle keeps stays within a `kernels.Holder` and in arrays that are written in place, and what is logged of
 it goes straight into rows. A cycle that is anything else is not taken: it is left to the parts, `cycle.step`, which
-begin with what `Watch.state` makes of these.
+begin with what `Quiet.state` makes of these.
 
 All compiled code of the joint filter is one function, `work`, of whose parts Python asks for one at a time: machine
 code is made of each kernel once, and not for each of its callers.
@@ -21,19 +21,21 @@ from numpy.typing import NDArray
 from massprop_drake.maths.arrays import Layout
 from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationState
 from massprop_drake.maths.estimation.detector import STATUS
-from massprop_drake.maths.estimation.detectors import hypotheses
-from massprop_drake.maths.estimation.detectors.multi_hypothesis import alarming
+from massprop_drake.maths.estimation.faults import hypothesis_filter as faults
+from massprop_drake.maths.estimation.faults.proposals import Record, Watch
+from massprop_drake.maths.estimation.faults.report import HYPOTHESIS_REPORT, nothing_said
+from massprop_drake.maths.estimation.faults.tree import SURPRISE, Tree
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import (
     JointFilterState,
     Seen,
-    components,
     mass_report,
     rotation_report,
 )
 from massprop_drake.maths.estimation.impulses import Impulses, interval_impulses
 from massprop_drake.maths.estimation.joint import start as starts
 from massprop_drake.maths.estimation.joint.bank import (
+    ALARM,
     OLDEST,
     ONSETS,
     Bank,
@@ -41,10 +43,22 @@ from massprop_drake.maths.estimation.joint.bank import (
     Following,
     Roots,
     Since,
+    alarming,
     empty,
     followed,
 )
-from massprop_drake.maths.estimation.joint.cycle import Course, Cycled, Cycling, Sample, cycled, gone_over, initial
+from massprop_drake.maths.estimation.joint.cycle import (
+    OWN_CHOICE,
+    Crossing,
+    Cycled,
+    Cycling,
+    Sample,
+    course_of,
+    cycled,
+    gone_over,
+    initial,
+)
+from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Score
 from massprop_drake.maths.estimation.joint.layout import (
     JointParams,
     JointState,
@@ -54,7 +68,6 @@ from massprop_drake.maths.estimation.joint.layout import (
     state_layout,
     unpack,
 )
-from massprop_drake.maths.estimation.joint.race import History, Record
 from massprop_drake.maths.estimation.joint.sensitivity import LINK, Link, Traces, traced
 from massprop_drake.maths.estimation.joint.ticks import Clock, Stamped, on_ticks, on_time, started
 from massprop_drake.maths.estimation.whole import Samples, one_sample
@@ -62,7 +75,7 @@ from massprop_drake.maths.kernels import chosen, fill, held, kernel, released, s
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
 from massprop_drake.maths.vehicle.thrust import LagFactors, lag_factors
 
-WATCH, CYCLE, FOLLOW, GO_OVER = range(4)  # parts of `work`
+GO_ON, CYCLE, FOLLOW, GO_OVER = range(4)  # parts of `work`
 _LINKS = OLDEST + 2  # that are kept: the oldest onset's, and those since
 _TESTED, _LIKELIHOOD = (STATUS.slice(name).start for name in ("tested", "suspected_likelihood"))
 
@@ -76,7 +89,7 @@ class Memory(NamedTuple):
         estimate, covariance: see `JointFilterState`.
         since: see `bank.Since`.
         command, level: see `cycle.EstimationState`.
-        cycle, commanded: see `multi_hypothesis.State`.
+        cycle: number of the newest sample.
     """
 
     joint: JointState
@@ -87,7 +100,6 @@ class Memory(NamedTuple):
     command: Array
     level: Array
     cycle: float
-    commanded: Array
 
 
 class Past(NamedTuple):
@@ -98,12 +110,14 @@ class Past(NamedTuple):
         roots: of the same, shape (ONSETS, size, size).
         places: of each onset's among them, oldest first, shape (ONSETS,).
         links: of the last cycles, packed as `LINK`, each in the row of its number, shape (n, size of a link).
+        likelihoods: log likelihood that each of these added, nats, shape (n,).
     """
 
     states: Array
     roots: Array
     places: NDArray[np.int_]
     links: Array
+    likelihoods: Array
 
 
 class Rows(NamedTuple):
@@ -122,15 +136,12 @@ class Rules(NamedTuple):
 
     Attributes:
         period_s, impulse_per_level, lag: see `cycle.EstimationParams`.
-        trigger_jet, trigger: see `HypothesisParams`.
         detector_row, hypothesis_row: what is logged of the detector where nothing is found.
     """
 
     period_s: float
     impulse_per_level: Array
     lag: LagFactors
-    trigger_jet: float
-    trigger: float
     detector_row: Array
     hypothesis_row: Array
 
@@ -172,11 +183,11 @@ def work(part: int, asked: Any, following: Any, memory: Any, desk: Any, holder: 
     """A part of the joint filter's work.
 
     Args:
-        part: WATCH: see `watch`; CYCLE: see `cycle.cycled`; FOLLOW: see `bank.followed`; GO_OVER: see
+        part: GO_ON: see `watch`; CYCLE: see `cycle.cycled`; FOLLOW: see `bank.followed`; GO_OVER: see
             `cycle.gone_over`.
         asked: holder of `Asked`, for CYCLE and GO_OVER.
         following: holder of `bank.Following`, for FOLLOW.
-        memory, desk: holders of `Memory` and `Desk`, for WATCH.
+        memory, desk: holders of `Memory` and `Desk`, for GO_ON.
         holder: of the parameters.
 
     Returns:
@@ -184,7 +195,7 @@ def work(part: int, asked: Any, following: Any, memory: Any, desk: Any, holder: 
     """
     params = holder.value
     one = found = over = None
-    if part == WATCH:
+    if part == GO_ON:
         watch(memory, desk.value, params)
     elif part == FOLLOW:
         told = following.value
@@ -192,7 +203,7 @@ def work(part: int, asked: Any, following: Any, memory: Any, desk: Any, holder: 
     else:
         cycling = asked.value.cycling
         if part == CYCLE:
-            one = cycled(cycling.state, cycling.sample, cycling.thresholds, params)
+            one = cycled(cycling.state, cycling.sample, cycling.thresholds, cycling.counts, params)
         else:
             over = gone_over(cycling.state, cycling.sample, asked.value.about, params)
     return one, found, over
@@ -228,18 +239,21 @@ def _watched(kept: Memory, desk: Desk, row: int, params: JointParams) -> tuple[M
     rates, velocities = samples.rates[row].copy(), samples.velocities[row].copy()
     durations, commands = np.full(1, rules.period_s), command.reshape(1, -1)
     sample = Sample(samples.time_s[row], durations, commands, outside, rates, velocities, on_ticks())
-    done = cycled(kept.joint, sample, params.thresholds, params)
+    done = cycled(kept.joint, sample, params.thresholds, np.zeros(0, dtype=np.bool_), params)
     after = done.state
     if done.incremented or not (np.isfinite(after.mean).all() and np.isfinite(after.root).all()):
         return kept, False
-    seen = traced(kept.joint.mean, Course(done.stamp, done.acting, done.expected, done.update), sample)
+    seen = traced(kept.joint.mean, course_of(done), sample)
     roots, cycle = Roots(desk.past.roots, desk.past.places), kept.cycle + 1.0
-    found = followed(kept.since, roots, seen, cycle, min(rules.trigger_jet, rules.trigger), params)
+    found = followed(kept.since, roots, seen, cycle, ALARM, params)
     likelihood = 0.0
     if found.some:
         likelihood = found.tested.likelihood.max()
-        if alarming(likelihood, found.tested.total.max(), settled(after, params), (rules.trigger_jet, rules.trigger)):
+        if alarming(likelihood, found.tested.total.max()):
             return kept, False
+    newest = found.link.log_likelihood
+    if _usual(desk.past.likelihoods, found.since.cycles[0], cycle, newest) - newest > SURPRISE:
+        return kept, False
     _remember(desk.past, after, found, cycle)
     _log(desk.rows, row, impulses, done, params)
     desk.rows.detector_report[row] = rules.detector_row
@@ -248,8 +262,7 @@ def _watched(kept: Memory, desk: Desk, row: int, params: JointParams) -> tuple[M
     desk.rows.hypothesis_report[row] = rules.hypothesis_row
     clock = started(stamp_s, command)
     estimate, covariance = done.estimate.copy(), done.covariance.copy()
-    commanded = kept.commanded + (command > 0.0)
-    return Memory(after, clock, estimate, covariance, found.since, command, impulses.level, cycle, commanded), True
+    return Memory(after, clock, estimate, covariance, found.since, command, impulses.level, cycle), True
 
 
 @kernel
@@ -264,6 +277,17 @@ def _remember(past: Past, after: JointState, found: Followed, cycle: float) -> N
     past.roots[place] = after.root
     fill(past.states[place], after)
     fill(past.links[int(cycle) % _LINKS], found.link)
+    past.likelihoods[int(cycle) % _LINKS] = found.link.log_likelihood
+
+
+@kernel
+def _usual(likelihoods: Array, oldest: float, cycle: float, newest: float) -> float:
+    """Log likelihood that a cycle adds in the mean between the oldest onset and the newest; of none, the newest's."""
+    total, count = 0.0, 0
+    for number in range(int(oldest) + 1, int(cycle)):
+        total += likelihoods[number % _LINKS]
+        count += 1
+    return total / count if count > 0 else newest
 
 
 @kernel
@@ -276,6 +300,8 @@ def _log(rows: Rows, row: int, impulses: Impulses, done: Cycled, params: JointPa
         expected.used,
         done.gyro_nis,
         done.accelerometer_nis,
+        done.gyro_degrees,
+        done.accelerometer_degrees,
         done.incremented,
         expected.prediction.coupled,
     )
@@ -285,8 +311,7 @@ def _log(rows: Rows, row: int, impulses: Impulses, done: Cycled, params: JointPa
     )
     fill(rows.rotation_report[row], rotation_report(done.estimate, done.covariance, seen, gyros))
     fill(rows.mass_report[row], mass_report(done.estimate, done.covariance, seen, gyros))
-    of_gyros, of_accelerometers = components(expected.used, gyros)
-    fill(rows.joint_report[row], (of_gyros, of_accelerometers, settled(done.state, params)))
+    fill(rows.joint_report[row], (done.gyro_degrees, done.accelerometer_degrees, settled(done.state, params)))
 
 
 # ------------------------------------------------------------------------------------- asked for by Python
@@ -304,7 +329,7 @@ class Work:
         self._work, self._compiled = chosen(work, compile_it), compile_it
         self._params = held(params, compile_it)
         state, sample = initial(params), _no_sample(params.places)
-        cycling = Cycling(state, sample, params.thresholds)
+        cycling = Cycling(state, sample, params.thresholds, OWN_CHOICE)
         self._no_asked = held(Asked(cycling, state.mean), compile_it)
         self._no_following = held(_no_following(params.places, sample), compile_it)
         self._no_memory = held(_no_memory(state, params.places), compile_it)
@@ -314,7 +339,7 @@ class Work:
 
     def watch(self, memory: Any, desk: Any) -> None:
         """See `watch`; both are holders."""
-        self._work(WATCH, self._no_asked, self._no_following, memory, desk, self._params)
+        self._work(GO_ON, self._no_asked, self._no_following, memory, desk, self._params)
 
     def cycled(self, cycling: Cycling) -> Cycled:
         """See `cycle.cycled`."""
@@ -323,7 +348,7 @@ class Work:
 
     def gone_over(self, state: JointState, sample: Sample, about: Array) -> tuple[JointState, float, float]:
         """See `cycle.gone_over`."""
-        _, _, over = self._asked(GO_OVER, Asked(Cycling(state, sample, state.mean), about))
+        _, _, over = self._asked(GO_OVER, Asked(Cycling(state, sample, state.mean, OWN_CHOICE), about))
         return over
 
     def _asked(self, part: int, asked: Asked) -> Any:
@@ -353,24 +378,27 @@ def _no_following(places: Places, sample: Sample) -> Following:
     told = (np.zeros((m, n)), np.zeros((m, n)), np.zeros(m), np.zeros(m, dtype=np.bool_))
     readings = (np.zeros(places.jets), sample.rates, sample.velocities)
     stamp = Stamped(np.zeros(n), np.zeros(n), np.zeros(n), 1.0)
-    seen = Traces(np.zeros(n), rows, rows, 1.0, np.zeros((6, 6)), 1.0, *told, *learned, *readings, stamp)
+    nothing = Crossing(np.zeros((m, n)), np.zeros((n, m)), np.zeros(n), 0.0)
+    before = (np.zeros(n), rows, rows, 1.0, np.zeros((6, 6)), 1.0)
+    seen = Traces(*before, *told, *learned, *readings, nothing, stamp, 0.0, 0.0, 0.0)
     return Following(Since(*empty(places)[1:]), Roots(np.zeros((0, n, n)), np.arange(0)), seen, 0.0, 0.0)
 
 
 def _no_memory(state: JointState, places: Places) -> Memory:
     clock, none, since = started(0.0, state.level), np.zeros(places.jets), Since(*empty(places)[1:])
-    return Memory(state, clock, np.zeros(10), np.zeros((10, 10)), since, none, none, 0.0, none)
+    return Memory(state, clock, np.zeros(10), np.zeros((10, 10)), since, none, none, 0.0)
 
 
 def _no_past(places: Places) -> Past:
     states = np.zeros((ONSETS, state_layout(places).size))
     links = np.zeros((_LINKS, _link_layout(places).size))
-    return Past(states, np.zeros((ONSETS, places.size, places.size)), np.zeros(ONSETS, dtype=np.int_), links)
+    roots, order = np.zeros((ONSETS, places.size, places.size)), np.zeros(ONSETS, dtype=np.int_)
+    return Past(states, roots, order, links, np.zeros(_LINKS))
 
 
 def _no_desk(places: Places) -> Desk:
     samples, nothing = one_sample(places.gyros, places.accelerometers, places.jets), np.zeros(1)
-    rules = Rules(1.0, np.zeros((places.jets, 6)), lag_factors(np.zeros(places.jets), 1.0), 0.0, 0.0, nothing, nothing)
+    rules = Rules(1.0, np.zeros((places.jets, 6)), lag_factors(np.zeros(places.jets), 1.0), nothing, nothing)
     rows, reached = Rows(*[np.zeros((1, 1))] * len(Rows._fields)), np.zeros(2, dtype=np.int_)
     return Desk(samples, np.zeros(1), rows, reached, _no_past(places), rules)
 
@@ -383,7 +411,7 @@ def _link_layout(places: Places) -> Layout:
 # --------------------------------------------------------------------------------------- taken up and left
 
 
-class Watch:
+class Quiet:
     """Cycles in which nothing happens, between such as are left to `cycle.step`.
 
     Args:
@@ -401,15 +429,12 @@ class Watch:
         self._places, self._compiled = joint.places, compiled
         self._past, self._reached = _no_past(joint.places), np.zeros(2, dtype=np.int_)
         jets = joint.places.jets
-        judge = made.detector_params
         self._rules = Rules(
             made.period_s,
             np.ascontiguousarray(made.impulse_per_level),
             made.lag,
-            judge.trigger_jet,
-            judge.trigger,
             np.zeros(STATUS.size + 4 * jets),
-            hypotheses.HYPOTHESIS_REPORT.sized(jets=jets).pack(hypotheses.nothing_said(jets)),
+            HYPOTHESIS_REPORT.sized(jets=jets).pack(nothing_said(jets)),
         )
         self._cycles: deque[Sample | tuple[Samples, int]] = deque(maxlen=_LINKS)  # of the history, by row or as it was
 
@@ -422,21 +447,22 @@ class Watch:
     def take_up(self, state: EstimationState) -> None:
         """Goes on from a state, if nothing is happening in it."""
         filtered, detector = state.filter, state.detector
-        self.on = _is_quiet(filtered, detector.method)
+        self.on = _is_quiet(filtered, detector.tree) and not detector.search.contradicted
         if not self.on:
             return
-        bank, history = detector.method.bank, detector.method.history
-        self._before = state
+        tree: Tree = detector.tree
+        watch: Watch = tree.leader.watch
+        self._before, bank, records = state, watch.bank, watch.records[-_LINKS:]
         for place, each in enumerate(bank.states):
             self._past.states[place], self._past.roots[place] = pack(each, self._places), each.root
         self._past.places[:] = np.arange(ONSETS)
         layout = _link_layout(self._places)
-        first = history.last - len(history.records) + 1
         self._cycles.clear()
-        for number, record in enumerate(history.records[-_LINKS:], start=max(first, history.last - _LINKS + 1)):
+        for number, record in enumerate(records, start=tree.cycle - len(records) + 1):
             self._past.links[number % _LINKS] = layout.pack(record.link)
+            self._past.likelihoods[number % _LINKS] = record.link.log_likelihood
             self._cycles.append(record.sample)
-        fill(self._rules.detector_row, hypotheses.unremarkable(detector))
+        fill(self._rules.detector_row, faults.unremarkable(detector))
         memory = Memory(
             filtered.joint,
             filtered.clock,
@@ -445,8 +471,7 @@ class Watch:
             Since(*bank[1:]),
             state.command,
             state.level,
-            float(detector.method.cycle),
-            detector.method.commanded,
+            float(tree.cycle),
         )
         self._memory = held(memory, self._compiled)
 
@@ -467,22 +492,26 @@ class Watch:
         states = self._past.states.copy()
         onsets = tuple(unpack(states[places[index]], self._places) for index in range(since.cycles.size))
         before = self._before.detector
-        method = before.method._replace(
-            cycle=cycle,
-            bank=Bank(onsets, *since),
-            history=History(cycle, self._records(cycle, cycle - int(since.cycles[0]) + 1)),
-            commanded=kept.commanded,
-        )
+        records = self._records(cycle)
+        leader = before.tree.leader
+        run = leader.run._replace(state=kept.joint, cycle=cycle, score=records[-1].score)
+        of_bank = records[-(cycle - int(since.cycles[0]) + 1) :]
+        trail = tuple(record.score.likelihood for record in records)
+        watch = Watch(Bank(onsets, *since), of_bank)
+        leader = leader._replace(run=run, weight=run.score.likelihood, trail=trail, watch=watch)
+        tree = Tree(cycle, (leader,), samples=tuple((record.sample, record.link) for record in records))
         filtered = JointFilterState(kept.joint, kept.clock, kept.estimate, kept.covariance, starts.OVER)
-        return EstimationState(kept.command, kept.level, filtered, before._replace(method=method))
+        return EstimationState(kept.command, kept.level, filtered, before._replace(tree=tree))
 
-    def _records(self, cycle: int, count: int) -> tuple[Record, ...]:
-        """The last cycles."""
-        layout, links = _link_layout(self._places), self._past.links.copy()
-        count = min(count, len(self._cycles))
-        seen = list(self._cycles)[len(self._cycles) - count :]
-        rows = [links[number % _LINKS] for number in range(cycle - count + 1, cycle + 1)]
-        return tuple(Record(self._sample(each), Link(*layout.read(row))) for each, row in zip(seen, rows, strict=True))
+    def _records(self, cycle: int) -> tuple[Record, ...]:
+        """The last cycles; scores count from the first of them."""
+        layout, links, score = _link_layout(self._places), self._past.links.copy(), NO_SCORE
+        seen, found = list(self._cycles), []
+        for number, each in enumerate(seen, start=cycle - len(seen) + 1):
+            over = Link(*layout.read(links[number % _LINKS]))
+            score = score.plus(Score(over.log_likelihood, over.nis, over.degrees))
+            found.append(Record(self._sample(each), over, score))
+        return tuple(found)
 
     def _sample(self, each: Sample | tuple[Samples, int]) -> Sample:
         if isinstance(each, Sample):
@@ -506,22 +535,22 @@ def covers(made: EstimationParams) -> bool:
     """Whether the kernel does what most cycles are to do."""
     return (
         made.filter is joint.FILTER
-        and made.detector is hypotheses.DETECTOR
+        and made.detector is faults.DETECTOR
         and made.filter_params.joint.compiled is not None
         and made.filter_params.joint.places.accelerometers > 0
     )
 
 
-def _is_quiet(filtered: JointFilterState, method: Any) -> bool:
-    """Whether the next cycle may be one in which nothing happens: no start, no race, and nothing to follow."""
+def _is_quiet(filtered: JointFilterState, tree: Tree) -> bool:
+    """Whether the next cycle may be one in which nothing happens: no start, no event, and no alarm."""
     clock = filtered.clock
+    if len(tree.hypotheses) != 1 or tree.births or not filtered.joint.guarded or filtered.start.under_way:
+        return False
+    watch: Watch | None = tree.leader.watch
     return (
-        filtered.joint.guarded
-        and not filtered.start.under_way
-        and not method.early.under_way
-        and method.race is None
-        and bool(method.bank.states)
-        and method.earlier is None
+        not tree.leader.events
+        and watch is not None
+        and watch.alarm is None
+        and bool(watch.bank.states)
         and not (clock.lost or clock.off or np.isnan(clock.earlier).any())
-        and not (method.members.any() or method.lying.any() or method.erratic.any())
     )

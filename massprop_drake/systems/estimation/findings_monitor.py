@@ -50,14 +50,14 @@ class FindingsMonitor(LeafSystem):
 
     Ports:
         rotation_report (in, 28), mass_report (in, 11), joint_report (in, 3), detector_report (in, 14 + 4 n_jets),
-            hypothesis_report (in, 13 + 8 n_jets): those that the estimators have. Required.
+            hypothesis_report (in, 21 + 12 n_jets): those that the estimators have. Required.
         failed_jets (out, n_jets): 1 for each jet that a standing declaration names, alone or among those that the data
             cannot tell from it. No feedthrough.
         detections (out, abstract): a tuple of `results.detections.DetectionRecord`, as `summary.json` has them at the
             end, with sizes as they are known now. No feedthrough.
         verdict (out, abstract): `results.consistency.Consistency` by the innovations so far. No feedthrough.
 
-    State: counts (13 + 2 n_jets) of the innovations so far, with mass and known forces at the last sample; abstract,
+    State: the monitor's `counts` of the innovations so far, with mass and known forces at the last sample; abstract,
     events and detections so far, never changed: an event makes new ones.
 
     Timing: outputs at t_k are of the samples before t_k, so that a command that depends on them closes no loop; after

@@ -1,4 +1,4 @@
-"""Finds failed jets, jumps and false readings by a race of hypotheses about what the joint filter sees."""
+"""Finds failed jets, jumps and false readings by a hypothesis filter."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.estimation.detector import Detector, Event, Jets, Judgment
-from massprop_drake.maths.estimation.detectors import hypotheses
+from massprop_drake.maths.estimation.faults import hypothesis_filter as faults
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.systems.caching import NOTHING, Cached
 from massprop_drake.systems.layouts import DETECTOR_REPORT, HYPOTHESIS_REPORT, RECONFIGURATION, detector_row
@@ -40,7 +40,7 @@ class Memory(NamedTuple):
 
 
 class HypothesisDetector(LeafSystem):
-    r"""The detector by hypotheses, see `massprop_drake.maths.estimation.detectors.multi_hypothesis`.
+    r"""Hypothesis filter of faults, see `massprop_drake.maths.estimation.faults`.
 
     Ports:
         evidence (in, abstract): `maths.estimation.joint.cycle.JointEvidence`, see `JointEstimator`. Required.
@@ -49,24 +49,26 @@ class HypothesisDetector(LeafSystem):
         reconfiguration (out, 7 + n_jets), closed (out, n_jets), held_closed (out, n_jets), report (out, 14 +
             4 n_jets): see `FailureDetector`. The forces are those that the filter has as states; no manifold is
             closed; magnitudes are those of the jets that are declared at this sample.
-        hypothesis_report (out, 13 + 8 n_jets): packed as `layouts.HYPOTHESIS_REPORT`, for logs: what is said of jumps
-            and readings; and of every jet, as `detectors.multi_hypothesis.Word`, with force, its 1-sigma and onset,
+        hypothesis_report (out, 21 + 12 n_jets): packed as `layouts.HYPOTHESIS_REPORT`, for logs: what is said of jumps
+            and readings; and of every jet, as `faults.declarations.Word`, with force, its 1-sigma and onset,
             which of the things said name it, and what would tell its group apart.
+        fault_probability (out, n_jets + 2): posterior probability that each jet has failed, then that nothing has
+            failed or changed, and that something unknown pushes; NaN of a method that gives none.
 
-    State: abstract, `Memory`: bank and race are tuples of snapshots that are never changed, so that a cycle shares
-    all but the newest with the one before, and so does a clone.
+    State: abstract, `Memory`: hypotheses are tuples that are never changed, so that a cycle shares all but the newest
+    with the one before, and so does a clone.
 
     Timing: outputs at t_k judge the interval [t_k-1, t_k). Drake updates abstract state before the discrete state of
     other systems at the same instant: the state therefore holds the newest judgment with its time, and outputs at that
     time are taken from it.
 
     Args:
-        params: of the method, such as `HypothesisParams`.
+        params: of the method, such as `faults.hypothesis_filter.Params`.
         jets: see `maths.estimation.detector.Jets`.
         method: a detector that is made for one filter and judges hypotheses; default that of the joint filter.
     """
 
-    def __init__(self, params: Any, *, jets: Jets, method: Detector = hypotheses.DETECTOR):
+    def __init__(self, params: Any, *, jets: Jets, method: Detector = faults.DETECTOR):
         super().__init__()
         self.set_name(method.group)
         self._params, self._jets, self._method = params, jets, method
@@ -89,6 +91,7 @@ class HypothesisDetector(LeafSystem):
             ("closed", n_jets, self._calc_closed),
             ("report", self._logged.size, self._calc_report),
             ("hypothesis_report", self._report.size, self._calc_hypotheses),
+            ("fault_probability", n_jets + 2, self._calc_probability),
         ):
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc=judged)
         self.DeclareVectorOutputPort(
@@ -142,6 +145,11 @@ class HypothesisDetector(LeafSystem):
 
     def _calc_hypotheses(self, context: Any, output: Any) -> None:
         output.SetFromVector(self._report.pack(self._judged(context).own))
+
+    def _calc_probability(self, context: Any, output: Any) -> None:
+        own = self._judged(context).own
+        jets = np.broadcast_to(own.fault_probability, self._jets.thrusts.shape)
+        output.SetFromVector(np.append(jets, (own.none_probability, own.unknown_probability)))
 
     def _update(self, context: Any, state: Any) -> None:
         state.get_mutable_abstract_state(self._memory).set_value(self._judgment.get(context))

@@ -1,4 +1,4 @@
-"""What the detector by hypotheses says, as it is logged and as a run records it."""
+"""What the hypothesis filter declares, as it is logged and as a run records it."""
 
 from __future__ import annotations
 
@@ -6,22 +6,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from detector_probe import detector_params
+from odds_probe import odds
 
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.estimation.detector import STATUS, Event
-from massprop_drake.maths.estimation.detectors import hypotheses
-from massprop_drake.maths.estimation.detectors.multi_hypothesis import (
+from massprop_drake.maths.estimation.faults.declarations import (
     Declaration,
     JetsDeclared,
     JumpDeclared,
     ReadingDeclared,
-    Status,
     Unexplained,
     Word,
 )
+from massprop_drake.maths.estimation.faults.report import certain, own_row, status_row
 from massprop_drake.maths.estimation.joint.apart import Apart
-from massprop_drake.maths.estimation.joint.cycle import initial as initial_filter
 from massprop_drake.maths.estimation.joint.payload import UNKNOWN
 from massprop_drake.results.detections import DetectionRecord, detection_entries, remarks, size
 from massprop_drake.results.events import EventRecord, in_words, said
@@ -37,8 +35,8 @@ def signals_of(*samples: tuple[Declaration, ...]) -> dict[str, Any]:
     """A log with a row for what is said at each sample."""
     rows: dict[str, list[Any]] = {}
     for declared in samples:
-        status = hypotheses._status(declared, Status(tested=True), 3)
-        own = hypotheses._own(declared, Status(), N)
+        status = status_row(declared, certain(N), tested=True, statistic=0.0)
+        own = own_row(declared, certain(N))
         for name, value in {**status._asdict(), **own._asdict()}.items():
             rows.setdefault(name, []).append(np.atleast_1d(value))
     assert set(STATUS) < set(rows)
@@ -63,7 +61,7 @@ def test_two_jets_that_fail_at_once_are_two_records(orbiter: Vehicle) -> None:
     assert (first.kind, first.jet, first.jets, first.isolated_to) == ("jet_on", names[3], (names[3],), "jet")
     assert (second.kind, second.jet, second.cluster) == ("jet_off", names[28], orbiter.jets[28].cluster)
     assert (first.magnitude, second.magnitude, second.magnitude_std) == (10.0, -870.0, 2.0)
-    assert (first.onset_s, first.time_s, first.alarms) == (4.0, 5.0, 3)
+    assert (first.onset_s, first.time_s, first.alarms) == (4.0, 5.0, 1)
 
 
 def test_a_group_is_one_record_with_its_members_likeliest_first(orbiter: Vehicle) -> None:
@@ -204,22 +202,9 @@ def test_a_jump_has_a_place_and_is_measured_again(orbiter: Vehicle) -> None:
     )
 
 
-def test_jets_that_are_named_alone_are_out_of_use_until_they_are_well() -> None:
-    out = hypotheses._removed(np.zeros(N), (ALIKE, LEAK, LOSS))
-    assert np.flatnonzero(out).tolist() == [3, 28]
-    changed = LEAK._replace(word=Word.CHANGED)
-    np.testing.assert_array_equal(hypotheses._removed(out, (changed,)), out)
-    well = JetsDeclared(Word.WITHDRAWN, (3,), (1,), (0.0,), (0.1,), 4.0)
-    assert np.flatnonzero(hypotheses._removed(out, (well,))).tolist() == [28]
-
-
 @pytest.mark.parametrize("word", [Word.CHANGED, Word.ERRATIC, Word.WITHDRAWN])
-def test_what_is_said_of_a_group_again_is_of_all_its_members_and_puts_none_out_of_use(
-    orbiter: Vehicle, word: Word
-) -> None:
+def test_what_is_said_of_a_group_again_is_of_all_its_members(orbiter: Vehicle, word: Word) -> None:
     again = JetsDeclared(word, ALIKE.jets, ALIKE.signs, (300.0, np.nan), (1.0, np.nan), 4.0)
-    assert not hypotheses._removed(np.zeros(N), (again,)).any()
-    assert hypotheses._removed(np.ones(N), (again,)).all()
     _, event = heard(orbiter, (ALIKE,), (again,))
     names = orbiter.designations
     assert (event.kind, event.jets, event.magnitude) == (word.name.lower(), (names[30], names[29]), -300.0)
@@ -229,46 +214,10 @@ def test_what_is_said_of_a_group_again_is_of_all_its_members_and_puts_none_out_o
     assert (record.withdrawn_s is None, record.erratic_s is None) == (word != Word.WITHDRAWN, word != Word.ERRATIC)
 
 
-def test_a_kept_state_has_the_members_of_groups(orbiter: Vehicle) -> None:
-    params = detector_params(orbiter, dispersed=False)
-    state = hypotheses.initial(params)
-    members, apart = state.method.members.copy(), state.method.apart.copy()
-    members[1, [30, 29 + N]], apart[1] = (1.0, 2.0), (30.0, np.nan)
-    onsets = np.full(apart.shape[0], np.nan)
-    onsets[1] = 6.5
-    state = state._replace(method=state.method._replace(members=members, apart=apart, onsets=onsets))
-    vector = hypotheses.saved(state, params)
-    again = hypotheses.restored(vector, params)
-    np.testing.assert_array_equal(again.method.members, members)
-    np.testing.assert_array_equal(again.method.apart, apart)
-    np.testing.assert_array_equal(again.method.onsets, onsets)
-    for wrong in (-2.0, 0.5, float(N)):
-        with pytest.raises(ValueError, match="apart must be a jet's index"):
-            hypotheses.restored(np.where(vector == 30.0, wrong, vector), params)
-
-
-def test_a_kept_state_has_by_how_much_forces_drift(orbiter: Vehicle) -> None:
-    params = detector_params(orbiter, dispersed=False)
-    state = hypotheses.initial(params)
-    erratic = np.zeros_like(state.method.erratic)
-    erratic[:2] = 1.0, 0.0024
-    state = state._replace(method=state.method._replace(erratic=erratic))
-    vector = hypotheses.saved(state, params)
-    np.testing.assert_array_equal(hypotheses.restored(vector, params).method.erratic, erratic)
-    for wrong in (-0.1, 2.0):
-        with pytest.raises(ValueError, match="erratic must be from 0 to 1"):
-            hypotheses.restored(np.where(vector == 0.0024, wrong, vector), params)
-
-
-def test_a_kept_state_has_a_jump_that_is_not_measured_yet(orbiter: Vehicle) -> None:
-    params = detector_params(orbiter, dispersed=False)
-    state = hypotheses.initial(params)
-    earlier = initial_filter(params.joint)._replace(time_s=7.0, firing_count=3.0, guarded=True)
-    state = state._replace(method=state.method._replace(cycle=9, earlier=earlier), removed=np.eye(N)[4])
-    again = hypotheses.restored(hypotheses.saved(state, params), params)
-    assert again.method.earlier is not None
-    np.testing.assert_array_equal(again.method.earlier.root, earlier.root)
-    assert (again.method.earlier.time_s, again.method.earlier.guarded, again.method.cycle) == (7.0, True, 9)
-    np.testing.assert_array_equal(again.removed, state.removed)
-    assert again.method.bank.states == ()
-    np.testing.assert_array_equal(hypotheses.saved(again, params), hypotheses.saved(state, params))
+def test_a_jet_that_is_likelier_than_not_raises_an_alarm_before_it_is_declared() -> None:
+    for probability, alarm in ((0.4, 0.0), (0.6, 1.0)):
+        row = status_row((), odds(N, {7: probability, 3: 0.1}), tested=True, statistic=30.0)
+        assert (row.alarm, row.detector_event, row.suspected_likelihood) == (alarm, Event.NOTHING, 30.0)
+        assert (
+            np.isnan(row.suspected_jet) if alarm == 0.0 else (row.suspected_jet, row.suspected_magnitude) == (7, 10.0)
+        )

@@ -129,6 +129,20 @@ def test_nothing_read_is_prediction_alone() -> None:
     np.testing.assert_array_equal(after.mean, predict(state, acting, unread(PARAMS), PARAMS).mean)
 
 
+def test_which_readings_count_can_be_given() -> None:
+    state, sample = some_state(PARAMS), some_sample(PARAMS, rates=RATES, velocities=VELOCITIES)
+    missing = sample._replace(rates=np.where(np.eye(2, 3) > 0.0, np.nan, RATES))
+    counts = np.arange(12) % 2 == 0
+    _, report = step(state, missing, PARAMS, counts)
+    np.testing.assert_array_equal(np.flatnonzero(report.used), [2, 6, 8, 10])
+    chosen, own = step(state, sample, PARAMS)
+    given, again = step(state, sample, PARAMS, own.used)
+    np.testing.assert_array_equal(pack(given, PLACES), pack(chosen, PLACES))
+    assert again.log_likelihood == own.log_likelihood
+    nothing, _ = step(state, sample, PARAMS, np.zeros(12, dtype=bool))
+    assert np.flatnonzero(nothing.fresh).size == 12  # they wait for the next sample
+
+
 def test_the_start_is_incremented_where_gyros_contradict_it() -> None:
     state = some_state(PARAMS)
     unread = np.full((2, 3), np.nan)

@@ -62,7 +62,7 @@ def test_a_state_comes_back_from_its_vector() -> None:
 @pytest.mark.parametrize(
     ("field", "index", "value", "message"),
     [
-        ("mean", 3, np.nan, "only commands may be missing"),
+        ("mean", 3, np.nan, "only commands and readings may be missing"),
         ("root", PLACES.size - 1, 0.5, "must be lower triangular"),
         ("root", PLACES.thrust * PLACES.size + 1, 0.5, "must be lower triangular"),
         ("level", 0, 1.5, "fractions of 0 to 1"),
@@ -103,7 +103,7 @@ def test_reports_have_what_the_cycle_says() -> None:
     expected = np.sqrt((projected @ projected.T).diagonal() + PARAMS.joint.variances)
     deviations = np.append(step.rotation.rotation_innovation_std, step.mass.mass_innovation_std)
     np.testing.assert_allclose(deviations, expected[[0, 1, 2, 6, 7, 8]])
-    assert (step.own.gyro_components, step.own.accelerometer_components) == (6, 6)
+    assert (step.own.gyro_components, step.own.accelerometer_components) == (6, 6)  # nothing is quantized
     assert step.rotation.rotation_nis == pytest.approx(3.0 * report.gyro_nis / 6)
     assert step.mass.mass_nis == pytest.approx(3.0 * report.accelerometer_nis / 6)
     assert report.gyro_nis <= report.nis * (1.0 + 1e-9)
@@ -128,7 +128,7 @@ def test_without_accelerometer_the_mass_is_not_observed() -> None:
         prior_sigma=np.append(np.ones(6 + 2 + 6), np.zeros(3)),
         accelerometer_positions=np.empty((0, 3)),
         variances=params.variances[:6],
-        quanta=params.quanta[:6],
+        **{name: getattr(params, name)[:6] for name in ("quanta", "cells", "floors", "dithered")},
         guard_relative=np.array([0.02, 0.02, 0.02, np.inf]),
     )
     made = JointFilterParams(without, PERIOD)

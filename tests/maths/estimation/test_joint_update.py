@@ -1,4 +1,4 @@
-"""The joint update in root form, the quantizer's rule, rebase, and the common thrust scale."""
+"""The joint update in root form, which readings count, rebase, and the common thrust scale."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from joint_probe import central_differences, small_params, some_sample, some_sta
 
 from massprop_drake.maths.estimation.joint.covariance import compressed, semidefinite_root, updated
 from massprop_drake.maths.estimation.joint.guard import converged, guarded, unguarded
-from massprop_drake.maths.estimation.joint.measurement import outputs, rate_read, rebased, used
+from massprop_drake.maths.estimation.joint.measurement import changed, counted, outputs, rate_read, rebased
 from massprop_drake.maths.estimation.joint.prediction import drive, predict, propagated
 from massprop_drake.maths.estimation.joint.thrust_scale import partitioned, reported
 from massprop_drake.maths.estimation.joint.ticks import on_ticks
@@ -39,8 +39,8 @@ def test_update_is_josephs_and_considered_states_get_no_gain() -> None:
         found = updated(root, jacobian @ root, variances, innovation, gained, 0)
         close(found.root @ found.root.T, expected)
         np.testing.assert_allclose(found.correction, gain @ innovation, rtol=1e-10, atol=1e-13)
-        assert found.nis == pytest.approx(innovation @ np.linalg.solve(total, innovation))
-        assert found.log_determinant == pytest.approx(np.linalg.slogdet(total)[1])
+        np.testing.assert_allclose(found.upper.T @ found.upper, total, rtol=1e-10)
+        np.testing.assert_allclose(found.half_gain @ np.linalg.inv(found.upper.T), gain, rtol=1e-9, atol=1e-12)
         assert not np.triu(found.root, 1).any()
     assert not found.correction[mask == 0.0].any()
     close((found.root @ found.root.T)[2:3, 2:3], before[2:3, 2:3])
@@ -93,21 +93,31 @@ def test_outputs_and_their_jacobian() -> None:
 
 
 def test_which_components_count() -> None:
-    quantum = 1.0
     cases = [
-        # read, predicted, last, deviation
-        (0.0, 0.4, 0.0, 0.1, False),  # within the step: nothing new
-        (0.0, 1.0, 0.0, 0.1, True),  # has moved by a step
-        (1.0, 0.1, 0.0, 0.1, True),  # 0.9 off, more than 1/2 + 0.3
-        (0.5, -0.2, 0.0, 0.1, False),  # 0.7 off, less than that
-        (0.0, 0.0, 0.0, 0.6, True),  # not even known to a step
-        (np.nan, 5.0, 0.0, 0.6, False),  # missing
+        # read, read before, predicted, its 1-sigma
+        (0.0, 0.0, 0.4, 0.1, False),  # within its cell, as before
+        (1.0, 0.0, 0.6, 0.1, True),  # has changed
+        (0.0, 0.0, 0.9, 0.1, True),  # 0.9 off, more than 1/2 + 0.3
+        (0.0, 0.0, 0.7, 0.1, False),  # 0.7 off, less than that
+        (0.0, 0.0, 0.0, 0.6, True),  # not even known to half a cell
+        (np.nan, 0.0, 5.0, 0.6, False),  # missing
+        (0.0, np.nan, 0.0, 0.1, True),  # the first
     ]
-    columns = [np.array(column) for column in zip(*cases, strict=True)]
-    found = used(*columns[:4], np.full(len(cases), quantum))
-    np.testing.assert_array_equal(found, columns[4])
-    dithered = used(*columns[:4], np.zeros(len(cases)))
-    np.testing.assert_array_equal(dithered, ~np.isnan(columns[0]))
+    read, before, predicted, deviation, counts = (np.array(column) for column in zip(*cases, strict=True))
+    n = read.size
+    params = small_params(cells=np.ones(n), floors=np.full(n, 1e-4), dithered=np.zeros(n), variances=np.full(n, 1 / 12))
+    np.testing.assert_array_equal(counted(read, before, predicted, deviation**2, params.floors, params)[0], counts)
+    np.testing.assert_array_equal(changed(read, before, params), [False, True, False, False, False, False, True])
+    every, _ = counted(read, before, predicted, deviation**2, params.floors, params._replace(dithered=np.ones(n)))
+    np.testing.assert_array_equal(every, ~np.isnan(read))
+
+
+def test_the_floor_widens_what_is_off() -> None:
+    """Half a quantum and three sigmas: of the floor alone, 0.01, where the prediction is exact."""
+    params = small_params(cells=np.ones(2), floors=np.full(2, 1e-4), dithered=np.zeros(2), variances=np.full(2, 1 / 12))
+    found, floors = counted(np.zeros(2), np.zeros(2), np.array([0.529, 0.531]), np.zeros(2), params.floors, params)
+    np.testing.assert_array_equal(found, [False, True])
+    np.testing.assert_array_equal(floors, [1e-4, params.variances[1]])  # what stays and is off: rounding as noise
 
 
 def test_rate_read_is_weighted_and_free_of_bias() -> None:

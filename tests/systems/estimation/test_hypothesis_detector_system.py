@@ -48,7 +48,8 @@ def system(scenario: Scenario) -> HypothesisDetector:
 def test_topology(scenario: Scenario) -> None:
     dut = system(scenario)
     assert inputs(dut) == {"evidence": 0}
-    told = {"reconfiguration": 7 + N, "closed": N, "report": 14 + 4 * N, "hypothesis_report": 13 + 8 * N}
+    told = {"reconfiguration": 7 + N, "closed": N, "report": 14 + 4 * N, "hypothesis_report": 21 + 12 * N}
+    told["fault_probability"] = N + 2
     assert outputs(dut) == {"replacement": 0, "published": 0, **told, "held_closed": N}
     depends = feedthrough(dut)
     assert depends.pop("held_closed") == set()
@@ -59,7 +60,8 @@ def test_ports_of_the_diagram(scenario: Scenario) -> None:
     dut = estimation.build(scenario)
     assert not {"replacement", "published"} & set(inputs(dut))
     sizes = {"reconfiguration": 7 + N, "closed": N, "held_closed": N, "detector_report": 14 + 4 * N}
-    assert {**sizes, "hypothesis_report": 13 + 8 * N}.items() <= outputs(dut).items()
+    sizes |= {"hypothesis_report": 21 + 12 * N, "fault_probability": N + 2}
+    assert sizes.items() <= outputs(dut).items()
 
 
 def test_a_leak_is_declared_and_its_jet_put_out_of_use(scenario: Scenario, flown: Run) -> None:
@@ -72,7 +74,7 @@ def test_a_leak_is_declared_and_its_jet_put_out_of_use(scenario: Scenario, flown
     assert abs(said.magnitude - 10.0) < 4.5 * said.magnitude_std
     after = flown.time_s > said.time_s
     assert (flown["out_of_use"][after, jet] == 1.0).all()
-    assert (flown["known_force"][after, jet] > 9.0).all()
+    assert (np.abs(flown["known_force"][after, jet] - 10.0) < 1.5).all()  # at first it is known to half a pound
     assert not np.delete(flown["known_force"], jet, axis=1).any()
 
 
@@ -125,28 +127,26 @@ def test_outputs_at_a_sample_are_the_same_before_and_after_its_update(scenario: 
         np.testing.assert_array_equal(dut.GetOutputPort(name).Eval(context), before[name], err_msg=name)
 
 
-def test_in_a_race_the_estimates_are_those_of_the_likeliest_hypothesis(scenario: Scenario, flown: Run) -> None:
-    """Once it leads by what decides; the filter goes on from its own state."""
+def test_the_filter_goes_on_from_the_likeliest_hypothesis_whose_estimates_are_published(
+    scenario: Scenario, flown: Run
+) -> None:
+    """From the sample on at which another becomes the likeliest."""
     diagram, simulator = _simulator(scenario)
     parts: Any = diagram.GetSubsystemByName("estimation")
     detector, estimator = (parts.GetSubsystemByName(name) for name in ("hypothesis_detector", "joint_estimator"))
-    leads = np.nan_to_num(flown["likelihood"], nan=-np.inf).max(axis=1)
-    published = 0
-    for row in np.flatnonzero((flown["racing"][:, 0] > 0.0) & (leads > 12.0)):
+    replaced = 0
+    for row in np.flatnonzero(flown["hypotheses"][:, 0] > 1.0):
         simulator.AdvanceTo(flown.time_s[row])
         told, own = (part.GetMyContextFromRoot(simulator.get_context()) for part in (detector, estimator))
-        state = detector.GetOutputPort("published").Eval(told)
-        if state == () or not (state.slot_jet >= 0.0).any():  # none has arrived at the present, or it is of a jump
+        state = detector.GetOutputPort("replacement").Eval(told)
+        if state == ():
             continue
-        published += 1
         after = estimator.GetOutputPort("evidence").Eval(own).after
-        assert (after.slot_jet < 0.0).all()
         np.testing.assert_array_equal(flown["estimate"][row], state.mean[:10])  # exact thrusts: no scale
-        np.testing.assert_array_equal(estimator.GetOutputPort("estimate").Eval(own), state.mean[:10])
-        assert (flown["estimate"][row] != after.mean[:10]).any()
+        replaced += bool((state.mean[:10] != after.mean[:10]).any() and (state.slot_jet >= 0.0).any())
         simulator.AdvanceTo(flown.time_s[row] + 0.01)
-        np.testing.assert_array_equal(estimator.GetOutputPort("predicted").Eval(own), after.mean[:10])
-    assert published > 0
+        np.testing.assert_array_equal(estimator.GetOutputPort("predicted").Eval(own), state.mean[:10])
+    assert replaced > 0
 
 
 def test_a_clone_shares_what_is_never_changed(scenario: Scenario) -> None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from massprop_drake.maths.estimation.detector import Detector
-from massprop_drake.maths.estimation.detectors import cglr, cusum, hypotheses, thrust_factors
+from massprop_drake.maths.estimation.detectors import cglr, cusum, thrust_factors
+from massprop_drake.maths.estimation.faults import hypothesis_filter as faults
 
 DETECTORS: dict[str, Detector] = {
     "cglr": cglr.DETECTOR,
     "cusum": cusum.DETECTOR,
-    "multi_hypothesis": hypotheses.DETECTOR,
+    "hypotheses": faults.DETECTOR,
     "thrust_factors": thrust_factors.DETECTOR,
 }

@@ -13,8 +13,8 @@ import numpy as np
 
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
 from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, STATUS, Detector, Event, Jets, Judgment
-from massprop_drake.maths.estimation.detectors.hypotheses import HYPOTHESIS_REPORT
-from massprop_drake.maths.estimation.detectors.multi_hypothesis import Word
+from massprop_drake.maths.estimation.faults.declarations import Word
+from massprop_drake.maths.estimation.faults.report import HYPOTHESIS_REPORT
 from massprop_drake.maths.estimation.filters.pose import PoseEvidence, PoseFilterParams
 from massprop_drake.maths.estimation.pose import delays, hypotheses
 from massprop_drake.maths.estimation.pose.hypotheses import Found, Rules

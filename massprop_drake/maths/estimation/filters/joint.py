@@ -43,6 +43,7 @@ from massprop_drake.maths.estimation.joint.layout import (
     state_layout,
     unpack,
 )
+from massprop_drake.maths.estimation.joint.quantized import DITHER, FLOOR
 from massprop_drake.maths.estimation.joint.start import Kept, Start
 from massprop_drake.maths.estimation.joint.thrust_scale import reported
 from massprop_drake.maths.estimation.joint.ticks import CLOCK, Clock, Pace
@@ -55,11 +56,11 @@ _DITHERED = 0.25  # of a quantum: noise from which on a reading dithers itself
 _ROUNDING = 1e-9  # of a level
 
 # what is logged of every cycle besides the reports that all filters give
-# the NIS in the reports of all filters is that of three components; here it is scaled to as many
+# the NIS in the reports of all filters is that of three components; here it is scaled to that expectation
 JOINT_REPORT = Layout(
     "joint_report",
-    gyro_components=Field("gyro components used", component="components"),
-    accelerometer_components=Field("accelerometer components used", component="components"),
+    gyro_components=Field("expected NIS of the gyro components used", component="components"),
+    accelerometer_components=Field("expected NIS of the accelerometer components used", component="components"),
     settled=Field("the start is over"),
 )
 
@@ -112,7 +113,7 @@ class Measurement(NamedTuple):
 
 
 def make_params(setup: Setup, options: Any) -> JointFilterParams:
-    """Parameters from what is known of the vehicle and the scenario's block `joint`."""
+    """Parameters from what is known of the vehicle and the scenario's blocks `joint` and `faults`."""
     block, thrust = options.joint, setup.thrust
     gyros, accelerometers = setup.gyros, setup.accelerometers
     n_jets, n_kinds = thrust.flows.shape[0], thrust.lag_uncertainty.shape[0]
@@ -125,10 +126,13 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
     of_gyros, gyro_prior = _scaled(np.repeat(gyros.bias_std, 3))
     of_accelerometers, acceleration_prior = _scaled(np.repeat(accelerometers.bias_std, 3))
     biases = (gyro_prior.shape[0] > 0, acceleration_prior.shape[0] > 0)
-    slots = int(getattr(options.detector, "slots", 0)) if counts[2] > 0 else 0  # forces of failed jets, as states
+    detects = options.detector.kind == "hypotheses" and counts[2] > 0
+    slots = options.faults.slots if detects else 0  # forces of failed jets, as states
     places = make_places(counts, lag_prior.shape[0], biases, thrust_prior.shape[0] > 0, slots, ticks=2)
     rest = np.zeros(places.n_scale + places.n_ticks + places.n_force)
     variances = np.concatenate((setup.gyro_variances, setup.accelerometer_variances))
+    cells = np.repeat(np.concatenate((gyros.quanta, accelerometers.quanta)), 3)
+    noises = np.repeat(np.concatenate((gyros.noise_std, accelerometers.noise_std)), 3)
     diagonal, center, reciprocal = setup.limits.tolist()
     joint = JointParams(
         places=places,
@@ -151,6 +155,9 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
         accelerometer_positions=setup.accelerometer_positions,
         variances=np.repeat(variances, 3),
         quanta=np.repeat(np.concatenate((_steps(gyros), _steps(accelerometers))), 3),
+        cells=cells,
+        floors=noises**2 + (FLOOR * cells) ** 2,
+        dithered=(noises > DITHER * cells).astype(np.float64),
         start=setup.estimate,
         start_root=_root(setup.covariance),
         increment_sigma=setup.widest,
@@ -312,9 +319,10 @@ def done(measurement: Measurement, params: JointFilterParams) -> FilterStep:
     gyros = 3 * params.joint.places.gyros
     seen = Seen(*(getattr(report, name) for name in Seen._fields))
     rotation = rotation_report(after.estimate, after.covariance, seen, gyros)
-    of_gyros, of_accelerometers = components(report.used, gyros)
     own = JOINT_REPORT.make(
-        gyro_components=of_gyros, accelerometer_components=of_accelerometers, settled=_settled(after, params)
+        gyro_components=report.gyro_degrees,
+        accelerometer_components=report.accelerometer_degrees,
+        settled=_settled(after, params),
     )
     if params.joint.places.accelerometers == 0:
         return FilterStep(after, rotation, None, own)
@@ -329,6 +337,8 @@ class Seen(NamedTuple):
     used: np.ndarray
     gyro_nis: float
     accelerometer_nis: float
+    gyro_degrees: float
+    accelerometer_degrees: float
     incremented: bool
     coupled: bool
 
@@ -348,7 +358,7 @@ def rotation_report(estimate: Array, covariance: Array, seen: Seen, gyros: int) 
         np.sqrt(np.diag(covariance))[:N_ROTATION],
         seen.innovation[:3],
         seen.innovation_std[:3],
-        _per_three(seen.gyro_nis, float(used.sum())),
+        _per_three(seen.gyro_nis, seen.gyro_degrees),
         bool(used.any()),
         seen.incremented,
         seen.coupled,
@@ -364,16 +374,10 @@ def mass_report(estimate: Array, covariance: Array, seen: Seen, gyros: int) -> M
         float(covariance[MASS_RECIPROCAL, MASS_RECIPROCAL]),
         seen.innovation[gyros : gyros + 3],
         seen.innovation_std[gyros : gyros + 3],
-        _per_three(seen.accelerometer_nis, float(used.sum())),
+        _per_three(seen.accelerometer_nis, seen.accelerometer_degrees),
         bool(used.any()),
         False,
     )
-
-
-@kernel
-def components(used: np.ndarray, gyros: int) -> tuple[float, float]:
-    """How many components of gyros and of accelerometers count."""
-    return float(used[:gyros].sum()), float(used[gyros:].sum())
 
 
 def replaced(step: FilterStep, joint: JointState, params: JointFilterParams) -> FilterStep:
@@ -393,9 +397,9 @@ def published(step: FilterStep, joint: JointState, params: JointFilterParams) ->
 
 
 @kernel
-def _per_three(nis: float, count: float) -> float:
-    """NIS of some components on the scale of three, as other filters have it: of mean three."""
-    return 3.0 * nis / count if count > 0.0 else np.nan
+def _per_three(nis: float, degrees: float) -> float:
+    """NIS on the scale of three components, as other filters have it: of mean three; NaN where none counted."""
+    return 3.0 * nis / degrees if degrees > 0.0 else nis
 
 
 def _settled(state: JointFilterState, params: JointFilterParams) -> float:
@@ -432,8 +436,11 @@ def restored(groups: Groups, params: JointFilterParams) -> JointFilterState:
     """
     state = unpacked(groups[GROUP], params)
     joint, clock = state.joint, state.clock
-    if not all(np.isfinite(part).all() for part in (*joint, *clock[:-1])):
-        raise ValueError(f"{GROUP}: only commands may be missing")
+    told = joint._replace(read=joint.read[~np.isnan(joint.read)])
+    if not all(np.isfinite(part).all() for part in (*told, *clock[:-1])):
+        raise ValueError(f"{GROUP}: only commands and readings may be missing")
+    if not np.isin(joint.fresh, (0.0, 1.0)).all() or (np.isnan(joint.read) & (joint.fresh > 0.0)).any():
+        raise ValueError(f"{GROUP}: fresh must be 0 or 1, and 0 where no reading is kept")
     if triangular_rows(in_order(joint.root, params.joint.places.thrust)) < joint.root.shape[0]:
         raise ValueError(f"{GROUP}: the covariance's root must be lower triangular, parameters first")
     levels = joint.level[:0] if clock.off else joint.level  # off its tick, beyond for an interval

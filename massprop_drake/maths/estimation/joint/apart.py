@@ -1,6 +1,6 @@
 r"""What would tell the members of a group of jets apart: one of them fired alone, or time.
 
-The columns of a race go on (`screen`), with what would be commanded in place of what was: with s the innovation that a
+A screen's columns go on (`screen`), with what would be commanded in place of what was: with s the innovation that a
 unit force of a member would add in the cycles to come, and A of the past,
 
     A' = A + sum S^T Y^-1 S,    separation of i from the likeliest j = f_j^2 (A'_jj - A'_ji^2 / A'_ii),
@@ -44,7 +44,7 @@ def told_apart(
     """What would tell the first member from all others soonest.
 
     Args:
-        screen: of the race, at the present.
+        screen: at the present.
         over: the newest cycle.
         onset: of the first member, one of the screen's.
         members: jet, sign and force of each, lbf or N; the likeliest first.

@@ -39,6 +39,8 @@ _GAP = 1.0 / 3.0  # of the age: an onset known to a third of its age costs a lea
 _LEAST_GAP = 2.0  # cycles between neighbors of an entry that may go
 _KEPT_YOUNG = 2  # youngest that never go: the onset of what is found at once
 _ALLOWED = 0.5  # samples that a jet must have been on (off) in all for a loss (a leak) of it to show
+ALARM = 22.0  # GLR of a single jet, chi-square of one degree: once in 4e5 samples of a jet
+_ALARM_ANY = 40.0  # of anything, chi-square of six degrees: once in 2e6
 _LEAST_SECONDS = 1e-9
 _ROUNDING = 1e-13  # of a covariance: sums of some forty products, and the root of six rows
 _TINY = float(np.finfo(np.float64).tiny)
@@ -129,9 +131,8 @@ def advanced(bank: Bank, over: Link, places: Places) -> Bank:
 
 @kernel
 def _advanced(since: Since, over: Link, places: Places) -> Since:
-    learned = since.learned
+    learned = since.learned + over.crossing_correction
     if over.stamp_row.any():
-        learned = learned.copy()
         learned[:, places.ticks : places.ticks + places.n_ticks] *= over.ticks_kept
         learned += over.stamp_correction
     learned = carried(learned.T, np.zeros((6, 1)), over, places).T
@@ -426,3 +427,13 @@ def onset_of(total: Array, share: float) -> int:
         share: of the largest that is near.
     """
     return int(np.flatnonzero(total >= share * total.max())[-1])
+
+
+@kernel
+def alarming(likelihood: float, total: float) -> bool:
+    """Whether readings say that a hypothesis does not explain them.
+
+    Args:
+        likelihood, total: largest GLR of a jet, and of anything.
+    """
+    return likelihood > ALARM or total > _ALARM_ANY

@@ -30,16 +30,12 @@ class Update(NamedTuple):
     Attributes:
         correction: K e, to be added to the mean, shape (n,).
         root: of the covariance after the measurement, shape (n, n).
-        nis: e^T Y^-1 e.
-        log_determinant: ln |Y|.
         half_gain: G with the gain K = G U^-T, shape (n, m).
         upper: U, U^T U = Y, shape (m, m).
     """
 
     correction: Array
     root: Array
-    nis: float
-    log_determinant: float
     half_gain: Array
     upper: Array
 
@@ -48,7 +44,7 @@ class Update(NamedTuple):
 def nothing_learned(root: Array) -> Update:
     """The update where no component counts; the root is as it was."""
     n = root.shape[0]
-    return Update(np.zeros(n), root, 0.0, 0.0, np.zeros((n, 0)), np.zeros((0, 0)))
+    return Update(np.zeros(n), root, np.zeros((n, 0)), np.zeros((0, 0)))
 
 
 @kernel
@@ -115,9 +111,15 @@ def updated(root: Array, outputs: Array, variances: Array, innovation: Array, ga
         gained: 1 where a state is estimated, 0 where its error is only considered, shape (n,).
         first: see `compressed`.
     """
+    wide = widely_updated(root, outputs, variances, innovation, gained)
+    return Update(wide.correction, compressed(wide.root, first), wide.half_gain, wide.upper)
+
+
+@kernel
+def widely_updated(root: Array, outputs: Array, variances: Array, innovation: Array, gained: Array) -> Update:
+    """`updated`, but that the root stays as it comes, shape (n, k + m)."""
     q1, q2, u = innovation_root(outputs, variances)
     whitened = np.linalg.solve(u.T, innovation)
     gain = (root @ q1) * gained.reshape(-1, 1)
-    after = compressed(np.hstack((root - gain @ q1.T, gain @ q2.T)), first)
-    log_determinant = 2.0 * float(np.sum(np.log(np.abs(np.diag(u)))))
-    return Update(gain @ whitened, after, float(whitened @ whitened), log_determinant, gain, u)
+    after = np.hstack((root - gain @ q1.T, gain @ q2.T))
+    return Update(gain @ whitened, after, gain, u)

@@ -1,6 +1,7 @@
 """One cycle of the joint estimator: a state and a sample give the next state, and nothing else is remembered.
 
-Order: what the jets did, with the lag estimated before (`prediction.drive`); prediction; which components count; while
+Order: what the readings before tell that have just changed; what the jets did, with the lag estimated before
+(`prediction.drive`); prediction; which components count; while
 the start lasts, the covariance is incremented if the gyros contradict the prediction, and the prediction made again;
 update, twice while thrust errors are only considered; the guard. A hypothesis is the same with another state: one
 with a force in a slot, or rebased and with a larger covariance.
@@ -17,6 +18,7 @@ from massprop_drake.maths.estimation.joint.covariance import (
     compressed,
     nothing_learned,
     updated,
+    widely_updated,
 )
 from massprop_drake.maths.estimation.joint.guard import guarded
 from massprop_drake.maths.estimation.joint.layout import (
@@ -28,14 +30,15 @@ from massprop_drake.maths.estimation.joint.layout import (
     JointState,
     gained,
     relearned,
+    releveled,
+    taken_in,
 )
 from massprop_drake.maths.estimation.joint.measurement import (
+    changed,
+    counted,
     outputs,
     rate_read,
     readings,
-    told_by_one,
-    unknown_forces,
-    used,
 )
 from massprop_drake.maths.estimation.joint.prediction import (
     Drive,
@@ -47,13 +50,15 @@ from massprop_drake.maths.estimation.joint.prediction import (
     predict,
     propagated,
 )
+from massprop_drake.maths.estimation.joint.quantized import Sites, sites
 from massprop_drake.maths.estimation.joint.thrust_scale import reported
 from massprop_drake.maths.estimation.joint.ticks import Stamped, Timing, stamped
 from massprop_drake.maths.kernels import kernel
-from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError, lower_factor, skew, sparse_product
+from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError, skew, sparse_product
 
 _WHAT = "the joint estimator's covariance"
 _UNREAD = 1e6  # sigmas of a reading that what was not read at the start may be off
+OWN_CHOICE = np.zeros(0, dtype=np.bool_)  # of the readings that count
 
 
 class Sample(NamedTuple):
@@ -91,6 +96,7 @@ class Expected(NamedTuple):
         projected: H times root, shape (m, k).
         innovation: e of all components, NaN where missing, shape (m,).
         used: which components count, shape (m,).
+        floors: variance of each prediction beyond the state's, shape (m,).
     """
 
     prediction: Prediction
@@ -100,22 +106,45 @@ class Expected(NamedTuple):
     projected: Array
     innovation: Array
     used: np.ndarray
+    floors: Array
+
+
+class Crossing(NamedTuple):
+    """Update of the state before an interval by readings that change in it, each the last one in its cell.
+
+    Attributes:
+        rows: U^-T H, zero for readings that did not count, shape (m, size).
+        half_gain: G, likewise, shape (size, m); K H = G rows.
+        correction: of the mean, shape (size,).
+        log_likelihood: of these readings, nats.
+    """
+
+    rows: Array
+    half_gain: Array
+    correction: Array
+    log_likelihood: float
 
 
 class Course(NamedTuple):
     """How a cycle went: what a detector needs to follow how errors would have gone through it.
 
     Attributes:
+        crossing: see `Crossing`.
         stamp: see `ticks.Stamped`.
         acting: see `Drive`.
         expected: see `Expected`; after an increment, if there was one.
         update: `nothing_learned` where no component counted.
+        nis, degrees, log_likelihood: see `Report`.
     """
 
+    crossing: Crossing
     stamp: Stamped
     acting: Drive
     expected: Expected
     update: Update
+    nis: float
+    degrees: float
+    log_likelihood: float
 
 
 class Report(NamedTuple):
@@ -127,10 +156,11 @@ class Report(NamedTuple):
         innovation: of all components, before any increment, NaN where missing, shape (m,).
         innovation_std: 1-sigma of each, by the covariance before any increment, shape (m,).
         used: which components counted, shape (m,).
-        nis: of those that counted; chi-square with as many degrees of freedom.
-        log_determinant: of the covariance of these innovations.
-        gyro_nis, accelerometer_nis: of the components of either kind that counted, by themselves, before any
-            increment; NaN where none did.
+        nis, degrees: sum over those that counted, and its expectation, see `quantized.Sites`.
+        log_likelihood: of all readings that the cycle has taken in, nats.
+        gyro_nis, accelerometer_nis: of the components of either kind that counted, of accelerometers given the gyros,
+            before any increment; NaN where none did.
+        gyro_degrees, accelerometer_degrees: their expectations; zero where none did.
         incremented: whether the covariance was incremented.
         coupled: whether dynamic coupling counted.
         course: see `Course`; None at the first sample.
@@ -144,9 +174,12 @@ class Report(NamedTuple):
     innovation_std: Array
     used: np.ndarray
     nis: float
-    log_determinant: float
+    degrees: float
+    log_likelihood: float
     gyro_nis: float
     accelerometer_nis: float
+    gyro_degrees: float
+    accelerometer_degrees: float
     incremented: bool
     coupled: bool
     course: Course | None
@@ -189,7 +222,8 @@ def initial(params: JointParams) -> JointState:
         tick_slope=np.zeros((2, jets)),
         spin=np.zeros(6),
         reference=np.zeros(3),
-        last=np.zeros(n_outputs),
+        read=np.full(n_outputs, np.nan),
+        fresh=np.zeros(n_outputs),
         fired=np.zeros(jets),
         slot_jet=np.full(places.n_force, -1.0),
         slot_sign=np.ones(places.n_force),
@@ -252,7 +286,8 @@ def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
         root=compressed(root, places.thrust),
         spin=np.zeros(6),
         reference=mean[RATE].copy(),
-        last=np.where(np.isnan(read), 0.0, read),
+        read=read,
+        fresh=np.zeros(read.shape[0]),
         time_s=sample.time_s,
         started=True,
     )
@@ -263,12 +298,18 @@ def expect(state: JointState, acting: Drive, sample: Sample, params: JointParams
     """Predicts the state and its outputs, and says which components count."""
     prediction = predict(state, acting, rate_read(sample.rates, state.mean, params), params)
     root = propagated(state.root, prediction, params)
-    return _expected(state, prediction, root, prediction.mean[:N_PROPERTIES], sample, params)
+    about = (prediction.mean[:N_PROPERTIES], floors(state, params))
+    return _expected(state, prediction, root, about, sample, params)
 
 
 @kernel
 def _expected(
-    state: JointState, prediction: Prediction, root: Array, about: Array, sample: Sample, params: JointParams
+    state: JointState,
+    prediction: Prediction,
+    root: Array,
+    about: tuple[Array, Array],
+    sample: Sample,
+    params: JointParams,
 ) -> Expected:
     """What is expected of a sample; outputs are linearized at some mass properties and at the rate that gyros correct.
 
@@ -276,47 +317,107 @@ def _expected(
     """
     spin = state.spin + prediction.spin
     there = prediction.mean.copy()
-    there[:N_PROPERTIES], there[RATE] = about, prediction.end
+    properties, least = about
+    there[:N_PROPERTIES], there[RATE] = properties, prediction.end
     values, jacobian = outputs(there, state.reference, spin, params)
     values = values + jacobian @ (prediction.mean - there)
     projected = sparse_product(jacobian, root)
     read = readings(sample.rates, sample.velocities)
-    deviation, telling = told_by_one(projected, read, unknown_forces(state, params), params.variances)
-    counts = used(read, values, state.last, deviation, params.quanta) | telling
-    return Expected(prediction, root, spin, jacobian, projected, read - values, counts)
+    counts, least = counted(read, state.read, values, (projected**2).sum(axis=1), least, params)
+    return Expected(prediction, root, spin, jacobian, projected, read - values, counts, least)
 
 
 @kernel
-def _nis_by_kind(expected: Expected, params: JointParams) -> tuple[float, float]:
-    """NIS of the gyros' components that count, and of the accelerometers', by themselves; NaN where none does."""
-    first = 3 * params.places.gyros
-    counts = np.flatnonzero(expected.used)
-    return _nis(expected, counts[counts < first], params), _nis(expected, counts[counts >= first], params)
+def _by_kind(values: Array, used: np.ndarray, nothing: float, params: JointParams) -> tuple[float, float]:
+    """Sums over the gyros' components that count, and over the accelerometers'.
+
+    Args:
+        values: of each that counts, shape (number,).
+        used: which components count, shape (m,).
+        nothing: in place of a sum of none.
+        params: see `JointParams`.
+    """
+    gyros, every = int(used[: 3 * params.places.gyros].sum()), values.shape[0]
+    of_gyros = values[:gyros].sum() if gyros > 0 else nothing
+    return of_gyros, values[gyros:].sum() if every > gyros else nothing
 
 
 @kernel
-def _nis(expected: Expected, counts: np.ndarray, params: JointParams) -> float:
-    if counts.shape[0] == 0:
-        return np.nan
-    stacked = np.hstack((expected.projected[counts], np.diag(np.sqrt(params.variances[counts]))))
-    whitened = np.linalg.solve(lower_factor(stacked), expected.innovation[counts])
-    return float(whitened @ whitened)
+def floors(state: JointState, params: JointParams) -> Array:
+    """Variance of each prediction beyond the state's, shape (m,): before the guard holds that of a rounded reading.
+
+    Until then the second order counts, and no cell is told to a hundredth of a quantum. Passes over the start are
+    linearized where its end knows the mass properties to be, and need no such floor.
+    """
+    return params.floors if state.guarded else params.variances
 
 
 @kernel
-def _update(expected: Expected, root: Array, mask: Array, params: JointParams) -> Update:
-    counts = np.flatnonzero(expected.used)
-    projected = sparse_product(expected.jacobian[counts], root)
-    return updated(root, projected, params.variances[counts], expected.innovation[counts], mask, params.places.thrust)
+def _sites(used: np.ndarray, projected: Array, innovation: Array, given: tuple[Array, Array]) -> Sites:
+    """Measurements that stand for the readings that count, see `quantized.sites`.
+
+    Args:
+        used: which components count, shape (m,).
+        projected: their rows of H times the root, shape (number, k).
+        innovation: of all components, shape (m,).
+        given: quanta, and floors, of all components, shape (m,).
+    """
+    counts, (cells, least) = np.flatnonzero(used), given
+    return sites(innovation[counts], projected @ projected.T, cells[counts], least[counts])
 
 
-def step(state: JointState, sample: Sample, params: JointParams) -> tuple[JointState, Report]:
+@kernel
+def _update(expected: Expected, root: Array, mask: Array, params: JointParams) -> tuple[Update, Sites]:
+    projected = sparse_product(expected.jacobian[np.flatnonzero(expected.used)], root)
+    told = _sites(expected.used, projected, expected.innovation, (params.cells, expected.floors))
+    return updated(root, projected, told.variance, told.innovation, mask, params.places.thrust), told
+
+
+@kernel
+def crossed(
+    state: JointState, about: Array, sample: Sample, least: Array, params: JointParams
+) -> tuple[JointState, Crossing]:
+    """The state with what its readings tell that were the last in their cells, and have not been taken in.
+
+    Args:
+        state: after the last sample.
+        about: the ten parameters at which outputs are linearized, shape (10,).
+        sample: the next one, whose readings show which have changed.
+        least: see `floors`.
+        params: see `JointParams`.
+    """
+    places, m = params.places, state.read.shape[0]
+    rows, half_gain = np.zeros((m, places.size)), np.zeros((places.size, m))
+    chosen = (state.fresh > 0.0) & changed(readings(sample.rates, sample.velocities), state.read, params)
+    if not chosen.any():
+        return taken_in(state), Crossing(rows, half_gain, np.zeros(places.size), 0.0)
+    there = state.mean.copy()
+    there[:N_PROPERTIES] = about
+    values, jacobian = outputs(there, state.reference, state.spin, params)
+    values = values + jacobian @ (state.mean - there)
+    counts = np.flatnonzero(chosen)
+    projected = sparse_product(jacobian[counts], state.root)
+    told = _sites(chosen, projected, state.read - values, (params.cells, least))
+    change = widely_updated(state.root, projected, told.variance, told.innovation, gained(state, params))
+    whitened = np.linalg.solve(change.upper.T, jacobian[counts])
+    for place in range(counts.shape[0]):
+        rows[counts[place]], half_gain[:, counts[place]] = whitened[place], change.half_gain[:, place]
+    mean = state.mean + change.correction
+    level = _releveled((state.level, state.slope, state.tick_slope), state.mean, mean, params)
+    after = taken_in(releveled(state, mean, change.root, level, state.tick_slope))
+    return after, Crossing(rows, half_gain, change.correction, told.log_likelihood.sum())
+
+
+def step(
+    state: JointState, sample: Sample, params: JointParams, counts: np.ndarray = OWN_CHOICE
+) -> tuple[JointState, Report]:
     """A whole cycle.
 
     Args:
         state: after the last sample.
         sample: see `Sample`.
         params: see `JointParams`.
+        counts: see `cycled`.
 
     Raises:
         NotPositiveDefiniteError: when the covariance or the estimate overflow, or the readings are too precise for
@@ -324,7 +425,7 @@ def step(state: JointState, sample: Sample, params: JointParams) -> tuple[JointS
     """
     with np.errstate(over="ignore", invalid="ignore"):
         try:
-            after, report = _step(state, sample, params) if state.started else _first(state, sample, params)
+            after, report = _step(state, sample, params, counts) if state.started else _first(state, sample, params)
         except NotPositiveDefiniteError as error:
             raise error.at(sample.time_s, "the joint estimator") from None
         except np.linalg.LinAlgError:
@@ -334,37 +435,40 @@ def step(state: JointState, sample: Sample, params: JointParams) -> tuple[JointS
     return after, report
 
 
-def _step(state: JointState, sample: Sample, params: JointParams) -> tuple[JointState, Report]:
+def _step(state: JointState, sample: Sample, params: JointParams, counts: np.ndarray) -> tuple[JointState, Report]:
     made = params.compiled
     done: Cycled = (
-        cycled(state, sample, params.thresholds, params)
+        cycled(state, sample, params.thresholds, counts, params)
         if made is None
-        else made.cycled(Cycling(state, sample, params.thresholds))
+        else made.cycled(Cycling(state, sample, params.thresholds, counts))
     )
-    expected, update = done.expected, done.update
+    expected = done.expected
     return done.state, Report(
         estimate=done.estimate,
         covariance=done.covariance,
         innovation=done.innovation,
         innovation_std=done.innovation_std,
         used=expected.used,
-        nis=update.nis,
-        log_determinant=update.log_determinant,
+        nis=done.nis,
+        degrees=done.degrees,
+        log_likelihood=done.log_likelihood,
         gyro_nis=done.gyro_nis,
         accelerometer_nis=done.accelerometer_nis,
+        gyro_degrees=done.gyro_degrees,
+        accelerometer_degrees=done.accelerometer_degrees,
         incremented=done.incremented,
         coupled=expected.prediction.coupled,
-        course=Course(done.stamp, done.acting, expected, update),
+        course=course_of(done),
     )
 
 
 def _first(state: JointState, sample: Sample, params: JointParams) -> tuple[JointState, Report]:
     after = begun(state, sample, params)
-    n_outputs = after.last.shape[0]
+    n_outputs = after.read.shape[0]
     estimate, rows = reported(after, params)
     nothing, unused = np.full(n_outputs, np.nan), np.zeros(n_outputs, dtype=np.bool_)
     return after, Report(
-        estimate, rows @ rows.T, nothing, nothing, unused, 0.0, 0.0, np.nan, np.nan, False, False, None
+        estimate, rows @ rows.T, nothing, nothing, unused, 0.0, 0.0, 0.0, np.nan, np.nan, 0.0, 0.0, False, False, None
     )
 
 
@@ -396,10 +500,12 @@ class Cycled(NamedTuple):
 
     Attributes:
         state: after it.
-        estimate: see `Report`, as all up to `incremented`.
+        estimate: see `Report`, as all up to `log_likelihood`.
         covariance: see there.
-        innovation, innovation_std, gyro_nis, accelerometer_nis, incremented: see there.
-        stamp, acting, expected: see `Course`.
+        innovation, innovation_std: see there.
+        gyro_nis, accelerometer_nis, gyro_degrees, accelerometer_degrees, incremented: see there.
+        nis, degrees, log_likelihood: see there.
+        crossing, stamp, acting, expected: see `Course`.
         update: see there.
     """
 
@@ -410,11 +516,32 @@ class Cycled(NamedTuple):
     innovation_std: Array
     gyro_nis: float
     accelerometer_nis: float
+    gyro_degrees: float
+    accelerometer_degrees: float
     incremented: bool
+    nis: float
+    degrees: float
+    log_likelihood: float
+    crossing: Crossing
     stamp: Stamped
     acting: Drive
     expected: Expected
     update: Update
+
+
+@kernel
+def course_of(done: Cycled) -> Course:
+    """How a cycle went, see `Course`."""
+    return Course(
+        done.crossing,
+        done.stamp,
+        done.acting,
+        done.expected,
+        done.update,
+        done.nis,
+        done.degrees,
+        done.log_likelihood,
+    )
 
 
 class Cycling(NamedTuple):
@@ -424,31 +551,43 @@ class Cycling(NamedTuple):
         state: see `cycled`.
         sample: see `cycled`.
         thresholds: see `JointParams`; of all parameters these alone may be others than those that it was compiled for.
+        counts: see `cycled`.
     """
 
     state: JointState
     sample: Sample
     thresholds: Array
+    counts: np.ndarray
 
 
 @kernel
-def cycled(state: JointState, sample: Sample, thresholds: Array, params: JointParams) -> Cycled:
+def cycled(state: JointState, sample: Sample, thresholds: Array, counts: np.ndarray, params: JointParams) -> Cycled:
     """A cycle after the first.
 
     Args:
         state: after the last sample.
         sample: see `Sample`.
         thresholds: in place of those of the parameters.
+        counts: which readings count unless they are missing, so that hypotheses are compared on the same ones, shape
+            (m,); or `OWN_CHOICE`, shape (0,).
         params: see `JointParams`.
     """
+    least = floors(state, params)
+    state, crossing = crossed(state, state.mean[:N_PROPERTIES], sample, least, params)
     state, stamp = stamped(state, sample.timing, params)
     acting = driven(state, sample, params)
     firing = acting.firing
     commanded = firing.commanded or bool(np.any(sample.outside != 0.0))
     expected = expect(state, acting, sample, params)
+    if counts.size > 0:
+        expected = _counting(expected, counts & ~np.isnan(expected.innovation))
     innovation, incremented = expected.innovation, False
     deviation = np.sqrt((expected.projected**2).sum(axis=1) + params.variances)
-    gyro_nis, accelerometer_nis = _nis_by_kind(expected, params)
+    told = _sites(
+        expected.used, expected.projected[np.flatnonzero(expected.used)], innovation, (params.cells, expected.floors)
+    )
+    gyro_nis, accelerometer_nis = _by_kind(told.nis, expected.used, np.nan, params)
+    gyro_degrees, accelerometer_degrees = _by_kind(told.degrees, expected.used, 0.0, params)
     if commanded and not state.guarded:
         count = int(expected.used[: 3 * params.places.gyros].sum())
         if count > 0 and gyro_nis > thresholds[count - 1]:
@@ -458,9 +597,9 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, params: JointPa
 
     change = nothing_learned(expected.root)
     if expected.used.any():
-        change = _update(expected, expected.root, gained(state, params), params)
+        change, told = _update(expected, expected.root, gained(state, params), params)
         if params.places.n_thrust > 0 and not state.freed and params.second_order:
-            change = _update_again(state, acting, expected, change, params)
+            change, told = _update_again(state, acting, expected, change, params)
     after = _learned(state, sample, acting, expected, change, params)
     after = guarded(after, commanded, params)
     estimate, rows = reported(after, params)
@@ -472,7 +611,13 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, params: JointPa
         deviation,
         gyro_nis,
         accelerometer_nis,
+        gyro_degrees,
+        accelerometer_degrees,
         incremented,
+        float(told.nis.sum()),
+        float(told.degrees.sum()),
+        crossing.log_likelihood + float(told.log_likelihood.sum()),
+        crossing,
         stamp,
         acting,
         expected,
@@ -494,22 +639,23 @@ def _learned(
         change: of no meaning where no component counted.
         params: see `JointParams`.
     """
-    mean, root, last, firing = expected.prediction.mean, change.root, state.last, acting.firing
+    mean, root, firing = expected.prediction.mean, change.root, acting.firing
     if expected.used.any():
         mean = mean + change.correction
-        filtered, _ = outputs(mean, state.reference, expected.spin, params)
-        last = np.where(expected.used, filtered, last)
     elif root.shape[1] > root.shape[0]:
         root = compressed(root, params.places.thrust)
+    read = readings(sample.rates, sample.velocities)
+    there = ~np.isnan(read)
     return JointState(
         mean,
         root,
-        _relinearized(acting, state.mean, mean, params),
+        _releveled((firing.level, firing.slope, acting.tick_slope), state.mean, mean, params),
         firing.slope,
         acting.tick_slope,
         expected.spin,
         state.reference,
-        last,
+        np.where(there, read, state.read),
+        np.where(there & ~expected.used, 1.0, 0.0),
         state.fired + np.maximum(firing.amount, 0.0),
         state.slot_jet,
         state.slot_sign,
@@ -534,14 +680,16 @@ def gone_over(state: JointState, sample: Sample, about: Array, params: JointPara
         params: see `JointParams`.
 
     Returns:
-        The state after it, the NIS of the components that counted, and how many these were.
+        The state after it, the NIS of the components that counted, and its expectation.
     """
-    after, course = relinearized(state, sample, about, params)
-    return after, course.update.nis, float(course.expected.used.sum())
+    after, _, told = _relinearized(state, sample, about, params)
+    return after, float(told.nis.sum()), float(told.degrees.sum())
 
 
 @kernel
-def relinearized(state: JointState, sample: Sample, about: Array, params: JointParams) -> tuple[JointState, Course]:
+def relinearized(
+    state: JointState, sample: Sample, about: Array, params: JointParams
+) -> tuple[JointState, Course, tuple[float, float]]:
     """A cycle linearized at other mass properties, biases and forces than the state's.
 
     Args:
@@ -551,8 +699,19 @@ def relinearized(state: JointState, sample: Sample, about: Array, params: JointP
         params: see `JointParams`.
 
     Returns:
-        The state after it, and how it went.
+        The state after it, how it went, and NIS of the gyros with its expectation.
     """
+    after, course, told = _relinearized(state, sample, about, params)
+    used = course.expected.used
+    of_gyros = _by_kind(told.nis, used, 0.0, params)[0], _by_kind(told.degrees, used, 0.0, params)[0]
+    return after, course, of_gyros
+
+
+@kernel
+def _relinearized(
+    state: JointState, sample: Sample, about: Array, params: JointParams
+) -> tuple[JointState, Course, Sites]:
+    state, crossing = crossed(state, about[:N_PROPERTIES], sample, params.floors, params)
     state, stamp = stamped(state, sample.timing, params)
     mean = _about(state.mean, about, params)
     there = relearned(state, mean, state.root.copy())
@@ -580,12 +739,17 @@ def relinearized(state: JointState, sample: Sample, about: Array, params: JointP
         at.coupled,
     )
     root = propagated(state.root, prediction, params)
-    expected = _expected(state, prediction, root, about[:N_PROPERTIES], sample, params)
-    change = nothing_learned(root)
+    expected = _expected(state, prediction, root, (about[:N_PROPERTIES], params.floors), sample, params)
+    change, told = (
+        nothing_learned(root),
+        _sites(np.zeros_like(expected.used), root[:0], expected.innovation, (params.cells, params.floors)),
+    )
     if expected.used.any():
-        change = _update(expected, root, gained(state, params), params)
+        change, told = _update(expected, root, gained(state, params), params)
     after = _learned(state, sample, acting, expected, change, params)
-    return after, Course(stamp, acting, expected, change)
+    nis, degrees = float(told.nis.sum()), float(told.degrees.sum())
+    log_likelihood = crossing.log_likelihood + float(told.log_likelihood.sum())
+    return after, Course(crossing, stamp, acting, expected, change, nis, degrees, log_likelihood), told
 
 
 @kernel
@@ -623,6 +787,7 @@ def _counting(expected: Expected, used: np.ndarray) -> Expected:
         expected.projected,
         expected.innovation,
         used,
+        expected.floors,
     )
 
 
@@ -636,7 +801,9 @@ def incremented_root(root: Array, params: JointParams) -> Array:
 
 
 @kernel
-def _update_again(state: JointState, acting: Drive, expected: Expected, first: Update, params: JointParams) -> Update:
+def _update_again(
+    state: JointState, acting: Drive, expected: Expected, first: Update, params: JointParams
+) -> tuple[Update, Sites]:
     """The update with the effects of parameters taken at the estimate that the first one gave."""
     mean = state.mean.copy()
     mean[:N_PROPERTIES] = expected.prediction.mean[:N_PROPERTIES] + first.correction[:N_PROPERTIES]
@@ -663,17 +830,23 @@ def _update_again(state: JointState, acting: Drive, expected: Expected, first: U
 
 
 @kernel
-def _relinearized(acting: Drive, before: Array, after: Array, params: JointParams) -> Array:
-    """The levels at the new estimates of lag and ticks, to first order."""
-    places, level = params.places, acting.firing.level
+def _releveled(levels: tuple[Array, Array, Array], before: Array, after: Array, params: JointParams) -> Array:
+    """The levels at the new estimates of lag and ticks, to first order.
+
+    Args:
+        levels: `level`, `slope` and `tick_slope` of a state.
+        before, after: estimates, shape (size,).
+        params: see `JointParams`.
+    """
+    places, (level, slope, tick_slope) = params.places, levels
     if places.n_lag > 0:
         old, _ = lag_of(before, params)
         new, _ = lag_of(after, params)
         ratio = np.where(old > 0.0, new / np.where(old > 0.0, old, 1.0), 1.0)
         at_least, at_most = np.minimum(level, 0.0), np.maximum(level, 1.0)  # off its tick, beyond for an interval
-        level = np.minimum(np.maximum(level + acting.firing.slope * np.log(ratio), at_least), at_most)
-    if places.n_ticks > 0 and acting.tick_slope.any():
+        level = np.minimum(np.maximum(level + slope * np.log(ratio), at_least), at_most)
+    if places.n_ticks > 0 and tick_slope.any():
         ticks = slice(places.ticks, places.ticks + 2)
         moved_s = params.tick_sigma * (after[ticks] - before[ticks])
-        level = level + moved_s @ acting.tick_slope
+        level = level + moved_s @ tick_slope
     return level

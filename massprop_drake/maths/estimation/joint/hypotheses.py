@@ -3,66 +3,42 @@ r"""What a hypothesis is: the joint filter's own cycle from another state, and h
     jets    from the onset on each has a force in a slot, prior N(0, T^2) about what is known of it; since nobody knows
             when in its interval it began, P += g g^T, g = 0.6 f x (interval) x (effect of a unit force), f the
             most that it may be; and once more in the second interval, 0.17 of that: it builds up with a lag
-            One that drifts has P += w^2 for it in every further interval, w = 3 % of full thrust a second,
-            and so it has once it has been named
-    jump    rebased, the ten parameters uncertain again, see `jump_sigma`, s the likeliest of `JUMP_SHARES`; guard and
-            settling begin anew; it learns nothing until one cycle after the last onset that the race looks at, since
-            what fired before the jump would be taken for what it has become
+            One that drifts has P += w^2 for it in every further interval, w = 3 % of full thrust a second
+    jump    rebased, the ten parameters uncertain again, see `jump_sigma`, s one of `JUMP_SHARES`; guard and settling
+            begin anew; in its own interval jets may have given otherwise by that share
     lies    one component is not read from the onset on, until it fits again
 
-*Log-likelihood*, L = -1/2 sum (e^T Y^-1 e + ln |Y|), over the components whose reading has moved by half a step since
-it was last counted, or ought to have moved as the filter that knows of nothing has it, or that six samples ago was
-counted last; and over all where something may have begun in the interval: whoever has it begin there expects a reading
-to move by whatever, and learns from one that stays where it was. That is the same for every hypothesis, whatever its
-filter uses, or a hypothesis would choose its evidence. A reading that lies is one of 4e4 steps, each as likely, or as
-likely as not what it was before: a sensor that stands still. One that does so for a second would else cost more than a
-jump of all that is known of the vehicle explains.
-
-*Cells.* L takes rounding for white noise. The rounding of a rate that is slow or goes in circles is the same again and
-again, and each time L counts it as new: a wrong hypothesis that bends a little toward the middle of its cells gains on
-the right one. Among filters of their own the comparison is therefore that of the cells themselves,
-
-    L' = sum ln P(q/2 > |e_i|),    e_i ~ N(e_i given those before, Y_ii given those before - q^2/12 + (q/20)^2),
-
-component by component; the last term, since what a filter took for white noise has moved it by a part of a step. White
-noise in place of cells is a hypothesis itself, and L - L' by how much it is likelier: of the truth it exceeds a with
-probability exp(-a) at most, ever (Ville's inequality). One that lets it rise by 6 nats does not explain the readings;
-but a reading that stands where it stood, and counts only since something may have begun, has told of its cell before.
+*Log-likelihood*: the sum of ln Z over the readings that its own filter takes in (`quantized`), so that what a filter
+learns from a reading and what it is worth for it are one number. A reading that lies is one of 4e4 steps, each as
+likely, or as likely as not what it was before: a sensor that stands still. One that does so for a second would else
+cost more than a jump of all that is known of the vehicle explains.
 """
 
 from __future__ import annotations
 
-import math
 from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
 
 from massprop_drake.maths.estimation.joint.covariance import compressed
-from massprop_drake.maths.estimation.joint.cycle import Report, Sample, restart, step
+from massprop_drake.maths.estimation.joint.cycle import Report, Sample, crossed, floors, step
 from massprop_drake.maths.estimation.joint.guard import unguarded
-from massprop_drake.maths.estimation.joint.layout import CENTER, MASS, N_PROPERTIES, JointParams, JointState
+from massprop_drake.maths.estimation.joint.layout import CENTER, MASS, N_PROPERTIES, RATE, JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import rebased
 from massprop_drake.maths.estimation.joint.sensitivity import Link, smeared
-from massprop_drake.maths.linear_algebra import Array, lower_factor
+from massprop_drake.maths.linear_algebra import Array
 
 JUMP_SHARES = (0.3, 0.06)  # of the vehicle's mass (1 sigma): a payload, large or small
 DRIFT = 0.03  # of full thrust a second, 1 sigma: by so much the force of a jet changes that weakens or opens slowly
 KICK = 0.6  # 1-sigma of an onset's place, in intervals between onsets: uniform over two has 0.58
 SHARES = (1.0, 0.17)  # of it in the first interval and in the second: a lag of a fifth of an interval takes that much
-_MOVED = 0.5  # steps by which a reading has moved to be counted
-_STANDS = 3.0  # sigmas by which a prediction lies outside a reading's cell: it ought to have moved
-_PATIENCE = 6  # samples after which what has not moved counts: that a rate stands still is evidence, too
-KEPT = 6  # states of a filter: what began so many cycles before a decision may not have shown yet
+_MOVED = 0.5  # steps by which a reading has moved that does not stand still
+BOW = 0.1  # of an impulse at an unknown time, 1 sigma: the angle that it turns by beyond what a steady one does
+_LEFT = 1e-6  # of a force that builds up: less is not felt
 _RANGE = 4e4  # steps that a sensor's range has
 _STILL = 2.0  # a lie is as likely as not the same as the one before
-FIT = 6.0  # standard deviations of chi-square: rounding is not white, and six are never chance
-EXCESS = 6.0  # nats by which white noise may be likelier than cells: one in four hundred
 _LIES = 5.0  # sigmas off: a reading that does not fit
-_FAR_TAIL = 30.0  # sigmas from which on the tail's share is that of its asymptote
-_BLUR = 0.05  # steps, 1 sigma, by which a filter may be off that has taken rounding for white noise
-_NARROW = 1e-3  # sigmas: a cell that is no wider is a density
-_GAUSSIAN = 0.5 * np.log(2.0 * np.pi)  # of each component, left out of every L
 
 
 class Kind(IntEnum):
@@ -72,6 +48,7 @@ class Kind(IntEnum):
     JETS = 1
     JUMP = 2
     LIES = 3
+    UNKNOWN = 4  # something pushes as jets could, or has ceased to
 
 
 class Cause(NamedTuple):
@@ -83,7 +60,6 @@ class Cause(NamedTuple):
         signs: 1: that jet gives more than it is told to, -1: less.
         on_top: 1: it gives that on top of what it is told to, as a leak; 0: as a jet that is stuck.
         component: index of the reading that lies, else -1.
-        drifts: whether what the jets give changes all the while.
     """
 
     kind: Kind
@@ -91,7 +67,6 @@ class Cause(NamedTuple):
     signs: tuple[int, ...] = ()
     on_top: tuple[int, ...] = ()
     component: int = -1
-    drifts: bool = False
 
     @property
     def failures(self) -> frozenset[tuple[int, int]]:
@@ -99,30 +74,29 @@ class Cause(NamedTuple):
         return frozenset(zip(self.jets, self.signs, strict=True))
 
     @property
-    def named(self) -> Named:
+    def key(self) -> frozenset[tuple[int, int]] | Cause:
         """By which it is told from others: a jet that leaks and one that is stuck on are the same."""
         return self.failures or self
-
-
-Named = frozenset[tuple[int, int]] | Cause
 
 
 class Score(NamedTuple):
     """How well a hypothesis explains the readings.
 
     Attributes:
-        likelihood: L, nats.
-        cells: L', nats.
-        nis: sum of e^T Y^-1 e.
-        degrees: number of components counted.
-        again: of L - L', what readings tell that stand where they stood, nats.
+        likelihood: sum of ln Z, nats.
+        nis, degrees: sums of those of its cycles, see `cycle.Report`.
+        gyro_nis, gyro_degrees: those of the gyros alone.
     """
 
     likelihood: float
-    cells: float
     nis: float
     degrees: float
-    again: float = 0.0
+    gyro_nis: float = 0.0
+    gyro_degrees: float = 0.0
+
+    def plus(self, part: Score) -> Score:
+        """The score with a further part."""
+        return Score(*(whole + more for whole, more in zip(self, part, strict=True)))
 
     def without(self, part: Score) -> Score:
         """What is left of it but for a part."""
@@ -133,55 +107,12 @@ class Score(NamedTuple):
         """NIS above its expectation in its own standard deviations."""
         return (self.nis - self.degrees) / max(np.sqrt(2.0 * self.degrees), 1.0)
 
-    @property
-    def excess(self) -> float:
-        """By how much white noise is likelier than the cells of the readings, each told once, nats."""
-        return self.likelihood - self.cells - self.again
 
-    @property
-    def surprise(self) -> float:
-        """NIS of few components as a standard normal deviate, by the transformation of Wilson and Hilferty."""
-        if self.degrees == 0.0:
-            return 0.0
-        spread = 2.0 / (9.0 * self.degrees)
-        return float((np.cbrt(max(self.nis, 0.0) / self.degrees) - (1.0 - spread)) / np.sqrt(spread))
-
-
-NO_SCORE = Score(0.0, 0.0, 0.0, 0.0)
-
-
-class Counting(NamedTuple):
-    """Which readings were counted.
-
-    Attributes:
-        last: of each component when it was counted last, shape (m,).
-        quiet: samples since then, shape (m,).
-    """
-
-    last: Array
-    quiet: Array
-
-
-class Counted(NamedTuple):
-    """Which components count in a cycle, for every hypothesis.
-
-    Attributes:
-        components: whether each does, shape (m,).
-        again: whether it stands where it stood, and does so only since something may have begun, shape (m,).
-    """
-
-    components: np.ndarray
-    again: np.ndarray
-
-    def without(self, component: int) -> Counted:
-        """The others."""
-        components = self.components.copy()
-        components[component] = False
-        return Counted(components, self.again)
+NO_SCORE = Score(0.0, 0.0, 0.0)
 
 
 class Runner(NamedTuple):
-    """A hypothesis on its way.
+    """A filter that takes an event for true.
 
     Attributes:
         cause: see `Cause`.
@@ -190,13 +121,10 @@ class Runner(NamedTuple):
             force, lbf or N.
         cycle: the last one done.
         state: after it.
-        score: since the race's beginning.
+        score: sum over all cycles since the common origin.
         lying: whether its reading does not fit yet.
-        earlier: states before the last cycles, oldest first, `KEPT` at most.
-        newest: what that cycle added to the score.
-        entry: the score at its onset.
         share: see `opened`.
-        lie: what its reading said last while it lied; NaN: nothing yet.
+        lie: last false reading; NaN: none yet.
         expected: see `opened`.
     """
 
@@ -206,10 +134,7 @@ class Runner(NamedTuple):
     cycle: int
     state: JointState
     score: Score
-    lying: bool
-    earlier: tuple[JointState, ...] = ()
-    newest: Score = NO_SCORE
-    entry: Score = NO_SCORE
+    lying: bool = False
     share: float = JUMP_SHARES[0]
     lie: float = np.nan
     expected: tuple[tuple[float, float], ...] = ()
@@ -219,124 +144,9 @@ class Runner(NamedTuple):
         """Cycles since its onset."""
         return self.cycle - self.onset
 
-    @property
-    def fits(self) -> bool:
-        """Whether it explains the readings since its onset."""
-        return self._explains(self.score)
-
-    @property
-    def explained_before(self) -> bool:
-        """Whether it explained those before the newest."""
-        return self._explains(self.before_newest)
-
-    def _explains(self, score: Score) -> bool:
-        return score.misfit < FIT and score.excess - self.entry.excess < EXCESS
-
-    @property
-    def before_newest(self) -> Score:
-        """Its score before the last cycle."""
-        return self.score.without(self.newest)
-
-    @property
-    def is_small(self) -> bool:
-        """Whether it is a jump that expects little."""
-        return self.cause.kind == Kind.JUMP and self.share < JUMP_SHARES[0]
-
-
-def counted(counting: Counting, over: Link, params: JointParams, *, every: bool) -> tuple[Counted, Counting]:
-    """Which components count.
-
-    Args:
-        counting: see `Counting`.
-        over: the cycle of the filter that knows of nothing.
-        params: see `JointParams`.
-        every: whether all that are there do: something may have begun in the interval.
-    """
-    spread = np.sqrt(np.maximum(np.diagonal(over.covariance) - params.variances, 0.0))
-    unmoved = np.abs(over.innovation) > 0.5 * params.quanta + _STANDS * spread
-    return counted_by_readings(counting, over.read, params, unmoved=unmoved, every=every)
-
-
-def counted_by_readings(
-    counting: Counting, read: Array, params: JointParams, *, unmoved: np.ndarray | bool = False, every: bool = False
-) -> tuple[Counted, Counting]:
-    """Which components count: those that have moved since they did last, or have not for six samples.
-
-    Args:
-        counting: see `Counting`.
-        read: readings, NaN where missing, shape (m,).
-        params: see `JointParams`.
-        unmoved: whether each counts since it has not moved, shape (m,).
-        every: whether all count that are there.
-    """
-    moved = ~(np.abs(read - counting.last) < _MOVED * params.quanta)
-    anew = moved | unmoved | (counting.quiet + 1.0 >= _PATIENCE)
-    counts = ~np.isnan(read) & (anew | every)
-    counting = Counting(np.where(counts, read, counting.last), np.where(counts, 0.0, counting.quiet + 1.0))
-    return Counted(counts, ~anew), counting
-
-
-def cell_likelihood(error: float, deviation: float, width: float) -> float:
-    """Logarithm of the mean density of N(0, deviation^2) over a cell, nats; as L without `_GAUSSIAN`.
-
-    Args:
-        error: the cell's middle.
-        deviation: 1-sigma.
-        width: of the cell; 0: the density in its middle.
-    """
-    if width <= _NARROW * deviation:
-        return -0.5 * (error / deviation) ** 2 - math.log(deviation)
-    near, far = (abs(error) - 0.5 * width) / deviation, (abs(error) + 0.5 * width) / deviation
-    if near < _FAR_TAIL:
-        share = 0.5 * (math.erfc(near / math.sqrt(2.0)) - math.erfc(far / math.sqrt(2.0)))
-        return math.log(share / width) + float(_GAUSSIAN)
-    beyond = near / far * math.exp(0.5 * (near - far) * (near + far))
-    return -0.5 * near**2 - math.log(near) + math.log1p(-beyond) - math.log(width)
-
-
-def scored(
-    score: Score,
-    innovation: Array,
-    covariance: Array,
-    now: Counted,
-    quanta: Array,
-    root: Array | None = None,
-) -> Score:
-    """The score after one more sample.
-
-    Args:
-        score: before.
-        innovation: e of all components, shape (m,).
-        covariance: of it, shape (m, m).
-        now: which components count.
-        quanta: see `JointParams`, shape (m,).
-        root: of the covariance, shape (m, any); None: it has one that rounding leaves.
-    """
-    chosen = np.flatnonzero(now.components)
-    if chosen.shape[0] == 0:
-        return score
-    if root is None:
-        half = np.linalg.cholesky(covariance[np.ix_(chosen, chosen)])
-    else:
-        half = lower_factor(root[chosen])
-        half = half * np.sign(np.diag(half))
-    whitened = np.linalg.solve(half, innovation[chosen])
-    nis = float(whitened @ whitened)
-    scales, widths = np.diag(half), quanta[chosen]
-    as_noise = -0.5 * whitened**2 - np.log(scales)
-    deviations = np.sqrt(np.maximum(scales**2 - widths**2 / 12.0, 0.0) + (_BLUR * widths) ** 2)
-    cells = np.array([*map(cell_likelihood, (scales * whitened).tolist(), deviations.tolist(), widths.tolist())])
-    return Score(
-        score.likelihood + float(as_noise.sum()),
-        score.cells + float(cells.sum()),
-        score.nis + nis,
-        score.degrees + chosen.shape[0],
-        score.again + float((as_noise - cells)[now.again[chosen]].sum()),
-    )
-
 
 def cost_of_a_lie(component: int, params: JointParams, moved: float = np.inf) -> float:
-    """What a reading costs that a hypothesis takes for a lie, nats.
+    """What a reading costs that a hypothesis takes for a lie, nats: of its cell, or of its density if not rounded.
 
     Args:
         component: index of it.
@@ -346,7 +156,7 @@ def cost_of_a_lie(component: int, params: JointParams, moved: float = np.inf) ->
     """
     spread = max(params.quanta[component], np.sqrt(12.0 * params.variances[component]))
     among = _STILL if abs(moved) <= _MOVED * params.quanta[component] else _RANGE
-    return float(np.log(among * spread) - _GAUSSIAN)
+    return float(np.log(among * spread / (params.cells[component] or 1.0)))
 
 
 def slot_of(state: JointState, jet: int, sign: int) -> int:
@@ -420,7 +230,47 @@ def kicked(state: JointState, cause: Cause, kicks: Array, over: Link, params: Jo
         params: see `JointParams`.
     """
     impulses = smeared(over, params.places)[:, list(cause.jets)] * kicks
-    return state._replace(root=compressed(np.hstack((state.root, impulses)), params.places.thrust))
+    bowed = np.zeros((state.root.shape[0], 3))
+    turned = BOW * over.duration_s * np.linalg.norm(state.mean[RATE]) * np.sqrt(np.sum(impulses[RATE] ** 2))
+    bowed[RATE] = turned * np.eye(3)
+    return state._replace(root=compressed(np.hstack((state.root, impulses, bowed)), params.places.thrust))
+
+
+def torn(state: JointState, share: float, over: Link, params: JointParams) -> JointState:
+    """The state with what jets may have given otherwise in the interval of a jump: nobody knows when in it that was.
+
+    Args:
+        state: before the interval.
+        share: see `jump_sigma`.
+        over: the interval, of any filter that is near.
+        params: see `JointParams`.
+    """
+    fired = np.flatnonzero(over.amount > 0.0)
+    if fired.shape[0] == 0:
+        return state
+    gave = share * params.thrusts[fired] * over.amount[fired] / over.duration_s
+    columns = smeared(over, params.places)[:, fired] * gave
+    return state._replace(root=compressed(np.hstack((state.root, columns)), params.places.thrust))
+
+
+def kicks_at(run: Runner, duration_s: float, params: JointParams) -> Array | None:
+    """1-sigma of the impulse of each failed jet in the next interval, in intervals of force; None: there is none.
+
+    What builds up with a lag lacks in each interval after the second by exp(-interval / tau) of the one before.
+
+    Args:
+        run: see `Runner`.
+        duration_s: of an interval, s.
+        params: see `JointParams`.
+    """
+    known = len(run.kicks)
+    if run.age < 0 or known == 0:
+        return None
+    if run.age < known:
+        return np.array(run.kicks[run.age])
+    lag = params.time_constants_s[list(run.cause.jets)]
+    left = np.exp(-duration_s * (run.age - known + 1) / np.where(lag > 0.0, lag, 1e-3 * duration_s))
+    return np.array(run.kicks[-1]) * left if left.max() > _LEFT else None
 
 
 def restless(state: JointState, erratic: np.ndarray, params: JointParams) -> JointState:
@@ -443,22 +293,23 @@ def restless(state: JointState, erratic: np.ndarray, params: JointParams) -> Joi
     return state._replace(root=compressed(np.hstack((root, columns)), params.places.thrust))
 
 
-def drifted(state: JointState, cause: Cause, duration_s: float, params: JointParams) -> JointState:
-    """The state with what the forces of failed jets may have changed by over an interval, a random walk.
+def pushed(state: JointState, push: float, over: Link, params: JointParams) -> JointState:
+    """The state with what something unknown may have given over an interval, independent of what it gave before.
 
     Args:
         state: before the interval.
-        cause: see `Cause`.
-        duration_s: of the interval, s.
+        push: 1-sigma of it, in terms of what every jet gives at full thrust; zero: nothing pushes.
+        over: the interval, of any filter that is near.
         params: see `JointParams`.
     """
-    walks = np.zeros(params.places.n_force)
-    walks[[slot_of(state, *way) for way in zip(cause.jets, cause.signs, strict=True)]] = DRIFT * duration_s
-    return restless(state, walks, params)
+    if push == 0.0:
+        return state
+    columns = smeared(over, params.places) * (push * params.thrusts)
+    return state._replace(root=compressed(np.hstack((state.root, columns)), params.places.thrust))
 
 
 def without_increments(params: JointParams) -> JointParams:
-    """Parameters of a filter that increments nothing: the race compares what increments would blur."""
+    """Parameters of a filter that increments nothing: increments would blur what is compared."""
     return params._replace(thresholds=np.full_like(params.thresholds, np.inf))
 
 
@@ -481,74 +332,65 @@ def misfits(report: Report, component: int, params: JointParams) -> bool:
     return not bool(abs(course.expected.innovation[component]) <= _LIES * deviation)
 
 
-def jumping(run: Runner, sample: Sample, nothing: Score, now: Counted, params: JointParams) -> Runner:
-    """A jump after one more cycle of those in which it may have happened.
+def prepared(
+    run: Runner, sample: Sample, over: Link, erratic: np.ndarray, push: float, params: JointParams
+) -> tuple[JointState, float]:
+    """State of a filter with which a cycle begins, and log likelihood of readings that it takes in before.
 
-    The filter learns nothing: what fired may have fired before the jump, or in the midst of it. Rate and gathered
-    velocity begin anew with each reading, and the ten parameters stay as uncertain as they are. The jump is as likely
-    as it is at the likeliest time: until then nothing has happened.
-
-    Args:
-        run: before; it opens when its onset is the last cycle done.
-        sample: of the cycle.
-        nothing: score after it of the hypothesis that nothing has happened.
-        now: which components count.
-        params: without increments.
+    Args: as of `stepped`.
     """
-    state = opened(run.state, run.cause, params, run.share) if run.cycle == run.onset else run.state
-    _, report = step(state, sample, params)
-    score = max(after_cycle(run.score, report, now, params), nothing, key=lambda each: each.likelihood)
-    after, _ = restart(state, sample, params)
-    return _stepped(run, after, score)._replace(entry=score)
-
-
-def stepped(run: Runner, sample: Sample, over: Link, now: Counted, erratic: np.ndarray, params: JointParams) -> Runner:
-    """A hypothesis after one more cycle.
-
-    Args:
-        run: before; it opens when its onset is the last cycle done.
-        sample: of the cycle.
-        over: the cycle of the filter that knows of nothing.
-        now: which components count.
-        erratic: see `restless`.
-        params: without increments.
-    """
-    state = run.state
+    state, crossing = crossed(run.state, run.state.mean[:N_PROPERTIES], sample, floors(run.state, params), params)
     if run.age == 0:
         state = opened(state, run.cause, params, run.share, run.expected)
-    if run.cause.drifts and run.age > 0:
-        state = drifted(state, run.cause, over.duration_s, params)
-    if 0 <= run.age < len(run.kicks):
-        state = kicked(state, run.cause, np.array(run.kicks[run.age]), over, params)
-    state = restless(state, erratic, params)
+        if run.cause.kind == Kind.JUMP:
+            state = torn(state, run.share, over, params)
+    kicks = kicks_at(run, over.duration_s, params)
+    if kicks is not None:
+        state = kicked(state, run.cause, kicks, over, params)
+    return pushed(restless(state, erratic, params), push, over, params), crossing.log_likelihood
+
+
+def stepped(run: Runner, sample: Sample, over: Link, erratic: np.ndarray, push: float, params: JointParams) -> Runner:
+    """A filter after one more cycle.
+
+    Args:
+        run: before; it opens when its onset is the last cycle done.
+        sample: of the cycle.
+        over: the cycle of any filter that is near.
+        erratic: see `restless`.
+        push: see `pushed`.
+        params: without increments.
+    """
+    state, likelihood = prepared(run, sample, over, erratic, push, params)
     after, report = step(state, sample, params)
-    score, lying, lie, component = run.score, run.lying, run.lie, run.cause.component
+    lying, lie, component = run.lying, run.lie, run.cause.component
+    score = run.score.plus(Score(likelihood, 0.0, 0.0))
     if lying and run.cycle >= run.onset:
         lying = misfits(report, component, params)
         if lying:
-            after, report = step(state, masked(sample, component), params)
-            if now.components[component]:
+            if report.used[component]:
                 cost = cost_of_a_lie(component, params, over.read[component] - lie)
-                score = score._replace(likelihood=score.likelihood - cost, cells=score.cells - cost)
-                now = now.without(component)
+                score = score._replace(likelihood=score.likelihood - cost)
+            after, report = step(state, masked(sample, component), params)
             lie = float(over.read[component])
-    return _stepped(run, after, after_cycle(score, report, now, params))._replace(lying=lying, lie=lie)
+    return run._replace(cycle=run.cycle + 1, state=after, score=score.plus(told(report)), lying=lying, lie=lie)
 
 
-def after_cycle(score: Score, report: Report, now: Counted, params: JointParams) -> Score:
-    """The score after a cycle of a filter."""
-    course = report.course
-    assert course is not None, "a race begins after the first sample"
-    projected = course.expected.projected
-    covariance = projected @ projected.T + np.diag(params.variances)
-    try:
-        return scored(score, report.innovation, covariance, now, params.quanta)
-    except np.linalg.LinAlgError:  # several packages read what may be anything: all but that is lost in the product
-        root = np.hstack((projected, np.diag(np.sqrt(params.variances))))
-        return scored(score, report.innovation, covariance, now, params.quanta, root)
+def told(report: Report) -> Score:
+    """The score that a cycle of a filter adds."""
+    of_gyros = (report.gyro_nis, report.gyro_degrees) if report.gyro_degrees > 0.0 else (0.0, 0.0)
+    return Score(report.log_likelihood, report.nis, report.degrees, *of_gyros)
 
 
-def _stepped(run: Runner, after: JointState, score: Score) -> Runner:
-    newest = score.without(run.score)
-    earlier = (*run.earlier, run.state)[-KEPT:]
-    return run._replace(cycle=run.cycle + 1, state=after, score=score, earlier=earlier, newest=newest)
+def column_of(jet: int, sign: int, params: JointParams) -> int:
+    """Place of a jet's failure among those that give more and then those that give less."""
+    return jet + (params.places.jets if sign < 0 else 0)
+
+
+def known_forces(state: JointState, params: JointParams) -> Array:
+    """Force of each known failure, more and then less, shape (2 n_jets,)."""
+    result = np.zeros(2 * params.places.jets)
+    for slot in np.flatnonzero(state.slot_jet >= 0):
+        column = column_of(int(state.slot_jet[slot]), int(state.slot_sign[slot]), params)
+        result[column] = max(state.mean[params.places.force + slot], np.finfo(np.float64).tiny)
+    return result

@@ -134,6 +134,9 @@ class JointParams(NamedTuple):
         accelerometer_positions: vehicle frame, ft or m, shape (n_accelerometers, 3).
         variances: of one reading of each component, gyros first, shape (n_outputs,).
         quanta: step of each component's reading, zero where it dithers itself (see `measurement`), shape (n_outputs,).
+        cells: quantum of each component, zero: not quantized, shape (n_outputs,).
+        floors: variance of each prediction beyond the state's, see `quantized`, shape (n_outputs,).
+        dithered: 1 where each sample is news, 0 where a change of the reading is, shape (n_outputs,).
         start: the ten parameters at the start, shape (10,).
         start_root: lower triangular root of their covariance at the start, shape (10, 10).
         increment_sigma: what an increment adds to their 1-sigma, in quadrature, shape (10,).
@@ -166,6 +169,9 @@ class JointParams(NamedTuple):
     accelerometer_positions: Array
     variances: Array
     quanta: Array
+    cells: Array
+    floors: Array
+    dithered: Array
     start: Array
     start_root: Array
     increment_sigma: Array
@@ -198,7 +204,8 @@ class JointState(NamedTuple):
         tick_slope: by offset and period error of the ticks, 1/s, shape (2, n_jets).
         spin: integral of w w^T dt since the last rebase as xx, yy, zz, yz, xz, xy, rad^2/s, shape (6,).
         reference: rate at the last rebase, rad/s, shape (3,).
-        last: filtered output of each component when it was used last, shape (n_outputs,).
+        read: last reading of each component, shape (n_outputs,).
+        fresh: 1 where that is of the last sample and has not been taken in, shape (n_outputs,).
         fired: seconds that each jet has given its full thrust, shape (n_jets,).
         slot_jet: index of the jet in each slot of a failure force, -1: empty, shape (n_force,).
         slot_sign: 1: the jet gives more than it is told to, -1: less, shape (n_force,).
@@ -219,7 +226,8 @@ class JointState(NamedTuple):
     tick_slope: Array
     spin: Array
     reference: Array
-    last: Array
+    read: Array
+    fresh: Array
     fired: Array
     slot_jet: Array
     slot_sign: Array
@@ -241,7 +249,8 @@ _STATE = Layout(
     tick_slope=(2, "jets"),
     spin=6,
     reference=3,
-    last="outputs",
+    read="outputs",
+    fresh="outputs",
     fired="jets",
     slot_jet="forces",
     slot_sign="forces",
@@ -288,7 +297,34 @@ def releveled(state: JointState, mean: Array, root: Array, level: Array, tick_sl
         tick_slope,
         state.spin,
         state.reference,
-        state.last,
+        state.read,
+        state.fresh,
+        state.fired,
+        state.slot_jet,
+        state.slot_sign,
+        state.slot_on_top,
+        state.time_s,
+        state.started,
+        state.guarded,
+        state.freed,
+        state.rescaled,
+        state.firing_count,
+    )
+
+
+@kernel
+def taken_in(state: JointState) -> JointState:
+    """The state with no reading left to be taken in."""
+    return JointState(
+        state.mean,
+        state.root,
+        state.level,
+        state.slope,
+        state.tick_slope,
+        state.spin,
+        state.reference,
+        state.read,
+        np.zeros_like(state.fresh),
         state.fired,
         state.slot_jet,
         state.slot_sign,
@@ -313,7 +349,8 @@ def flagged(state: JointState, guarded: bool, freed: bool, rescaled: bool, firin
         state.tick_slope,
         state.spin,
         state.reference,
-        state.last,
+        state.read,
+        state.fresh,
         state.fired,
         state.slot_jet,
         state.slot_sign,

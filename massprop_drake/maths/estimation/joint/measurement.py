@@ -6,18 +6,14 @@ r"""Readings of gyros and integrating accelerometers, and which of them count.
 with C the integral of [w x]^2 dt since the last rebase, w_ref the rate then. Derivatives: 1 by c_s, -[rho_s x] by w,
 -O by r; C is taken as known.
 
-*Quantizer.* A rate that stays within one step gives the same reading again and again, which says nothing new. A
-component is used when, with Y the variance of its prediction (without the reading's own),
+A reading that stays in its cell repeats one constraint; where it changes, the last one before and the first one after
+say together when a mark was crossed. So a reading of a sensor whose noise does not dither it counts when
 
-    |y^ - y^_last| >= q    or    |y - y^| > q/2 + 3 sqrt(Y)    or    sqrt(Y) > q/2,
+    it differs from the one before,    it is the one before that,    |y - y^| > q/2 + 3 s,    or    sqrt(h^T P h) > q/2.
 
-y^_last its filtered output when it was used last; always where the sensor's noise dithers it, sigma_n >= q/4, which
-params say by a step of zero. A reading that is missing (NaN) is not used.
-
-A force of which nothing is known, as that of a jet that gives something else every time, makes all predictions worse
-than that in each sample, and the roundings of those that stand still would be taken for new ones. Of it one reading
-tells, the one that it moves by most in 1-sigmas of the reading; Y of the others is that given this reading, see
-`told_by_one`.
+`quantized` says what it then tells. One that stays where it was, off its prediction, says that this is worse than
+believed: it is taken for a reading with rounding as noise, or the same cell again and again would be believed ever
+more. A reading that is missing (NaN) does not count.
 """
 
 from __future__ import annotations
@@ -31,7 +27,7 @@ from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array, skew
 
 _IDENTITY = np.eye(3)
-_UNKNOWN = 0.9  # of full thrust, 1 sigma: a force of which nothing is known
+_OFF = 3.0  # sigmas by which a prediction lies outside a reading's cell
 
 
 @kernel
@@ -105,58 +101,35 @@ def outputs(mean: Array, reference: Array, spin: Array, params: JointParams) -> 
 
 
 @kernel
-def used(read: Array, predicted: Array, last: Array, deviation: Array, quanta: Array) -> np.ndarray:
-    """Which components count, shape (m,).
+def changed(read: Array, before: Array, params: JointParams) -> np.ndarray:
+    """Which readings differ from those before, shape (m,); a first one does.
 
     Args:
-        read, predicted: readings, NaN where missing, and outputs, shape (m,).
-        last: filtered output when each was used last, shape (m,).
-        deviation: 1-sigma of the prediction, shape (m,).
-        quanta: see `JointParams`, shape (m,).
-    """
-    moved = np.abs(predicted - last) >= quanta
-    off = np.abs(read - predicted) > 0.5 * quanta + 3.0 * deviation
-    poor = deviation > 0.5 * quanta
-    return ~np.isnan(read) & (moved | off | poor)
-
-
-@kernel
-def unknown_forces(state: JointState, params: JointParams) -> int:
-    """How many failed jets there are of whose force nothing is known."""
-    count = 0
-    for slot in range(state.slot_jet.shape[0]):
-        if state.slot_jet[slot] >= 0:
-            most = params.thrusts[int(state.slot_jet[slot])]
-            count += np.sqrt(np.sum(state.root[params.places.force + slot] ** 2)) >= _UNKNOWN * most
-    return count
-
-
-@kernel
-def told_by_one(projected: Array, read: Array, forces: int, variances: Array) -> tuple[Array, np.ndarray]:
-    """1-sigma of each prediction once one reading for each unknown force is known, and which readings these are.
-
-    Args:
-        projected: H times a root of the state's covariance, shape (m, k).
         read: readings, NaN where missing, shape (m,).
-        forces: how many there are of which nothing is known.
-        variances: of the readings, shape (m,).
-
-    Returns:
-        Shape (m,), and (m,).
+        before: the last reading of each, NaN where there is none, shape (m,).
+        params: see `JointParams`.
     """
-    telling = np.zeros(read.shape[0], dtype=np.bool_)
-    if forces == 0:
-        return np.sqrt(np.sum(projected * projected, axis=1)), telling
-    covariance = projected @ projected.T
-    for _ in range(forces):
-        ratio = np.where(np.isnan(read) | telling, 0.0, np.diag(covariance) / variances)
-        most = np.argmax(ratio)
-        if ratio[most] == 0.0:
-            break
-        telling[most] = True
-        column = covariance[:, most].copy()
-        covariance = covariance - np.outer(column, column) / (column[most] + variances[most])
-    return np.sqrt(np.maximum(np.diag(covariance), 0.0)), telling
+    return ~np.isnan(read) & ~(np.abs(read - before) <= 0.5 * params.cells)
+
+
+@kernel
+def counted(
+    read: Array, before: Array, predicted: Array, variance: Array, floors: Array, params: JointParams
+) -> tuple[np.ndarray, Array]:
+    """Which readings count, shape (m,), and the floors of their predictions, shape (m,).
+
+    Args:
+        read: readings, NaN where missing, shape (m,).
+        before: the last reading of each, shape (m,).
+        predicted: outputs, shape (m,).
+        variance: of these, shape (m,).
+        floors: see `quantized`, shape (m,).
+        params: see `JointParams`.
+    """
+    half = 0.5 * params.cells
+    off = np.abs(read - predicted) > half + _OFF * np.sqrt(variance + floors)
+    fresh = (params.dithered > 0.0) | changed(read, before, params) | (np.sqrt(variance) > half)
+    return ~np.isnan(read) & (fresh | off), np.where(off & ~fresh, params.variances, floors)
 
 
 def rebased(state: JointState, params: JointParams) -> JointState:

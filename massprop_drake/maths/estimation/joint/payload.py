@@ -21,11 +21,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.decision import SIGNIFICANT
 from massprop_drake.maths.estimation.joint.layout import CENTER, MASS, N_PROPERTIES, JointParams, JointState
 from massprop_drake.maths.estimation.joint.thrust_scale import reported
 from massprop_drake.maths.linear_algebra import Array
 
+_SIGNIFICANT = 3.0  # sigmas of a mass
 _EXACT = 1e-9  # of the largest sigma of p: below, a direction of it is exact, as the mean of b' is
 
 
@@ -59,7 +59,7 @@ def brought(earlier: JointState, now: JointState, params: JointParams) -> Payloa
     last, last_rows = _mass_and_moment(padded, params)
     gained, rows = last - first, last_rows - first_rows
     mass, mass_sigma = float(gained[0]), float(np.linalg.norm(rows[0]))
-    if abs(mass) < SIGNIFICANT * mass_sigma:
+    if abs(mass) < _SIGNIFICANT * mass_sigma:
         return UNKNOWN._replace(mass=mass, mass_sigma=mass_sigma)
     position = gained[1:] / mass
     sigma = np.linalg.norm(rows[1:] - np.outer(position, rows[0]), axis=1) / abs(mass)

@@ -12,10 +12,9 @@ gathers lambda at its mean over the interval.
 time that the jet's level leaves, T - L (it is stuck on), or is missing for the time L (it gives less). In the last two
 cases the lag of that jet counts for 1 - f/F.
 
-*Second order.* The product of the errors of J and r has the mean b2 (2-118) and the covariance D (2-121). While thrust
-errors are only considered, so do the products with them: with N_j the effect of an error of the ten parameters under
-full thrust of jet j, on w and c, and g_j = sigma_T L_j, their mean is sum g_j N_j P_xb_j, their covariance
-sum g_j^2 P_bb N_j P_xx N_j^T.
+*Second order.* The product of the errors of J and r has the mean b2 (2-118) and the covariance D (2-121). So have
+their products with thrust errors: with N_j the effect of an error of the ten parameters under full thrust of jet j, on
+w and c, and g_j = sigma_T L_j, their mean is sum g_j N_j P_xb_j, their covariance sum g_j^2 P_bb N_j P_xx N_j^T.
 
 *Dynamic coupling*, exact for a rate that is linear in time from w0 to w1: with l = J^-1 w,
 
@@ -85,6 +84,7 @@ _PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 PARABOLA = 1.2**0.5  # root mean square over mean
 _SETTLED = 1e-9  # of the rate at the end, that is left of the equation for it: a hundredth of that is in the coupling
 _ROUNDS = 4  # each squares what is left, which is a hundredth of the rate where a vehicle turns by a degree a sample
+_FIRES = 1e-6  # of an interval: less thrust has no products that count
 _MOST_LIGHT = 3.0  # times the nominal 1/m: beyond, an estimate is none, and nothing flows
 
 
@@ -393,7 +393,7 @@ def _second_order(
     bias, noise = np.zeros(6), np.zeros((6, 6))
     if params.second_order:
         bias[:3], noise[:3, :3] = second_order_terms(covariance[:9, :9], linear)
-        if params.places.n_thrust > 0 and not state.freed:
+        if params.places.n_thrust > 0:
             product_mean, product_noise = _thrust_products(state, acting, covariance, params)
             bias += product_mean
             noise += product_noise
@@ -634,9 +634,10 @@ def _knows_inertia(mean: Array, covariance: Array) -> bool:
 def _thrust_products(state: JointState, acting: Drive, covariance: Array, params: JointParams) -> tuple[Array, Array]:
     """Mean, shape (6,), and covariance, shape (6, 6), of thrust errors times errors of the ten parameters."""
     mean, places = state.mean, params.places
-    shares = params.thrust_sigma * acting.firing.amount
-    effects = _effects(mean, params.wrenches) * shares.reshape(-1, 1)
-    thrusts = state.root[places.thrust : places.thrust + places.n_thrust]
+    jets = np.flatnonzero(np.abs(acting.firing.amount) > _FIRES * acting.firing.duration_s)
+    shares = params.thrust_sigma * acting.firing.amount[jets]
+    effects = _effects(mean, params.wrenches[jets]) * shares.reshape(-1, 1)
+    thrusts = state.root[places.thrust + jets]
     crossed = state.root[:N_PROPERTIES] @ thrusts.T
     flat = effects.reshape(6, -1)
     product_mean = flat @ np.ascontiguousarray(crossed.T).ravel()

@@ -1,9 +1,9 @@
-r"""Every hypothesis of a race at once, to first order: columns beside the filter that knows of nothing.
+r"""First-order test of many faults at once: columns beside the filter that knows of none.
 
 Per onset there is a column for each jet that gives something on top of what it is told to, for each that gives less,
 for the impulse of each jet in the first interval (nobody knows when in it a failure began) and in the second (it builds
 up with a lag), for each that gives more only while it is not told to, and for each reading that lies in the first
-sample; besides, the ten parameters jump at the race's beginning. With s the innovation that a column's unit adds,
+sample; besides, the ten parameters jump at the screen's beginning. With s the innovation that a column's unit adds,
 
     A = sum S^T Y^-1 S,    b = sum S^T Y^-1 e,
 
@@ -27,14 +27,10 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     NO_SCORE,
     SHARES,
     Cause,
-    Counted,
-    Counting,
     Kind,
     Score,
     cost_of_a_lie,
-    counted,
     jump_sigma,
-    scored,
 )
 from massprop_drake.maths.estimation.joint.layout import (
     CENTER,
@@ -51,21 +47,21 @@ from massprop_drake.maths.linear_algebra import Array
 
 _MOST_FORCE = 1.05  # of full thrust: a jet gives no more, unless its thrust is stated to be that uncertain
 PAIR_PRIOR = 12.0  # nats against two failures at once: 1e-5 of one
-_DRIFT_PRIOR = 6.0  # nats against a force that drifts: one failure in four hundred
 _KINDS = 5  # of columns of a jet
 _BLOCKS = 4  # dimensions of A where only its blocks are kept
 _FIRES = 0.01  # of an interval: less is the rest of a tail-off
-_LEAK = 0.5  # of full thrust: below, a jet leaks; above, it is stuck on and gives no more when it is told to fire
+LEAK = 0.5  # of full thrust: below, a jet leaks; above, it is stuck on and gives no more when it is told to fire
 _LEAST_KICK = 1e-6  # of the largest, so that a variance has an inverse
 BOUND = 3.0  # sigmas within which a force lies
 _NEARLY = 1.5  # of full thrust: so much may be found of a jet while its onset is taken as known
-_PAIRS = 10  # likeliest that are looked at with their onsets uncertain
+_PAIRS = 30  # likeliest that are looked at with their onsets uncertain
+_HIDDEN = 20.0  # nats of a rounded reading, that the first order takes for noise
 _HAD_NOTHING = 1.0  # nats at a later onset that one is kept for at which no jet had anything to lose yet
 _ALIKE = 4  # jets of which pairs are looked at since together they push as one: a cluster has as many
 
 
 class Screen(NamedTuple):
-    """The columns of a race, and what they have explained.
+    """Columns of a screen, and what they have explained.
 
     Attributes:
         onsets: cycles after which failures may have begun, ascending.
@@ -78,11 +74,10 @@ class Screen(NamedTuple):
             (n_onsets, n_jets, 5, 5).
         projection: b of each onset, shape (n_onsets, h).
         jump_information, jump_projection: of the jump, shape (10, 10) and (10,).
-        counting: see `Counting`.
-        counted: see `Counted`, at each cycle since the beginning.
         scores: of no failure, after each cycle from the beginning on.
-        fired: whether a jet fired in an interval in which what the race is about may have happened: the first order,
+        fired: whether a jet fired in an interval in which what the screen is about may have happened: the first order,
             which has a jump happen between two samples, may then be far off.
+        misfit: NIS of no failure, rounding taken as noise, above its expectation.
     """
 
     onsets: tuple[int, ...]
@@ -94,15 +89,14 @@ class Screen(NamedTuple):
     projection: Array
     jump_information: Array
     jump_projection: Array
-    counting: Counting
-    counted: tuple[Counted, ...]
     scores: tuple[Score, ...]
     fired: bool = False
+    misfit: float = 0.0
 
     @property
     def began(self) -> int:
-        """The cycle after which the race begins."""
-        return self.cycle - len(self.counted)
+        """Number of the cycle after which the screen begins."""
+        return self.cycle - len(self.scores) + 1
 
     @property
     def single(self) -> bool:
@@ -118,16 +112,6 @@ class Screen(NamedTuple):
         return self.information[index][sets[:, :, None], sets[:, None, :]]
 
 
-class FailedJet(NamedTuple):
-    """A jet's failure as a hypothesis has it: see `Cause`; force and sigma in lbf or N."""
-
-    jet: int
-    sign: int
-    on_top: int
-    force: float
-    sigma: float
-
-
 class Contender(NamedTuple):
     """A hypothesis and how likely it is.
 
@@ -137,7 +121,6 @@ class Contender(NamedTuple):
         lead: L above that of no failure, nats.
         force, sigma: of each failed jet, lbf or N.
         kicks: 1-sigma of the impulse of each in the first and in the second interval, in intervals of force, lbf or N.
-        share: of what a jump brings, see `jump_sigma`.
         at_onsets: onsets at which it is possible to first order, and its lead at each.
     """
 
@@ -147,18 +130,7 @@ class Contender(NamedTuple):
     force: tuple[float, ...] = ()
     sigma: tuple[float, ...] = ()
     kicks: tuple[tuple[float, ...], ...] = ()
-    share: float = JUMP_SHARES[0]
     at_onsets: tuple[tuple[int, float], ...] = ()
-
-    def lead_at(self, onset: int) -> float:
-        """Its lead to first order at an onset; what it has at its own where it is not possible there."""
-        return dict(self.at_onsets).get(onset, self.lead)
-
-    @property
-    def failures(self) -> tuple[FailedJet, ...]:
-        """One by one."""
-        cause = self.cause
-        return tuple(map(FailedJet, cause.jets, cause.signs, cause.on_top, self.force, self.sigma))
 
 
 def begin(
@@ -170,7 +142,7 @@ def begin(
     *,
     single: bool = False,
 ) -> Screen:
-    """The screen before the first cycle of a race.
+    """The screen before its first cycle.
 
     Args:
         start: state where it begins, and the cycle after which that is.
@@ -200,8 +172,6 @@ def begin(
         projection=np.zeros((len(onsets), h)),
         jump_information=np.zeros((N_PROPERTIES, N_PROPERTIES)),
         jump_projection=np.zeros(N_PROPERTIES),
-        counting=Counting(np.where(np.isnan(read), 0.0, read), np.zeros(read.shape[0])),
-        counted=(),
         scores=(NO_SCORE,),
     )
 
@@ -224,8 +194,8 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
         if screen.cycle - onset < len(SHARES):
             begin = (2 + screen.cycle - onset) * jets
             of_onsets[:, index, begin : begin + jets] = impulse
-    before = informed(np.ascontiguousarray(screen.columns[:, :live]), over, places)
-    after = carried(before, forcing, over, places)
+    known = np.ascontiguousarray(screen.columns[:, :live])
+    after = carried(informed(known, over, places), forcing, over, places)
     acting = _acting(screen, over)
     shown = over.jacobian @ after
     for index, onset in enumerate(screen.onsets[:begun]):
@@ -233,18 +203,17 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
             shown[:, live - (begun - index) * h + _KINDS * jets : live - (begun - index - 1) * h] += np.eye(m)
     columns = screen.columns.copy()
     columns[:, :live] = corrected(after, shown, over)
-    begins = any(0 <= screen.cycle - onset < len(SHARES) for onset in screen.onsets)
-    now, counting = counted(screen.counting, over, params, every=begins)
-    score = scored(screen.scores[-1], over.innovation, over.covariance, now, params.quanta)
+    score = screen.scores[-1].plus(Score(over.log_likelihood, over.nis, over.degrees))
     information, projection = screen.information, screen.projection
     jump_information, jump_projection = screen.jump_information, screen.jump_projection
-    chosen = np.flatnonzero(now.components)
+    chosen, misfit = np.flatnonzero(over.used), screen.misfit
     if chosen.shape[0] > 0:
         half = np.linalg.cholesky(over.covariance[np.ix_(chosen, chosen)])
-        sides = np.column_stack((over.innovation[chosen], shown[chosen]))
-        whitened = np.linalg.solve(half, sides)
-        innovation, of_jump = whitened[:, 0], whitened[:, 1 : 1 + N_PROPERTIES]
-        of_onsets = whitened[:, 1 + N_PROPERTIES :].reshape(chosen.shape[0], begun, h).transpose(1, 0, 2)
+        whitened = np.linalg.solve(half, np.column_stack((over.innovation[chosen], shown[chosen])))
+        innovation, whitened = whitened[:, 0], whitened[:, 1:]
+        misfit += float(innovation @ innovation) - chosen.shape[0]
+        of_jump = whitened[:, :N_PROPERTIES]
+        of_onsets = whitened[:, N_PROPERTIES:].reshape(chosen.shape[0], begun, h).transpose(1, 0, 2)
         information, projection = information.copy(), projection.copy()
         information[:begun] += _gram(of_onsets, jets) if screen.single else of_onsets.transpose(0, 2, 1) @ of_onsets
         projection[:begun] += innovation @ of_onsets
@@ -254,15 +223,39 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
     return screen._replace(
         cycle=screen.cycle + 1,
         fired=screen.fired or fires,
+        misfit=misfit,
         columns=columns,
         acting=acting,
         information=information,
         projection=projection,
         jump_information=jump_information,
         jump_projection=jump_projection,
-        counting=counting,
-        counted=(*screen.counted, now),
         scores=(*screen.scores, score),
+    )
+
+
+def constrained(screen: Screen, rows: np.ndarray, away: Array, covariance: Array) -> Screen:
+    """The screen with some parameters of its filter known after all, as if they had been read.
+
+    Args:
+        screen: of a filter that estimates them.
+        rows: of its state, shape (k,).
+        away: what they are, less its estimates, shape (k,).
+        covariance: of these, shape (k, k).
+    """
+    weights = np.linalg.inv(covariance)
+    columns = screen.columns[rows]
+    n, h = screen.projection.shape
+    of_jump, of_onsets = (
+        columns[:, :N_PROPERTIES],
+        columns[:, N_PROPERTIES:].reshape(rows.size, n, h).transpose(1, 0, 2),
+    )
+    pulled = weights @ away
+    return screen._replace(
+        information=screen.information + of_onsets.transpose(0, 2, 1) @ weights @ of_onsets,
+        projection=screen.projection + pulled @ of_onsets,
+        jump_information=screen.jump_information + of_jump.T @ weights @ of_jump,
+        jump_projection=screen.jump_projection + pulled @ of_jump,
     )
 
 
@@ -305,32 +298,13 @@ def explained(information: Array, projection: Array, variances: Array) -> tuple[
     return lead, amplitude, covariance
 
 
-def prior(cause: Cause, params: JointParams) -> float:
-    """Logarithm of how likely a cause is before any reading, nats."""
-    if cause.kind != Kind.JETS:
-        return 0.0
-    rare = PAIR_PRIOR * (len(cause.jets) - 1) + _DRIFT_PRIOR * cause.drifts
-    return float(rarity(params)[list(cause.jets)].sum()) - rare
-
-
-def believed(cause: Cause, force: Array, covariance: Array, params: JointParams) -> float:
-    """Logarithm of how likely jets that have failed are but for the readings, nats: beforehand, and as their forces go.
-
-    Args:
-        cause: see `Cause`.
-        force, covariance: of each, lbf or N, shapes (k,) and (k, k).
-        params: see `JointParams`.
-    """
-    return prior(cause, params) - float(_too_much(force[None], covariance[None], np.array([cause.jets]), params)[0])
-
-
 def most_forces(params: JointParams) -> Array:
     """What jets give at most, lbf or N, shape (n_jets,)."""
     most: Array = np.maximum(_MOST_FORCE, 1.0 + BOUND * thrust_sigmas(params)) * params.thrusts
     return most
 
 
-def _too_much(force: Array, covariance: Array, jets: np.ndarray, params: JointParams) -> Array:
+def too_much(force: Array, covariance: Array, jets: np.ndarray, params: JointParams) -> Array:
     """What it costs that jets give less than nothing or more than they can, nats.
 
     They can give full thrust and three of its stated 1-sigma. That one is off by more than is stated is as rare as a
@@ -354,7 +328,7 @@ def rarity(params: JointParams) -> Array:
 
 
 def contenders(screen: Screen, allowed: np.ndarray, known: Array, params: JointParams) -> list[Contender]:
-    """All hypotheses that are possible, each at its likeliest onset, likeliest first; the jump and lies among them.
+    """All hypotheses that are possible, each at its likeliest onset, likeliest first; lies among them, jumps not.
 
     Of a screen about single jets alone neither pairs nor lies.
 
@@ -374,12 +348,14 @@ def contenders(screen: Screen, allowed: np.ndarray, known: Array, params: JointP
             tried = (*(best.at_onsets if best is not None else ()), (contender.onset, contender.lead))
             better = contender if best is None or contender.lead > best.lead + _kept(screen, best, params) else best
             found[contender.cause] = better._replace(at_onsets=tried)
+    return sorted(found.values(), key=lambda contender: -contender.lead)
+
+
+def jumps(screen: Screen, params: JointParams) -> Array:
+    """L of a jump at the screen's beginning above that of none, for each of `JUMP_SHARES`, nats."""
     sigmas = np.array([jump_sigma(params, share) for share in JUMP_SHARES])
-    variances = (sigmas / sigmas[0]) ** 2
-    lead, _, _ = explained(screen.jump_information, screen.jump_projection, variances)
-    likeliest = int(np.argmax(lead))
-    jump = Contender(Cause(Kind.JUMP), screen.began, float(lead[likeliest]), share=JUMP_SHARES[likeliest])
-    return sorted([*found.values(), jump], key=lambda contender: -contender.lead)
+    lead, _, _ = explained(screen.jump_information, screen.jump_projection, (sigmas / sigmas[0]) ** 2)
+    return lead
 
 
 def _kept(screen: Screen, at: Contender, params: JointParams) -> float:
@@ -410,7 +386,7 @@ def as_found(columns: np.ndarray, force: Array, params: JointParams) -> np.ndarr
     """The columns that go with the forces: what comes on top is a leak, less than half of full thrust."""
     jets = params.places.jets
     jet = columns % jets
-    more = np.where(force < _LEAK * params.thrusts[jet], jet, jet + 4 * jets)
+    more = np.where(force < LEAK * params.thrusts[jet], jet, jet + 4 * jets)
     return np.where((columns >= jets) & (columns < 2 * jets), columns, more)
 
 
@@ -468,12 +444,12 @@ def _singles(screen: Screen, index: int, allowed: np.ndarray, known: Array, para
     change, sigma, had = fitted.force[:, 0], fitted.sigma[:, 0], known[ways]
     total = had + change
     lead = fitted.lead + rarity(params)[steps % jets]
-    lead -= _too_much(total[:, None], fitted.covariance, steps[:, None] % jets, params)
+    lead -= too_much(total[:, None], fitted.covariance, steps[:, None] % jets, params)
     possible = allowed[ways] & (screen.among(index, steps.reshape(-1, 1))[:, 0, 0] > 0.0)
     possible &= (total + BOUND * sigma > 0.0) & (total - BOUND * sigma < most_forces(params)[steps % jets])
     possible &= ((change > 0.0) | (had > 0.0)) & ((as_found(steps, total, params) == steps) | (had > 0.0))
     result = []
-    for row in np.flatnonzero(possible & (lead > 0.0)):
+    for row in np.flatnonzero(possible & (lead > -_HIDDEN)):
         forces = ((float(total[row]),), (float(sigma[row]),), as_rows(fitted.kicks[:, row]))
         cause = _of_columns([int(steps[row])], jets)
         result.append(Contender(cause, screen.onsets[index], float(lead[row]), *forces))
@@ -496,7 +472,7 @@ def _pairs(screen: Screen, index: int, allowed: np.ndarray, known: Array, params
     had = known[_directions(steps, jets)]
     total = fitted.force + had
     lead = fitted.lead + rarity(params)[steps % jets].sum(axis=1) - PAIR_PRIOR
-    lead -= _too_much(total, fitted.covariance, steps % jets, params)
+    lead -= too_much(total, fitted.covariance, steps % jets, params)
     most = most_forces(params)[steps % jets]
     within = (total + BOUND * fitted.sigma > 0.0) & (total - BOUND * fitted.sigma < most)
     possible = (within & ((as_found(steps, total, params) == steps) | (had > 0.0))).all(axis=1)
@@ -582,38 +558,10 @@ def _lies(screen: Screen, index: int, params: JointParams) -> list[Contender]:
         column = 5 * jets + component
         energy, projection = screen.information[index, column, column], screen.projection[index, column]
         if energy > 0.0:
-            lead = 0.5 * projection**2 / energy - 0.5 * np.log(energy) - cost_of_a_lie(component, params)
+            width = params.cells[component] or 1.0
+            lead = 0.5 * projection**2 / energy - 0.5 * np.log(energy / (2.0 * np.pi))
+            lead -= cost_of_a_lie(component, params) + np.log(width)
             if lead > 0.0:
                 cause = Cause(Kind.LIES, component=component)
                 result.append(Contender(cause, screen.onsets[index], float(lead)))
     return result
-
-
-def _column(failure: FailedJet, jets: int) -> int:
-    if failure.sign < 0:
-        return failure.jet + jets
-    return failure.jet + (0 if failure.on_top else 4 * jets)
-
-
-def separation(
-    screen: Screen, onset: int, two: tuple[FailedJet, FailedJet], common: tuple[FailedJet, ...], params: JointParams
-) -> float:
-    """How far what has fired tells two failures apart: d_j - (c_j^T Y^-1 c_i)^2 / d_i times the force's square.
-
-    Args:
-        screen: see `Screen`.
-        onset: of the likelier one.
-        two: of them; the first is likelier.
-        common: failures that there are in either case, their forces not known.
-        params: see `JointParams`.
-    """
-    jets = params.places.jets
-    information = screen.information[screen.onsets.index(onset)]
-    chosen = [_column(each, jets) for each in (*two, *common)]
-    rows = information[np.ix_(chosen, chosen)]
-    if common:
-        known = rows[2:, 2:] + np.diag([params.thrusts[each.jet] ** -2.0 for each in common])
-        rows = rows[:2, :2] - rows[:2, 2:] @ np.linalg.solve(known, rows[2:, :2])
-    if rows[1, 1] <= 0.0:
-        return np.inf
-    return float(two[0].force ** 2 * (rows[0, 0] - rows[0, 1] ** 2 / rows[1, 1]))

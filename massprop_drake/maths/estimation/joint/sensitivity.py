@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.arrays import NUMBER, Layout
-from massprop_drake.maths.estimation.joint.cycle import Course, Report, Sample
+from massprop_drake.maths.estimation.joint.cycle import Course, Crossing, Report, Sample
 from massprop_drake.maths.estimation.joint.layout import (
     CENTER,
     MASS,
@@ -44,11 +44,14 @@ class Link(NamedTuple):
         jacobian: H, shape (m, size).
         gain: K, zero for components that did not count, shape (size, m).
         innovation: e, NaN where missing, shape (m,).
-        covariance: of the innovation of all components, shape (m, m).
+        covariance: of the innovation of all components, rounding taken as noise, shape (m, m).
+        used: 1 for components that counted, shape (m,).
+        nis, degrees, log_likelihood: see `cycle.Report`.
         correction: of the mean by the update, shape (size,).
         effects: change of w and c per second of each jet's unit force, shape (n_jets, 6).
         amount: seconds of full thrust of each jet, shape (n_jets,).
         read: all readings, NaN where missing, shape (m,).
+        crossing_rows, crossing_half_gain, crossing_correction: see `cycle.Crossing`.
         stamp_row, stamp_gain, stamp_correction, ticks_kept: see `ticks.Stamped`; of the stamp, before the interval.
     """
 
@@ -62,10 +65,17 @@ class Link(NamedTuple):
     gain: Array
     innovation: Array
     covariance: Array
+    used: Array
+    nis: float
+    degrees: float
+    log_likelihood: float
     correction: Array
     effects: Array
     amount: Array
     read: Array
+    crossing_rows: Array
+    crossing_half_gain: Array
+    crossing_correction: Array
     stamp_row: Array
     stamp_gain: Array
     stamp_correction: Array
@@ -84,10 +94,17 @@ LINK = Layout(
     gain=("size", "outputs"),
     innovation="outputs",
     covariance=("outputs", "outputs"),
+    used="outputs",
+    nis=NUMBER,
+    degrees=NUMBER,
+    log_likelihood=NUMBER,
     correction="size",
     effects=("jets", 6),
     amount="jets",
     read="outputs",
+    crossing_rows=("outputs", "size"),
+    crossing_half_gain=("size", "outputs"),
+    crossing_correction="size",
     stamp_row="size",
     stamp_gain="size",
     stamp_correction="size",
@@ -105,7 +122,9 @@ class Traces(NamedTuple):
         upper, half_gain, correction: see `covariance.Update`; empty, or zero, where no component counted.
         amount: see `Link`.
         rates, velocities: see `cycle.Sample`.
+        crossing: see `cycle.Crossing`.
         stamp: see `ticks.Stamped`.
+        nis, degrees, log_likelihood: see `cycle.Report`.
     """
 
     mean: Array
@@ -124,7 +143,11 @@ class Traces(NamedTuple):
     amount: Array
     rates: Array
     velocities: Array
+    crossing: Crossing
     stamp: Stamped
+    nis: float
+    degrees: float
+    log_likelihood: float
 
 
 def traces(before: JointState, report: Report, sample: Sample) -> Traces:
@@ -168,7 +191,11 @@ def traced(mean: Array, course: Course, sample: Sample) -> Traces:
         course.acting.firing.amount,
         sample.rates,
         sample.velocities,
+        course.crossing,
         course.stamp,
+        course.nis,
+        course.degrees,
+        course.log_likelihood,
     )
 
 
@@ -205,10 +232,17 @@ def linked(seen: Traces, params: JointParams) -> Link:
         gain=gain,
         innovation=seen.innovation,
         covariance=seen.projected @ seen.projected.T + np.diag(params.variances),
+        used=seen.used.astype(np.float64),
+        nis=seen.nis,
+        degrees=seen.degrees,
+        log_likelihood=seen.log_likelihood,
         correction=seen.correction,
         effects=effects / params.thrusts.reshape(-1, 1),
         amount=seen.amount,
         read=readings(seen.rates, seen.velocities),
+        crossing_rows=seen.crossing.rows,
+        crossing_half_gain=seen.crossing.half_gain,
+        crossing_correction=seen.crossing.correction,
         stamp_row=seen.stamp.row,
         stamp_gain=seen.stamp.gain,
         stamp_correction=seen.stamp.correction,
@@ -217,13 +251,15 @@ def linked(seen: Traces, params: JointParams) -> Link:
 
 
 def informed(columns: Array, over: Link, places: Places) -> Array:
-    """Errors before an interval after the stamp at its end has told of the ticks, shape (size, h).
+    """Errors before an interval after its crossings and the stamp at its end have been taken in, shape (size, h).
 
     Args:
         columns: errors before that, shape (size, h).
         over: the cycle.
         places: see `Places`.
     """
+    if over.crossing_half_gain.any():
+        columns = columns - over.crossing_half_gain @ (over.crossing_rows @ columns)
     if not over.stamp_row.any():
         return columns
     kept = columns.copy()

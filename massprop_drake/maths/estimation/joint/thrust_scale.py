@@ -9,7 +9,7 @@ that have fired so far,
 
 all readings follow from J', mu', b' and f' (forces of failures) to first order, and s is inert: a state with its
 covariances, which nothing but known outside forces shows. At the change no thrust error has been estimated, b^ = 0,
-so only errors are mapped. What is reported is J = J' (1 - sigma_T s) and mu likewise.
+so only errors are mapped. What is reported is J = J' (1 - sigma_T s) and mu likewise, f = f' (1 + sigma_T s).
 """
 
 from __future__ import annotations
@@ -62,3 +62,20 @@ def reported(state: JointState, params: JointParams) -> tuple[Array, Array]:
                 rows[element] = factor * rows[element] - properties[element] * of_scale
                 properties[element] *= factor
     return properties, rows
+
+
+def reported_force(state: JointState, slot: int, params: JointParams) -> tuple[float, float]:
+    """Force of a failed jet with the scale in it, and its 1-sigma, lbf or N.
+
+    Args:
+        state: see `JointState`.
+        slot: of the force.
+        params: see `JointParams`.
+    """
+    row = params.places.force + slot
+    force, root = float(state.mean[row]), state.root[row]
+    if params.places.n_scale > 0 and state.rescaled:
+        factor = 1.0 + params.thrust_sigma * float(state.mean[params.places.scale])
+        root = factor * root + force * params.thrust_sigma * state.root[params.places.scale]
+        force *= factor
+    return force, float(np.sqrt(root @ root))

@@ -1,0 +1,1 @@
+"""The hypothesis filter: what has failed, as a posterior probability."""

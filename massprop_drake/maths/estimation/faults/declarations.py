@@ -1,0 +1,97 @@
+"""What the hypothesis filter declares of a run."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import NamedTuple
+
+from massprop_drake.maths.estimation.joint.apart import Apart
+from massprop_drake.maths.linear_algebra import Array
+
+
+class Mode(IntEnum):
+    """Fault mode of a jet."""
+
+    NONE = 0
+    STUCK_ON = 1
+    LEAK = 2
+    STUCK_OFF = 3
+    LOSS = 4
+    DRIFTING = 5
+    INTERMITTENT = 6
+
+
+class Word(IntEnum):
+    """What is said of jets; but for the first two of one jet, or of a group that is not told apart."""
+
+    FAILED = 1
+    GROUP = 2  # one of these has failed
+    CHANGED = 3
+    WITHDRAWN = 4  # nothing is left of an earlier failure
+    ERRATIC = 5  # it gives something else every time
+
+
+class JetsDeclared(NamedTuple):
+    """Something said of jets.
+
+    Attributes:
+        word: see `Word`.
+        jets: indices; of a group its members, likeliest first.
+        signs: 1: it gives more than it is told to, -1: less.
+        forces, sigmas: of each, lbf or N; NaN but for the first where a group is spoken of again.
+        onset_s: when it began.
+        apart: what would tell the members of a group apart.
+    """
+
+    word: Word
+    jets: tuple[int, ...]
+    signs: tuple[int, ...]
+    forces: tuple[float, ...]
+    sigmas: tuple[float, ...]
+    onset_s: float
+    apart: Apart = Apart()
+
+
+class JumpDeclared(NamedTuple):
+    """A jump of the mass properties; first when it is found, with its size if that is known by then, and again when
+    the filter has settled after it and knows the mass to a tenth.
+
+    Attributes:
+        measured: whether this is the second time.
+        onset_s: when it had not happened yet.
+        mass, mass_sigma: gained (released: negative), NaN when it is first said while the jump's filter does
+            not fit or the mass is not known to a tenth, slug or kg.
+        position, position_sigma: where, vehicle frame, NaN while the mass is not significant, ft or m, shape (3,).
+    """
+
+    measured: bool
+    onset_s: float
+    mass: float
+    mass_sigma: float
+    position: Array
+    position_sigma: Array
+
+
+class ReadingDeclared(NamedTuple):
+    """A reading that lies.
+
+    Attributes:
+        component: index among all, gyros first.
+        onset_s: before its first wrong sample.
+    """
+
+    component: int
+    onset_s: float
+
+
+class Unexplained(NamedTuple):
+    """Something that no hypothesis explains.
+
+    Attributes:
+        onset_s: when it began.
+    """
+
+    onset_s: float
+
+
+Declaration = JetsDeclared | JumpDeclared | ReadingDeclared | Unexplained

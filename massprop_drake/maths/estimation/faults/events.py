@@ -1,0 +1,221 @@
+"""Hypotheses of what has happened: each a filter, a log weight and a list of fault events."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.faults.priors import Params, force_correction, log_possible
+from massprop_drake.maths.estimation.joint.bank import OLDEST
+from massprop_drake.maths.estimation.joint.cycle import Sample, restart
+from massprop_drake.maths.estimation.joint.hypotheses import (
+    NO_SCORE,
+    Cause,
+    Kind,
+    Runner,
+    Score,
+    kicks_at,
+    pushed,
+    restless,
+    stepped,
+)
+from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
+from massprop_drake.maths.estimation.joint.sensitivity import Link
+from massprop_drake.maths.linear_algebra import Array
+
+NOTHING = Cause(Kind.NOTHING)
+ANEW = 1e6  # walk of a force that is another at every interval, in full thrusts a second
+Way = tuple[int, int]  # a jet, and 1: it gives too much, or -1: too little
+Part = tuple[Any, ...]  # of what a hypothesis has happen: a way, or a kind and a component, and the how manieth time
+
+
+class Event(NamedTuple):
+    """Something that happens.
+
+    Attributes:
+        cause: see `Cause`.
+        onset_s: time of the sample before it.
+        score: sum over the readings until then.
+    """
+
+    cause: Cause
+    onset_s: float
+    score: Score
+
+
+class Hypothesis(NamedTuple):
+    """A history of events, with the filter that takes it for true.
+
+    Attributes:
+        run: filter, with the newest event and the log likelihood of all readings since the common origin.
+        events: oldest first.
+        prior: log prior of the events, nats.
+        opened_at: of each slot the force before it changed last, NaN: it is new; lbf or N, shape (n_force,).
+        walks: of each slot the 1-sigma by which its force walks, in full thrusts a second, or `ANEW`, shape (n_force,).
+        decided: jets that give too much of which it is assumed whether that comes on top of the command.
+        push: see `joint.hypotheses.pushed`.
+        earlier: state before the newest jump of the mass properties; None: there was none.
+        jumped: by what share of the mass that was expected to be, see `jump_sigma`; zero: there was none.
+        watch: see `proposals.Watch`; None: it is not watched.
+        root_until_s: time until which it is kept, whatever its weight.
+        origin: see `proposals.Origin`; None: of the tree's beginning.
+        review: see `review.Review`; None: it is not reviewed.
+        weight: see `weighed`.
+        before: that before the newest sample.
+        trail: log likelihood after each of its newest cycles.
+    """
+
+    run: Runner
+    events: tuple[Event, ...]
+    prior: float
+    opened_at: Array
+    walks: Array
+    decided: frozenset[int] = frozenset()
+    push: float = 0.0
+    earlier: JointState | None = None
+    jumped: float = 0.0
+    watch: Any = None
+    origin: Any = None
+    review: Any = None
+    root_until_s: float = -math.inf
+    weight: float = 0.0
+    before: float = -math.inf
+    trail: tuple[float, ...] = ()
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """Parts of what happens, each with how often it has happened before."""
+        found: list[Part] = []
+        for event in self.events:
+            cause = event.cause
+            ways: list[Part] = [(way,) for way in sorted(cause.failures)]
+            for one in ways if cause.kind == Kind.JETS else [(cause.kind, cause.component)]:
+                found.append((*one, sum(part[:-1] == one for part in found)))
+        return tuple(found)
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """By which hypotheses are the same: what happens, and what it is like now."""
+        state = self.run.state
+        slots = [
+            (int(jet), int(sign), int(on_top), walk)
+            for jet, sign, on_top, walk in zip(
+                state.slot_jet, state.slot_sign, state.slot_on_top, self.walks, strict=True
+            )
+            if jet >= 0
+        ]
+        return (frozenset(self.parts), frozenset(slots), self.push, 0.0 if state.guarded else self.jumped)
+
+    @property
+    def ways(self) -> frozenset[Way]:
+        """Jets that have failed, and how."""
+        return frozenset(way for event in self.events for way in event.cause.failures)
+
+
+def begun(state: JointState, cycle: int, params: JointParams) -> Hypothesis:
+    """The hypothesis that nothing has happened."""
+    n = params.places.n_force
+    return Hypothesis(Runner(NOTHING, cycle, (), cycle, state, NO_SCORE), (), 0.0, np.full(n, np.nan), np.zeros(n))
+
+
+def force_of(state: JointState, slot: int, params: JointParams) -> tuple[float, float]:
+    """Force in a slot, and its 1-sigma, lbf or N."""
+    row = params.places.force + slot
+    return float(state.mean[row]), float(np.sqrt(np.sum(state.root[row] ** 2)))
+
+
+def weighed(each: Hypothesis, params: Params) -> Hypothesis:
+    """The hypothesis with its log weight: likelihood, prior of its events, and what its forces are worth."""
+    total, state = each.run.score.likelihood + each.prior, each.run.state
+    if each.run.age > 0:
+        for slot in np.flatnonzero((state.slot_jet >= 0) & (each.walks != ANEW)).tolist():
+            force, sigma = force_of(state, slot, params.joint)
+            thrust, about = float(params.joint.thrusts[int(state.slot_jet[slot])]), float(each.opened_at[slot])
+            if each.walks[slot] > 0.0:
+                total += log_possible(force, sigma, thrust)
+                continue
+            total += force_correction(
+                force,
+                sigma,
+                thrust,
+                params.priors,
+                missing=bool(state.slot_sign[slot] < 0.0),
+                about=None if math.isnan(about) else about,
+            )
+    return each._replace(weight=total)
+
+
+def special(each: Hypothesis, duration_s: float, params: JointParams) -> bool:
+    """Whether its next cycle is another than that of its filter alone: an onset, or a reading that is left out."""
+    run = each.run
+    return run.lying or (run.cause.kind == Kind.JETS and kicks_at(run, duration_s, params) is not None)
+
+
+def readied(each: Hypothesis, over: Link, params: JointParams) -> JointState:
+    """Its state with what forces may change by, and unknown pushes give, over the next interval.
+
+    Args:
+        each: the hypothesis.
+        over: an interval like the next.
+        params: see `JointParams`.
+    """
+    state = restless(each.run.state, shares(each, over.duration_s), params)
+    return pushed(state, each.push, over, params)
+
+
+def shares(each: Hypothesis, duration_s: float) -> Array:
+    """Shares of full thrust that forces may change by over an interval, as `restless` takes them, shape (n_force,)."""
+    walks: Array = np.minimum(each.walks * duration_s, 1.0)
+    return walks
+
+
+def gone_on(each: Hypothesis, run: Runner) -> Hypothesis:
+    """The hypothesis with its filter a cycle further."""
+    return each._replace(run=run, trail=(*each.trail, run.score.likelihood)[-OLDEST:])
+
+
+def behind(each: Hypothesis, other: Hypothesis) -> float:
+    """By how much it was less likely than another at its own last cycle, nats; zero where that is not known."""
+    since = other.run.cycle - each.run.cycle
+    if each.run.age <= 0 or not 0 <= since < len(other.trail):
+        return 0.0
+    return other.trail[-1 - since] + other.prior - each.run.score.likelihood - each.prior
+
+
+def moved(each: Hypothesis, sample: Sample, over: Link, params: JointParams) -> Hypothesis:
+    """The hypothesis after one more cycle.
+
+    Raises:
+        NotPositiveDefiniteError: see `joint.cycle.step`.
+    """
+    erratic = shares(each, over.duration_s)
+    return gone_on(each, stepped(each.run, sample, over, erratic, each.push, params))
+
+
+def split(each: Hypothesis, sample: Sample) -> tuple[Hypothesis, ...]:
+    """The hypothesis, or two where a jet that gives too much is commanded for the first time since.
+
+    In the one the force comes on top of the command, in the other it is in its place; both are as likely.
+    """
+    state = each.run.state
+    fires = np.flatnonzero((sample.commands > 0.0).any(axis=0)).tolist()
+    for slot in np.flatnonzero((state.slot_jet >= 0) & (state.slot_sign > 0.0)).tolist():
+        jet = int(state.slot_jet[slot])
+        if jet in each.decided or jet not in fires:
+            continue
+        one = each._replace(prior=each.prior - math.log(2.0), decided=each.decided | {jet}, watch=None)
+        other = state.slot_on_top.copy()
+        other[slot] = 1.0 - other[slot]
+        twin = one._replace(
+            run=one.run._replace(state=state._replace(slot_on_top=other)), root_until_s=-math.inf, review=None
+        )
+        return (one._replace(watch=each.watch), twin)
+    return (each,)
+
+
+def regained(each: Hypothesis, sample: Sample, cycle: int, params: JointParams) -> Hypothesis:
+    """The hypothesis after an interval of which nothing is known."""
+    after, _ = restart(each.run.state, sample, params)
+    return gone_on(each, each.run._replace(state=after, cycle=cycle))._replace(watch=None, origin=None, review=None)

@@ -1,0 +1,173 @@
+"""The hypothesis filter as one of the detectors: what it remembers, what logs keep, which jets are put out of use.
+
+Forces of failed jets are states of the filter, so that none acts through the impulse model; those that have been
+declared stand in `force` and `variance` for the autopilot and the logs. A jet that is named alone is put out of use
+until its declaration is withdrawn; of a group none is.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
+from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, Detector, Jets, Judgment
+from massprop_drake.maths.estimation.faults.declarations import Declaration, JetsDeclared, Word
+from massprop_drake.maths.estimation.faults.priors import Params, Priors
+from massprop_drake.maths.estimation.faults.report import HYPOTHESIS_REPORT, certain, own_row, status_row
+from massprop_drake.maths.estimation.faults.saved import restored, saved
+from massprop_drake.maths.estimation.faults.search import BEGUN, Found, StartSearch, followed
+from massprop_drake.maths.estimation.faults.tree import Tree, advance, begun_with
+from massprop_drake.maths.estimation.faults.verdicts import Verdicts, judged, odds
+from massprop_drake.maths.estimation.filters.joint import JointFilterParams
+from massprop_drake.maths.estimation.joint.cycle import JointEvidence
+from massprop_drake.maths.estimation.joint.hypotheses import slot_of, without_increments
+from massprop_drake.maths.estimation.joint.layout import JointParams
+from massprop_drake.maths.estimation.joint.thrust_scale import reported_force
+from massprop_drake.maths.linear_algebra import Array
+
+GROUP = "hypothesis_detector"  # the system that holds the state in a diagram
+
+
+class State(NamedTuple):
+    """All that is remembered. Never changed; a cycle makes a new one.
+
+    Attributes:
+        tree: see `Tree`.
+        verdicts: see `Verdicts`.
+        search: of failures in the start, see `search.StartSearch`.
+        force, variance: of the declared jets that push untold, as the filter has them, lbf or N, shape (n_jets,).
+        removed: 1 for each jet that is named alone, shape (n_jets,).
+        closed: 1 for each jet whose manifold is closed: none, shape (n_jets,).
+    """
+
+    tree: Tree
+    verdicts: Verdicts
+    search: StartSearch
+    force: Array
+    variance: Array
+    removed: Array
+    closed: Array
+
+
+def make_params(_jets: Jets, options: Any, filter_params: JointFilterParams) -> Params:
+    """Parameters from those of the filter and the scenario's block `faults`, with an entry for each jet."""
+    priors, of_jets = Priors(*(getattr(options, name) for name in Priors._fields)), options.jets.values()
+    allowed = [*(jet.gives_more for jet in of_jets), *(jet.gives_less for jet in of_jets)]
+    rates = np.array([jet.per_hour for jet in of_jets]) / priors.jet_per_hour
+    return Params(without_increments(filter_params.joint), priors, np.array(allowed, dtype=float), rates)
+
+
+def initial(params: Params) -> State:
+    """The state before the first sample."""
+    none = np.zeros(params.joint.places.jets)
+    return State(Tree(), Verdicts(), BEGUN, none, none, none, none)
+
+
+def judge(state: State, evidence: JointEvidence, params: Params) -> Judgment:
+    """Advances the hypotheses by a sample, and declares what is sure.
+
+    Args:
+        state: of the cycle before.
+        evidence: see `JointEvidence`.
+        params: see `Params`.
+
+    Raises:
+        NotPositiveDefiniteError: see `joint.cycle.step`.
+    """
+    joint = params.joint
+    search, found = _searched(state.search, evidence, params)
+    tree = begun_with(found, state.tree, params) if found else advance(state.tree, evidence, params)
+    verdicts, said = state.verdicts, tuple[Declaration, ...]()
+    if not search.contradicted:  # else what it finds would change what is declared
+        verdicts, said = judged(state.verdicts, tree, params)
+    probable = odds(tree, joint)
+    force, variance = _declared(verdicts, tree, joint)
+    kept = State(tree, verdicts, search, force, variance, _removed(state.removed, said), state.closed)
+    watch, now = tree.leader.watch, tree.next_state(params)
+    tested, statistic = (watch.tested, watch.statistic) if watch is not None else (False, 0.0)
+    own = own_row(said, probable, tree.history)
+    return Judgment(
+        state=kept,
+        adaptation=NO_ADAPTATION,
+        status=status_row(said, probable, tested, statistic),
+        likelihood=np.full(joint.places.jets, np.nan),
+        magnitude=own.verdict_magnitude,
+        replacement=None if now is evidence.after else now,
+        own=own,
+    )
+
+
+def _searched(search: StartSearch, evidence: JointEvidence, params: Params) -> tuple[StartSearch, tuple[Found, ...]]:
+    """The search for failures in the start after a cycle, and what it has found."""
+    report = evidence.report
+    if report.course is None or params.joint.places.n_force == 0:
+        return BEGUN, ()
+    if not (search.under_way and (report.starting or report.contradicted or search.contradicted)):
+        return search, ()
+    return followed(search, evidence.before, report, evidence.sample, params.priors, params.joint)
+
+
+def _declared(verdicts: Verdicts, tree: Tree, params: JointParams) -> tuple[Array, Array]:
+    """Force and variance of each declared jet that pushes untold, shape (n_jets,) each; what is off pushes nobody."""
+    force, variance = np.zeros(params.places.jets), np.zeros(params.places.jets)
+    state = tree.leader.run.state
+    for jet, sign in verdicts.ways & tree.leader.ways:
+        if sign > 0:
+            found, sigma = reported_force(state, slot_of(state, jet, sign), params)
+            force[jet], variance[jet] = max(found, 0.0), sigma**2
+    return force, variance
+
+
+def unremarkable(state: State) -> tuple[Any, ...]:
+    """What all detectors log of a cycle in which nothing happens: of `STATUS`, and of each jet."""
+    n = state.force.size
+    nothing = np.full(n, np.nan)
+    return (*status_row((), certain(n), tested=False, statistic=0.0), nothing, nothing, state.force, state.variance)
+
+
+def _removed(removed: Array, said: tuple[Declaration, ...]) -> Array:
+    """1 for each jet that is to be out of use."""
+    for one in said:
+        if isinstance(one, JetsDeclared) and len(one.jets) == 1:
+            removed = removed.copy()
+            removed[list(one.jets)] = float(one.word != Word.WITHDRAWN)
+    return removed
+
+
+def kept(state: State, params: Params) -> Array:
+    """The state as a vector, see `faults.saved`."""
+    own = saved(state.tree, state.verdicts, params.joint.places)
+    return np.concatenate((state.force, state.variance, state.removed, own))
+
+
+def taken_up(vector: Array, params: Params) -> State:
+    """The inverse of `kept`.
+
+    Raises:
+        ValueError: when the detector cannot have left such a state.
+    """
+    n = params.joint.places.jets
+    if vector.size < 3 * n:
+        raise ValueError(f"{GROUP}: ends too soon")
+    force, variance, removed = vector[:n], vector[n : 2 * n], vector[2 * n : 3 * n]
+    if not np.isfinite(vector[: 3 * n]).all() or (variance < 0.0).any():
+        raise ValueError(f"{GROUP}: forces must be finite, and their variances zero or positive")
+    if not np.isin(removed, (0.0, 1.0)).all():
+        raise ValueError(f"{GROUP}: removed must be 0 or 1 for each jet")
+    tree, verdicts = restored(vector[3 * n :], params.joint.places)
+    return State(tree, verdicts, BEGUN, force, variance, removed, np.zeros(n))
+
+
+DETECTOR = Detector(
+    made_for="joint",
+    params=make_params,
+    initial=initial,
+    known_force=lambda *_: NO_KNOWN_FORCE,
+    judge=judge,
+    saved=kept,
+    restored=taken_up,
+    group=GROUP,
+    report=HYPOTHESIS_REPORT,
+)

@@ -1,0 +1,200 @@
+r"""Gauss-Newton iterations over a start under one hypothesis about a failed jet.
+
+A pass is a filter over the kept samples, linearized about x*, with the jet's force opened at its onset. Where it ends
+is the next x*, until the end stays. The log likelihood of a hypothesis is that of its last pass.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.faults.priors import Priors, force_correction
+from massprop_drake.maths.estimation.joint import screen as screens
+from massprop_drake.maths.estimation.joint.cycle import crossed, relinearized, restart
+from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Cause, Score, kicked, opened, slot_of
+from massprop_drake.maths.estimation.joint.layout import MASS, N_PROPERTIES, JointParams, JointState
+from massprop_drake.maths.estimation.joint.screen import Contender
+from massprop_drake.maths.estimation.joint.sensitivity import linked, traced
+from massprop_drake.maths.estimation.joint.start import Kept, stays
+from massprop_drake.maths.estimation.joint.thrust_scale import partitioned
+from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
+
+_MOST = 6  # passes; three as a rule
+_LATE = 2  # passes to the newest sample, during each of which more come: compute budget
+_CLOSE = 3.0  # sigmas by which samples that came since may move the end of the last pass
+
+
+class Fit(NamedTuple):
+    """A hypothesis and its passes.
+
+    Attributes:
+        contender: cause, onset as the number of kept samples before it, and what the first order says of it.
+        log_prior: without what its force is worth, nats.
+        about: x*, shape (size,).
+        state: after the samples that the present pass has gone over.
+        scores: after each of these, nothing first.
+        earlier: scores of the pass before.
+        passes: begun.
+        arrived: whether a pass has ended where it began.
+    """
+
+    contender: Contender
+    log_prior: float
+    about: Array
+    state: JointState
+    scores: tuple[Score, ...] = (NO_SCORE,)
+    earlier: tuple[Score, ...] = ()
+    passes: int = 1
+    arrived: bool = False
+
+    @property
+    def done(self) -> int:
+        """Number of samples that the present pass has gone over."""
+        return len(self.scores) - 1
+
+    @property
+    def score(self) -> Score:
+        """Score of these samples."""
+        return self.scores[-1]
+
+    @property
+    def reached(self) -> float:
+        """Log likelihood at the end of the pass before, nats."""
+        return self.earlier[-1].likelihood if self.earlier else -math.inf
+
+
+def with_free_thrusts(entry: JointState, kept: tuple[Kept, ...], params: JointParams) -> JointState:
+    """The state at entry with thrust errors estimated, their common scale taken off.
+
+    A start considers them only, since its products of errors would mislead them. Passes leave no such products.
+
+    Args:
+        entry: state before the first kept sample.
+        kept: samples; the scale is that of the jets which fire in them.
+        params: see `JointParams`.
+    """
+    if params.places.n_thrust == 0:
+        return entry
+    if not entry.rescaled:
+        fires = np.vstack([each.sample.commands > 0.0 for each in kept]).any(axis=0)
+        entry = partitioned(entry._replace(fired=np.where(fires, 1.0, 0.0)), params)._replace(fired=entry.fired)
+    return entry._replace(freed=True)
+
+
+def begin_fit(contender: Contender, log_prior: float, about: Array, entry: JointState, params: JointParams) -> Fit:
+    """Begins the first pass of a hypothesis.
+
+    Args:
+        contender: see `Fit`.
+        log_prior: see `Fit`.
+        about: x* but for the failed jet's force, which is what the contender has, shape (size,).
+        entry: state before the first kept sample.
+        params: see `JointParams`.
+    """
+    about, cause = about.copy(), contender.cause
+    for jet, sign, force in zip(cause.jets, cause.signs, contender.force, strict=True):
+        about[params.places.force + slot_of(entry, jet, sign)] = min(max(force, 0.0), screens.most_forces(params)[jet])
+    return Fit(contender, log_prior, about, entry)
+
+
+def begin_pass(fit: Fit, entry: JointState, params: JointParams) -> Fit:
+    """Begins the next pass where the last has ended."""
+    contender = fit.contender._replace(cause=_cause(fit, params), force=_forces(fit, params)[0])
+    again = begin_fit(contender, fit.log_prior, linearization(fit.state, entry, params), entry, params)
+    return again._replace(earlier=fit.scores, passes=fit.passes + 1)
+
+
+def linearization(state: JointState, entry: JointState, params: JointParams) -> Array:
+    """A state's estimate as the next x*, shape (size,), with the forces that were known at entry.
+
+    Mass properties that no body has are replaced by those of the nominal vehicle.
+    """
+    about = state.mean.copy()
+    if not (about[[0, 1, 2, MASS]] > 0.0).all():
+        about[:N_PROPERTIES] = params.nominal
+    forces = slice(params.places.force, params.places.force + params.places.n_force)
+    about[forces] = entry.mean[forces]
+    return about
+
+
+def step_fit(fit: Fit, kept: Kept, params: JointParams) -> Fit | None:
+    """Takes in the next sample; None: the filter has lost definiteness.
+
+    In its first two intervals a jet may give an impulse besides, since its onset lies within one.
+    """
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        try:
+            state, score = _stepped(fit, kept, params)
+        except (NotPositiveDefiniteError, np.linalg.LinAlgError):
+            return None
+    if not (np.isfinite(state.mean).all() and np.isfinite(state.root).all()):
+        return None
+    return fit._replace(state=state, scores=(*fit.scores, score))
+
+
+def _stepped(fit: Fit, kept: Kept, params: JointParams) -> tuple[JointState, Score]:
+    state, score, about, sample = fit.state, fit.score, fit.about, kept.sample
+    cause, kicks, age = fit.contender.cause, fit.contender.kicks, fit.done - fit.contender.onset
+    if cause.jets and (age == 0 or 0 < age < len(kicks)):
+        state, crossing = crossed(state, about[:N_PROPERTIES], sample, params.floors, params)
+        score = score.plus(Score(crossing.log_likelihood, 0.0, 0.0))
+        state = opened(state, cause, params) if age == 0 else state
+        if age < len(kicks) and not kept.anew:
+            _, course, _ = relinearized(state, sample, about, params)
+            over = linked(traced(about, course, sample), params)
+            state = kicked(state, cause, np.array(kicks[age]), over, params)
+    if kept.anew:
+        return restart(state, sample, params)[0], score
+    state, course, of_gyros = relinearized(state, sample, about, params)
+    return state, score.plus(Score(course.log_likelihood, course.nis, course.degrees, *of_gyros))
+
+
+def end_pass(fit: Fit, entry: JointState, params: JointParams) -> Fit:
+    """Ends a pass that has gone over all: it has arrived, or begins again."""
+    wanders = fit.passes > 2 and fit.scores[len(fit.earlier) - 1].likelihood < fit.reached
+    stays_so = stays(fit.state, fit.about) and _cause(fit, params) == fit.contender.cause
+    if wanders or fit.passes >= _MOST or stays_so:
+        return fit._replace(arrived=True)
+    return begin_pass(fit, entry, params)
+
+
+def has_moved(fit: Fit) -> bool:
+    """True if samples that came since the last pass have moved its end, so that another one is due."""
+    return fit.passes < _LATE and not stays(fit.state, fit.about, _CLOSE)
+
+
+def follow_up(fit: Fit, entry: JointState, params: JointParams) -> Fit:
+    """Begins a last pass if one is due since newer samples have moved the end of the one before."""
+    return begin_pass(fit, entry, params)._replace(arrived=True) if has_moved(fit) else fit
+
+
+def _cause(fit: Fit, params: JointParams) -> Cause:
+    """The cause with its jet as a leak or as stuck on, as the force has it."""
+    cause = fit.contender.cause
+    shares = np.array(_forces(fit, params)[0]) / params.thrusts[list(cause.jets)]
+    on_top = (int(sign > 0 and share < screens.LEAK) for sign, share in zip(cause.signs, shares.tolist(), strict=True))
+    return cause._replace(on_top=tuple(on_top))
+
+
+def _forces(fit: Fit, params: JointParams) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Force of the failed jet, if there is one, and its 1-sigma, lbf or N."""
+    cause = fit.contender.cause
+    rows = [params.places.force + slot_of(fit.state, *way) for way in zip(cause.jets, cause.signs, strict=True)]
+    mean, root = fit.state.mean[rows], fit.state.root[rows]
+    return tuple(mean.tolist()), tuple(np.sqrt(np.sum(root**2, axis=1)).tolist())
+
+
+def log_weight(fit: Fit, priors: Priors, params: JointParams) -> float:
+    """Log likelihood and log prior, what the force is worth included, nats."""
+    cause, forces = fit.contender.cause, zip(*_forces(fit, params), strict=True)
+    return (
+        fit.score.likelihood
+        + fit.log_prior
+        + sum(
+            force_correction(force, sigma, float(params.thrusts[jet]), priors, missing=sign < 0)
+            for jet, sign, (force, sigma) in zip(cause.jets, cause.signs, forces, strict=True)
+        )
+    )

@@ -1,0 +1,136 @@
+r"""Priors of faults: rates and distributions, all there are.
+
+A hypothesis opens a jet's force f as N(0, T^2), T full thrust. The prior meant is a half full thrust, N(T, (3 %)^2),
+and a half anything else: of a force that is too much log-uniform from a thousandth of T, of one that is missing
+uniform. `force_correction` gives what the one is worth over the other, given the posterior of f.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.joint.layout import JointParams
+from massprop_drake.maths.linear_algebra import Array
+
+_HOUR_S = 3600.0
+_FULL_SPREAD = 0.03  # of full thrust, 1 sigma: of a jet that is stuck
+_LEAST_LEAK = 1e-3  # of full thrust: a smaller leak is none
+_MOST = 1.05  # of full thrust: no jet gives more
+_FAR = 30.0  # sigmas: from there on a normal tail by its asymptote
+_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(15)  # of a standard normal variable
+_LOG_ROOT_2_PI = 0.5 * math.log(2.0 * math.pi)
+
+
+class Priors(NamedTuple):
+    """Rates and probabilities of faults before any reading.
+
+    Attributes:
+        jet_per_hour: failures of one jet.
+        together: probability that a given other jet fails in the same interval as one.
+        full_thrust: share of failures that are of full thrust: stuck on, or off.
+        drifting: share of failures whose force grows slowly from nothing.
+        change_per_hour: changes of a force that is known to be wrong.
+        intermittent: share of failures whose force changes all the time.
+        payload_per_hour: payloads that come or leave.
+        reading_per_hour: readings of one component that begin to be wrong.
+        unknown_per_hour: pushes that nothing known explains.
+        start: probability, when something contradicts a start, that this was stated too well.
+        false_per_hour: false declarations of one jet, or of anything else, that a user accepts.
+    """
+
+    jet_per_hour: float = 1e-3
+    together: float = 1e-4
+    full_thrust: float = 0.5
+    drifting: float = 0.05
+    change_per_hour: float = 10.0
+    intermittent: float = 0.1
+    payload_per_hour: float = 0.1
+    reading_per_hour: float = 1e-3
+    unknown_per_hour: float = 1e-4
+    start: float = 0.1
+    false_per_hour: float = 1e-6
+
+    def doubt(self, per_hour: float) -> float:
+        """Probability that a declaration may be wrong with, of what happens at some rate."""
+        return min(self.false_per_hour / per_hour, 0.5)
+
+
+class Params(NamedTuple):
+    """What shapes the hypothesis filter.
+
+    Attributes:
+        joint: of the filter, without increments.
+        priors: see `Priors`.
+        allowed: 1 for each fault of a jet that there may be, more thrust and then less, shape (2 n_jets,).
+        rates: failures per hour of each jet in terms of the usual rate, shape (n_jets,).
+    """
+
+    joint: JointParams
+    priors: Priors
+    allowed: Array
+    rates: Array
+
+
+def log_rate(per_hour: float, seconds: float) -> float:
+    """Log probability of an event of a rate within some time, nats."""
+    return math.log(per_hour * seconds / _HOUR_S)
+
+
+def force_correction(
+    force: float, sigma: float, thrust: float, priors: Priors, *, missing: bool, about: float | None = None
+) -> float:
+    """Log of the mean of p(f) / N(f; opened, T^2) over the posterior N(force, sigma^2), nats.
+
+    Args:
+        force, sigma: of the posterior, lbf or N.
+        thrust: T.
+        priors: see `Priors`.
+        missing: whether the force is missing, and not too much.
+        about: the force before it changed; a third of changes is to nothing, a third to full thrust. None: it is new.
+    """
+    shares = (force + sigma * _NODES) / thrust
+    opened_at = 0.0 if about is None else about / thrust
+    opened = -0.5 * (shares - opened_at) ** 2 - _LOG_ROOT_2_PI
+    if about is None:
+        inside = (shares > _LEAST_LEAK) & (shares < _MOST)
+        spread = np.log(_MOST / _LEAST_LEAK)
+        uniform, log_uniform = 1.0 / (_MOST - _LEAST_LEAK), 1.0 / (np.where(inside, shares, 1.0) * spread)
+        density = np.where(inside, uniform if missing else log_uniform, 0.0)
+        total = (1.0 - priors.full_thrust) * _mean(density, opened)
+        peaks: tuple[tuple[float, float], ...] = ((1.0, priors.full_thrust),)
+    else:
+        density = np.where((shares > 0.0) & (shares < _MOST), 1.0 / _MOST, 0.0)
+        total = _mean(density, opened) / 3.0
+        peaks = ((1.0, 1.0 / 3.0), (0.0, 1.0 / 3.0))
+    for at, share in peaks:
+        total += share * _at(at, opened_at, force / thrust, sigma / thrust)
+    return math.log(total) if total > 0.0 else -math.inf
+
+
+def log_possible(force: float, sigma: float, thrust: float) -> float:
+    """Log probability that a force N(force, sigma^2) is one that a jet can give, nats."""
+    low, high = force / sigma, (_MOST * thrust - force) / sigma
+    return _log_tail(low) + _log_tail(high)
+
+
+def _log_tail(z: float) -> float:
+    """Log probability that a standard normal variable is below z."""
+    if z > -_FAR:
+        return math.log(0.5 * math.erfc(-z / math.sqrt(2.0)))
+    return -0.5 * z**2 - _LOG_ROOT_2_PI - math.log(-z)
+
+
+def _at(at: float, opened_at: float, share: float, width: float) -> float:
+    """Mean of N(f; at, spread^2) / N(f; opened, 1) over N(share, width^2), in closed form but for the denominator."""
+    spread = math.hypot(width, _FULL_SPREAD)
+    there = (share * _FULL_SPREAD**2 + at * width**2) / spread**2
+    return math.exp(-0.5 * ((share - at) / spread) ** 2 + 0.5 * (there - opened_at) ** 2) / spread
+
+
+def _mean(density: Array, opened: Array) -> float:
+    """Mean of density / exp(opened) over the posterior."""
+    weights, possible = _WEIGHTS / _WEIGHTS.sum(), density > 0.0
+    return float(np.sum(weights * density * np.exp(np.where(possible, -opened, 0.0))))

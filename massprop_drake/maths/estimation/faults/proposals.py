@@ -1,0 +1,564 @@
+"""Proposals: what may have happened, ranked to first order, where a hypothesis does not explain the readings.
+
+Each watched hypothesis has a bank of onsets (`joint.bank`), whose test raises an alarm: a screen (`joint.screen`) then
+follows the first-order effects of every fault from a few onsets on, and is drawn from at ages of 0, 1, 2, 4, 8 ...
+samples. The first order only proposes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.faults.events import ANEW, Event, Hypothesis, gone_on
+from massprop_drake.maths.estimation.faults.priors import Params, Priors, log_rate
+from massprop_drake.maths.estimation.joint import bank as banks
+from massprop_drake.maths.estimation.joint import screen as screens
+from massprop_drake.maths.estimation.joint.bank import Bank
+from massprop_drake.maths.estimation.joint.cycle import JointEvidence, Sample
+from massprop_drake.maths.estimation.joint.hypotheses import (
+    DRIFT,
+    JUMP_SHARES,
+    Cause,
+    Kind,
+    Runner,
+    Score,
+    known_forces,
+    slot_of,
+    told,
+)
+from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
+from massprop_drake.maths.estimation.joint.screen import PAIR_PRIOR, Contender, Screen
+from massprop_drake.maths.estimation.joint.sensitivity import Link, Traces, linked, traces
+from massprop_drake.maths.linear_algebra import Array
+
+_SHARE = 0.7  # of the largest statistic: older onsets explain the end point as well
+_SINGLES, _PAIRS = 12, 24  # proposals of a draw: compute budget
+_FEWEST = 2  # onsets of a bank
+_FINEST = 4  # cycles that an onset stands for, up to which a proposal is made for each: compute budget
+_DRIFTS = 4  # of the likeliest single failures, as drifting ones: compute budget
+_NEAR = 20.0  # nats of first order within which proposals are followed: what is less likely counts as unheard
+_OFF = 5e-3  # of the largest lead, by which the first order may be off: a linearization
+_BENT = 0.2  # of the misfit, that the first order of a jump may leave: forces act on what has jumped
+_NEARER = 3.0  # the same of a hypothesis that is reviewed: first orders are of what is near it
+_HOPELESS = 50.0  # nats behind the likeliest hypothesis, to first order, at which nothing is followed
+_PUSHES = (1.0, 0.1, 0.01)  # of an unknown push, in what all jets give
+_INTERMITTENT_PER_S = 1.0  # changes of an intermittent force
+_ENDS_PER_S = 1.0  # of an unknown push
+_NATS_OF_A_PUSH = 20.0  # that an unknown push costs a sample: as its readings tell nothing else
+
+
+# Log weights of all hypotheses over that of the likeliest, by their events: of one that is no more, minus infinity.
+Leads = Mapping[tuple[Event, ...], float]
+
+
+class Record(NamedTuple):
+    """A cycle of a watched hypothesis, and its score after it."""
+
+    sample: Sample
+    link: Link
+    score: Score
+
+
+class Rest(NamedTuple):
+    """Proposals that are not followed, all together.
+
+    Attributes:
+        ahead: log weight to first order over that of the hypothesis that it is compared with, nats.
+        than: events of that hypothesis; None: the likeliest when it was drawn.
+    """
+
+    ahead: float
+    than: tuple[Event, ...] | None
+
+    def lead(self, leads: Leads) -> float:
+        """Log weight to first order over that of the likeliest hypothesis, nats; see `Leads`."""
+        return self.ahead if self.than is None else self.ahead + leads.get(self.than, -math.inf)
+
+
+UNTOLD = Rest(0.0, None)  # of a draw whose first orders tell nothing any more: anything may be left
+
+
+class Birth(NamedTuple):
+    """A proposal on its way from its onset to now.
+
+    Attributes:
+        child: its hypothesis.
+        ahead, than: see `Rest`.
+        doubt: by which the first order may be off, nats.
+        origin: draws that it is of.
+    """
+
+    child: Hypothesis
+    ahead: float
+    than: tuple[Event, ...] | None
+    doubt: float
+    origin: object = None
+
+    def lead(self, leads: Leads) -> float:
+        """Log weight to first order over that of the likeliest hypothesis, nats; see `Leads`."""
+        return Rest(self.ahead, self.than).lead(leads)
+
+
+class Alarm(NamedTuple):
+    """Something that a hypothesis does not explain.
+
+    Attributes:
+        cycle: of the first alarm.
+        states: where the screen begins, and at each of its onsets.
+        scores: at each of its onsets.
+        screen: see `Screen`.
+        read: readings at the first onset, shape (m,).
+        usual: log likelihood that a cycle adds while its readings are explained, nats.
+        drawn: age of the newest draw.
+        rest: of that draw; None: nothing is left.
+    """
+
+    cycle: int
+    states: tuple[JointState, ...]
+    scores: tuple[Score, ...]
+    screen: Screen
+    read: Array
+    usual: float = 0.0
+    drawn: int = -1
+    rest: Rest | None = None
+
+
+class Origin(NamedTuple):
+    """Where a proposal comes from.
+
+    Attributes:
+        parent: hypothesis that did not explain its readings.
+        cycle: number of the sample with which that showed.
+        onsets, gaps, states, scores: of the screen, see `Alarm` and `Screen`.
+        read: readings at the first of them, shape (m,).
+    """
+
+    parent: Hypothesis
+    cycle: int
+    onsets: tuple[int, ...]
+    gaps: tuple[int, ...]
+    states: tuple[JointState, ...]
+    scores: tuple[Score, ...]
+    read: Array
+
+
+class Watch(NamedTuple):
+    """Bank of onsets of a hypothesis, its cycles since the oldest, and its alarm.
+
+    Attributes:
+        bank: see `Bank`.
+        records: see `Record`.
+        alarm: None: its readings are explained.
+        tested: whether the newest readings were tested.
+        statistic: largest GLR of a jet in them.
+    """
+
+    bank: Bank
+    records: tuple[Record, ...]
+    alarm: Alarm | None = None
+    tested: bool = False
+    statistic: float = 0.0
+
+
+def watched(each: Hypothesis, evidence: JointEvidence, cycle: int, params: JointParams) -> Hypothesis:
+    """The hypothesis after a cycle that its filter has made by itself, with its watch.
+
+    Args:
+        each: before it.
+        evidence: of it.
+        cycle: its number.
+        params: without increments.
+    """
+    run, sample = each.run, evidence.sample
+    score = run.score.plus(told(evidence.report))
+    done = run._replace(cycle=cycle, state=evidence.after, score=score)
+    if not evidence.after.guarded or each.push > 0.0:
+        return gone_on(each, done)._replace(watch=None)
+    watch = each.watch or Watch(banks.empty(params.places), ())
+    seen = traces(evidence.before, evidence.report, sample)
+    seen = _uncertain(seen, evidence.before, np.minimum(each.walks * seen.duration_s, 1.0), params)
+    over, found, tested, bank = banks.followed_on(watch.bank, seen, evidence.after, cycle, banks.ALARM, params)
+    record, statistic = Record(sample, over, score), 0.0
+    records = (*watch.records, record)
+    alarm = watch.alarm
+    if found is not None:
+        statistic = float(found.likelihood.max())
+    if alarm is not None:
+        alarm = alarm._replace(screen=screens.screened(alarm.screen, over, params))
+    if found is not None and banks.alarming(statistic, float(found.total.max())):
+        index = banks.onset_of(found.total, _SHARE)
+        if alarm is None or watch.bank.cycles[index] > alarm.cycle:  # something new
+            alarm = _alarm(watch.bank, records, index, cycle, params)
+    oldest = int(bank.cycles[0]) if alarm is None else min(int(bank.cycles[0]), alarm.screen.began)
+    watch = Watch(bank, records[-(cycle - oldest + 1) :], alarm, tested, statistic)
+    return gone_on(each, done)._replace(watch=watch)
+
+
+def loss(each: Hypothesis) -> float:
+    """By how much less likely the newest readings of a watched hypothesis are than its readings before, nats."""
+    records = each.watch.records if each.watch is not None else ()
+    if len(records) < _FEWEST + 1:
+        return 0.0
+    first, last, newest = (records[place].score.likelihood for place in (0, -2, -1))
+    usual = (last - first) / (len(records) - 2)
+    return usual - (newest - last)
+
+
+def surprised(each: Hypothesis, cycle: int, params: JointParams) -> Hypothesis:
+    """A watched hypothesis whose newest readings are far likelier by another, with an alarm: it may have children."""
+    watch = each.watch
+    if watch is None or watch.alarm is not None or len(watch.bank.states) < _FEWEST:
+        return each
+    bank = Bank(watch.bank.states[:-1], *(part[:-1] for part in watch.bank[1:]))
+    alarm = _alarm(bank, watch.records, len(bank.states) - 1, cycle, params)
+    return each._replace(watch=watch._replace(alarm=alarm))
+
+
+def _uncertain(seen: Traces, before: JointState, walks: Array, params: JointParams) -> Traces:
+    """A link's traces with what forces that walk add to the noise of its interval."""
+    noise = seen.noise
+    for slot in np.flatnonzero(walks):
+        column = params.places.force + int(slot)
+        effect = np.concatenate((seen.rate_rows[:, column], seen.velocity_rows[:, column]))
+        may_change = walks[slot] * params.thrusts[int(before.slot_jet[slot])]
+        noise = noise + may_change**2 * np.outer(effect, effect)
+    return seen._replace(noise=noise)
+
+
+def newest_link(evidence: JointEvidence, params: JointParams) -> Link:
+    """First-order effects of errors over the cycle that the filter has made."""
+    return linked(traces(evidence.before, evidence.report, evidence.sample), params)
+
+
+def _alarm(bank: Bank, records: tuple[Record, ...], index: int, cycle: int, params: JointParams) -> Alarm:
+    first, chosen = max(index - 2, 0), range(max(index - 2, 0), min(index + 2, len(bank.states)))
+    cycles = bank.cycles.astype(np.intp)
+    onsets = tuple(int(cycles[k]) for k in chosen)
+    gaps = tuple(int(cycles[k] - cycles[k - 1]) if k > 0 else 1 for k in chosen)
+    began = int(cycles[first])
+    read = records[began - cycle - 1].link.read
+    screen = screens.begin((bank.states[first], began), onsets, gaps, read, params)
+    for record in records[len(records) - (cycle - began) :]:
+        screen = screens.screened(screen, record.link, params)
+    scores = tuple(records[onset - cycle - 1].score for onset in onsets)
+    before = max(began - cycle + len(records) - 1, 1)  # cycles
+    usual = (scores[0].likelihood - records[0].score.likelihood) / before
+    return Alarm(cycle, tuple(bank.states[k] for k in chosen), scores, screen, read, usual)
+
+
+# -------------------------------------------------------------------------------------------- draws
+
+
+def drawn(each: Hypothesis, cycle: int, among: Sequence[Hypothesis], params: Params) -> tuple[list[Birth], Rest | None]:
+    """Proposals of a hypothesis with an alarm, and how likely what is left of them is.
+
+    Args:
+        each: the hypothesis.
+        cycle: number of the newest sample.
+        among: all hypotheses that there are.
+        params: see `Params`.
+    """
+    alarm: Alarm = each.watch.alarm
+    explained = alarm.scores[0].likelihood + alarm.usual * (cycle - alarm.screen.onsets[0])
+    level = explained + each.prior - 0.5 * alarm.screen.misfit
+    births, left = ranked(each, alarm, level, among, params, off=_OFF)
+    best = max(other.weight for other in among)
+    births += _jumps(each, alarm, level - best, params)
+    level = explained - best
+    for push in _PUSHES:
+        child = _pushed(each, push, alarm, params)
+        spent = _NATS_OF_A_PUSH * (cycle - alarm.screen.onsets[0]) * (1.0 + 0.3 * math.log10(push))
+        births.append(Birth(child, level + child.prior - spent, None, _NEAR))
+    return births, left
+
+
+def ranked(
+    each: Hypothesis, alarm: Alarm, level: float, among: Sequence[Hypothesis], params: Params, *, off: float
+) -> tuple[list[Birth], Rest | None]:
+    """Proposals of an alarm by their first order, and how likely what is left of them is.
+
+    Args:
+        each: hypothesis of which they are children.
+        alarm: see `Alarm`.
+        level: log weight that a lead of zero stands for.
+        among: all hypotheses that there are.
+        params: see `Params`.
+        off: share of a lead by which the first order may be off.
+    """
+    joint = params.joint
+    state, known = alarm.states[0], known_forces(alarm.states[0], joint)
+    free = int((state.slot_jet < 0).sum())
+    allowed = ((params.allowed if free > 0 else np.zeros_like(known)) + known) > 0.0
+    found = screens.contenders(alarm.screen, allowed, known, joint)
+    new = [
+        sum(known[jet + (joint.places.jets if sign < 0 else 0)] == 0.0 for jet, sign in one.cause.failures)
+        for one in found
+    ]
+    found = [one for one, needed in zip(found, new, strict=True) if needed <= free]
+    priors = [_log_prior(each, one, alarm, params) for one in found]
+    worth = [
+        one.lead + prior + PAIR_PRIOR * max(len(one.cause.jets) - 1, 0)
+        for one, prior in zip(found, priors, strict=True)
+    ]
+    order = sorted(range(len(found)), key=lambda index: -worth[index])
+    singles = [index for index in order if len(found[index].cause.jets) <= 1][:_SINGLES]
+    pairs = [index for index in order if len(found[index].cause.jets) == 2][:_PAIRS]
+    top = max((worth[index] for index in (*singles, *pairs)), default=0.0)
+    best = max(other.weight for other in among)
+    entry, than = level - best, None
+    known_one = _known_one(each, [found[index].cause for index in order], alarm.states[0].time_s, among)
+    if known_one is not None:  # first orders are compared among each other: what they neglect is much the same
+        if off * top > _HOPELESS:  # and what is left of that is more than what matters
+            return [], UNTOLD
+        place, other = known_one
+        entry, than = other.weight - best - worth[order[place]], other.events
+    behind = 0.0 if known_one is None else known_one[1].weight - best
+    doubt = min(_NEARER + off * max(top, 0.0), _NEAR)
+    chosen = [
+        index
+        for index in (*singles, *pairs)
+        if worth[index] > top - max(_NEAR, off * top) and entry + worth[index] > -_HOPELESS
+    ]
+    births = [
+        Birth(child, entry + worth[index] + less - behind, than, doubt)
+        for index in chosen
+        for child, less in _children(each, found[index], priors[index], alarm, params)
+    ]
+    for index in [index for index in singles if index in chosen and _may_drift(found[index], known, params)][:_DRIFTS]:
+        child = _drifting(each, found[index], alarm, params)
+        ahead = entry + worth[index] + child.prior - each.prior - priors[index] - behind
+        births.append(Birth(child, ahead, than, doubt))
+    opened = {id(found[index].cause) for index in chosen}
+    left = sum(
+        math.exp(min(entry + worth[index], 0.0))
+        for place, index in enumerate(order)
+        if id(found[index].cause) not in opened and (known_one is None or place != known_one[0])
+    )
+    return births, Rest(math.log(left) - behind, than) if left > 0.0 else None
+
+
+def _known_one(
+    each: Hypothesis, causes: list[Cause], since_s: float, among: Sequence[Hypothesis]
+) -> tuple[int, Hypothesis] | None:
+    """Place of a proposal that is a likely hypothesis already, and that; the likeliest of several; None: none is.
+
+    Args:
+        each: hypothesis of which they are children.
+        causes: of the proposals.
+        since_s: time from which on they may have happened; what is said to have before is no proposal of these.
+        among: all hypotheses that there are.
+    """
+    n, found = len(each.events), list[tuple[int, Hypothesis]]()
+    best = max(other.weight for other in among)
+    for other in among:
+        if other.weight < best - _NEAR or len(other.events) != n + 1 or other.events[:n] != each.events:
+            continue
+        cause, onset_s, _ = other.events[n]
+        if onset_s < since_s:
+            continue
+        same = [place for place, one in enumerate(causes) if one.kind == cause.kind and one.failures == cause.failures]
+        found += [(place, other) for place in same[:1]]
+    return max(found, key=lambda one: one[1].weight, default=None)
+
+
+def born_key(child: Hypothesis) -> object:
+    """By which proposals are the same: what happens, and what their newest event is like."""
+    cause = child.run.cause
+    return (
+        frozenset(child.parts),
+        cause.jets,
+        cause.signs,
+        cause.on_top,
+        tuple(child.walks),
+        child.push,
+        child.run.share,
+    )
+
+
+def _seconds(alarm: Alarm, place: int) -> float:
+    """Time that an onset of the screen stands for, s."""
+    states = alarm.states
+    if place > 0:
+        return states[place].time_s - states[place - 1].time_s
+    gap = alarm.screen.gaps[0]
+    return gap * (states[1].time_s - states[0].time_s) / max(alarm.screen.gaps[1], 1) if len(states) > 1 else 0.1 * gap
+
+
+def _log_prior(each: Hypothesis, one: Contender, alarm: Alarm, params: Params) -> float:
+    """Log prior of a proposed event, but for the size of its forces, nats."""
+    priors, cause = params.priors, one.cause
+    seconds = _seconds(alarm, alarm.screen.onsets.index(one.onset))
+    if cause.kind == Kind.LIES:
+        return log_rate(priors.reading_per_hour, seconds)
+    new = [jet for jet, sign in zip(cause.jets, cause.signs, strict=True) if (jet, sign) not in each.ways]
+    total = math.log(priors.together) * max(len(new) - 1, 0)
+    if new:
+        total += log_rate(priors.jet_per_hour * float(np.mean(params.rates[new])), seconds)
+        total += math.log1p(-priors.drifting)
+    for way in zip(cause.jets, cause.signs, strict=True):
+        if way in each.ways:
+            total += _log_change(way, each, seconds, priors)
+    return total
+
+
+def _log_change(way: tuple[int, int], each: Hypothesis, seconds: float, priors: Priors) -> float:
+    """Log probability that a known force changes within some time: rarely, or often if it is intermittent.
+
+    That it is intermittent is the likelier the more often it has changed.
+    """
+    onsets = [event.onset_s for event in each.events if way in event.cause.failures]
+    rare, often = priors.change_per_hour / 3600.0, _INTERMITTENT_PER_S
+    lasted, changes = each.run.state.time_s - onsets[0], len(onsets) - 1
+    odds = math.log(priors.intermittent / (1.0 - priors.intermittent))
+    odds += changes * math.log(often / rare) - (often - rare) * lasted
+    share = 1.0 / (1.0 + math.exp(-max(min(odds, 500.0), -500.0)))
+    return math.log(min((share * often + (1.0 - share) * rare) * seconds, 0.5))
+
+
+def _children(
+    each: Hypothesis, one: Contender, prior: float, alarm: Alarm, params: Params
+) -> list[tuple[Hypothesis, float]]:
+    """Hypotheses of a proposal at every cycle at which it is about as likely, each with what it is worth less, nats.
+
+    An onset of the screen stands for the cycles since the one before; a filter is told them apart by single readings.
+    """
+    found, screen = [], alarm.screen
+    for onset, lead in one.at_onsets or ((one.onset, one.lead),):
+        if lead <= one.lead - _NEARER:
+            continue
+        place = screen.onsets.index(onset)
+        apart = screen.gaps[place] if place > 0 and screen.gaps[place] <= _FINEST else 1
+        each_prior = prior - math.log(apart)
+        for cycle in range(onset - apart + 1, onset + 1):
+            child = _child(each, one, each_prior, alarm, (place if cycle == onset else place - 1, cycle, apart), params)
+            found.append((child, lead - one.lead - math.log(apart)))
+    return found
+
+
+def _child(
+    each: Hypothesis, one: Contender, prior: float, alarm: Alarm, at: tuple[int, int, int], params: Params
+) -> Hypothesis:
+    """A hypothesis of a proposal.
+
+    Args:
+        each: its parent.
+        one: see `Contender`.
+        prior: see `_log_prior`.
+        alarm: see `Alarm`.
+        at: place of the state from which its filter goes on, cycle of its onset, and cycles that the onset was of.
+        params: see `Params`.
+    """
+    place, onset, apart = at
+    begins, state, score = alarm.screen.onsets[place], alarm.states[place], alarm.scores[place]
+    kicks = tuple(tuple(kick / apart for kick in kicks) for kicks in one.kicks)
+    lies = one.cause.kind == Kind.LIES
+    run = Runner(one.cause, onset, kicks, begins, state, score, lies)
+    child = _born(each, run, prior, params.joint, origin_of(each, alarm))
+    if onset == begins:
+        return child
+    later_s = (alarm.states[place + 1].time_s - state.time_s) * (onset - begins) / apart
+    event = child.events[-1]._replace(onset_s=state.time_s + later_s)
+    return child._replace(events=(*child.events[:-1], event))
+
+
+def origin_of(each: Hypothesis, alarm: Alarm) -> Origin:
+    """Where proposals of an alarm come from."""
+    screen = alarm.screen
+    parent = each._replace(watch=None, origin=None, review=None)
+    return Origin(parent, alarm.cycle, screen.onsets, screen.gaps, alarm.states, alarm.scores, alarm.read)
+
+
+def _born(each: Hypothesis, run: Runner, prior: float, params: JointParams, origin: Origin | None = None) -> Hypothesis:
+    """A child of a hypothesis, at its onset."""
+    opened_at, walks, state = each.opened_at.copy(), each.walks.copy(), run.state
+    slots = state.slot_jet.copy()
+    for way in run.cause.failures if run.cause.kind == Kind.JETS else ():
+        slot = slot_of(state._replace(slot_jet=slots), *way)
+        known = slots[slot] >= 0
+        slots[slot] = way[0]
+        opened_at[slot] = state.mean[params.places.force + slot] if known else np.nan
+        if known and sum(way in event.cause.failures for event in each.events) >= INTERMITTENT_AFTER:
+            walks[slot] = ANEW
+    event = Event(run.cause, state.time_s, run.score)
+    return Hypothesis(
+        run,
+        (*each.events, event),
+        each.prior + prior,
+        opened_at,
+        walks,
+        decided=each.decided,
+        push=each.push,
+        earlier=state if run.cause.kind == Kind.JUMP else each.earlier,
+        jumped=run.share if run.cause.kind == Kind.JUMP else each.jumped,
+        origin=origin,
+    )
+
+
+INTERMITTENT_AFTER = 3  # changes, from which on anything is expected of a force at every interval
+
+
+def _may_drift(one: Contender, known: Array, params: Params) -> bool:
+    """Whether a single failure may be one whose force grows slowly from nothing."""
+    cause = one.cause
+    if cause.kind != Kind.JETS or len(cause.jets) != 1:
+        return False
+    column = cause.jets[0] + (params.joint.places.jets if cause.signs[0] < 0 else 0)
+    return bool(known[column] == 0.0 and params.priors.drifting > 0.0)
+
+
+def _drifting(each: Hypothesis, one: Contender, alarm: Alarm, params: Params) -> Hypothesis:
+    """A single failure as one whose force grows slowly from nothing."""
+    priors, place = params.priors, alarm.screen.onsets.index(one.onset)
+    seconds = _seconds(alarm, place)
+    rate = priors.jet_per_hour * float(params.rates[one.cause.jets[0]])
+    prior = log_rate(rate, seconds) + math.log(priors.drifting)
+    start = DRIFT * seconds * float(params.joint.thrusts[one.cause.jets[0]])
+    onset = alarm.screen.onsets[place]
+    run = Runner(one.cause, onset, (), onset, alarm.states[place], alarm.scores[place], expected=((0.0, start),))
+    child = _born(each, run, prior, params.joint)
+    walks = child.walks.copy()
+    walks[slot_of(run.state, one.cause.jets[0], one.cause.signs[0])] = DRIFT
+    return child._replace(walks=walks)
+
+
+def _pushed(each: Hypothesis, push: float, alarm: Alarm, params: Params) -> Hypothesis:
+    """The hypothesis that something unknown pushes from the screen's first onset on."""
+    onset, state, score = alarm.screen.onsets[0], alarm.states[0], alarm.scores[0]
+    prior = log_rate(params.priors.unknown_per_hour, _seconds(alarm, 0)) - math.log(len(_PUSHES))
+    run = Runner(Cause(Kind.UNKNOWN), onset, (), onset, state, score)
+    return _born(each, run, prior, params.joint)._replace(push=push)
+
+
+def _jumps(each: Hypothesis, alarm: Alarm, level: float, params: Params) -> list[Birth]:
+    """Proposals that the mass properties jump, by much or little, at each onset of the screen.
+
+    The first order, which is of the screen's beginning alone, may miss a share of what there is to explain.
+
+    Args:
+        each: the hypothesis.
+        alarm: see `Alarm`.
+        level: log weight over that of the likeliest that a lead of zero stands for.
+        params: see `Params`.
+    """
+    screen, found = alarm.screen, list[Birth]()
+    least = (1.0 - _BENT) * 0.5 * screen.misfit - _NEAR
+    for share, lead in zip(JUMP_SHARES, screens.jumps(screen, params.joint).tolist(), strict=True):
+        if lead < least:
+            continue
+        for place, (onset, state, score) in enumerate(zip(screen.onsets, alarm.states, alarm.scores, strict=True)):
+            prior = log_rate(params.priors.payload_per_hour, _seconds(alarm, place)) - math.log(len(JUMP_SHARES))
+            run = Runner(Cause(Kind.JUMP), onset, (), onset, state, score, share=share)
+            child = _born(each, run, prior, params.joint)
+            found.append(Birth(child, level + lead + child.prior - each.prior, None, _NEAR))
+    return found
+
+
+def released(each: Hypothesis, duration_s: float, params: JointParams) -> Hypothesis:
+    """The hypothesis that what pushed has ceased to with the newest sample."""
+    run = each.run
+    fresh = Runner(Cause(Kind.UNKNOWN), run.cycle, (), run.cycle, run.state, run.score)
+    return _born(each, fresh, math.log(_ENDS_PER_S * duration_s), params)._replace(push=0.0)

@@ -1,0 +1,142 @@
+"""Review of a likely hypothesis: what may have happened instead of its newest event, linearized about itself.
+
+A screen beside its own filter, from the onset of that event on, with the forces of the event known to be what they were
+before: first orders are those of hypotheses near it, and stay good as long as it explains its readings, however long.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.faults.events import Hypothesis, shares
+from massprop_drake.maths.estimation.faults.priors import Params
+from massprop_drake.maths.estimation.faults.proposals import Alarm, Birth, Origin, Rest, ranked
+from massprop_drake.maths.estimation.joint import screen as screens
+from massprop_drake.maths.estimation.joint.cycle import Sample, step
+from massprop_drake.maths.estimation.joint.hypotheses import Kind, Runner, Score, prepared, slot_of, told
+from massprop_drake.maths.estimation.joint.layout import JointParams
+from massprop_drake.maths.estimation.joint.screen import Screen
+from massprop_drake.maths.estimation.joint.sensitivity import Link, link
+from massprop_drake.maths.linear_algebra import Array
+
+_NEAR = 10.0  # nats behind the likeliest within which a hypothesis explains its readings as well as others
+
+
+class Review(NamedTuple):
+    """A review under way.
+
+    Attributes:
+        run: the hypothesis's filter, from the screen's first onset on.
+        screen: see `Screen`.
+        calm: log likelihood and misfit when the hypothesis was likely last, nats: from then on the first order alone
+            says how much it does not explain, as of an alarm.
+        drawn: age of the newest draw.
+        rest: see `proposals.Alarm`.
+    """
+
+    run: Runner
+    screen: Screen
+    calm: tuple[float, float]
+    drawn: int = -1
+    rest: Rest | None = None
+
+
+def may_be(each: Hypothesis) -> bool:
+    """Whether a hypothesis can be reviewed: its newest event is of jets, with forces that stay."""
+    return each.origin is not None and each.run.cause.kind == Kind.JETS and each.run.age > 0 and not each.walks.any()
+
+
+def begun(each: Hypothesis, params: JointParams) -> Review:
+    """The review of a hypothesis, before its first cycle."""
+    origin: Origin = each.origin
+    run = each.run
+    state, first = origin.states[0], origin.onsets[0]
+    screen = screens.begin((state, first), origin.onsets, origin.gaps, origin.read, params)
+    return Review(
+        Runner(run.cause, run.onset, run.kicks, first, state, origin.scores[0]),
+        screen,
+        (origin.scores[0].likelihood, 0.0),
+    )
+
+
+def followed(review: Review, each: Hypothesis, sample: Sample, over: Link, params: JointParams) -> Review:
+    """The review after one more cycle.
+
+    Args:
+        review: before it.
+        each: the hypothesis.
+        sample: of the cycle.
+        over: the cycle of any filter that is near.
+        params: without increments.
+
+    Raises:
+        NotPositiveDefiniteError: see `joint.cycle.step`.
+    """
+    run = review.run
+    before, likelihood = prepared(run, sample, over, shares(each, over.duration_s), 0.0, params)
+    before = before._replace(
+        slot_on_top=np.where(before.slot_jet == each.run.state.slot_jet, each.run.state.slot_on_top, before.slot_on_top)
+    )
+    after, report = step(before, sample, params)
+    score = run.score.plus(Score(likelihood, 0.0, 0.0)).plus(told(report))
+    screen = screens.screened(review.screen, link(before, report, sample, params), params)
+    return review._replace(run=run._replace(cycle=run.cycle + 1, state=after, score=score), screen=screen)
+
+
+def tells(review: Review, each: Hypothesis, params: JointParams) -> bool:
+    """Whether it is told by now that the newest event's forces are not what they were before.
+
+    Until then its impulses in the first two intervals explain all readings, and those of any other jet as well.
+    """
+    _, posterior = _before(review, each, params)
+    return posterior < -_NEAR
+
+
+def drawn(
+    review: Review, each: Hypothesis, among: Sequence[Hypothesis], params: Params
+) -> tuple[Review, list[Birth], Rest | None]:
+    """Proposals of what may have happened instead, and how likely what is left of them is; and the review after that.
+
+    Args:
+        review: at the present.
+        each: the hypothesis.
+        among: all hypotheses that there are.
+        params: see `Params`.
+    """
+    origin: Origin = each.origin
+    likely = each.weight > max(other.weight for other in among) - _NEAR
+    now = (review.run.score.likelihood, review.screen.misfit)
+    if likely:
+        review = review._replace(calm=now)
+    screen, posterior = _instead(review, each, params.joint)
+    level = review.calm[0] - 0.5 * (review.screen.misfit - review.calm[1]) + posterior
+    alarm = Alarm(origin.cycle, origin.states, origin.scores, screen, origin.read)
+    births, rest = ranked(origin.parent, alarm, level + origin.parent.prior, among, params, off=0.0)
+    return review, births, rest
+
+
+def _instead(review: Review, each: Hypothesis, params: JointParams) -> tuple[Screen, float]:
+    """The screen with the forces of the newest event as they were before, and what that is worth, nats."""
+    (rows, away, covariance), posterior = _before(review, each, params)
+    return screens.constrained(review.screen, rows, away, covariance), posterior
+
+
+def _before(review: Review, each: Hypothesis, params: JointParams) -> tuple[tuple[np.ndarray, Array, Array], float]:
+    """Rows of the newest event's forces, by how much they were others before, and their covariance; and its worth.
+
+    By the ratio of Savage and Dickey: posterior over prior density of the forces where they were, nats.
+    """
+    state, cause = review.run.state, each.run.cause
+    slots = np.array([slot_of(state, *way) for way in zip(cause.jets, cause.signs, strict=True)])
+    rows = params.places.force + slots
+    before: Array = np.nan_to_num(each.opened_at[slots])
+    away, half = before - state.mean[rows], state.root[rows]
+    covariance = half @ half.T
+    _, volume = np.linalg.slogdet(covariance)
+    posterior = -0.5 * float(away @ np.linalg.solve(covariance, away)) - 0.5 * float(volume)
+    prior = -sum(math.log(float(params.thrusts[jet])) for jet in cause.jets)
+    return (rows, away, covariance), posterior - prior

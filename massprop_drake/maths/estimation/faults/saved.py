@@ -1,0 +1,202 @@
+"""Saved state of the hypothesis filter: all hypotheses and what has been declared, as one vector.
+
+Banks of onsets begin anew after a restart, and proposals that wait are made again when readings ask for them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from massprop_drake.maths.estimation.faults.events import NOTHING, Event, Hypothesis
+from massprop_drake.maths.estimation.faults.tree import Tree
+from massprop_drake.maths.estimation.faults.verdicts import Declared, Verdicts
+from massprop_drake.maths.estimation.joint.hypotheses import Cause, Kind, Runner, Score
+from massprop_drake.maths.estimation.joint.layout import JointState, Places, pack, state_layout, unpack
+from massprop_drake.maths.linear_algebra import Array
+
+_MOST = 10_000  # entries of a list in a saved state
+_LATEST = 2**53  # number of a sample
+_NAME = "hypothesis_detector"
+
+
+class _Writer:
+    """Numbers in a row."""
+
+    def __init__(self, places: Places):
+        self._places, self.numbers = places, list[Array]()
+
+    def put(self, *values: float) -> None:
+        """Appends numbers."""
+        self.numbers.append(np.array(values, dtype=float))
+
+    def put_all(self, values: Iterable[float]) -> None:
+        """Appends numbers and how many there are."""
+        values = list(values)
+        self.put(len(values), *values)
+
+    def put_state(self, state: JointState | None) -> None:
+        """Appends a filter's state, if there is one."""
+        self.put(float(state is not None))
+        if state is not None:
+            self.numbers.append(pack(state, self._places))
+
+    def put_cause(self, cause: Cause) -> None:
+        """Appends a cause."""
+        self.put(float(cause.kind), float(cause.component))
+        for values in (cause.jets, cause.signs, cause.on_top):
+            self.put_all(values)
+
+
+class _Reader:
+    """The inverse of `_Writer`.
+
+    Raises:
+        ValueError: where numbers are missing, or no count is where one must be.
+    """
+
+    def __init__(self, vector: Array, places: Places):
+        self._vector, self._places, self._at = vector, places, 0
+
+    def take(self, count: int) -> Array:
+        """Next numbers."""
+        if self._at + count > self._vector.size:
+            raise ValueError(f"{_NAME}: ends too soon")
+        self._at += count
+        return self._vector[self._at - count : self._at]
+
+    def number(self) -> float:
+        """Next number."""
+        return float(self.take(1)[0])
+
+    def count(self) -> int:
+        """Next number, a count."""
+        value = self.number()
+        if not (0.0 <= value <= _MOST and value == round(value)):
+            raise ValueError(f"{_NAME}: counts must be whole numbers, zero or positive")
+        return int(value)
+
+    def index(self, least: int, most: int) -> int:
+        """Next number, a whole one of a range."""
+        value = self.number()
+        if not (least <= value <= most and value == round(value)):
+            raise ValueError(f"{_NAME}: an index is out of its range")
+        return int(value)
+
+    def all(self) -> tuple[float, ...]:
+        """Next list."""
+        return tuple(self.take(self.count()).tolist())
+
+    def whole(self, least: int, most: int) -> tuple[int, ...]:
+        """Next list of whole numbers of a range."""
+        return tuple(self.index(least, most) for _ in range(self.count()))
+
+    def state(self) -> JointState | None:
+        """Next state of a filter, if there is one."""
+        if self.number() == 0.0:
+            return None
+        state = unpack(self.take(state_layout(self._places).size), self._places)
+        told = state._replace(read=state.read[~np.isnan(state.read)])
+        if not all(np.isfinite(part).all() for part in told):
+            raise ValueError(f"{_NAME}: only readings of a hypothesis may be missing")
+        known = np.isin(state.slot_jet, np.arange(-1, self._places.jets)) & np.isin(state.slot_on_top, (0.0, 1.0))
+        if not (known & (np.abs(state.slot_sign) == 1.0)).all():
+            raise ValueError(f"{_NAME}: a force must be of a jet, too much or too little")
+        return state
+
+    def cause(self) -> Cause:
+        """Next cause."""
+        kind, component = Kind(self.index(0, len(Kind) - 1)), self.index(-1, _MOST)
+        jets, signs, on_top = self.whole(0, self._places.jets - 1), self.whole(-1, 1), self.whole(0, 1)
+        if not len(jets) == len(signs) == len(on_top) or 0 in signs:
+            raise ValueError(f"{_NAME}: a failure must be of a jet, too much or too little")
+        return Cause(kind, jets, signs, on_top, component)
+
+    def score(self) -> Score:
+        """Next score."""
+        return Score(*self.take(len(Score._fields)).tolist())
+
+    def ended(self) -> bool:
+        """Whether nothing is left."""
+        return self._at == self._vector.size
+
+
+def saved(tree: Tree, verdicts: Verdicts, places: Places) -> Array:
+    """Hypotheses and declarations as one vector, see `restored`."""
+    to = _Writer(places)
+    to.put(tree.cycle, len(tree.hypotheses))
+    for each in tree.hypotheses:
+        run = each.run
+        to.put(each.prior, each.push, each.weight, run.onset, run.cycle, float(run.lying), run.share, run.lie)
+        to.put(each.jumped, *run.score)
+        to.put_all(sorted(each.decided))
+        to.put(*each.opened_at, *each.walks)
+        to.put_state(run.state)
+        to.put_state(each.earlier)
+        for pairs in (run.kicks, run.expected):
+            to.put(len(pairs))
+            for pair in pairs:
+                to.put_all(pair)
+        to.put(len(each.events))
+        for event in each.events:
+            to.put_cause(event.cause)
+            to.put(event.onset_s, *event.score)
+    to.put(len(verdicts.jets))
+    for one in verdicts.jets:
+        to.put(*one.way, one.force, one.sigma, one.changes)
+    to.put(len(verdicts.others))
+    for part in sorted(verdicts.others):
+        to.put(*part)
+    to.put(len(verdicts.groups))
+    for group in sorted(verdicts.groups, key=sorted):
+        to.put_all(number for way in sorted(group) for number in way)
+    to.put_state(verdicts.earlier)
+    return np.concatenate(to.numbers)
+
+
+def restored(vector: Array, places: Places) -> tuple[Tree, Verdicts]:
+    """The inverse of `saved`.
+
+    Raises:
+        ValueError: when no run can have left such a vector.
+    """
+    of = _Reader(vector, places)
+    cycle = of.index(0, _LATEST)
+    hypotheses = tuple(_hypothesis(of, cycle, places) for _ in range(of.count()))
+    jets = tuple(
+        Declared((of.index(0, places.jets - 1), of.index(-1, 1)), of.number(), of.number(), of.count())
+        for _ in range(of.count())
+    )
+    others = frozenset((Kind(of.index(0, len(Kind) - 1)), of.index(-1, _MOST), of.count()) for _ in range(of.count()))
+    groups = []
+    for _ in range(of.count()):
+        flat = of.whole(-1, places.jets - 1)
+        if len(flat) % 2:
+            raise ValueError(f"{_NAME}: a group must be of jets and signs")
+        groups.append(frozenset(zip(flat[::2], flat[1::2], strict=True)))
+    verdicts = Verdicts(jets, others, groups=frozenset(groups), earlier=of.state())
+    if not of.ended():
+        raise ValueError(f"{_NAME}: goes on where it should end")
+    return Tree(cycle, hypotheses), verdicts
+
+
+def _hypothesis(of: _Reader, cycle: int, places: Places) -> Hypothesis:
+    prior, push, weight = of.take(3).tolist()
+    onset, now, lying = of.index(0, cycle), of.index(cycle, cycle), of.index(0, 1)
+    share, lie = of.take(2).tolist()
+    jumped, score, decided = of.number(), of.score(), frozenset(of.whole(0, places.jets - 1))
+    opened_at, walks = of.take(places.n_force), of.take(places.n_force)
+    state, earlier = of.state(), of.state()
+    if state is None:
+        raise ValueError(f"{_NAME}: a hypothesis must have a state")
+    kicks, expected = (tuple(of.all() for _ in range(of.count())) for _ in range(2))
+    events = tuple(Event(of.cause(), of.number(), of.score()) for _ in range(of.count()))
+    if not (np.isfinite([prior, push, weight, share, jumped, *score]).all() and (walks >= 0.0).all() and push >= 0.0):
+        raise ValueError(f"{_NAME}: must be finite, and pushes and walks zero or positive")
+    cause = events[-1].cause if events else NOTHING
+    if not all(len(pair) == 2 for pair in expected) or not all(len(each) == len(cause.jets) for each in kicks):
+        raise ValueError(f"{_NAME}: impulses and changes must be those of the newest failure")
+    pairs = tuple((mean, sigma) for mean, sigma in expected)
+    run = Runner(cause, onset, kicks, now, state, score, bool(lying), share, lie, pairs)
+    return Hypothesis(run, events, prior, opened_at, walks, decided, push, earlier, jumped, weight=weight)

@@ -1,0 +1,116 @@
+"""First-order comparison of all jets over a start: columns beside a filter that knows of no failure, see `screen`.
+
+The filter takes rounding for white noise. What it learns from a cell far off its prediction is not linear in its
+errors, and would favor wrong jets by a tenth of what a failure explains.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.faults.priors import Priors, log_rate
+from massprop_drake.maths.estimation.joint import screen as screens
+from massprop_drake.maths.estimation.joint.cycle import relinearized, restart
+from massprop_drake.maths.estimation.joint.hypotheses import Kind, known_forces
+from massprop_drake.maths.estimation.joint.layout import RATE, VELOCITY, JointParams, JointState
+from massprop_drake.maths.estimation.joint.measurement import readings
+from massprop_drake.maths.estimation.joint.screen import Contender, Screen
+from massprop_drake.maths.estimation.joint.sensitivity import linked, traced
+from massprop_drake.maths.estimation.joint.start import Kept
+from massprop_drake.maths.linear_algebra import Array
+
+_ONSETS = 16  # of a screening: compute budget
+_FINER, _FINE = 3, 2  # by which intervals between onsets are divided, until they are so many samples
+_LENIENT = 1.5  # times its thrust that a jet may be found to give where a screening is linearized far off
+
+
+class Screening(NamedTuple):
+    """Comparison under way.
+
+    Attributes:
+        entry: state before the first kept sample.
+        about: estimate at which it is linearized, shape (size,).
+        state: of the filter that knows of no failure.
+        screen: see `Screen`; onsets are numbers of kept samples before them.
+        coarse: found with coarser onsets.
+    """
+
+    entry: JointState
+    about: Array
+    state: JointState
+    screen: Screen
+    coarse: tuple[Contender, ...] = ()
+
+
+def begin_screening(
+    entry: JointState, about: Array, kept: tuple[Kept, ...], around: tuple[int, int] | None, params: JointParams
+) -> Screening:
+    """Begins a screening of the kept samples.
+
+    Args:
+        entry: see `Screening`.
+        about: see `Screening`.
+        kept: samples that it goes over.
+        around: onset about which it looks, and samples between onsets; None: it looks everywhere.
+        params: see `JointParams`.
+    """
+    count, first = len(kept), kept[0].sample
+    middle, gap = around or (0, -(-count // _ONSETS))
+    least = middle % gap if middle < gap * (_ONSETS // 2) else middle - gap * (_ONSETS // 2)
+    onsets = tuple(range(least, count, gap))[: _ONSETS + 1]
+    gaps = tuple(gap if onset > 0 else 1 for onset in onsets)
+    read = readings(first.rates, first.velocities)
+    return Screening(entry, about, entry, screens.begin((entry, 0), onsets, gaps, read, params, single=True))
+
+
+def step_screening(screening: Screening, kept: Kept, params: JointParams) -> Screening:
+    """Takes in the next kept sample."""
+    screen, sample = screening.screen, kept.sample
+    if kept.anew:
+        state, _ = restart(screening.state, sample, params)
+        columns = screen.columns.copy()
+        columns[RATE.start : VELOCITY + 3 * params.places.accelerometers] = 0.0
+        scores = (*screen.scores, screen.scores[-1])
+        return screening._replace(
+            state=state, screen=screen._replace(cycle=screen.cycle + 1, columns=columns, scores=scores)
+        )
+    none = np.zeros_like(params.cells)
+    rounded = params._replace(cells=none, quanta=none, floors=params.variances)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        state, course, _ = relinearized(screening.state, sample, screening.about, rounded)
+        screen = screens.screened(screen, linked(traced(screening.about, course, sample), params), params)
+    return screening._replace(state=state, screen=screen)
+
+
+def refine(screening: Screening, kept: tuple[Kept, ...], params: JointParams) -> Screening | None:
+    """Begins a screening with finer onsets about the likeliest; None: they are fine, or nobody is found."""
+    found, gap = rank_jets(screening, params), screening.screen.gaps[-1]
+    if not found or gap <= _FINE:
+        return None
+    finer = begin_screening(screening.entry, screening.about, kept, (found[0].onset, max(1, gap // _FINER)), params)
+    return finer._replace(coarse=tuple(found))
+
+
+def rank_jets(screening: Screening, params: JointParams) -> list[Contender]:
+    """Jets that may have failed, each in its likelier way, likeliest first; those not found with finer onsets last."""
+    entry = screening.entry
+    known = known_forces(entry, params)
+    allowed = (np.ones_like(known) if (entry.slot_jet < 0).any() else known) > 0.0
+    lenient = params._replace(thrusts=_LENIENT * params.thrusts)
+    found: dict[object, Contender] = {}
+    for each in (*screens.contenders(screening.screen, allowed, known, lenient), *screening.coarse):
+        if each.cause.kind == Kind.JETS and each.lead > 0.0:
+            found.setdefault(each.cause.key, each)
+    return list(found.values())
+
+
+def log_prior(contender: Contender, screening: Screening, kept: tuple[Kept, ...], priors: Priors) -> float:
+    """Log prior of a jet's failure at its onset and at those that the first order does not tell from it, nats."""
+    interval_s = (kept[-1].sample.time_s - screening.entry.time_s) / len(kept)
+    gaps = dict(zip(screening.screen.onsets, screening.screen.gaps, strict=True))
+    among = [(gaps.get(onset, 1), lead - contender.lead) for onset, lead in contender.at_onsets]
+    count = sum(gap * math.exp(min(less, 0.0)) for gap, less in among)
+    return log_rate(priors.jet_per_hour, interval_s * min(max(count, 1.0), len(kept)))

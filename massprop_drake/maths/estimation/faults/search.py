@@ -1,0 +1,282 @@
+r"""Failures of jets while the start has not converged, as hypotheses with weights.
+
+A start knows too little of the vehicle to judge a failure from a snapshot: the filter learns what a failed jet does as
+what the vehicle is like. So samples are kept. Once something contradicts the start, all are gone over anew under each
+hypothesis, from the state before the first with what an increment adds:
+
+    screening   ranks jets and onsets to first order, see `screening`; once more with onsets about the likeliest
+    passes      of each jet near the likeliest, and of the hypothesis that nothing has failed, see `passes`
+
+Screenings begin at the nominal vehicle. They are repeated about the end of the likeliest passes, until they propose
+nobody new. The first order only proposes. Hypotheses near the likeliest are then brought to the newest sample.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.faults import passes
+from massprop_drake.maths.estimation.faults import screening as screenings
+from massprop_drake.maths.estimation.faults.passes import Fit
+from massprop_drake.maths.estimation.faults.priors import Priors
+from massprop_drake.maths.estimation.faults.screening import Screening
+from massprop_drake.maths.estimation.joint.covariance import compressed
+from massprop_drake.maths.estimation.joint.cycle import Report, Sample, incremented_root
+from massprop_drake.maths.estimation.joint.guard import guarded, unguarded
+from massprop_drake.maths.estimation.joint.hypotheses import Cause, Kind, Score
+from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
+from massprop_drake.maths.estimation.joint.screen import Contender
+from massprop_drake.maths.estimation.joint.start import LONGEST, STEPS, Kept
+from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
+
+_QUIET_S = 2.0  # for which samples are kept while nothing acts
+_WAIT_S = 1.0  # from a contradiction to its search: less tells few jets apart
+_SCREENING = 3  # steps of a pass in the time of one of a screening
+_ROUNDS = 3  # of screenings at most: compute budget
+_JETS = 8  # that have passes after a screening: compute budget
+_NEAR = 30.0  # nats within which hypotheses are told
+_FAR = 100.0  # nats behind at the same sample, at which passes are given up
+_FIRST_ORDER = 0.2  # of a lead, by which the first order may be off at the nominal vehicle
+_AT_THE_END = 1e-3  # the same about the end of passes that explain the readings
+_MISFIT = 10.0  # standard deviations of chi-square at which a hypothesis does not explain the readings, as in a start
+_NOTHING = Contender(Cause(Kind.NOTHING), 0, 0.0)
+
+
+class StartSearch(NamedTuple):
+    """Kept samples of a start, and the search over them. Never changed; a cycle makes a new one.
+
+    Attributes:
+        under_way: whether anything is kept.
+        entry: state before the first kept sample; once contradicted, with what an increment adds.
+        kept: samples since.
+        acted: whether a jet was told to fire in any of them.
+        contradicted: whether something has contradicted the start.
+        due_s: time at which the next search begins, s.
+        until: number of samples that the search goes over; 0: none is under way.
+        rounds: screenings begun, but for those with finer onsets.
+        screening: see `Screening`; None: it has ended.
+        fits: hypotheses that have passes.
+        tried: causes, and causes with their onsets, that have had passes.
+        final: whether the search goes over all samples up to the newest.
+    """
+
+    under_way: bool = True
+    entry: JointState | None = None
+    kept: tuple[Kept, ...] = ()
+    acted: bool = False
+    contradicted: bool = False
+    due_s: float = math.inf
+    until: int = 0
+    rounds: int = 0
+    screening: Screening | None = None
+    fits: tuple[Fit, ...] = ()
+    tried: frozenset[object] = frozenset()
+    final: bool = False
+
+    @property
+    def beginning(self) -> JointState:
+        """State before the first kept sample, of which there is one."""
+        assert self.entry is not None, "something is kept"
+        return self.entry
+
+    @property
+    def horizon(self) -> int:
+        """Number of samples that passes go over."""
+        return len(self.kept) if self.final else self.until
+
+    def is_done(self, fit: Fit) -> bool:
+        """True once passes have ended and gone over all."""
+        return fit.arrived and fit.done == self.horizon
+
+
+class Found(NamedTuple):
+    """A hypothesis about the start.
+
+    Attributes:
+        state: after the newest sample.
+        cause: one jet, or nothing: the start was stated too well.
+        onset_s: time of the last sample before the failure, s.
+        score: of all kept samples, from the same entry for all.
+        log_prior: without what the force is worth (`priors.force_correction`), nats.
+    """
+
+    state: JointState
+    cause: Cause
+    onset_s: float
+    score: Score
+    log_prior: float
+
+
+BEGUN, OVER = StartSearch(), StartSearch(under_way=False)
+
+
+def followed(
+    search: StartSearch, before: JointState, report: Report, sample: Sample, priors: Priors, params: JointParams
+) -> tuple[StartSearch, tuple[Found, ...]]:
+    """Keeps a sample of the start, and goes on with the search if something has contradicted it.
+
+    Args:
+        search: before the cycle.
+        before: the filter's state before it.
+        report: of the cycle.
+        sample: of it.
+        priors: see `Priors`.
+        params: see `JointParams`.
+
+    Returns:
+        The search, and once passes have gone over all samples, the hypotheses within 30 nats of the likeliest, which
+        comes first; keeping then begins anew.
+    """
+    if not search.under_way or not before.started or params.places.n_force == 0:
+        return search, ()
+    if search.until == 0 and len(search.kept) >= LONGEST:
+        return OVER, ()
+    search = _with_sample(search, before, Kept(sample, report.course is None))
+    if not search.contradicted and (report.contradicted or report.incremented):
+        wide = compressed(incremented_root(search.beginning.root, params), params.places.thrust)
+        entry = search.beginning._replace(root=wide)
+        search = search._replace(entry=entry, contradicted=True, due_s=sample.time_s + _WAIT_S)
+    if search.until == 0:
+        if sample.time_s < search.due_s:
+            return search, ()
+        search = _begun(search, priors, params)
+    try:
+        search = _gone_on(search, priors, params)
+    except (NotPositiveDefiniteError, np.linalg.LinAlgError):
+        search = _given_up(search)
+    if not (search.final and all(map(search.is_done, search.fits))):
+        return search, ()
+    near = _near(search, priors, params)
+    if not near or near[0].score.misfit >= _MISFIT:
+        return _given_up(search), ()
+    return BEGUN, tuple(_found(each, search, params) for each in near)
+
+
+def _with_sample(search: StartSearch, before: JointState, latest: Kept) -> StartSearch:
+    entry, kept = (before if search.entry is None else search.entry), (*search.kept, latest)
+    acted = search.acted or _acts(latest.sample)
+    if not (acted or search.contradicted) and latest.sample.time_s - entry.time_s > _QUIET_S:
+        entry, kept = before, (latest,)
+    return search._replace(entry=entry, kept=kept, acted=acted)
+
+
+def _acts(sample: Sample) -> bool:
+    """True if anything pushes the vehicle in a sample."""
+    return bool((sample.commands > 0.0).any() or sample.outside.any())
+
+
+def _begun(search: StartSearch, priors: Priors, params: JointParams) -> StartSearch:
+    entry = passes.with_free_thrusts(search.beginning, search.kept, params)
+    about = passes.linearization(entry, entry, params)
+    nothing = passes.begin_fit(_NOTHING, math.log(priors.start), about, entry, params)
+    screening = screenings.begin_screening(entry, about, search.kept, None, params)
+    return search._replace(entry=entry, until=len(search.kept), rounds=1, screening=screening, fits=(nothing,))
+
+
+def _given_up(search: StartSearch) -> StartSearch:
+    """The search that has come to nothing: it begins again with twice as much."""
+    due_s = 2.0 * search.kept[-1].sample.time_s - search.beginning.time_s
+    return StartSearch(True, search.entry, search.kept, search.acted, True, due_s)
+
+
+def _gone_on(search: StartSearch, priors: Priors, params: JointParams) -> StartSearch:
+    """The search after the steps of a cycle."""
+    left = STEPS
+    while left > 0 and search.until > 0:
+        screening = search.screening
+        if screening is not None and screening.screen.cycle < search.until:
+            left, kept = left - _SCREENING, search.kept[screening.screen.cycle]
+            search = search._replace(screening=screenings.step_screening(screening, kept, params))
+        elif screening is not None:
+            finer = screenings.refine(screening, search.kept[: search.until], params)
+            search = search._replace(screening=finer) if finer else _proposed(search, screening, priors, params)
+        elif not all(map(search.is_done, search.fits)):
+            ahead = (each for each in search.fits if not search.is_done(each))
+            search, left = _passed(search, min(ahead, key=_turn), params), left - 1
+        elif not search.final:
+            search = _turned(search, priors, params)
+        elif any(map(passes.has_moved, search.fits)):
+            again = (passes.follow_up(each, search.beginning, params) for each in search.fits)
+            search = search._replace(fits=tuple(again))
+        else:
+            break
+    return search
+
+
+def _proposed(search: StartSearch, screening: Screening, priors: Priors, params: JointParams) -> StartSearch:
+    """The search after a screening: with passes of jets that are near, or on to the newest sample if none is new."""
+    found, entry, about = screenings.rank_jets(screening, params), search.beginning, screening.about
+    sure = search.rounds > 1 and _near(search, priors, params)[0].score.misfit < _MISFIT
+    best = max((each.lead for each in found), default=0.0)
+    reach = max(_NEAR, (_AT_THE_END if sure else _FIRST_ORDER) * best)
+    near = [each for each in found if each.lead > best - reach and _tried(each, sure) not in search.tried][:_JETS]
+    with_priors = [(each, screenings.log_prior(each, screening, search.kept, priors)) for each in near]
+    fits = tuple(passes.begin_fit(each, prior, about, entry, params) for each, prior in with_priors)
+    tried = search.tried | {_tried(each, known) for each in near for known in (False, True)}
+    final = not fits and search.rounds > 1
+    search = search._replace(screening=None, fits=search.fits + fits, tried=tried)
+    return _brought_forward(search, priors, params) if final else search
+
+
+def _tried(contender: Contender, sure: bool) -> object:
+    """Key of a contender that has had passes: its jet, and its onset if nobody explains the readings."""
+    return contender.cause.key if sure else (contender.cause.key, contender.onset)
+
+
+def _turn(fit: Fit) -> tuple[bool, bool, float]:
+    """Order of passes: each hypothesis's first, then those that have explained most."""
+    return not fit.arrived, fit.passes > 1, -fit.reached
+
+
+def _passed(search: StartSearch, fit: Fit, params: JointParams) -> StartSearch:
+    """The search after one more step of a fit, and without it if it is far behind."""
+    after = passes.step_fit(fit, search.kept[fit.done], params)
+    if after is not None and after.done == search.horizon and not after.arrived:
+        after = passes.end_pass(after, search.beginning, params)
+    explain = [each for each in search.fits if each.arrived and each.score.misfit < _MISFIT and not search.final]
+    best = max(explain, key=lambda each: each.score.likelihood, default=None)
+    if after is not None and best is not None:
+        least = best.scores[min(after.done, best.done)].likelihood - _FAR
+        after = after if after.score.likelihood >= least else None
+    fits = (after if each is fit else each for each in search.fits)
+    return search._replace(fits=tuple(each for each in fits if each is not None))
+
+
+def _turned(search: StartSearch, priors: Priors, params: JointParams) -> StartSearch:
+    """The search where all passes have ended: another screening about the likeliest, or on to the newest sample."""
+    if not search.fits or search.rounds >= _ROUNDS:
+        return _brought_forward(search, priors, params)
+    best, kept = _near(search, priors, params)[0], search.kept[: search.until]
+    about = passes.linearization(best.state, search.beginning, params)
+    screening = screenings.begin_screening(search.beginning, about, kept, (best.contender.onset, 1), params)
+    return search._replace(rounds=search.rounds + 1, screening=screening)
+
+
+def _brought_forward(search: StartSearch, priors: Priors, params: JointParams) -> StartSearch:
+    """The search with the hypotheses that are near, on to the newest sample; given up if none explains the readings."""
+    near = _near(search, priors, params)
+    if not near or near[0].score.misfit >= _MISFIT:
+        return _given_up(search)
+    return search._replace(fits=tuple(each._replace(passes=1) for each in near), final=True)
+
+
+def _near(search: StartSearch, priors: Priors, params: JointParams) -> tuple[Fit, ...]:
+    """Fits near the likeliest, one for each jet, likeliest first."""
+    weighed = sorted(
+        ((passes.log_weight(each, priors, params), each) for each in search.fits), key=lambda pair: -pair[0]
+    )
+    near: dict[object, Fit] = {}
+    for weight, each in weighed:
+        if weight >= weighed[0][0] - _NEAR:
+            near.setdefault(each.contender.cause.key, each)
+    return tuple(near.values())
+
+
+def _found(fit: Fit, search: StartSearch, params: JointParams) -> Found:
+    onset, state = fit.contender.onset, guarded(fit.state, _acts(search.kept[-1].sample), params)
+    onset_s = search.kept[onset - 1].sample.time_s if onset > 0 else search.beginning.time_s
+    state = state if state.guarded else unguarded(state)
+    return Found(state, fit.contender.cause, onset_s, fit.score, fit.log_prior)

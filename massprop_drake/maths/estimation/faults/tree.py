@@ -1,0 +1,457 @@
+"""Tree of hypotheses: each sample advances it, and what is unlikely is pruned.
+
+advance   steps every hypothesis and adds the log likelihood of what its filter takes in
+propose   opens what may have happened instead where a likely one does not explain its readings (`proposals`)
+replay    steps what has been opened from its onset to now, best first, so many steps a sample
+prune     merges hypotheses with the same events, and drops those that are far behind
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.faults import review as reviews
+from massprop_drake.maths.estimation.faults.events import (
+    Event,
+    Hypothesis,
+    begun,
+    behind,
+    gone_on,
+    moved,
+    readied,
+    regained,
+    special,
+    split,
+    weighed,
+)
+from massprop_drake.maths.estimation.faults.priors import Params
+from massprop_drake.maths.estimation.faults.proposals import (
+    UNTOLD,
+    Birth,
+    Leads,
+    born_key,
+    drawn,
+    loss,
+    newest_link,
+    released,
+    surprised,
+    watched,
+)
+from massprop_drake.maths.estimation.faults.report import History
+from massprop_drake.maths.estimation.faults.search import Found
+from massprop_drake.maths.estimation.joint import bank as banks
+from massprop_drake.maths.estimation.joint.cycle import JointEvidence, Sample, step
+from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Kind, Runner
+from massprop_drake.maths.estimation.joint.layout import JointState
+from massprop_drake.maths.estimation.joint.sensitivity import Link
+from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
+
+_BEHIND = 30.0  # nats at which a hypothesis is dropped: a probability of 1e-13
+_MOST = 16  # hypotheses: compute budget
+_BUDGET = 24  # filter steps a sample beside those of the hypotheses: compute budget
+_WATCHED = 4  # hypotheses whose readings are watched: compute budget
+_LIKELY = 5.0  # nats behind the likeliest within which they are: a probability of 1 %
+SURPRISE = 10.0  # nats by which newest readings are likelier by another: as rare as an event
+_REVIEWED = 3  # hypotheses that are reviewed at a time: compute budget
+_DRAWS = 1  # of alarms, and of reviews, a sample: compute budget
+_CATCH_UP = 8  # cycles of a review a sample: compute budget
+_NO_ROOM = "no room"  # origin of proposals that have been hypotheses
+_ROOT_S = 8.0  # for which what was likeliest before an alarm has children
+
+
+class Tree(NamedTuple):
+    """All hypotheses, likeliest first, and proposals that wait.
+
+    Attributes:
+        cycle: number of samples taken.
+        hypotheses: see `Hypothesis`.
+        births: see `Birth`, best first.
+        samples: those since the oldest onset that a proposal may have, with their links.
+        tried: proposals that have arrived of late, whatever has become of them.
+        history: None: the likeliest history is the one that has been reported.
+    """
+
+    cycle: int = 0
+    hypotheses: tuple[Hypothesis, ...] = ()
+    births: tuple[Birth, ...] = ()
+    samples: tuple[tuple[Sample, Link], ...] = ()
+    tried: frozenset[tuple[object, int]] = frozenset()
+    history: History | None = None
+
+    @property
+    def leader(self) -> Hypothesis:
+        """The likeliest."""
+        return self.hypotheses[0]
+
+    def next_state(self, params: Params) -> JointState:
+        """State from which the filter makes the next cycle."""
+        return readied(self.leader, self.samples[-1][1], params.joint) if self.samples else self.leader.run.state
+
+
+def advance(tree: Tree, evidence: JointEvidence, params: Params) -> Tree:
+    """The tree after one more sample.
+
+    Args:
+        tree: before it.
+        evidence: of the cycle of the filter, which began with the leader's state.
+        params: see `Params`.
+    """
+    cycle, report = tree.cycle + 1, evidence.report
+    if not tree.hypotheses:
+        return Tree(cycle, (begun(evidence.after, cycle, params.joint),))
+    leader = tree.leader
+    if report.course is None:
+        others = tuple(regained(each, evidence.sample, cycle, params.joint) for each in tree.hypotheses[1:])
+        leader = gone_on(leader, leader.run._replace(state=evidence.after, cycle=cycle))._replace(watch=None)
+        return Tree(cycle, (leader, *others))
+    if report.incremented and not leader.events:
+        leader = gone_on(leader, leader.run._replace(state=evidence.after, cycle=cycle))._replace(watch=None)
+        return Tree(cycle, (leader,))
+    if report.incremented:  # a jump was larger than it was expected
+        leader = leader._replace(prior=leader.prior + math.log(params.priors.start))
+        tree = tree._replace(hypotheses=(leader, *tree.hypotheses[1:]))
+    over = newest_link(evidence, params.joint)
+    samples = (*tree.samples, (evidence.sample, over))[-(banks.OLDEST + 2) :]
+    before = tree.leader
+    tree = tree._replace(cycle=cycle, samples=samples, history=None)
+    stepped = _stepped(tree.hypotheses, evidence, cycle, params, over)
+    tree = tree._replace(hypotheses=tuple(_surprised(stepped, before.weight, cycle, params)))
+    tree = _reviewed(_proposed(tree, params), params)
+    tree = _replayed(tree, params)
+    return _forked(_pruned(tree, evidence.sample.time_s, params), before)
+
+
+def begun_with(found: Sequence[Found], tree: Tree, params: Params) -> Tree:
+    """The tree of hypotheses that a search over the start has found.
+
+    Args:
+        found: see `search.Found`.
+        tree: before the newest sample.
+        params: see `Params`.
+    """
+    cycle = tree.cycle + 1
+    hypotheses = []
+    for one in found:
+        run = Runner(one.cause, 0, (), cycle, one.state, one.score)
+        events = () if one.cause.kind == Kind.NOTHING else (Event(one.cause, one.onset_s, NO_SCORE),)
+        start = begun(one.state, cycle, params.joint)
+        hypotheses.append(weighed(start._replace(run=run, events=events, prior=one.log_prior), params))
+    return Tree(cycle, tuple(sorted(hypotheses, key=lambda each: -each.weight)))
+
+
+def _stepped(
+    hypotheses: tuple[Hypothesis, ...], evidence: JointEvidence, cycle: int, params: Params, over: Link
+) -> list[Hypothesis]:
+    """Every hypothesis after one more sample; the leader as its filter has gone, unless its cycle is special."""
+    joint, sample, found = params.joint, evidence.sample, []
+    for place, whole in enumerate(hypotheses):
+        for each in split(whole, sample):
+            try:
+                if special(each, over.duration_s, joint):
+                    found.append(moved(each, sample, over, joint)._replace(watch=None))
+                elif place == 0 and each.run.state is whole.run.state:
+                    found.append(watched(each, evidence, cycle, joint))
+                elif each.watch is not None or (place < _WATCHED and each.weight > hypotheses[0].weight - _LIKELY):
+                    before = readied(each, over, joint)
+                    after, report = step(before, sample, joint)
+                    found.append(watched(each, JointEvidence(before, after, report, sample, False), cycle, joint))
+                else:
+                    found.append(moved(each, sample, over, joint))
+            except NotPositiveDefiniteError:
+                if place == 0:
+                    raise
+    return [weighed(each._replace(before=each.weight), params) for each in found]
+
+
+def _surprised(hypotheses: list[Hypothesis], best: float, cycle: int, params: Params) -> list[Hypothesis]:
+    """Hypotheses after a sample, those with an alarm that were likely until it and are not any more.
+
+    Args:
+        hypotheses: after it.
+        best: log weight of the likeliest before it.
+        cycle: its number.
+        params: see `Params`.
+    """
+    now = max(each.weight for each in hypotheses)
+    return [
+        surprised(each, cycle, params.joint)
+        if each.before > best - _LIKELY and (each.weight < now - SURPRISE or loss(each) > SURPRISE)
+        else each
+        for each in hypotheses
+    ]
+
+
+def _proposed(tree: Tree, params: Params) -> Tree:
+    """The tree with proposals of every alarm that is due to be drawn from, and of pushes that may have ended."""
+    births, hypotheses, more, left = list(tree.births), [], [], _DRAWS
+    sample, over = tree.samples[-1]
+    now_s = sample.time_s
+    for each in tree.hypotheses:
+        age = each.run.age
+        if each.push > 0.0 and age > 0 and _due(age, age - 1):
+            more.append(weighed(released(each, over.duration_s, params.joint), params))
+        alarm = each.watch.alarm if each.watch is not None else None
+        if alarm is None:
+            hypotheses.append(each)
+            continue
+        age, until_s = tree.cycle - alarm.cycle, each.root_until_s
+        if alarm.drawn < 0:
+            until_s = max(until_s, now_s + _ROOT_S)
+        if _is_reviewed(each, tree):
+            births = [birth for birth in births if birth.origin != (each.key, alarm.cycle)]
+            alarm = alarm._replace(rest=None)
+        elif left > 0 and _due(age, alarm.drawn):
+            left -= 1
+            origin, there = (each.key, alarm.cycle), _there(tree, tree.hypotheses, births)
+            fresh, rest = drawn(each, tree.cycle, tree.hypotheses, params)
+            if rest != UNTOLD:
+                births = [birth for birth in births if birth.origin != origin]
+            births = _redrawn(births, fresh, origin, there)
+            alarm = alarm._replace(drawn=age, rest=rest)
+        if now_s > until_s:
+            births, alarm = [birth for birth in births if birth.origin != (each.key, alarm.cycle)], None
+        hypotheses.append(each._replace(watch=each.watch._replace(alarm=alarm), root_until_s=until_s))
+    return tree._replace(hypotheses=(*hypotheses, *more), births=tuple(births))
+
+
+def _is_reviewed(each: Hypothesis, tree: Tree) -> bool:
+    """Whether reviews of what it has become look further than its own alarm."""
+    n, best = len(each.events), max(other.weight for other in tree.hypotheses)
+    return any(
+        other.review is not None
+        and other.review.drawn >= 0
+        and other.weight > best - _LIKELY
+        and len(other.events) > n
+        and other.events[:n] == each.events
+        for other in tree.hypotheses
+    )
+
+
+def _alarm_age(each: Hypothesis, tree: Tree) -> int:
+    """Cycles since its alarm; -1: there is none."""
+    alarm = each.watch.alarm if each.watch is not None else None
+    return -1 if alarm is None else tree.cycle - alarm.cycle
+
+
+def _is_calm(leader: Hypothesis, tree: Tree) -> bool:
+    """Whether the likeliest hypothesis explains its readings, and its own review says what may have been instead."""
+    return leader.review is not None and leader.review.drawn >= 0 and _alarm_age(leader, tree) < 0
+
+
+def _due(age: int, drawn: int) -> bool:
+    """Whether proposals are to be drawn at an age, in cycles: at 0, 1, 2, 4, 8 ..., or as soon after as there is time.
+
+    Args:
+        age: now.
+        drawn: at the last draw; negative: there was none.
+    """
+    return age >= 0 and (1 << age.bit_length()) >> 1 > drawn
+
+
+def draws_that_count(tree: Tree) -> tuple[Hypothesis, ...]:
+    """Hypotheses of whose draws something may be left: not those that are far behind one that has been reviewed."""
+    leader = tree.leader
+    if reviews.may_be(leader) and (leader.review is None or leader.review.drawn < 0):
+        return tree.hypotheses
+    return tuple(each for each in tree.hypotheses if each.weight > leader.weight - _BEHIND)
+
+
+def is_likely(each: Hypothesis, tree: Tree) -> bool:
+    """Whether a hypothesis is near the likeliest: its reviews go on."""
+    return each.weight > tree.leader.weight - _LIKELY
+
+
+def leads_of(tree: Tree) -> Leads:
+    """Log weight of each hypothesis over that of the likeliest, by its events, nats."""
+    best = max(each.weight for each in tree.hypotheses)
+    found: dict[tuple[Event, ...], float] = {}
+    for each in tree.hypotheses:
+        found[each.events] = max(found.get(each.events, -math.inf), each.weight - best)
+    return found
+
+
+def _reviewed(tree: Tree, params: Params) -> Tree:
+    """The tree with reviews of its likeliest hypotheses a few cycles on, and what they propose."""
+    births, hypotheses, left = list(tree.births), list(tree.hypotheses), _DRAWS
+    best, now_s = max(each.weight for each in hypotheses), tree.samples[-1][0].time_s
+    calm = _is_calm(max(hypotheses, key=lambda each: each.weight), tree)
+    likely = [
+        place
+        for place, each in enumerate(hypotheses)
+        if (each.weight > best - _LIKELY or (not calm and _alarm_age(each, tree) >= 0))
+        and reviews.may_be(each)
+        and now_s - each.events[-1].onset_s < _ROOT_S
+    ]
+    for place in sorted(likely, key=lambda place: -hypotheses[place].weight)[:_REVIEWED]:
+        each = hypotheses[place]
+        review = each.review or reviews.begun(each, params.joint)
+        if tree.cycle - review.run.cycle > len(tree.samples):
+            continue
+        for _ in range(min(tree.cycle - review.run.cycle, _CATCH_UP)):
+            sample, over = tree.samples[review.run.cycle - tree.cycle]
+            review = reviews.followed(review, each, sample, over, params.joint)
+        age, alarmed = each.run.age, _alarm_age(each, tree)
+        due = _due(age, review.drawn) or _due(alarmed, review.drawn - age + alarmed)
+        if left > 0 and review.run.cycle == tree.cycle and due and reviews.tells(review, each, params.joint):
+            left -= 1
+            origin, there = ("review", each.key), _there(tree, hypotheses, births)
+            review, fresh, rest = reviews.drawn(review, each, hypotheses, params)
+            if each.weight == best:
+                births = [birth for birth in births if not _is_rival(birth, each)]
+            births = _redrawn([birth for birth in births if birth.origin != origin], fresh, origin, there)
+            review = review._replace(drawn=age, rest=rest)
+        hypotheses[place] = each._replace(review=review)
+    tree = tree._replace(hypotheses=tuple(hypotheses))
+    return tree._replace(births=_in_turn(births, leads_of(tree)))
+
+
+def _is_rival(birth: Birth, each: Hypothesis) -> bool:
+    """Whether a proposal is of jets in place of a hypothesis's newest event, which a review looks for as well.
+
+    What there was no room for has a weight by itself.
+    """
+    same = birth.child.events[:-1] == each.events[:-1]
+    return birth.origin != _NO_ROOM and birth.child.run.cause.kind == Kind.JETS and same
+
+
+def _in_turn(births: Sequence[Birth], leads: Leads) -> tuple[Birth, ...]:
+    """Proposals in the order in which they are followed: the best of each draw, the second of each, and so on.
+
+    What different draws neglect differs, and so what jets and jumps do; a draw that is too sure of itself must not keep
+    all others waiting. Those are best that might be likeliest, by what the first order may be off: they keep
+    declarations waiting.
+    """
+    ranks: dict[tuple[object, Kind], int] = {}
+    ranked: list[tuple[int, float, int, Birth]] = []
+    for birth in sorted(births, key=lambda birth: -birth.lead(leads) - birth.doubt):
+        draw = (birth.origin, birth.child.run.cause.kind)
+        ranks[draw] = ranks.get(draw, -1) + 1
+        ranked.append((ranks[draw], -birth.lead(leads) - birth.doubt, len(ranked), birth))
+    return tuple(birth for *_, birth in sorted(ranked, key=lambda one: one[:3]))
+
+
+def _there(tree: Tree, hypotheses: Sequence[Hypothesis], births: Sequence[Birth]) -> dict[object, Birth | None]:
+    """Hypotheses that there are or have been, and proposals that wait."""
+    there: dict[object, Birth | None] = {_born_as(birth.child): birth for birth in births}
+    return there | dict.fromkeys(map(_born_as, hypotheses)) | dict.fromkeys(tree.tried)
+
+
+def _born_as(child: Hypothesis) -> tuple[object, int]:
+    return born_key(child), child.run.onset
+
+
+def _redrawn(
+    others: Sequence[Birth], fresh: Sequence[Birth], origin: object, there: Mapping[object, Birth | None]
+) -> list[Birth]:
+    """Proposals that wait, and those of a new draw as far as they have come already."""
+    kept = list(others)
+    waiting = {_born_as(birth.child) for birth in kept}
+    for birth in fresh:
+        same = _born_as(birth.child)
+        if same in waiting or (same in there and there[same] is None):
+            continue
+        known = there.get(same)
+        kept.append(birth._replace(child=birth.child if known is None else known.child, origin=origin))
+        waiting.add(same)
+    return kept
+
+
+def _replayed(tree: Tree, params: Params) -> Tree:
+    """The tree with its proposals as far as the budget lets them go; those that have arrived are hypotheses.
+
+    One that falls behind the likeliest on its way is as little worth following as a hypothesis that does.
+    """
+    left, arrived, tried = _BUDGET, list(tree.hypotheses), set(tree.tried)
+    best = max(tree.hypotheses, key=lambda each: each.weight)
+    queue, waiting = list(tree.births), []
+    while queue:
+        birth = queue.pop(0)
+        child = birth.child
+        if tree.cycle - child.run.cycle > len(tree.samples):  # too old to be heard any more
+            continue
+        try:
+            while left > 0 and child.run.cycle < tree.cycle and behind(child, best) < _BEHIND:
+                sample, over = tree.samples[child.run.cycle - tree.cycle]
+                if child.run.age > 0:
+                    child, *twins = split(child, sample)
+                    queue[:0] = [birth._replace(child=twin) for twin in twins]
+                child = moved(child, sample, over, params.joint)
+                left -= 1
+        except (NotPositiveDefiniteError, np.linalg.LinAlgError):
+            continue
+        if behind(child, best) >= _BEHIND:
+            tried.add(_born_as(child))
+        elif child.run.cycle == tree.cycle:
+            arrived.append(weighed(child, params))
+            tried.add(_born_as(child))
+        else:
+            waiting.append(birth._replace(child=child))
+    kept = frozenset(one for one in tried if one[1] >= tree.cycle - len(tree.samples))
+    return tree._replace(hypotheses=tuple(arrived), births=tuple(waiting), tried=kept)
+
+
+def _pruned(tree: Tree, now_s: float, params: Params) -> Tree:
+    """The tree without those that are far behind, likeliest first; the same events merged.
+
+    Those for which there is no room wait where they are, as proposals.
+    """
+    order = sorted(tree.hypotheses, key=lambda each: -each.weight)
+    best, kept = order[0].weight, dict[object, Hypothesis]()
+    for each in order:
+        if each.weight < best - _BEHIND and now_s > each.root_until_s:
+            continue
+        same = kept.get(each.key)
+        if same is None or (each.watch is not None and now_s <= each.root_until_s):
+            kept[each.key if same is None else object()] = each
+            continue
+        more = math.log1p(math.exp(each.weight - same.weight))
+        kept[each.key] = same._replace(prior=same.prior + more, weight=same.weight + more)
+    order = sorted(kept.values(), key=lambda each: -each.weight)
+    stays = [place < _MOST or now_s <= each.root_until_s for place, each in enumerate(order)]
+    likely = tuple(each for each, here in zip(order, stays, strict=True) if here)
+    waits = [
+        Birth(each._replace(watch=None, review=None), each.weight - best, likely[0].events, 0.0, _NO_ROOM)
+        for each, here in zip(order, stays, strict=True)
+        if not here
+    ]
+    tree = tree._replace(hypotheses=likely, births=(*tree.births, *waits))
+    births, leads = [_left_alone(birth, tree) for birth in tree.births], leads_of(tree)
+    return tree._replace(births=tuple(one for one in births if one and one.lead(leads) + one.doubt > -_BEHIND))
+
+
+def _left_alone(birth: Birth, tree: Tree) -> Birth | None:
+    """A proposal, by itself where readings have left behind what it was compared with; None: they have left it, too.
+
+    What something more has happened to is no longer what there are rivals of; else they may explain what it does not.
+    """
+    than, best = birth.than, tree.leader.weight
+    if than is None or any(each.events == than and each.weight > best - _BEHIND for each in tree.hypotheses):
+        return birth
+    if tree.leader.events[: len(than)] == than:
+        return None
+    before = max(each.before for each in tree.hypotheses)
+    lead = max((each.before - before for each in tree.hypotheses if each.events == than), default=0.0)
+    return birth._replace(ahead=birth.ahead + max(lead, -_LIKELY), than=None)
+
+
+def _forked(tree: Tree, before: Hypothesis) -> Tree:
+    """The tree with what its likeliest history says of readings that another was reported of."""
+    known, now = before.events, tree.leader.events
+    if now == known:
+        return tree
+    place = next((at for at, event in enumerate(now) if at >= len(known) or event != known[at]), None)
+    if place is None:
+        return tree
+    score = tree.leader.run.score.without(now[place].score)
+    return tree._replace(history=History(now[place].onset_s, score))
+
+
+def probabilities(tree: Tree) -> list[tuple[Hypothesis, float]]:
+    """Posterior probability of each hypothesis."""
+    weights = np.array([each.weight for each in tree.hypotheses])
+    odds = np.exp(weights - weights.max())
+    return list(zip(tree.hypotheses, (odds / odds.sum()).tolist(), strict=True))

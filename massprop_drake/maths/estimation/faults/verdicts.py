@@ -1,0 +1,333 @@
+"""Declarations, from posterior probabilities alone."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.faults.declarations import (
+    Declaration,
+    JetsDeclared,
+    JumpDeclared,
+    Mode,
+    ReadingDeclared,
+    Unexplained,
+    Word,
+)
+from massprop_drake.maths.estimation.faults.events import ANEW, Event, Hypothesis, Part, Way
+from massprop_drake.maths.estimation.faults.priors import Params, Priors
+from massprop_drake.maths.estimation.faults.proposals import INTERMITTENT_AFTER
+from massprop_drake.maths.estimation.faults.report import Odds, certain
+from massprop_drake.maths.estimation.faults.tree import Tree, draws_that_count, is_likely, leads_of, probabilities
+from massprop_drake.maths.estimation.joint.apart import Apart, told_apart
+from massprop_drake.maths.estimation.joint.hypotheses import Kind, slot_of
+from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, settled
+from massprop_drake.maths.estimation.joint.payload import UNKNOWN, Payload, brought
+from massprop_drake.maths.estimation.joint.thrust_scale import reported_force
+
+_GROUP_S = 2.0  # for which that of a group must be there
+_GROUP = 3  # jets that a group may have
+_LEAST_LEAK, _LEAST_LOSS = 0.002, 0.1  # of full thrust: less is no failure, but a thrust that is not as stated
+_STUCK_ON, _STUCK_OFF = 0.5, 0.9  # of full thrust, from which on it is called so
+_SIGNIFICANT = 3.0  # sigmas by which a force must have changed to be said to have, and
+_CHANGE = 0.1  # of full thrust, by which it must, too
+_MEASURED = 0.1  # of a payload's mass, to which it is known when its size is told
+_APART = 14.0  # log likelihood ratio, doubled, at which jets are told apart: a probability of 1e-3 is left
+
+
+class Declared(NamedTuple):
+    """A failure that has been declared: its force as declared or known better since, lbf or N, and its changes."""
+
+    way: Way
+    force: float
+    sigma: float
+    changes: int = 0
+
+
+class Verdicts(NamedTuple):
+    """What has been declared, and what may be.
+
+    Attributes:
+        jets: failures.
+        others: other parts of the likeliest history.
+        group: smallest set of jets that is likely enough, and since when, s.
+        groups: declared.
+        earlier: state before a jump whose size has not been told.
+    """
+
+    jets: tuple[Declared, ...] = ()
+    others: frozenset[Part] = frozenset()
+    group: tuple[frozenset[Way], float] = (frozenset(), math.inf)
+    groups: frozenset[frozenset[Way]] = frozenset()
+    earlier: JointState | None = None
+
+    @property
+    def ways(self) -> frozenset[Way]:
+        """Jets that have been declared, and how."""
+        return frozenset(one.way for one in self.jets)
+
+
+def above_floor(way: Way, each: Hypothesis, params: JointParams) -> float:
+    """Probability, given a hypothesis, that a failed jet's force is large enough to be called a failure.
+
+    One whose force comes and goes has failed, whatever it gives now.
+    """
+    jet, sign = way
+    if sum(way in event.cause.failures for event in each.events) >= INTERMITTENT_AFTER:
+        return 1.0
+    force, sigma = reported_force(each.run.state, slot_of(each.run.state, jet, sign), params)
+    floor = (_LEAST_LOSS if sign < 0 else _LEAST_LEAK) * float(params.thrusts[jet])
+    return 0.5 * math.erfc((floor - force) / (math.sqrt(2.0) * sigma))
+
+
+def of_jets(tree: Tree, params: JointParams) -> dict[Way, float]:
+    """Probability of each failure of a jet."""
+    found: dict[Way, float] = {}
+    for each, share in probabilities(tree):
+        for way in each.ways if each.run.age > 0 else ():
+            found[way] = found.get(way, 0.0) + share * above_floor(way, each, params)
+    return found
+
+
+def of_others(tree: Tree) -> dict[Part, float]:
+    """Probability of everything else that may have happened, each with how often it has before."""
+    found: dict[Part, float] = {}
+    for each, share in probabilities(tree):
+        for part in each.parts:
+            if isinstance(part[0], Kind):
+                found[part] = found.get(part, 0.0) + share
+    return found
+
+
+def odds(tree: Tree, params: JointParams) -> Odds:
+    """Posterior probabilities of faults after a sample."""
+    n = params.places.jets
+    if len(tree.hypotheses) == 1 and not tree.leader.events:
+        return certain(n)
+    healthy, modes = np.ones(n), np.zeros(n)
+    forces, sigmas, best = np.full(n, np.nan), np.full(n, np.nan), np.full(n, -np.inf)
+    none = unknown = 0.0
+    failed = np.zeros(n)
+    for each, share in probabilities(tree):
+        none += share * float(not each.events)
+        unknown += share * float(any(event.cause.kind == Kind.UNKNOWN for event in each.events))
+        for way in each.ways if each.run.age > 0 else ():
+            jet, sign = way
+            failed[jet] += share * above_floor(way, each, params)
+            if share > best[jet]:
+                best[jet], modes[jet] = share, float(mode_of(way, each, params))
+                force, sigmas[jet] = reported_force(each.run.state, slot_of(each.run.state, jet, sign), params)
+                forces[jet] = sign * force
+    healthy -= failed
+    return Odds(len(tree.hypotheses), min(none, 1.0), min(unknown, 1.0), np.minimum(failed, 1.0), modes, forces, sigmas)
+
+
+def mode_of(way: Way, each: Hypothesis, params: JointParams) -> Mode:
+    """Fault mode of a failed jet."""
+    jet, sign = way
+    slot = slot_of(each.run.state, jet, sign)
+    walk, share = float(each.walks[slot]), reported_force(each.run.state, slot, params)[0] / float(params.thrusts[jet])
+    if walk == ANEW:
+        return Mode.INTERMITTENT
+    if walk > 0.0:
+        return Mode.DRIFTING
+    if sign > 0:
+        return Mode.STUCK_ON if share > _STUCK_ON else Mode.LEAK
+    return Mode.STUCK_OFF if share > _STUCK_OFF else Mode.LOSS
+
+
+def judged(verdicts: Verdicts, tree: Tree, params: Params) -> tuple[Verdicts, tuple[Declaration, ...]]:
+    """Declarations after a sample.
+
+    Args:
+        verdicts: before it.
+        tree: after it.
+        params: see `Params`.
+    """
+    if len(tree.hypotheses) == 1 and not tree.leader.events and not verdicts.jets:
+        return Verdicts(others=verdicts.others), ()
+    joint, now_s = params.joint, tree.leader.run.state.time_s
+    jets, others = of_jets(tree, joint), of_others(tree)
+    verdicts, said = _withdrawn(verdicts, jets, now_s)
+    open_to = {way: share for way, share in jets.items() if way not in verdicts.ways}
+    new = open_to | {part: share for part, share in others.items() if part not in verdicts.others}
+    for part, share in new.items():
+        enough = _enough(part, params.priors)
+        if share >= enough and share * (1.0 - unheard(part, tree)) >= enough:
+            verdicts, more = _declared(part, verdicts, tree, joint)
+            said += more
+    verdicts, more = _grouped(verdicts, open_to, (tree, now_s), params)
+    said += more
+    if _is_settled(tree):
+        verdicts, more = _known_now(verdicts, tree, joint)
+        said += more
+    return verdicts, tuple(said)
+
+
+def _enough(part: Part, priors: Priors) -> float:
+    """Probability at which a part is declared: of what is more common than that a jet fails, a larger one."""
+    rates = {Kind.JUMP: priors.payload_per_hour, Kind.LIES: priors.reading_per_hour}
+    return 1.0 - priors.doubt(max(rates.get(part[0], 0.0), priors.jet_per_hour))
+
+
+def unheard(part: Part | frozenset[Way], tree: Tree) -> float:
+    """Probability, to first order, of what waits or has been left, and has no part in what may be declared.
+
+    Args:
+        part: a part; or jets, of which one is enough.
+        tree: see `Tree`.
+    """
+    leads = leads_of(tree)
+    total = sum(
+        math.exp(min(birth.lead(leads) + birth.doubt, 0.0)) for birth in tree.births if not _has(part, birth.child)
+    )
+    for each in draws_that_count(tree):
+        draws = (each.watch.alarm if each.watch else None, each.review if is_likely(each, tree) else None)
+        total += sum(math.exp(min(one.rest.lead(leads), 0.0)) for one in draws if one and one.rest)
+        total += float(each.watch is not None and each.watch.alarm is not None and each.watch.alarm.drawn < 0)
+    return total / (1.0 + total)
+
+
+def _has(part: Part | frozenset[Way], each: Hypothesis) -> bool:
+    """Whether a hypothesis has a part, or one of some jets."""
+    if isinstance(part, frozenset):
+        return bool(part & each.ways)
+    return part in each.ways or part in each.parts
+
+
+def _is_settled(tree: Tree) -> bool:
+    """Whether the likeliest history explains its readings, and nothing waits that might do so instead."""
+    watch = tree.leader.watch
+    return watch is not None and watch.alarm is None and not tree.births
+
+
+def _withdrawn(verdicts: Verdicts, jets: dict[Way, float], now_s: float) -> tuple[Verdicts, list[Declaration]]:
+    """Declarations that are taken back: what was declared has become unlikely."""
+    gone = [one for one in verdicts.jets if jets.get(one.way, 0.0) < 0.5]
+    said: list[Declaration] = [
+        JetsDeclared(Word.WITHDRAWN, (one.way[0],), (one.way[1],), (0.0,), (one.sigma,), now_s) for one in gone
+    ]
+    return verdicts._replace(jets=tuple(one for one in verdicts.jets if one not in gone)), said
+
+
+def _declared(part: Part, verdicts: Verdicts, tree: Tree, params: JointParams) -> tuple[Verdicts, list[Declaration]]:
+    """Declaration of a part of what has happened."""
+    holder = next(each for each in tree.hypotheses if part in each.ways or part in each.parts)
+    if not isinstance(part[0], Kind):
+        way: Way = (part[0], part[1])
+        event = next(event for event in holder.events if way in event.cause.failures)
+        force, sigma = reported_force(holder.run.state, slot_of(holder.run.state, *way), params)
+        said = JetsDeclared(Word.FAILED, (way[0],), (way[1],), (force,), (sigma,), event.onset_s)
+        return verdicts._replace(jets=(*verdicts.jets, Declared(way, force, sigma))), [said]
+    verdicts = verdicts._replace(others=verdicts.others | {part})
+    event = _event_of(part, holder)
+    match part[0]:
+        case Kind.JUMP:
+            return verdicts._replace(earlier=holder.earlier), [JumpDeclared(False, event.onset_s, *UNKNOWN)]
+        case Kind.LIES:
+            return verdicts, [ReadingDeclared(event.cause.component, event.onset_s)]
+        case _:
+            begins = part[2] % 2 == 0  # pushes begin and end in turn
+            return verdicts, [Unexplained(event.onset_s)] if begins else []
+
+
+def _event_of(part: Part, holder: Hypothesis) -> Event:
+    """The event that a part is of."""
+    same = [event for event in holder.events if (event.cause.kind, event.cause.component) == part[:2]]
+    return same[part[2]]
+
+
+def _grouped(
+    verdicts: Verdicts, open_to: dict[Way, float], seen: tuple[Tree, float], params: Params
+) -> tuple[Verdicts, list[Declaration]]:
+    """Declaration of the smallest set of jets of which one has failed for sure."""
+    tree, now_s = seen
+    likely = sorted(open_to, key=lambda way: -open_to[way])[:_GROUP]
+    group: frozenset[Way] = frozenset()
+    for count in range(2, len(likely) + 1):
+        among = frozenset(likely[:count])
+        some = sum(
+            share * max(above_floor(way, each, params.joint) for way in among & each.ways)
+            for each, share in probabilities(tree)
+            if among & each.ways and each.run.age > 0
+        )
+        enough = _enough(likely[0], params.priors)
+        if open_to[likely[0]] < enough <= some * (1.0 - unheard(among, tree)):
+            group = among
+            break
+    if not group or any(group <= other or other <= group for other in verdicts.groups):
+        return verdicts._replace(group=(frozenset(), math.inf)), []
+    since_s = verdicts.group[1] if verdicts.group[0] == group else now_s
+    verdicts = verdicts._replace(group=(group, since_s))
+    if now_s - since_s < _GROUP_S:
+        return verdicts, []
+    ways = [way for way in likely if way in group]
+    holders = [next(each for each in tree.hypotheses if way in each.ways) for way in ways]
+    forces = [
+        reported_force(each.run.state, slot_of(each.run.state, *way), params.joint)
+        for way, each in zip(ways, holders, strict=True)
+    ]
+    event = next(event for event in reversed(holders[0].events) if ways[0] in event.cause.failures)
+    apart = _apart(ways, [force for force, _ in forces], tree, params.joint)
+    jets, signs = zip(*ways, strict=True)
+    said = JetsDeclared(
+        Word.GROUP, jets, signs, tuple(one for one, _ in forces), tuple(one for _, one in forces), event.onset_s, apart
+    )
+    return verdicts._replace(groups=verdicts.groups | {group}, group=(frozenset(), math.inf)), [said]
+
+
+def _apart(ways: list[Way], forces: list[float], tree: Tree, params: JointParams) -> Apart:
+    """What would tell the jets of a group apart, by the screen of an alarm that there still is."""
+    alarm = next((each.watch.alarm for each in tree.hypotheses if each.watch and each.watch.alarm), None)
+    if alarm is None:
+        return Apart()
+    members = [(jet, sign, force) for (jet, sign), force in zip(ways, forces, strict=True)]
+    return told_apart(alarm.screen, tree.samples[-1][1], alarm.screen.onsets[-1], members, _APART, params)
+
+
+def _known_now(verdicts: Verdicts, tree: Tree, params: JointParams) -> tuple[Verdicts, list[Declaration]]:
+    """Declarations of what is known only now: forces that have changed, and the size of a jump."""
+    leader, said = tree.leader, list[Declaration]()
+    now = leader.run.state
+    earlier = verdicts.earlier
+    if earlier is not None and settled(now, params):
+        size = brought(earlier, now, params)
+        if is_measured(size):
+            said.append(JumpDeclared(True, earlier.time_s, *size))
+            earlier = None
+    kept = []
+    for one in verdicts.jets:
+        after, word = _again(one, leader, params)
+        kept.append(after)
+        if word is not None:
+            event = next(event for event in reversed(leader.events) if one.way in event.cause.failures)
+            said.append(JetsDeclared(word, one.way[:1], one.way[1:], (after.force,), (after.sigma,), event.onset_s))
+    return verdicts._replace(jets=tuple(kept), earlier=earlier), said
+
+
+def _again(one: Declared, leader: Hypothesis, params: JointParams) -> tuple[Declared, Word | None]:
+    """A declared failure by what is known now, and the word for it if it has changed."""
+    if one.way not in leader.ways:
+        return one, None
+    now = leader.run.state
+    slot = slot_of(now, *one.way)
+    force, sigma = reported_force(now, slot, params)
+    if leader.walks[slot] == ANEW:
+        sigma = math.hypot(sigma, float(params.thrusts[one.way[0]]))  # it may give anything at any time
+        erratic = one._replace(force=force, sigma=sigma, changes=INTERMITTENT_AFTER)
+        return erratic, Word.ERRATIC if one.changes < INTERMITTENT_AFTER else None
+    least = max(_SIGNIFICANT * math.hypot(sigma, one.sigma), _CHANGE * float(params.thrusts[one.way[0]]))
+    if abs(force - one.force) > least:
+        changes = one.changes + 1
+        word = Word.ERRATIC if changes == INTERMITTENT_AFTER else Word.CHANGED
+        return one._replace(force=force, sigma=sigma, changes=changes), word
+    if sigma < 0.5 * one.sigma:  # the same force, known better: it is what a change is told from
+        return one._replace(force=force, sigma=sigma), None
+    return one, None
+
+
+def is_measured(size: Payload) -> bool:
+    """Whether a mass is known well enough to be told."""
+    return size.mass_sigma < _MEASURED * abs(size.mass)

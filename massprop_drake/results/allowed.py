@@ -1,0 +1,204 @@
+"""Intervals of the ten parameters that quantized readings allow, and what they are guaranteed by."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.inputs import params
+from massprop_drake.inputs.model import Flag, Real, Text
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.maths import mass_properties
+from massprop_drake.maths.estimation import hindsight, intervals
+from massprop_drake.maths.estimation.hindsight import Model, Stretch
+from massprop_drake.maths.estimation.intervals import Cells, Confined, Solve
+from massprop_drake.maths.mass_properties import CENTER_OF_MASS, ELEMENT, MASS_RECIPROCAL
+from massprop_drake.results.detections import DetectionRecord
+from massprop_drake.results.events import EventRecord
+from massprop_drake.results.hindsight import believed, model
+from massprop_drake.results.spool import Spool
+
+Array = NDArray[np.float64]
+
+_QUIET = 0.1  # of a quantum: the largest 1-sigma of noise
+_WIDEST = 3.0  # times the widest start: how far from the estimate parameters are sought
+_STRETCHES = 4  # evenly spread, that are taken of a long record
+
+_Bound = tuple[Real, Real] | None
+_Three = tuple[_Bound, _Bound, _Bound]
+
+
+class Intervals(NamedTuple):
+    """Intervals of the ten parameters that readings allow.
+
+    Attributes:
+        inverse_inertia: [low, high] of each element, 3 x 3, 1/(slug-ft^2) or 1/(kg-m^2); None where there is none.
+        center_of_mass: likewise, vehicle frame, ft or m.
+        mass_reciprocal: likewise, 1/slug or 1/kg.
+        best: middle of each, by the same names, which is off by half of the width at most.
+        guaranteed: whether there are intervals, and the truth is in them if `given` holds.
+        given: what must hold beyond what the scenario takes for exact.
+        reason: why there are none; None where there are.
+        contradicted: whether no vehicle explains all readings.
+        until_s: time of the first failure or jump, up to which readings count, and of which the intervals are; None:
+            the end of the run.
+    """
+
+    inverse_inertia: tuple[_Three, _Three, _Three]
+    center_of_mass: _Three
+    mass_reciprocal: _Bound
+    best: dict[str, Any]
+    guaranteed: Flag
+    given: tuple[Text, ...] = ()
+    reason: Text | None = None
+    contradicted: Flag = False
+    until_s: Real | None = None
+
+    @property
+    def pairs(self) -> list[_Bound]:
+        """Low and high of the ten parameters in their order."""
+        elements = {int(ELEMENT[i, j]): self.inverse_inertia[i][j] for i in range(3) for j in range(3)}
+        return [*(elements[index] for index in range(6)), *self.center_of_mass, self.mass_reciprocal]
+
+    def as_json(self) -> dict[str, Any]:
+        """The content of `intervals` in `summary.json`."""
+        return self._asdict()
+
+    def in_words(self) -> str:
+        """What is guaranteed, or why nothing is, in a sentence."""
+        if self.reason is not None:
+            return f"none: {self.reason}"
+        before = "" if self.until_s is None else f" before {self.until_s:.2f} s"
+        given = f", given {' and '.join(self.given)}" if self.given else ""
+        return f"guaranteed by the readings{before}{given}"
+
+
+def allowed_intervals(
+    scenario: Scenario,
+    signals: Spool,
+    estimate: Array,
+    found: Sequence[DetectionRecord],
+    events: Sequence[EventRecord],
+    solve: Solve,
+) -> Intervals:
+    """Finds the intervals that a run's quantized readings allow, up to the first failure or jump that stands.
+
+    Args:
+        scenario: as run.
+        signals: with `time_s`, commands and readings.
+        estimate: of the ten parameters at the end, NaN where not observed, shape (10,).
+        found: failures and jumps that were declared.
+        events: what was said besides; readings that were said to be false are left out.
+        solve: see `maths.estimation.intervals`.
+    """
+    onsets = [one.onset_s if one.earliest_s is None else one.earliest_s for one in found if one.withdrawn_s is None]
+    until_s = min(onsets, default=None)
+    reason = _unconfined(scenario)
+    if reason is not None:
+        return _none(reason, until_s)
+    made = model(scenario)
+    last_s = math.inf if until_s is None else until_s - made.period_s
+    parts, on_ticks = believed(scenario, signals, last_s, events, made)
+    chosen = [part for part in parts if not np.isnan(part.readings[:, : made.gyros]).all(axis=(0, 1)).any()]
+    chosen = chosen[:: max(-(-len(chosen) // _STRETCHES), 1)]
+    if not chosen:
+        return _none("there are too few readings", until_s)
+    if not on_ticks:
+        return _none("time stamps scatter about the ticks at which commands switch", until_s)
+    cells = _cells(scenario, made)
+    begin = made.prior.copy()
+    if hindsight.possible(estimate):  # NaN is not
+        begin[:10] = estimate
+    with np.errstate(all="ignore"):
+        fit = hindsight.fitted(chosen, begin, made)
+        about = fit.at if hindsight.possible(fit.at) else made.prior
+        try:
+            allowed = intervals.confined(chosen, about, made, cells, solve)
+        except ArithmeticError as error:
+            return _none(str(error), until_s)
+    return _told(allowed, _given(made, cells, chosen), until_s)
+
+
+def _unconfined(scenario: Scenario) -> str | None:
+    """Says why no reading confines the motion; None where readings do."""
+    vehicle, joint = scenario.vehicle_data, scenario.estimation.filter == "joint"
+    if scenario.estimation.filter == "pose":
+        return "sensors in a fixed frame confine nothing"
+    if not any(_confines(package.quantum, package.noise_std) for package in params.gyros(scenario)):
+        return "no gyro is quantized with noise of a tenth of its quantum at most"
+    if joint and (scenario.joint.rate_walk > 0.0 or scenario.joint.velocity_walk > 0.0):
+        return "joint.rate_walk and joint.velocity_walk state torques or forces that no reading confines"
+    if any(kind.repeatability > 0.0 for kind in vehicle.jet_kinds.values()):
+        return "pulses scatter by the vehicle's repeatability, which no reading confines"
+    made = model(scenario)
+    if made.sigma[hindsight.columns(made).shift].any():
+        return "propellant that is used may shift the center of mass; joint.tank_fraction=0 takes it for fixed"
+    return None
+
+
+def _confines(quantum: float, noise: float) -> bool:
+    return quantum > 0.0 and noise <= _QUIET * quantum
+
+
+def _cells(scenario: Scenario, made: Model) -> Cells:
+    setup = params.setup(scenario)
+    packages = [*params.gyros(scenario), *params.accelerometers(scenario)]
+    quanta, noise = np.array([[one.quantum, one.noise_std] for one in packages]).T
+    used = np.array([_confines(one.quantum, one.noise_std) for one in packages])
+    return Cells(np.where(used, quanta, 0.0), noise, setup.gyros.bias_std, _WIDEST * setup.widest)
+
+
+def _given(made: Model, cells: Cells, parts: Sequence[Stretch]) -> tuple[str, ...]:
+    """What is taken for bounded that is stated with a 1-sigma."""
+    places = hindsight.columns(made)
+    used = cells.quanta[made.gyros :] > 0.0
+    biased = bool(cells.gyro_biases.any()) or bool(made.sigma[places.acceleration_bias].reshape(-1, 3)[used].any())
+    fired = np.any([part.commands.any(axis=0) for part in parts], axis=0)
+    told = {
+        "thrusts": made.sigma[places.thrust][fired].any(),
+        "time constants": made.sigma[places.lag][made.kinds][fired].any(),
+        "biases": biased,
+    }
+    stated = [what for what, is_open in told.items() if is_open]
+    given = [f"{' and '.join(stated)} within {intervals.SIGMAS:g} sigma of what is stated"] if stated else []
+    if cells.noise[cells.quanta > 0.0].any():
+        given.append(f"noise within {intervals.NOISE_SIGMAS:g} sigma")
+    return tuple(given)
+
+
+def _told(allowed: Confined, given: tuple[str, ...], until_s: float | None) -> Intervals:
+    if allowed.is_contradicted:
+        words = f"no vehicle explains all readings: some are at least {-allowed.depth:.2g} quanta beyond their cells"
+        return _none(words, until_s)._replace(contradicted=True, given=given)
+    if np.isnan(allowed.low).all():
+        return _none("readings leave so much open that the motion is not linear in it", until_s)
+    return _by_names(allowed)._replace(given=given, until_s=until_s)
+
+
+def _by_names(allowed: Confined) -> Intervals:
+    pairs = [
+        None if math.isnan(low) else (low, high)
+        for low, high in zip(allowed.low.tolist(), allowed.high.tolist(), strict=True)
+    ]
+    best = [None if pair is None else 0.5 * (pair[0] + pair[1]) for pair in pairs]
+    rows = ELEMENT.tolist()
+    return Intervals(
+        tuple(tuple(pairs[index] for index in row) for row in rows),  # type: ignore[arg-type] # of three by three
+        tuple(pairs[CENTER_OF_MASS]),  # type: ignore[arg-type] # of three
+        pairs[MASS_RECIPROCAL],
+        {
+            "inverse_inertia": [[best[index] for index in row] for row in rows],
+            "center_of_mass": best[CENTER_OF_MASS],
+            "mass_reciprocal": best[MASS_RECIPROCAL],
+        },
+        guaranteed=any(pair is not None for pair in pairs),
+    )
+
+
+def _none(reason: str, until_s: float | None) -> Intervals:
+    unknown = np.full(len(mass_properties.NAMES), np.nan)
+    return _by_names(Confined(unknown, unknown, 0.0, 0.0))._replace(reason=reason, until_s=until_s)

@@ -1,0 +1,145 @@
+"""Posterior probabilities of faults at the end of a run, of a detector that follows hypotheses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from massprop_drake.inputs.model import NotNegative, Real
+from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.maths.estimation.faults.declarations import Mode as Code
+from massprop_drake.results.detections import Mode
+from massprop_drake.results.spool import Spool
+from massprop_drake.signals import with_deviation
+
+Array = NDArray[np.float64]
+Probability = Annotated[Real, Field(ge=0.0, le=1.0)]
+
+LEAST_TOLD = 1e-4  # probability of a jet's failure that is listed
+LEAST_SHOWN = 0.01  # probability that is put into words or drawn
+_MOST_SHOWN = 5  # jets that are put into words
+_ROUNDED = 0.9999  # probability above which digits say nothing more
+_OF_NO_JET = ("none", "unknown")
+_MODES: dict[int, Mode] = {
+    Code.STUCK_ON: "stuck_on",
+    Code.LEAK: "leak",
+    Code.STUCK_OFF: "stuck_off",
+    Code.LOSS: "loss",
+    Code.DRIFTING: "drift",
+    Code.INTERMITTENT: "intermittent",
+}
+
+
+class JetProbability(NamedTuple):
+    """Posterior probability that a jet has failed.
+
+    Attributes:
+        probability: of its failure, in whatever mode.
+        mode: likeliest fault mode; None where there is none.
+        force, force_std: too much (positive) or missing (negative) in the likeliest hypothesis with that failure, and
+            its 1-sigma, lbf or N; None where no hypothesis has one.
+    """
+
+    probability: Probability
+    mode: Mode | None = None
+    force: Real | None = None
+    force_std: NotNegative | None = None
+
+
+class FaultProbabilities(NamedTuple):
+    """Posterior probabilities of faults.
+
+    Attributes:
+        jets: by designation, likeliest first, of those above `LEAST_TOLD`.
+        none: probability that nothing has failed or changed.
+        unknown: probability that something unknown pushes.
+    """
+
+    jets: Mapping[str, JetProbability]
+    none: Probability
+    unknown: Probability
+
+    def as_json(self) -> dict[str, Any]:
+        """The content of `fault_probability` in `summary.json`."""
+        return {**{jet: one._asdict() for jet, one in self.jets.items()}, "none": self.none, "unknown": self.unknown}
+
+    def in_words(self, units: Mapping[str, str]) -> str:
+        """Jets that have failed with a probability above `LEAST_SHOWN`, in words; empty where there is none.
+
+        Args:
+            units: names of the vehicle's units, see `Vehicle.unit_names`.
+        """
+        shown = [(jet, one) for jet, one in self.jets.items() if one.probability > LEAST_SHOWN]
+        parts = [f"{jet} {rounded(one.probability)}{_how(one, units)}" for jet, one in shown[:_MOST_SHOWN]]
+        if len(shown) > _MOST_SHOWN:
+            parts.append(f"{len(shown) - _MOST_SHOWN} more jets less")
+        words = f"failed with probability: {', '.join(parts)}" if parts else ""
+        if self.unknown > LEAST_SHOWN:
+            words += f"{'; ' if words else ''}something unknown pushes with probability {rounded(self.unknown)}"
+        return words
+
+
+def gives_probabilities(signals: Spool) -> bool:
+    """Tests whether a run's detector gives posterior probabilities."""
+    return "none_probability" in signals and math.isfinite(signals.last("none_probability")[0])
+
+
+def at_end(vehicle: Vehicle, signals: Spool) -> FaultProbabilities | None:
+    """Posterior probabilities at the end of a run; None of a detector that gives none.
+
+    Args:
+        vehicle: for its jets.
+        signals: of the run.
+    """
+    if not gives_probabilities(signals):
+        return None
+    names = ("fault_probability", "fault_mode", "fault_force", "fault_force_std")
+    probability, *_ = columns = [signals.last(name) for name in names]
+    order = np.argsort(-probability, kind="stable")
+    told = order[probability[order] > LEAST_TOLD].tolist()
+    jets = {vehicle.designations[jet]: _of_jet(*(float(column[jet]) for column in columns)) for jet in told}
+    none, unknown = (_bounded(signals.last(name)[0]) for name in ("none_probability", "unknown_probability"))
+    return FaultProbabilities(jets, none, unknown)
+
+
+def by_jet(content: Any) -> Any:
+    """Takes the content of `fault_probability` apart; keys of jets that a later version wrote are passed over."""
+    if not isinstance(content, dict):
+        return content
+    jets = {
+        name: {key: one[key] for key in JetProbability._fields if key in one} if isinstance(one, dict) else one
+        for name, one in content.items()
+        if name not in _OF_NO_JET
+    }
+    return {"jets": jets, **{name: content[name] for name in _OF_NO_JET if name in content}}
+
+
+def rounded(probability: float) -> str:
+    """A probability in words: two digits of it, or four where it is near 1."""
+    if probability > _ROUNDED:
+        return f"above {_ROUNDED}"
+    return f"{probability:.4f}" if probability >= 1.0 - LEAST_SHOWN else f"{probability:.2g}"
+
+
+def _how(one: JetProbability, units: Mapping[str, str]) -> str:
+    """Mode and force of a failure, in brackets."""
+    parts = [] if one.mode is None else [one.mode.replace("_", " ")]
+    if one.force is not None and one.force_std is not None:
+        parts.append(f"{with_deviation(one.force, one.force_std)} {units['force']}")
+    return f" ({', '.join(parts)})" if parts else ""
+
+
+def _of_jet(probability: float, mode: float, force: float, force_std: float) -> JetProbability:
+    known = math.isfinite(force) and math.isfinite(force_std)
+    size = (force, force_std) if known else (None, None)
+    return JetProbability(_bounded(probability), _MODES.get(int(mode)), *size)
+
+
+def _bounded(probability: float) -> float:
+    """A sum of weights as a probability: rounding may carry it beyond 0 or 1."""
+    return min(max(float(probability), 0.0), 1.0)

@@ -1,0 +1,141 @@
+"""Review of a likely hypothesis: first orders about itself against filters of the alternatives from their onsets on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from faults_probe import commands_of, fail, flight, make_params
+
+from massprop_drake.maths.estimation.faults import review as reviews
+from massprop_drake.maths.estimation.faults.events import Hypothesis, moved
+from massprop_drake.maths.estimation.faults.priors import Params
+from massprop_drake.maths.estimation.faults.tree import Tree
+from massprop_drake.maths.estimation.joint import screen as screens
+from massprop_drake.maths.estimation.joint.hypotheses import Kind
+from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES
+from massprop_drake.maths.linear_algebra import Array
+
+ROUNDED, NOISY = make_params(quantum=3e-3), make_params()
+COMMANDS = commands_of(45, idle=(3,))
+ONSET = 30
+
+
+def reviewed(params: Params) -> tuple[Tree, Hypothesis, reviews.Review]:
+    """A leak of 2 % of full thrust, some samples later, and the review of its likeliest hypothesis, up to now."""
+    flown = flight(params, COMMANDS, changes={ONSET: fail(3, 0.02 * params.joint.thrusts[3], 1, 1)})
+    tree = flown.tree
+    leader = tree.leader
+    assert leader.ways == {(3, 1)}
+    review = reviews.begun(leader, params.joint)
+    for sample, over in tree.samples[review.run.cycle - tree.cycle :]:
+        review = reviews.followed(review, leader, sample, over, params.joint)
+    return tree, leader, review
+
+
+def alternatives(
+    tree: Tree, leader: Hypothesis, review: reviews.Review, params: Params
+) -> Iterator[tuple[float, float]]:
+    """Log likelihood and prior of alternatives less those of the reviewed: to first order, and of their own filters.
+
+    First orders have the shares of full thrust in them, by which small jets are not favored.
+    """
+    _, births, _ = reviews.drawn(review, leader, tree.hypotheses, params)
+    thrusts = params.joint.thrusts
+    for birth in births:
+        child, cause = birth.child, birth.child.run.cause
+        if cause.kind != Kind.JETS or child.walks.any() or cause.failures == leader.ways:
+            continue
+        if child.run.onset != leader.run.onset:  # others stand for an onset of the screen that is of several cycles
+            continue
+        assert birth.than == leader.events
+        for sample, over in tree.samples[child.run.cycle - tree.cycle :]:
+            child = moved(child, sample, over, params.joint)
+        favor = np.log(thrusts[list(cause.jets)] / thrusts.max()).sum() - np.log(thrusts[3] / thrusts.max())
+        own = child.run.score.likelihood + child.prior - leader.run.score.likelihood - leader.prior
+        yield birth.ahead - favor, own
+
+
+def test_the_review_is_the_hypothesis_itself() -> None:
+    tree, leader, review = reviewed(NOISY)
+    assert review.run.cycle == tree.cycle
+    assert review.run.score.likelihood == pytest.approx(leader.run.score.likelihood, abs=1e-6)
+    np.testing.assert_allclose(review.run.state.mean, leader.run.state.mean, atol=1e-9)
+
+
+@pytest.mark.parametrize("params", [NOISY, ROUNDED], ids=["noisy", "rounded"])
+def test_first_orders_of_alternatives_are_those_of_their_own_filters(params: Params) -> None:
+    """By the ratio of Savage and Dickey; but for what a force is worth, which first orders leave to N(0, T^2)."""
+    pairs = np.array(list(alternatives(*reviewed(params), params)))
+    assert pairs.shape[0] > 2
+    off = pairs[:, 0] - pairs[:, 1]
+    assert np.ptp(off) < 2.5
+    assert np.abs(off).max() < 2.5  # the reviewed one was born when its impulse at the onset might still be larger
+    assert np.ptp(pairs[:, 1]) > 1.0
+
+
+@pytest.mark.parametrize("params", [NOISY, ROUNDED], ids=["noisy", "rounded"])
+def test_a_review_knows_how_likely_it_is_that_nothing_has_happened(params: Params) -> None:
+    """So that the reviewed hypothesis, taken as one of its own alternatives, is as likely as its filter has it."""
+    tree, leader, review = reviewed(params)
+    (root,) = (each for each in tree.hypotheses if not each.events)
+    _, births, _ = reviews.drawn(review, leader, [root], params)
+    itself = next(
+        birth
+        for birth in births
+        if birth.child.parts == leader.parts and not birth.child.walks.any() and not birth.than
+    )
+    own = leader.run.score.likelihood + leader.prior - root.weight
+    favor = np.log(params.joint.thrusts[3] / params.joint.thrusts.max())
+    assert itself.ahead - favor == pytest.approx(own, abs=3.0)
+
+
+def test_a_hypothesis_without_an_origin_or_with_a_force_that_walks_is_not_reviewed() -> None:
+    _, leader, _ = reviewed(NOISY)
+    assert reviews.may_be(leader)
+    assert not reviews.may_be(leader._replace(origin=None))
+    assert not reviews.may_be(leader._replace(walks=np.array([0.03, 0.0, 0.0, 0.0])))
+    assert not reviews.may_be(leader._replace(run=leader.run._replace(cycle=leader.run.onset)))
+
+
+def test_parameters_that_are_known_after_all_count_as_if_they_never_were_estimated() -> None:
+    """A linear model y = X b + F f + e, all of it at once: by a filter that estimates b, and with some of b known.
+
+    The filter is off by C f, C = -B X^T Y^-1 F, Y = X B X^T + R.
+    """
+    rng = np.random.default_rng(8)
+    n, h, readings = 7, 3, 40
+    rows, value = np.array([1, 4]), np.array([0.7, -1.1])
+    x, f = rng.standard_normal((readings, n)), rng.standard_normal((readings, N_PROPERTIES + h))
+    prior, noise, y = rng.uniform(0.5, 2.0, n), 0.3, 2.0 * rng.standard_normal(readings)
+
+    def explained_by(columns: Array, variances: Array, read: Array) -> tuple[Array, Array, Array]:
+        """Information and projection of F with the columns X taken as unknown, and Y^-1."""
+        inverse = np.linalg.inv(columns @ np.diag(variances) @ columns.T + noise**2 * np.eye(readings))
+        return f.T @ inverse @ f, f.T @ inverse @ read, inverse
+
+    information, projection, inverse = explained_by(x, prior, y)
+    estimate = np.diag(prior) @ x.T @ inverse @ y
+    covariance = np.diag(prior) - np.diag(prior) @ x.T @ inverse @ x @ np.diag(prior)
+    columns = -np.diag(prior) @ x.T @ inverse @ f
+    jump, jets = slice(0, N_PROPERTIES), slice(N_PROPERTIES, None)
+    screen = screens.Screen(
+        onsets=(0,),
+        gaps=(1,),
+        cycle=1,
+        columns=columns,
+        acting=np.zeros((1, 2, 3)),
+        information=information[jets, jets][None],
+        projection=projection[jets][None],
+        jump_information=information[jump, jump],
+        jump_projection=projection[jump],
+        scores=(),
+    )
+    found = screens.constrained(screen, rows, value - estimate[rows], covariance[np.ix_(rows, rows)])
+    rest = np.setdiff1d(np.arange(n), rows)
+    whole, pulled, _ = explained_by(x[:, rest], prior[rest], y - x[:, rows] @ value)
+    np.testing.assert_allclose(found.information[0], whole[jets, jets], rtol=1e-9)
+    np.testing.assert_allclose(found.projection[0], pulled[jets], rtol=1e-9)
+    np.testing.assert_allclose(found.jump_information, whole[jump, jump], rtol=1e-9)
+    np.testing.assert_allclose(found.jump_projection, pulled[jump], rtol=1e-9)

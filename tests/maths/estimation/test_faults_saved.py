@@ -1,0 +1,195 @@
+"""Saved state of the hypothesis filter: it goes on the same, and what no run can have left is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from faults_probe import SLOTS, commands_of, dock, fail, flight, follow, make_params
+
+from massprop_drake.maths.estimation.faults import hypothesis_filter
+from massprop_drake.maths.estimation.faults.saved import restored, saved
+from massprop_drake.maths.estimation.faults.tree import Tree
+from massprop_drake.maths.estimation.faults.verdicts import Declared, Verdicts
+from massprop_drake.maths.estimation.joint.hypotheses import Kind
+from massprop_drake.maths.linear_algebra import Array
+
+PARAMS = make_params(quantum=3e-3)
+PLACES = PARAMS.joint.places
+THRUSTS = PARAMS.joint.thrusts
+COMMANDS = commands_of(60, idle=(3,))
+BOTH = {15: fail(3, 0.3 * THRUSTS[3], 1, 1), 35: fail(1, THRUSTS[1], -1)}
+FLOWN = flight(PARAMS, COMMANDS, changes=BOTH)
+# rows with several hypotheses: before anything is declared of the second failure, just after, and long after
+SEVERAL = [row for row in range(20, 58) if len(FLOWN.trees[row].hypotheses) > 2]
+
+
+def test_a_flight_has_several_hypotheses_at_most_rows() -> None:
+    assert len(SEVERAL) > 10
+    assert len(FLOWN.said) == 2
+
+
+@pytest.mark.parametrize("row", [*SEVERAL[::4], 59])
+def test_what_is_restored_is_what_was_saved(row: int) -> None:
+    tree, verdicts = FLOWN.trees[row], FLOWN.verdicts[row]
+    vector = saved(tree, verdicts, PLACES)
+    again, told = restored(vector, PLACES)
+    assert again.cycle == tree.cycle
+    assert (told.jets, told.others, told.groups) == (verdicts.jets, verdicts.others, verdicts.groups)
+    for one, other in zip(again.hypotheses, tree.hypotheses, strict=True):
+        assert one.key == other.key
+        assert (one.events, one.prior, one.weight, one.decided) == (
+            other.events,
+            other.prior,
+            other.weight,
+            other.decided,
+        )
+        np.testing.assert_array_equal(one.run.state.root, other.run.state.root)
+    np.testing.assert_array_equal(saved(again, told, PLACES), vector)
+
+
+LEAK = flight(PARAMS, COMMANDS, changes={30: fail(3, 0.02 * THRUSTS[3], 1, 1)})
+DOUBTED = [row for row in range(33, 45) if len(LEAK.trees[row].hypotheses) > 2]  # all that is likely has been born
+
+
+@pytest.mark.parametrize("row", DOUBTED)
+def test_a_run_goes_on_the_same_after_a_restart(row: int) -> None:
+    """In the midst of a doubt: each hypothesis stays as likely as it was, and what is declared and estimated the same.
+
+    Proposals that waited are gone. So hypotheses that would still have been born are missing, none is another.
+    """
+    tree, verdicts = restored(saved(LEAK.trees[row], LEAK.verdicts[row], PLACES), PLACES)
+    again = follow(LEAK, tree, verdicts, LEAK.filters[row], row + 1)
+    for one, other in zip(again.trees, LEAK.trees[row + 1 :], strict=True):
+        assert one.leader.key == other.leader.key
+        assert one.leader.run.score.likelihood == pytest.approx(other.leader.run.score.likelihood, rel=1e-9)
+    np.testing.assert_allclose(again.filters[-1].mean, LEAK.filters[-1].mean, atol=1e-9)
+    np.testing.assert_allclose(again.filters[-1].root, LEAK.filters[-1].root, atol=1e-9)
+    assert [one.jets for _, one in again.said] == [one.jets for time_s, one in LEAK.said if time_s > 0.1 * row + 0.15]
+
+
+@pytest.mark.parametrize("row", SEVERAL[1::5])
+def test_a_failure_after_a_restart_is_named(row: int) -> None:
+    """Its onset may be another, since the bank of onsets begins anew."""
+    tree, verdicts = restored(saved(FLOWN.trees[row], FLOWN.verdicts[row], PLACES), PLACES)
+    again = follow(FLOWN, tree, verdicts, FLOWN.filters[row], row + 1)
+    assert [one.jets for _, one in again.said] == [one.jets for time_s, one in FLOWN.said if time_s > 0.1 * row + 0.15]
+
+
+def test_a_payload_that_has_not_been_measured_is_measured_after_a_restart() -> None:
+    flown = flight(PARAMS, COMMANDS, changes={30: dock(PARAMS.joint, 0.3)})
+    tree, verdicts = restored(saved(flown.tree, flown.verdicts[-1], PLACES), PLACES)
+    assert verdicts.earlier is not None
+    np.testing.assert_array_equal(verdicts.earlier.root, flown.verdicts[-1].earlier.root)
+    assert tree.leader.earlier is not None
+    assert tree.leader.earlier.time_s == pytest.approx(3.0)
+
+
+def test_groups_and_all_that_was_declared_come_back() -> None:
+    verdicts = Verdicts(
+        (Declared((3, 1), 0.3, 0.01, 2), Declared((1, -1), 1.0, 0.02)),
+        frozenset({(Kind.JUMP, -1, 0), (Kind.LIES, 7, 1)}),
+        groups=frozenset({frozenset({(0, 1), (4, -1)}), frozenset({(2, 1), (0, 1), (5, 1)})}),
+    )
+    vector = saved(FLOWN.tree, verdicts, PLACES)
+    _, again = restored(vector, PLACES)
+    assert again == verdicts
+    np.testing.assert_array_equal(saved(*restored(vector, PLACES), PLACES), vector)
+
+
+def test_nothing_is_kept_of_a_run_that_has_not_begun() -> None:
+    tree, verdicts = restored(saved(Tree(), Verdicts(), PLACES), PLACES)
+    assert (tree, verdicts) == (Tree(), Verdicts())
+
+
+def changed(change: Callable[[Any], Any]) -> Array:
+    """A saved state of which the likeliest hypothesis is another."""
+    tree = FLOWN.tree
+    return saved(tree._replace(hypotheses=(change(tree.leader), *tree.hypotheses[1:])), FLOWN.verdicts[-1], PLACES)
+
+
+def with_state(**changes: Any) -> Callable[[Any], Any]:
+    """A hypothesis whose filter's state is another."""
+    return lambda each: each._replace(run=each.run._replace(state=each.run.state._replace(**changes)))
+
+
+def with_cause(**changes: Any) -> Callable[[Any], Any]:
+    """A hypothesis whose newest event is another."""
+
+    def change(each: Any) -> Any:
+        event = each.events[-1]
+        return each._replace(events=(*each.events[:-1], event._replace(cause=event.cause._replace(**changes))))
+
+    return change
+
+
+STATE = FLOWN.tree.leader.run.state
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda each: each._replace(prior=np.nan), "must be finite"),
+        (lambda each: each._replace(push=-1.0), "pushes and walks zero or positive"),
+        (lambda each: each._replace(walks=np.full(SLOTS, -1.0)), "pushes and walks zero or positive"),
+        (lambda each: each._replace(walks=np.full(SLOTS, np.nan)), "pushes and walks zero or positive"),
+        (lambda each: each._replace(run=each.run._replace(cycle=4)), "an index is out of its range"),
+        (lambda each: each._replace(run=each.run._replace(onset=10**6)), "an index is out of its range"),
+        (lambda each: each._replace(run=each.run._replace(lying=3)), "an index is out of its range"),
+        (lambda each: each._replace(run=each.run._replace(kicks=((1.0, 2.0, 3.0),))), "those of the newest failure"),
+        (lambda each: each._replace(run=each.run._replace(expected=((1.0,),))), "those of the newest failure"),
+        (lambda each: each._replace(run=each.run._replace(state=None)), "a hypothesis must have a state"),
+        (lambda each: each._replace(decided=frozenset({99})), "an index is out of its range"),
+        (with_state(mean=np.full(PLACES.size, np.inf)), "only readings of a hypothesis may be missing"),
+        (with_state(slot_jet=np.full(SLOTS, 0.5)), "a force must be of a jet"),
+        (with_state(slot_jet=np.full(SLOTS, 6.0)), "a force must be of a jet"),
+        (with_state(slot_sign=np.zeros(SLOTS)), "a force must be of a jet"),
+        (with_state(slot_on_top=np.full(SLOTS, 2.0)), "a force must be of a jet"),
+        (with_cause(jets=(0, 2)), "a failure must be of a jet"),
+        (with_cause(signs=(0,)), "a failure must be of a jet"),
+        (with_cause(jets=(6,)), "an index is out of its range"),
+        (with_cause(kind=9), "an index is out of its range"),
+    ],
+)
+def test_a_hypothesis_that_no_run_has_is_refused(change: Callable[[Any], Any], message: str) -> None:
+    with pytest.raises(ValueError, match=f"hypothesis_detector: .*{message}"):
+        restored(changed(change), PLACES)
+
+
+VECTOR = saved(FLOWN.tree, FLOWN.verdicts[-1], PLACES)
+
+
+@pytest.mark.parametrize(
+    ("vector", "message"),
+    [
+        (VECTOR[:-1], "ends too soon"),
+        (VECTOR[:40], "ends too soon"),
+        (np.append(VECTOR, 0.0), "goes on where it should end"),
+        (np.append(0.5, VECTOR[1:]), "an index is out of its range"),
+        (np.append(-1.0, VECTOR[1:]), "an index is out of its range"),
+        (np.append(np.nan, VECTOR[1:]), "an index is out of its range"),
+        (np.concatenate((VECTOR[:1], [1.5], VECTOR[2:])), "counts must be whole numbers"),
+        (np.concatenate((VECTOR[:1], [-1.0], VECTOR[2:])), "counts must be whole numbers"),
+        (saved(Tree(), Verdicts(jets=(Declared((9, 1), 0.1, 0.1),)), PLACES), "an index is out of its range"),
+        (np.array([0.0, 0, 0, 0, 1, 3, 0, 1, 2, 0]), "a group must be of jets and signs"),
+    ],
+)
+def test_a_vector_that_no_run_can_have_left_is_refused(vector: Array, message: str) -> None:
+    with pytest.raises(ValueError, match=f"hypothesis_detector: .*{message}"):
+        restored(vector, PLACES)
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "message"),
+    [(0, np.nan, "must be finite"), (6, -1.0, "zero or positive"), (12, 0.5, "removed must be 0 or 1")],
+)
+def test_what_the_detector_keeps_of_each_jet_is_looked_at(place: int, value: float, message: str) -> None:
+    vector = hypothesis_filter.kept(hypothesis_filter.initial(PARAMS), PARAMS)
+    assert hypothesis_filter.taken_up(vector, PARAMS).tree == Tree()
+    vector[place] = value
+    with pytest.raises(ValueError, match=f"hypothesis_detector: .*{message}"):
+        hypothesis_filter.taken_up(vector, PARAMS)
+    with pytest.raises(ValueError, match="ends too soon"):
+        hypothesis_filter.taken_up(vector[:17], PARAMS)

@@ -1,0 +1,267 @@
+"""Jets that fail while the start has not converged: hypotheses with weights, from the start gone over anew."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import pytest
+
+from massprop_drake import Run, load_scenario, simulate
+from massprop_drake.inputs import params as inputs
+from massprop_drake.maths.estimation.faults import passes
+from massprop_drake.maths.estimation.faults.passes import begin_fit, begin_pass, linearization, step_fit
+from massprop_drake.maths.estimation.faults.priors import Priors, force_correction
+from massprop_drake.maths.estimation.faults.screening import begin_screening, rank_jets, refine, step_screening
+from massprop_drake.maths.estimation.faults.search import BEGUN, OVER, Found, StartSearch, followed
+from massprop_drake.maths.estimation.filter import Told
+from massprop_drake.maths.estimation.filters import joint
+from massprop_drake.maths.estimation.filters.joint import JointFilterParams
+from massprop_drake.maths.estimation.joint import cycle
+from massprop_drake.maths.estimation.joint.cycle import JointEvidence
+from massprop_drake.maths.estimation.joint.hypotheses import Cause, Kind, slot_of
+from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams
+from massprop_drake.maths.estimation.joint.screen import Contender
+from massprop_drake.maths.estimation.joint.start import LONGEST, STEPS, Kept
+from massprop_drake.maths.estimation.joint.thrust_scale import reported
+
+ACCELEROMETERS = ("acc2", "acc1", "acc3")  # the preferred one first, as the filter has them
+SETTINGS = ("plant.lag_factor=0.9523809523809523", "seed=3", "execution.engine=loop")
+LEAK = ("estimation.start=zero", "duration_s=11", "failures=[{kind: leak, jet: F1U, start_s: 1.48, force: 50}]")
+ON = ("estimation.start=nominal", "duration_s=11", "failures=[{kind: stuck_on, jet: R2D, start_s: 1.1}]")
+OFF = ("estimation.start=zero", "duration_s=11", "failures=[{kind: stuck_off, jet: R4D, start_s: 1.08}]")
+DISPERSED = ("plant.thrust_dispersion=0.01", "joint.thrust_uncertainty=0.01")
+LEAK_ON_TOP = Cause(Kind.JETS, (5,), (1,), (1,))
+
+
+def flight(settings: Sequence[str]) -> Run:
+    """A flight without a detector; its filter has slots for forces, for all that."""
+    return simulate(load_scenario("orbiter_maneuver", [*SETTINGS, *settings, "detector.kind=off"]))
+
+
+def params_of(settings: Sequence[str]) -> JointFilterParams:
+    return inputs.joint_params(load_scenario("orbiter_maneuver", [*SETTINGS, *settings]))
+
+
+@pytest.fixture(scope="module")
+def leaking() -> Run:
+    return flight(LEAK)
+
+
+@pytest.fixture(scope="module")
+def params() -> JointParams:
+    return params_of(LEAK).joint
+
+
+def cycles(run: Run, params: JointFilterParams, lost: range = range(0)) -> Iterator[JointEvidence]:
+    """Cycles of the filter over the telemetry of a run, but for lost rows."""
+    state = joint.initial(params)
+    velocities = np.stack([run[name] for name in ACCELEROMETERS], axis=1)
+    for row, time_s in enumerate(run.time_s.tolist()):
+        if row in lost:
+            continue
+        told = Told(time_s, time_s, run["command"][max(row - 1, 0)], None, np.zeros(6))
+        done = joint.step(state, run["gyro"][row].reshape(1, 3), velocities[row], told, params)
+        state = done.state
+        yield done.evidence
+
+
+def searched(evidence: Iterator[JointEvidence], params: JointParams) -> tuple[tuple[Found, ...], float]:
+    """What is found first, and when, s."""
+    search = BEGUN
+    for each in evidence:
+        if each.report.starting or search.contradicted:
+            search, found = followed(search, each.before, each.report, each.sample, Priors(), params)
+            if found:
+                return found, each.sample.time_s
+    return (), np.inf
+
+
+def force_of(found: Found, params: JointParams) -> tuple[float, float]:
+    """Force of the failed jet, and its 1-sigma."""
+    row = params.places.force + slot_of(found.state, found.cause.jets[0], found.cause.signs[0])
+    return float(found.state.mean[row]), float(np.sqrt(np.sum(found.state.root[row] ** 2)))
+
+
+def probabilities(found: tuple[Found, ...], params: JointParams) -> dict[object, float]:
+    """Posterior probability of each cause by what is named of it."""
+    weights = []
+    for each in found:
+        weight = each.score.likelihood + each.log_prior
+        if each.cause.jets:
+            thrust = float(params.thrusts[each.cause.jets[0]])
+            weight += force_correction(*force_of(each, params), thrust, Priors(), missing=each.cause.signs[0] < 0)
+        weights.append(weight)
+    shares = np.exp(np.array(weights) - max(weights))
+    return {each.cause.key: share for each, share in zip(found, (shares / shares.sum()).tolist(), strict=True)}
+
+
+def nees(found: Found, run: Run, time_s: float, params: JointParams) -> float:
+    """Square of the errors of the ten parameters over their covariance."""
+    estimate, rows = reported(found.state, params)
+    error = estimate - run["truth"][int(np.searchsorted(run.time_s, time_s))]
+    deviation = np.sqrt(np.sum(rows * rows, axis=1))
+    half = rows / deviation[:, None]
+    return float((error / deviation) @ np.linalg.solve(half @ half.T, error / deviation))
+
+
+@pytest.mark.parametrize(
+    ("settings", "jet", "sign", "onset_s"),
+    [
+        (LEAK, "F1U", 1, 1.48),
+        (ON, "R2D", 1, 1.1),
+        (OFF, "R4D", -1, 1.08),
+        ((*LEAK, *DISPERSED), "F1U", 1, 1.48),
+    ],
+    ids=["leak", "on", "off", "thrusts dispersed"],
+)
+def test_the_jet_that_has_failed_is_certain_and_taken_off_what_the_vehicle_is_like(
+    settings: tuple[str, ...], jet: str, sign: int, onset_s: float
+) -> None:
+    run, own = flight(settings), params_of(settings)
+    found, time_s = searched(cycles(run, own), own.joint)
+    named = {(run.scenario.vehicle_data.designations.index(jet), sign)}
+    assert probabilities(found, own.joint)[frozenset(named)] > 0.999
+    assert nees(found[0], run, time_s, own.joint) < 29.6  # ten degrees, once in a thousand
+    if sign > 0:  # of a jet that is lost nothing shows before it is told to fire
+        assert found[0].onset_s == pytest.approx(onset_s, abs=0.24)
+
+
+def test_a_leak_is_found_through_a_gap_in_telemetry(leaking: Run) -> None:
+    own = params_of(LEAK)
+    found, _ = searched(cycles(leaking, own, range(30, 36)), own.joint)
+    assert probabilities(found, own.joint)[LEAK_ON_TOP.key] > 0.999
+    force, sigma = force_of(found[0], own.joint)
+    assert force == pytest.approx(50.0, abs=4.0 * sigma)
+
+
+def test_a_contradiction_by_chance_is_put_down_to_the_start() -> None:
+    settings = ("estimation.start=zero", "duration_s=7")
+    run, own = flight(settings), params_of(settings)
+    evidence = [
+        each._replace(report=each.report._replace(contradicted=number == 25))
+        for number, each in enumerate(cycles(run, own))
+    ]
+    found, time_s = searched(iter(evidence), own.joint)
+    assert probabilities(found, own.joint)[Cause(Kind.NOTHING)] > 0.999
+    assert nees(found[0], run, time_s, own.joint) < 29.6
+
+
+def test_nothing_is_searched_where_nothing_contradicts(leaking: Run, params: JointParams) -> None:
+    search = BEGUN
+    for each in cycles(leaking, params_of(LEAK)):
+        report = each.report._replace(contradicted=False, incremented=False)
+        search, found = followed(search, each.before, report, each.sample, Priors(), params)
+        assert (search.until, found) == (0, ())
+    search = search._replace(kept=search.kept[:1] * LONGEST)
+    assert followed(search, each.before, report, each.sample, Priors(), params) == (OVER, ())
+    assert followed(OVER, each.before, report, each.sample, Priors(), params) == (OVER, ())
+
+
+def test_while_nothing_acts_only_the_last_seconds_are_kept(leaking: Run, params: JointParams) -> None:
+    _, quiet, *_ = cycles(leaking, params_of(LEAK))
+    assert not quiet.sample.commands.any()
+    search, period_s = BEGUN, 0.08
+    for number in range(60):
+        time_s = period_s * number
+        before, sample = quiet.before._replace(time_s=time_s), quiet.sample._replace(time_s=time_s + period_s)
+        search, _ = followed(search, before, quiet.report, sample, Priors(), params)
+        assert search.entry is not None
+        assert search.entry.time_s == pytest.approx(time_s - period_s * (len(search.kept) - 1))
+        assert sample.time_s - search.entry.time_s < 2.0 + 1e-9
+
+
+def test_a_contradicted_start_may_have_been_stated_too_well(leaking: Run, params: JointParams) -> None:
+    _, quiet, *_ = cycles(leaking, params_of(LEAK))
+    report = quiet.report._replace(incremented=True)
+    search, _ = followed(BEGUN, quiet.before, report, quiet.sample, Priors(), params)
+    assert search.entry is not None
+    added = search.entry.root @ search.entry.root.T - quiet.before.root @ quiet.before.root.T
+    np.testing.assert_allclose(np.diag(added)[:N_PROPERTIES], params.increment_sigma**2, rtol=1e-9)
+    assert search.due_s == pytest.approx(quiet.sample.time_s + 1.0)
+
+
+def test_work_is_spread_over_cycles(leaking: Run, params: JointParams, monkeypatch: pytest.MonkeyPatch) -> None:
+    done = []
+
+    def counting(*given: object) -> object:
+        done[-1] += 1
+        return step_fit(*given)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(passes, "step_fit", counting)
+    search = BEGUN
+    for each in cycles(leaking, params_of(LEAK)):
+        done.append(0)
+        search, _ = followed(search, each.before, each.report, each.sample, Priors(), params)
+    assert max(done) == STEPS
+
+
+# --- by hand
+
+
+@pytest.fixture(scope="module")
+def kept(leaking: Run) -> StartSearch:
+    """Everything that is kept of the flight with a leak, and its entry."""
+    _, *every = cycles(leaking, params_of(LEAK))
+    return StartSearch(entry=every[0].before, kept=tuple(Kept(each.sample, False) for each in every))
+
+
+def test_finer_onsets_are_about_the_likeliest_and_among_the_samples(kept: StartSearch, params: JointParams) -> None:
+    entry, samples = kept.beginning, kept.kept[:70]
+    coarse = begin_screening(entry, linearization(entry, entry, params), samples, None, params)
+    assert coarse.screen.onsets == tuple(range(0, 70, 5))
+    for each in samples:
+        coarse = step_screening(coarse, each, params)
+    assert rank_jets(coarse, params)[0].cause == LEAK_ON_TOP
+    fine = refine(coarse, samples, params)
+    assert fine is not None
+    assert set(np.diff(fine.screen.onsets)) == {1}
+    assert 18 in fine.screen.onsets  # 1.48 s
+    assert max(fine.screen.onsets) < 70
+    assert refine(fine, samples, params) is None
+
+
+def test_passes_are_linearized_at_a_body_and_no_jet_gives_more_than_it_can(
+    kept: StartSearch, params: JointParams
+) -> None:
+    entry = kept.beginning
+    contender = Contender(LEAK_ON_TOP, 0, 0.0, force=(1e6,))
+    fit = begin_fit(contender, 0.0, linearization(entry, entry, params), entry, params)
+    np.testing.assert_array_equal(fit.about[:N_PROPERTIES], params.nominal)
+    assert fit.about[params.places.force] == pytest.approx(1.05 * params.thrusts[5])
+
+
+@pytest.mark.parametrize(("share", "on_top"), [(0.2, 1), (0.9, 0)])
+def test_a_jet_that_gives_most_of_its_thrust_is_stuck_and_else_leaks(
+    share: float, on_top: int, kept: StartSearch, params: JointParams
+) -> None:
+    entry = kept.beginning
+    fit = begin_fit(Contender(LEAK_ON_TOP, 0, 0.0, force=(50.0,)), 0.0, entry.mean, entry, params)
+    fit = step_fit(fit, kept.kept[0], params) or fit
+    mean = fit.state.mean.copy()
+    mean[params.places.force] = share * params.thrusts[5]
+    again = begin_pass(fit._replace(state=fit.state._replace(mean=mean)), entry, params)
+    assert again.contender.cause == LEAK_ON_TOP._replace(on_top=(on_top,))
+    assert again.about[params.places.force] == pytest.approx(share * params.thrusts[5])
+
+
+def test_a_pass_is_linear_in_the_force_it_estimates(kept: StartSearch, params: JointParams) -> None:
+    """However far force and mass properties are from where it is linearized: their product is of second order."""
+    own = params._replace(
+        cells=np.zeros_like(params.cells), quanta=np.zeros_like(params.cells), floors=params.variances
+    )
+    opened = begin_fit(Contender(LEAK_ON_TOP, 0, 0.0, force=(300.0,)), 0.0, kept.beginning.mean, kept.beginning, own)
+    first = step_fit(opened, kept.kept[0], own)
+    assert first is not None
+    sample = next(each.sample for each in kept.kept if each.sample.commands.any())
+    about, state, slot = first.about.copy(), first.state, own.places.force
+    about[:N_PROPERTIES] = own.nominal
+    there = state.mean.copy()
+    there[:N_PROPERTIES], there[slot] = 1.5 * own.nominal, 800.0
+
+    def after(share: float) -> np.ndarray:
+        mean = (1.0 - share) * state.mean + share * there
+        return cycle.relinearized(state._replace(mean=mean), sample, about, own)[0].mean
+
+    scale = np.maximum(np.abs(after(1.0) - after(0.0)), 1e-9)
+    np.testing.assert_allclose((after(0.3) - 0.7 * after(0.0) - 0.3 * after(1.0)) / scale, 0.0, atol=1e-6)

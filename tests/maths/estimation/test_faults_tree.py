@@ -1,0 +1,174 @@
+"""The tree of hypotheses on a small vehicle: who is named and when, odds, merging, and bounds of what it costs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from faults_probe import JETS, Flown, commands_of, dock, fail, flight, make_params
+
+from massprop_drake.maths.estimation.faults.declarations import (
+    JetsDeclared,
+    JumpDeclared,
+    Mode,
+    ReadingDeclared,
+    Word,
+)
+from massprop_drake.maths.estimation.faults.priors import Params
+from massprop_drake.maths.estimation.faults.tree import probabilities
+from massprop_drake.maths.estimation.faults.verdicts import odds
+from massprop_drake.maths.estimation.joint.hypotheses import Kind, slot_of
+
+ROUNDED, NOISY = make_params(quantum=3e-3), make_params()
+THRUSTS = NOISY.joint.thrusts
+ONSET = 30  # index of the first interval of a failure
+COMMANDS = commands_of(50, idle=(3,))
+PARAMETERS = pytest.mark.parametrize("params", [ROUNDED, NOISY], ids=["rounded", "noisy"])
+
+
+def of(one: object, kind: type[Any]) -> Any:
+    """A declaration of a kind."""
+    assert isinstance(one, kind)
+    return one
+
+
+def worst(flown: Flown) -> float:
+    """Largest error of the ten parameters at the end, in their sigma."""
+    state = flown.filters[-1]
+    sigma = np.linalg.norm(state.root[:10], axis=1)
+    return float(np.abs((state.mean - flown.truths[-1].mean)[:10] / sigma).max())
+
+
+@PARAMETERS
+def test_of_a_healthy_flight_one_hypothesis_is_left(params: Params) -> None:
+    flown = flight(params, COMMANDS)
+    assert flown.said == []
+    assert [len(tree.hypotheses) for tree in flown.trees] == [1] * len(flown.trees)
+    assert all(odds(tree, params.joint).none == 1.0 for tree in flown.trees)
+    assert worst(flown) < 4.0
+
+
+@PARAMETERS
+@pytest.mark.parametrize(
+    ("jet", "sign", "share", "mode"),
+    [(3, 1, 1.0, Mode.STUCK_ON), (3, 1, 0.2, Mode.LEAK), (1, -1, 1.0, Mode.STUCK_OFF), (0, -1, 0.4, Mode.LOSS)],
+)
+def test_a_failed_jet_is_named_with_its_force(params: Params, jet: int, sign: int, share: float, mode: Mode) -> None:
+    """Within half a second of its first effect, at the right onset, nobody else; what is learned stays right."""
+    force = share * THRUSTS[jet]
+    flown = flight(params, COMMANDS, changes={ONSET: fail(jet, force, sign, int(mode == Mode.LEAK))})
+    ((time_s, one),) = flown.said
+    said = of(one, JetsDeclared)
+    assert (said.word, said.jets, said.signs) == (Word.FAILED, (jet,), (sign,))
+    acts = ONSET + int(np.argmax(COMMANDS[ONSET:, jet] > 0.0)) if sign < 0 else ONSET
+    assert time_s - 0.1 * acts <= 0.5
+    assert abs(said.onset_s - 0.1 * ONSET) <= 0.1 + 0.1 * (acts - ONSET)
+    assert abs(said.forces[0] - force) < 4.5 * said.sigmas[0]
+    for after in range(ONSET):
+        assert flown.probability(jet, after) == 0.0
+    assert flown.probability(jet) > 0.999
+    found = odds(flown.tree, params.joint)
+    assert np.delete(found.jets, jet).max() < 1e-3
+    assert found.modes[jet] == mode
+    assert abs(sign * found.forces[jet] - force) < 4.5 * found.sigmas[jet]
+    assert worst(flown) < 4.0
+
+
+@PARAMETERS
+def test_two_jets_that_leak_at_once_are_both_named(params: Params) -> None:
+    def both(truth: Any) -> Any:
+        return fail(5, 0.2 * THRUSTS[5], 1, 1)(fail(3, 0.3 * THRUSTS[3], 1, 1)(truth))
+
+    flown = flight(params, COMMANDS, changes={ONSET: both})
+    assert {of(one, JetsDeclared).jets for _, one in flown.said} == {(3,), (5,)}
+    assert flown.said[-1][0] < 0.1 * ONSET + 1.0
+    assert min(flown.probability(3), flown.probability(5)) > 0.999
+
+
+@PARAMETERS
+def test_a_failure_beside_a_known_one_is_named(params: Params) -> None:
+    changes = {20: fail(3, 0.3 * THRUSTS[3], 1, 1), 35: fail(1, THRUSTS[1], -1)}
+    flown = flight(params, COMMANDS, changes=changes)
+    assert [of(one, JetsDeclared).jets for _, one in flown.said] == [(3,), (1,)]
+    assert [one.word for _, one in flown.said if isinstance(one, JetsDeclared)] == [Word.FAILED] * 2
+
+
+@PARAMETERS
+def test_a_payload_is_a_jump_and_no_jet(params: Params) -> None:
+    flown = flight(params, COMMANDS, changes={ONSET: dock(params.joint, 0.3)})
+    ((time_s, one),) = flown.said
+    said = of(one, JumpDeclared)
+    assert time_s < 0.1 * ONSET + 0.6
+    assert said.onset_s == pytest.approx(0.1 * ONSET)
+    assert not said.measured
+    assert odds(flown.tree, params.joint).jets.max() < 1e-3
+    assert worst(flown) < 4.0
+
+
+def test_a_jump_after_the_loss_of_a_jet_whose_number_its_kind_has() -> None:
+    """Jets are counted by index and kinds of events by number."""
+    params = ROUNDED
+    jet = int(Kind.JUMP)
+    flown = flight(params, COMMANDS, changes={15: fail(jet, THRUSTS[jet], -1), 32: dock(params.joint, 0.3)})
+    assert [type(one) for _, one in flown.said] == [JetsDeclared, JumpDeclared]
+
+
+@PARAMETERS
+@pytest.mark.parametrize("component", [1, 7])
+def test_a_false_reading_is_named_and_costs_nothing(params: Params, component: int) -> None:
+    flown = flight(params, COMMANDS, false={ONSET: 0.5 * np.eye(12)[component]})
+    ((_, one),) = flown.said
+    said = of(one, ReadingDeclared)
+    assert (said.component, said.onset_s) == (component, pytest.approx(0.1 * ONSET))
+    assert odds(flown.tree, params.joint).jets.max() < 1e-3
+    assert worst(flown) < 4.0
+
+
+@PARAMETERS
+def test_a_jet_that_is_well_again_is_withdrawn(params: Params) -> None:
+    changes = {20: fail(3, 0.3 * THRUSTS[3], 1, 1), 35: fail(3, 0.0, 1, 1)}
+    flown = flight(params, COMMANDS, changes=changes)
+    assert [of(one, JetsDeclared).word for _, one in flown.said] == [Word.FAILED, Word.WITHDRAWN]
+    assert flown.said[-1][0] < 3.5 + 0.5
+    assert flown.probability(3, 33) > 0.999
+    assert flown.probability(3) < 0.1  # that it leaks by less than is known
+
+
+def test_a_force_that_its_vehicle_cannot_have_is_something_unknown() -> None:
+    """A push that no jet gives, from outside: nobody is named."""
+    params = ROUNDED
+    rng = np.random.default_rng(3)
+    pushes = {row: 0.2 * rng.standard_normal(12) for row in range(ONSET, ONSET + 12)}
+    flown = flight(params, COMMANDS, false=pushes)
+    assert not [one for _, one in flown.said if isinstance(one, JetsDeclared)]
+    assert odds(flown.tree, params.joint).jets.max() < 0.5
+
+
+def test_probabilities_sum_to_one_and_hypotheses_are_bounded() -> None:
+    """Sixteen, besides what was likely before an alarm; the likeliest comes first; each key stands once."""
+    changes = {20: fail(3, 0.05 * THRUSTS[3], 1, 1), 30: fail(5, 0.05 * THRUSTS[5], 1, 1)}
+    flown = flight(NOISY, COMMANDS, changes=changes)
+    most = 0
+    for tree in flown.trees:
+        shares = [share for _, share in probabilities(tree)]
+        assert sum(shares) == pytest.approx(1.0)
+        assert shares == sorted(shares, reverse=True)
+        now_s = tree.leader.run.state.time_s
+        others = [each for each in tree.hypotheses if each.root_until_s < now_s]
+        assert len({each.key for each in others}) == len(others) <= 16
+        assert len(tree.hypotheses) <= 16 + JETS
+        most = max(most, len(tree.hypotheses))
+        found = odds(tree, NOISY.joint)
+        assert 0.0 <= found.none + found.unknown <= 1.0 + 1e-12
+        assert ((found.jets >= 0.0) & (found.jets <= 1.0)).all()
+        assert found.hypotheses == len(tree.hypotheses)
+    assert most > 4
+
+
+def test_a_force_is_known_as_well_as_its_filter_knows_it() -> None:
+    flown = flight(NOISY, COMMANDS, changes={ONSET: fail(3, 0.3 * THRUSTS[3], 1, 1)})
+    found, state = odds(flown.tree, NOISY.joint), flown.tree.leader.run.state
+    row = NOISY.joint.places.force + slot_of(state, 3, 1)
+    assert found.forces[3] == state.mean[row]
+    assert found.sigmas[3] == pytest.approx(np.linalg.norm(state.root[row]))

@@ -1,0 +1,214 @@
+"""Declarations of the hypothesis filter: made, withdrawn, groups, modes, and nothing while rivals wait."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from faults_probe import JETS, commands_of, fail, flight, known_vehicle, make_params
+
+from massprop_drake.maths.estimation.faults import hypothesis_filter
+from massprop_drake.maths.estimation.faults.declarations import (
+    JetsDeclared,
+    JumpDeclared,
+    Mode,
+    ReadingDeclared,
+    Unexplained,
+    Word,
+)
+from massprop_drake.maths.estimation.faults.events import ANEW, Event, Hypothesis, begun
+from massprop_drake.maths.estimation.faults.proposals import Birth
+from massprop_drake.maths.estimation.faults.tree import Tree
+from massprop_drake.maths.estimation.faults.verdicts import Verdicts, judged, mode_of, odds, of_jets, unheard
+from massprop_drake.maths.estimation.joint.cycle import JointEvidence, step
+from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Cause, Kind, opened
+
+PARAMS = make_params(quantum=3e-3)
+JOINT = PARAMS.joint
+THRUSTS = JOINT.thrusts
+
+
+def hypothesis(weight: float, *failures: tuple[int, int, float], others: tuple[Cause, ...] = ()) -> Hypothesis:
+    """A hypothesis of some log weight, by jet, sign and share of full thrust of its failures, each known to 1 %."""
+    state, events = known_vehicle(JOINT)._replace(time_s=9.0), []
+    for jet, sign, share in failures:
+        cause = Cause(Kind.JETS, (jet,), (sign,), (0,))
+        state = opened(state, cause, JOINT)
+        mean, root = state.mean.copy(), state.root.copy()
+        row = JOINT.places.force + len(events)
+        mean[row], root[row] = share * THRUSTS[jet], 0.0
+        root[row, row] = 0.01 * THRUSTS[jet]
+        state = state._replace(mean=mean, root=root)
+        events.append(Event(cause, 8.0 + 0.1 * len(events), NO_SCORE))
+    events += [Event(cause, 8.5, NO_SCORE) for cause in others]
+    one = begun(state, 90, JOINT)
+    run = one.run._replace(cause=events[-1].cause if events else one.run.cause, onset=80)
+    return one._replace(run=run, events=tuple(events), weight=weight)
+
+
+def tree_of(*hypotheses: Hypothesis, births: tuple[Birth, ...] = ()) -> Tree:
+    return Tree(90, hypotheses, births)
+
+
+def declared(tree: Tree, samples: int, verdicts: Verdicts | None = None) -> tuple[Verdicts, list[Any]]:
+    """Declarations while nothing changes but the time."""
+    verdicts, said = verdicts or Verdicts(), []
+    for number in range(samples):
+        later = tuple(
+            each._replace(run=each.run._replace(state=each.run.state._replace(time_s=9.0 + 0.1 * number)))
+            for each in tree.hypotheses
+        )
+        verdicts, more = judged(verdicts, tree._replace(hypotheses=later), PARAMS)
+        said += more
+    return verdicts, said
+
+
+NOTHING = hypothesis(-12.0)
+LEAKS = hypothesis(0.0, (3, 1, 0.3))
+
+
+def test_what_is_sure_is_declared_once() -> None:
+    tree = tree_of(LEAKS, NOTHING)
+    assert len(declared(tree, 1)[1]) == 1
+    _, (said,) = declared(tree, 5)
+    assert (said.word, said.jets, said.signs, said.onset_s) == (Word.FAILED, (3,), (1,), 8.0)
+    assert (said.forces[0], said.sigmas[0]) == (pytest.approx(0.3 * THRUSTS[3]), pytest.approx(0.01 * THRUSTS[3]))
+
+
+@pytest.mark.parametrize(("behind", "count"), [(6.8, 0), (7.0, 1)])
+def test_it_is_sure_where_the_doubt_is_less_than_a_user_accepts(behind: float, count: int) -> None:
+    """A thousandth: 6.9 nats."""
+    _, said = declared(tree_of(LEAKS, NOTHING._replace(weight=-behind)), 4)
+    assert len(said) == count
+
+
+@pytest.mark.parametrize(
+    ("cause", "behind"),
+    [(Cause(Kind.JUMP), 11.5), (Cause(Kind.LIES, component=7), 6.9), (Cause(Kind.UNKNOWN), 6.9)],
+)
+def test_what_is_common_is_declared_with_less_doubt(cause: Cause, behind: float) -> None:
+    """As many false declarations an hour of a payload as of a jet, which is a hundred times as rare."""
+    happens = hypothesis(0.0, others=(cause,))
+    for margin, count in ((-0.1, 0), (0.1, 1)):
+        assert len(declared(tree_of(happens, NOTHING._replace(weight=-behind - margin)), 1)[1]) == count
+
+
+@pytest.mark.parametrize(("weight", "withdrawn"), [(-0.1, False), (0.1, True)])
+def test_what_becomes_less_likely_than_not_is_withdrawn(weight: float, withdrawn: bool) -> None:
+    verdicts, _ = declared(tree_of(LEAKS, NOTHING), 2)
+    rest, said = declared(tree_of(LEAKS, NOTHING._replace(weight=weight)), 3, verdicts)
+    assert [one.word for one in said] == [Word.WITHDRAWN] * withdrawn
+    assert rest.ways == (frozenset() if withdrawn else {(3, 1)})
+    again = declared(tree_of(LEAKS, NOTHING), 3, rest)[1]
+    assert [one.word for one in again] == [Word.FAILED] * withdrawn
+
+
+def test_nothing_is_declared_while_a_rival_waits_without_the_jet() -> None:
+    rival = hypothesis(0.0, (5, 1, 0.3))
+    waits = tree_of(LEAKS, NOTHING, births=(Birth(rival, -4.0, LEAKS.events, 1.0),))
+    assert unheard((3, 1), waits) == pytest.approx(np.exp(-3.0) / (1.0 + np.exp(-3.0)))
+    assert unheard((5, 1), waits) == 0.0
+    assert declared(waits, 5)[1] == []
+    hopeless = tree_of(LEAKS, NOTHING, births=(Birth(rival, -14.0, LEAKS.events, 1.0),))
+    with_it = tree_of(LEAKS, NOTHING, births=(Birth(hypothesis(0.0, (3, 1, 0.2), (5, 1, 0.1)), 0.0, None, 9.0),))
+    for tree in (hopeless, with_it):
+        assert len(declared(tree, 5)[1]) == 1
+
+
+def test_the_smallest_set_of_jets_of_which_one_has_failed_is_a_group_after_two_seconds() -> None:
+    alike = tree_of(hypothesis(0.5, (3, 1, 0.3)), hypothesis(0.0, (5, 1, 0.2)), hypothesis(-9.0, (0, 1, 0.2)), NOTHING)
+    assert declared(alike, 18)[1] == []
+    verdicts, (said,) = declared(alike, 25)
+    assert (said.word, said.jets, said.signs) == (Word.GROUP, (3, 5), (1, 1))
+    assert said.forces == (pytest.approx(0.3 * THRUSTS[3]), pytest.approx(0.2 * THRUSTS[5]))
+    assert declared(alike, 25, verdicts)[1] == []
+    _, later = declared(tree_of(LEAKS, NOTHING), 3, verdicts)
+    assert [(one.word, one.jets) for one in later] == [(Word.FAILED, (3,))]
+
+
+def test_four_jets_are_no_group() -> None:
+    alike = tree_of(*(hypothesis(0.0, (jet, 1, 0.3)) for jet in range(4)))
+    assert declared(alike, 40)[1] == []
+
+
+@pytest.mark.parametrize(
+    ("sign", "share", "walk", "mode"),
+    [
+        (1, 0.9, 0.0, Mode.STUCK_ON),
+        (1, 0.4, 0.0, Mode.LEAK),
+        (-1, 0.95, 0.0, Mode.STUCK_OFF),
+        (-1, 0.5, 0.0, Mode.LOSS),
+        (1, 0.2, 0.03, Mode.DRIFTING),
+        (-1, 0.2, ANEW, Mode.INTERMITTENT),
+    ],
+)
+def test_a_fault_mode_is_what_its_force_is_like(sign: int, share: float, walk: float, mode: Mode) -> None:
+    one = hypothesis(0.0, (3, sign, share))
+    one = one._replace(walks=np.array([walk, 0.0, 0.0, 0.0]))
+    assert mode_of((3, sign), one, JOINT) == mode
+    assert odds(tree_of(one, NOTHING), JOINT).modes[3] == mode
+
+
+def test_a_force_below_what_is_called_a_failure_is_none() -> None:
+    """A leak of less than two thousandths of full thrust, a loss of less than a tenth."""
+    for sign, floor in ((1, 0.002), (-1, 0.1)):
+        for share, expected in ((floor, 0.5), (floor + 0.01, 0.8413), (floor - 0.01, 0.1587)):
+            found = of_jets(tree_of(hypothesis(0.0, (3, sign, share))), JOINT)
+            assert found[3, sign] == pytest.approx(expected, abs=1e-3)
+
+
+def test_odds_add_up() -> None:
+    push = Cause(Kind.UNKNOWN)
+    tree = tree_of(
+        hypothesis(0.0, (3, 1, 0.3)),
+        hypothesis(-0.5, (5, -1, 0.8)),
+        hypothesis(-1.0, (3, 1, 0.4), (5, -1, 0.7)),
+        hypothesis(-2.0, others=(push,)),
+        hypothesis(-3.0),
+    )
+    found, share = odds(tree, JOINT), np.exp([0.0, -0.5, -1.0, -2.0, -3.0])
+    share = share / share.sum()
+    assert found.none == pytest.approx(share[4])
+    assert found.unknown == pytest.approx(share[3])
+    assert found.jets[3] == pytest.approx(share[0] + share[2])
+    assert found.jets[5] == pytest.approx(share[1] + share[2])
+    both = share[2]
+    assert found.none + found.unknown + found.jets.sum() - both == pytest.approx(1.0)
+    assert found.forces[3] == pytest.approx(0.3 * THRUSTS[3])
+    assert found.forces[5] == pytest.approx(-0.8 * THRUSTS[5])
+    assert np.isnan(np.delete(found.forces, [3, 5])).all()
+    assert found.hypotheses == 5
+
+
+def test_what_else_happens_is_declared_by_its_kind() -> None:
+    earlier = known_vehicle(JOINT)._replace(time_s=8.4)
+    causes = (Cause(Kind.JUMP), Cause(Kind.LIES, component=7), Cause(Kind.UNKNOWN))
+    one = hypothesis(0.0, others=causes)._replace(earlier=earlier)
+    verdicts, said = declared(tree_of(one, NOTHING), 4)
+    assert {type(each) for each in said} == {JumpDeclared, ReadingDeclared, Unexplained}
+    assert [each.onset_s for each in said] == [8.5] * 3
+    assert next(each for each in said if isinstance(each, ReadingDeclared)).component == 7
+    assert verdicts.earlier is earlier
+    ended = hypothesis(0.0, others=(*causes, Cause(Kind.UNKNOWN)))
+    assert declared(tree_of(ended, NOTHING), 4, verdicts)[1] == []
+
+
+def test_jets_that_are_named_alone_are_out_of_use_until_they_are_well() -> None:
+    """As the autopilot is told, over a flight whose jet leaks for a while."""
+    commands = commands_of(50, idle=(3,))
+    flown = flight(PARAMS, commands, changes={20: fail(3, 0.3 * THRUSTS[3], 1, 1), 35: fail(3, 0.0, 1, 1)})
+    state, filtered = hypothesis_filter.initial(PARAMS), known_vehicle(JOINT)
+    removed, forces = [], []
+    for sample in flown.samples:
+        after, report = step(filtered, sample, JOINT)
+        judgment = hypothesis_filter.judge(state, JointEvidence(filtered, after, report, sample, False), PARAMS)
+        state, filtered = judgment.state, after if judgment.replacement is None else judgment.replacement
+        removed.append(np.flatnonzero(state.removed).tolist())
+        forces.append(state.force.copy())
+    failed_s, well_s = (time_s for time_s, one in flown.said if isinstance(one, JetsDeclared))
+    for number, out in enumerate(removed):
+        assert out == ([3] if failed_s - 0.05 < 0.1 * (number + 1) < well_s - 0.05 else [])
+    assert forces[32][3] == pytest.approx(0.3 * THRUSTS[3], rel=0.2)
+    assert not np.delete(forces, 3, axis=1).any()
+    assert state.removed.shape == (JETS,)
