@@ -190,7 +190,7 @@ def extremes(given: Constraints, count: int, solve: Solve) -> Array | None:
 
 
 class Cells(NamedTuple):
-    """How readings confine signals.
+    """Cells of readings, which confine signals.
 
     Attributes:
         quanta: of the packages, gyros first; zero: the package is not used, shape (n_packages,).
@@ -226,7 +226,7 @@ class _Point(NamedTuple):
 
 
 class _Outputs(NamedTuple):
-    """What packages show over a stretch, but for starts of accelerometers and biases of gyros.
+    """Outputs of packages over a stretch, but for starts of accelerometers and biases of gyros.
 
     Attributes:
         shown: shape (n_packages, 3, m).
@@ -329,7 +329,7 @@ def _turned(straight: Array, changes: Array, rate: Array, arm: Array, time_s: Ar
 
 
 class _Frame(NamedTuple):
-    """Where unknowns of a program stand: those of `hindsight`, biases of gyros, and each stretch's starts."""
+    """Places of a program's unknowns: those of `hindsight`, biases of gyros, and each stretch's starts."""
 
     wanted: NDArray[np.int_]  # places of the first u
     biases: int  # of gyros
@@ -337,11 +337,11 @@ class _Frame(NamedTuple):
 
     @property
     def common(self) -> int:
-        """How many unknowns all stretches have in common."""
+        """Number of unknowns that all stretches have in common."""
         return self.wanted.size + self.biases
 
     def begin(self, stretch: int) -> int:
-        """Where the starts of a stretch begin."""
+        """Place of the first start of a stretch."""
         return self.common + stretch * self.starts
 
 
@@ -403,12 +403,12 @@ class _Linear:
 
     @property
     def readings(self) -> int:
-        """How many there are."""
+        """Number of readings."""
         return sum(part.left.size for part in self._parts)
 
     @property
     def spans(self) -> Array:
-        """How far each of the ten parameters may be from the point, such that the mass stays positive, shape (10,)."""
+        """Distance of each parameter from the point at the most, such that the mass stays positive, shape (10,)."""
         spans = self._cells.spans.copy()
         spans[-1] = min(spans[-1], _LEFT * self.point.at[_N - 1])
         return spans

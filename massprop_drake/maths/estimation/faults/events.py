@@ -177,7 +177,7 @@ def gone_on(each: Hypothesis, run: Runner) -> Hypothesis:
 
 
 def behind(each: Hypothesis, other: Hypothesis) -> float:
-    """By how much it was less likely than another at its own last cycle, nats; zero where that is not known."""
+    """Deficit of a hypothesis against another at its own last cycle, nats; zero where that is not known."""
     since = other.run.cycle - each.run.cycle
     if each.run.age <= 0 or not 0 <= since < len(other.trail):
         return 0.0

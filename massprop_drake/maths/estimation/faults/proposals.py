@@ -268,11 +268,10 @@ def drawn(each: Hypothesis, cycle: int, among: Sequence[Hypothesis], params: Par
     births, left = ranked(each, alarm, level, among, params, off=_OFF)
     best = max(other.weight for other in among)
     births += _jumps(each, alarm, level - best, params)
-    level = explained - best
     for push in _PUSHES:
         child = _pushed(each, push, alarm, params)
         spent = _NATS_OF_A_PUSH * (cycle - alarm.screen.onsets[0]) * (1.0 + 0.3 * math.log10(push))
-        births.append(Birth(child, level + child.prior - spent, None, _NEAR))
+        births.append(Birth(child, explained - best + child.prior - spent, None, _NEAR))
     return births, left
 
 
@@ -293,7 +292,7 @@ def ranked(
     state, known = alarm.states[0], known_forces(alarm.states[0], joint)
     free = int((state.slot_jet < 0).sum())
     allowed = ((params.allowed if free > 0 else np.zeros_like(known)) + known) > 0.0
-    found = screens.contenders(alarm.screen, allowed, known, joint)
+    found = screens.contenders(alarm.screen, allowed, known, joint, -_NEAR)
     new = [
         sum(known[jet + (joint.places.jets if sign < 0 else 0)] == 0.0 for jet, sign in one.cause.failures)
         for one in found

@@ -88,7 +88,7 @@ def followed(review: Review, each: Hypothesis, sample: Sample, over: Link, param
 
 
 def tells(review: Review, each: Hypothesis, params: JointParams) -> bool:
-    """Whether it is told by now that the newest event's forces are not what they were before.
+    """Tests whether the forces of the newest event are told from what they were before.
 
     Until then its impulses in the first two intervals explain all readings, and those of any other jet as well.
     """

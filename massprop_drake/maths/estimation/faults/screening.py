@@ -102,7 +102,7 @@ def rank_jets(screening: Screening, params: JointParams) -> list[Contender]:
     lenient = params._replace(thrusts=_LENIENT * params.thrusts)
     found: dict[object, Contender] = {}
     for each in (*screens.contenders(screening.screen, allowed, known, lenient), *screening.coarse):
-        if each.cause.kind == Kind.JETS and each.lead > 0.0:
+        if each.cause.kind == Kind.JETS:
             found.setdefault(each.cause.key, each)
     return list(found.values())
 

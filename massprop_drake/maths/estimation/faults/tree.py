@@ -104,13 +104,10 @@ def advance(tree: Tree, evidence: JointEvidence, params: Params) -> Tree:
     if not tree.hypotheses:
         return Tree(cycle, (begun(evidence.after, cycle, params.joint),))
     leader = tree.leader
-    if report.course is None:
-        others = tuple(regained(each, evidence.sample, cycle, params.joint) for each in tree.hypotheses[1:])
-        leader = gone_on(leader, leader.run._replace(state=evidence.after, cycle=cycle))._replace(watch=None)
-        return Tree(cycle, (leader, *others))
-    if report.incremented and not leader.events:
-        leader = gone_on(leader, leader.run._replace(state=evidence.after, cycle=cycle))._replace(watch=None)
-        return Tree(cycle, (leader,))
+    if report.course is None or (report.incremented and not leader.events):
+        begins = gone_on(leader, leader.run._replace(state=evidence.after, cycle=cycle))._replace(watch=None)
+        others = tree.hypotheses[1:] if report.course is None else ()
+        return Tree(cycle, (begins, *(regained(each, evidence.sample, cycle, params.joint) for each in others)))
     if report.incremented:  # a jump was larger than it was expected
         leader = leader._replace(prior=leader.prior + math.log(params.priors.start))
         tree = tree._replace(hypotheses=(leader, *tree.hypotheses[1:]))
@@ -198,22 +195,19 @@ def _proposed(tree: Tree, params: Params) -> Tree:
         if alarm is None:
             hypotheses.append(each)
             continue
-        age, until_s = tree.cycle - alarm.cycle, each.root_until_s
+        age, until_s, origin = tree.cycle - alarm.cycle, each.root_until_s, (each.key, alarm.cycle)
         if alarm.drawn < 0:
             until_s = max(until_s, now_s + _ROOT_S)
         if _is_reviewed(each, tree):
-            births = [birth for birth in births if birth.origin != (each.key, alarm.cycle)]
-            alarm = alarm._replace(rest=None)
+            births, alarm = _without(births, origin), alarm._replace(rest=None)
         elif left > 0 and _due(age, alarm.drawn):
             left -= 1
-            origin, there = (each.key, alarm.cycle), _there(tree, tree.hypotheses, births)
+            there = _there(tree, tree.hypotheses, births)
             fresh, rest = drawn(each, tree.cycle, tree.hypotheses, params)
-            if rest != UNTOLD:
-                births = [birth for birth in births if birth.origin != origin]
-            births = _redrawn(births, fresh, origin, there)
+            births = _redrawn(births if rest == UNTOLD else _without(births, origin), fresh, origin, there)
             alarm = alarm._replace(drawn=age, rest=rest)
         if now_s > until_s:
-            births, alarm = [birth for birth in births if birth.origin != (each.key, alarm.cycle)], None
+            births, alarm = _without(births, origin), None
         hypotheses.append(each._replace(watch=each.watch._replace(alarm=alarm), root_until_s=until_s))
     return tree._replace(hypotheses=(*hypotheses, *more), births=tuple(births))
 
@@ -243,7 +237,7 @@ def _is_calm(leader: Hypothesis, tree: Tree) -> bool:
 
 
 def _due(age: int, drawn: int) -> bool:
-    """Whether proposals are to be drawn at an age, in cycles: at 0, 1, 2, 4, 8 ..., or as soon after as there is time.
+    """Tests whether a draw is due at an age, in cycles: at 0, 1, 2, 4, 8 ..., or as soon after as there is time.
 
     Args:
         age: now.
@@ -261,7 +255,7 @@ def draws_that_count(tree: Tree) -> tuple[Hypothesis, ...]:
 
 
 def is_likely(each: Hypothesis, tree: Tree) -> bool:
-    """Whether a hypothesis is near the likeliest: its reviews go on."""
+    """Tests whether a hypothesis is near the likeliest: its reviews go on."""
     return each.weight > tree.leader.weight - _LIKELY
 
 
@@ -302,7 +296,7 @@ def _reviewed(tree: Tree, params: Params) -> Tree:
             review, fresh, rest = reviews.drawn(review, each, hypotheses, params)
             if each.weight == best:
                 births = [birth for birth in births if not _is_rival(birth, each)]
-            births = _redrawn([birth for birth in births if birth.origin != origin], fresh, origin, there)
+            births = _redrawn(_without(births, origin), fresh, origin, there)
             review = review._replace(drawn=age, rest=rest)
         hypotheses[place] = each._replace(review=review)
     tree = tree._replace(hypotheses=tuple(hypotheses))
@@ -310,7 +304,7 @@ def _reviewed(tree: Tree, params: Params) -> Tree:
 
 
 def _is_rival(birth: Birth, each: Hypothesis) -> bool:
-    """Whether a proposal is of jets in place of a hypothesis's newest event, which a review looks for as well.
+    """Tests whether a proposal is of jets in place of a hypothesis's newest event, which a review looks for as well.
 
     What there was no room for has a weight by itself.
     """
@@ -342,6 +336,11 @@ def _there(tree: Tree, hypotheses: Sequence[Hypothesis], births: Sequence[Birth]
 
 def _born_as(child: Hypothesis) -> tuple[object, int]:
     return born_key(child), child.run.onset
+
+
+def _without(births: Sequence[Birth], origin: object) -> list[Birth]:
+    """Proposals that are of other draws."""
+    return [birth for birth in births if birth.origin != origin]
 
 
 def _redrawn(
@@ -411,14 +410,13 @@ def _pruned(tree: Tree, now_s: float, params: Params) -> Tree:
         more = math.log1p(math.exp(each.weight - same.weight))
         kept[each.key] = same._replace(prior=same.prior + more, weight=same.weight + more)
     order = sorted(kept.values(), key=lambda each: -each.weight)
-    stays = [place < _MOST or now_s <= each.root_until_s for place, each in enumerate(order)]
-    likely = tuple(each for each, here in zip(order, stays, strict=True) if here)
-    waits = [
-        Birth(each._replace(watch=None, review=None), each.weight - best, likely[0].events, 0.0, _NO_ROOM)
-        for each, here in zip(order, stays, strict=True)
-        if not here
-    ]
-    tree = tree._replace(hypotheses=likely, births=(*tree.births, *waits))
+    roots = (each for each in order[_MOST:] if now_s <= each.root_until_s)
+    waits = (
+        Birth(each._replace(watch=None, review=None), each.weight - best, order[0].events, 0.0, _NO_ROOM)
+        for each in order[_MOST:]
+        if now_s > each.root_until_s
+    )
+    tree = tree._replace(hypotheses=(*order[:_MOST], *roots), births=(*tree.births, *waits))
     births, leads = [_left_alone(birth, tree) for birth in tree.births], leads_of(tree)
     return tree._replace(births=tuple(one for one in births if one and one.lead(leads) + one.doubt > -_BEHIND))
 

@@ -55,7 +55,6 @@ _LEAST_KICK = 1e-6  # of the largest, so that a variance has an inverse
 BOUND = 3.0  # sigmas within which a force lies
 _NEARLY = 1.5  # of full thrust: so much may be found of a jet while its onset is taken as known
 _PAIRS = 30  # likeliest that are looked at with their onsets uncertain
-_HIDDEN = 20.0  # nats of a rounded reading, that the first order takes for noise
 _HAD_NOTHING = 1.0  # nats at a later onset that one is kept for at which no jet had anything to lose yet
 _ALIKE = 4  # jets of which pairs are looked at since together they push as one: a cluster has as many
 
@@ -327,7 +326,9 @@ def rarity(params: JointParams) -> Array:
     return result
 
 
-def contenders(screen: Screen, allowed: np.ndarray, known: Array, params: JointParams) -> list[Contender]:
+def contenders(
+    screen: Screen, allowed: np.ndarray, known: Array, params: JointParams, least: float = 0.0
+) -> list[Contender]:
     """All hypotheses that are possible, each at its likeliest onset, likeliest first; lies among them, jumps not.
 
     Of a screen about single jets alone neither pairs nor lies.
@@ -337,10 +338,11 @@ def contenders(screen: Screen, allowed: np.ndarray, known: Array, params: JointP
         allowed: whether a jet may have failed in this way, more and then less, shape (2 n_jets,).
         known: force of each such failure that is known already, shape (2 n_jets,).
         params: see `JointParams`.
+        least: lead of a single jet above which it is among them, nats.
     """
     found: dict[Cause, Contender] = {}
     for index in range(len(screen.onsets)):
-        singles = _singles(screen, index, allowed, known, params)
+        singles = _singles(screen, index, allowed, known, least, params)
         both = [] if screen.single else _pairs(screen, index, allowed, known, params)
         lies = [] if screen.single else _lies(screen, index, params)
         for contender in (*singles, *both, *lies):
@@ -436,7 +438,9 @@ def _fitted(screen: Screen, index: int, steps: np.ndarray, params: JointParams) 
     return fitted
 
 
-def _singles(screen: Screen, index: int, allowed: np.ndarray, known: Array, params: JointParams) -> list[Contender]:
+def _singles(
+    screen: Screen, index: int, allowed: np.ndarray, known: Array, least: float, params: JointParams
+) -> list[Contender]:
     jets = params.places.jets
     steps = np.concatenate((np.arange(2 * jets), np.arange(4 * jets, 5 * jets)))
     ways = _directions(steps, jets)
@@ -449,7 +453,7 @@ def _singles(screen: Screen, index: int, allowed: np.ndarray, known: Array, para
     possible &= (total + BOUND * sigma > 0.0) & (total - BOUND * sigma < most_forces(params)[steps % jets])
     possible &= ((change > 0.0) | (had > 0.0)) & ((as_found(steps, total, params) == steps) | (had > 0.0))
     result = []
-    for row in np.flatnonzero(possible & (lead > -_HIDDEN)):
+    for row in np.flatnonzero(possible & (lead > least)):
         forces = ((float(total[row]),), (float(sigma[row]),), as_rows(fitted.kicks[:, row]))
         cause = _of_columns([int(steps[row])], jets)
         result.append(Contender(cause, screen.onsets[index], float(lead[row]), *forces))
