@@ -54,8 +54,9 @@ DIAGRAMS = (
 def named() -> None:
     """Draws the picture of README.md: a small leak, from its onset to the name of the jet."""
     run = simulate(load_scenario("small_satellite_leak"))
-    (found,) = run.results.detections
-    around = (run.time_s > found.onset_s - 1.0) & (run.time_s < found.time_s + 1.0)
+    (found,), (injected,) = run.results.detections, run.results.injected or ()
+    begins_s = injected.start_s
+    around = (run.time_s > begins_s - 1.0) & (run.time_s < found.time_s + 1.0)
     figure, (above, below) = plt.subplots(2, sharex=True, figsize=(9.0, 5.0), layout="constrained")
     above.plot(run.time_s[around], np.degrees(run["rate"][around]), label=[f"rate {axis}" for axis in "xyz"])
     above.set(ylabel="rate, deg/s", title=f"Jet {found.jet} of the small satellite leaks 5 % of its thrust")
@@ -71,7 +72,7 @@ def named() -> None:
         color="C3",
     )
     for axes in (above, below):
-        axes.axvline(found.onset_s, color="black", ls=":", label="the leak begins")
+        axes.axvline(begins_s, color="black", ls=":", label="the leak begins")
         axes.axvline(found.time_s, color="C3")
         axes.legend(loc="center left", fontsize="small")
         axes.grid(alpha=0.3)
