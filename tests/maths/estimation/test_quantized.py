@@ -25,7 +25,7 @@ def integrated(lower: float, upper: float) -> tuple[float, float, float]:
         def density(x: float) -> float:
             return float((x - about) ** power * np.exp(-0.5 * (x - peak) * (x + peak)))
 
-        found: float = quad(density, lower, upper, epsabs=1e-14, epsrel=1e-11, limit=200)[0]
+        found: float = quad(density, lower, upper, epsabs=1e-14 * (upper - lower), epsrel=1e-12, limit=200)[0]
         return found
 
     mass = moment(0)
@@ -34,26 +34,31 @@ def integrated(lower: float, upper: float) -> tuple[float, float, float]:
 
 
 @pytest.mark.parametrize(
-    ("lower", "upper", "accuracy"),
+    ("lower", "upper"),
     [
-        (-1.0, 1.0, 1e-9),
-        (0.0, 1.0, 1e-9),
-        (-3.0, 7.0, 1e-9),
-        (2.0, 50.0, 1e-8),
-        (5.0, 5.5, 1e-8),
-        (24.0, 24.9, 1e-6),
-        (-4e-4, 5e-4, 1e-6),
-        (10.0, 10.0009, 1e-4),
-        (26.0, 27.0, 1e-2),
-        (-40.0, -39.0, 1e-2),
-        (300.0, 300.0005, 1e-4),
+        (-1.0, 1.0),
+        (0.0, 1.0),
+        (-3.0, 7.0),
+        (-0.45, 0.5),
+        (0.3, 0.3005),
+        (-4e-4, 5e-4),
+        (2.0, 50.0),
+        (5.0, 5.5),
+        (10.0, 10.0009),
+        (26.0, 26.1),
+        (26.0, 29.0),
+        (-40.0, -39.0),
+        (100.0, 100.02),
+        (300.0, 300.0005),
+        (1e3, 1e3 + 1.0),
     ],
 )
-def test_moments_are_those_of_the_density(lower: float, upper: float, accuracy: float) -> None:
-    found, expected = truncated_moments(lower, upper), integrated(lower, upper)
-    assert found.log_probability == pytest.approx(expected[0], rel=1e-6, abs=1e-9)
-    assert found.mean == pytest.approx(expected[1], rel=1e-4, abs=1e-9)
-    assert found.variance == pytest.approx(expected[2], rel=accuracy)
+def test_moments_are_those_of_the_density(lower: float, upper: float) -> None:
+    """To rounding, the variance of a narrow cell and of a far tail included."""
+    found, (log_probability, mean, variance) = truncated_moments(lower, upper), integrated(lower, upper)
+    assert found.log_probability == pytest.approx(log_probability, rel=1e-11, abs=1e-11)
+    assert found.mean == pytest.approx(mean, rel=1e-11, abs=1e-11 * (upper - lower))
+    assert found.variance == pytest.approx(variance, rel=1e-10)
 
 
 def test_an_interval_mirrored_has_its_moments_mirrored() -> None:
@@ -61,12 +66,12 @@ def test_an_interval_mirrored_has_its_moments_mirrored() -> None:
     assert mirrored == pytest.approx((found.log_probability, -found.mean, found.variance))
 
 
-@pytest.mark.parametrize("border", [(24.9999, 25.6, 25.0001, 25.6002), (3.0, 3.00099, 3.0, 3.00101)])
+@pytest.mark.parametrize(
+    "border", [(0.999999, 2.1, 1.000001, 2.100002), (-0.5, 0.499999, -0.5, 0.500001), (0.9, 1.899999, 0.9, 1.900001)]
+)
 def test_moments_go_on_across_the_border_between_two_forms(border: tuple[float, float, float, float]) -> None:
     before, after = truncated_moments(*border[:2]), truncated_moments(*border[2:])
-    assert after.log_probability == pytest.approx(before.log_probability, abs=0.03)
-    assert after.mean == pytest.approx(before.mean, rel=1e-4)
-    assert after.variance == pytest.approx(before.variance, rel=0.05)
+    assert after == pytest.approx(before, abs=5e-6)
 
 
 @pytest.mark.parametrize("bound", [np.inf, 1e20, -1e20])
@@ -135,28 +140,6 @@ def test_rounding_of_a_huge_covariance_leaves_no_negative_variance() -> None:
     huge = 1e30 * np.outer([1.0, 1.0 + 1e-9], [1.0, 1.0 + 1e-9])
     found = sites(np.array([1.0, 2.0]), huge, np.full(2, 1e-6), np.full(2, 1e-16))
     assert (found.variance > 0.0).all()
-
-
-@pytest.mark.parametrize(
-    ("lower", "upper"), [(26.0, 26.1), (26.0, 29.0), (100.0, 100.02), (1e3, 1e3 + 1.0), (0.3, 0.3005), (-4e-4, 5e-4)]
-)
-def test_where_the_density_is_exponential_a_hundredth_of_the_variance_is_given_up(lower: float, upper: float) -> None:
-    for a, b in ((lower, upper), (-upper, -lower)):
-        found, (probability, mean, variance) = truncated_moments(a, b), integrated(a, b)
-        assert found.log_probability == pytest.approx(probability, abs=5e-3)
-        assert found.mean == pytest.approx(mean, rel=1e-4, abs=1e-6)
-        assert found.variance == pytest.approx(variance, rel=1e-2)
-
-
-@pytest.mark.parametrize("middle", [0.0, 0.4, 3.0, 20.0])
-def test_nothing_jumps_where_a_cell_becomes_narrow(middle: float) -> None:
-    """From the density of a Gaussian to an exponential one, a thousandth of a sigma wide."""
-    below, above = (
-        truncated_moments(middle - 0.5 * width, middle + 0.5 * width) for width in (1e-3 - 1e-12, 1e-3 + 1e-12)
-    )
-    assert below.log_probability == pytest.approx(above.log_probability, abs=1e-6)
-    assert below.mean == pytest.approx(above.mean, abs=1e-6)
-    assert below.variance == pytest.approx(above.variance, abs=1e-6)  # of the whole; of a ten millionth what is left
 
 
 def test_moments_of_any_interval_are_those_of_a_variable_within_it() -> None:

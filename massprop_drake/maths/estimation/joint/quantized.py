@@ -28,9 +28,9 @@ FLOOR = 0.01  # of the quantum, 1 sigma: linearization and arithmetic; calibrate
 DITHER = 0.05  # of the quantum, 1 sigma: noise above which each sample is news, and not only a change of reading
 _LEAST_LEFT = 0.5  # of the variance: at a quarter, one flight in 500 becomes sure of what is false
 _MOST_LEFT = 1.0 - 1e-9  # of the variance: a cell that says nothing
-_FAR = 25.0  # sigmas from which on the tail is that of an exponential
-_NARROW = 1e-3  # sigmas: width of a cell over which a Gaussian is an exponential
-_SMALL = 1e-2  # exponent below which moments are those of the series
+# Nodes and weights of the quadrature over what of a cell bears probability, exact to rounding.
+_NODES, _WEIGHTS = (0.5 * of for of in np.polynomial.legendre.leggauss(24))
+_SPENT = 36.0  # nats below a tail's beginning from which on nothing of it is left, to rounding
 _ROOT_2 = math.sqrt(2.0)
 _LOG_ROOT_2_PI = 0.5 * math.log(2.0 * math.pi)
 
@@ -86,8 +86,8 @@ def _upper_moments(lower: float, upper: float) -> Moments:
     width = upper - lower
     if not 0.0 < width < math.inf:  # of a filter that has overflowed, or is off by more than arithmetic resolves
         return Moments(math.nan, math.nan, math.nan)
-    if lower > _FAR or width < _NARROW:
-        return _exponential_moments(lower, width)
+    if lower > 1.0 or width < 1.0:  # a narrow cell or a tail, where differences between the bounds lose digits
+        return _moments_by_quadrature(lower, width)
     if lower > 0.0:
         probability = 0.5 * (math.erfc(lower / _ROOT_2) - math.erfc(upper / _ROOT_2))
     else:
@@ -100,20 +100,18 @@ def _upper_moments(lower: float, upper: float) -> Moments:
 
 
 @kernel
-def _exponential_moments(lower: float, width: float) -> Moments:
-    """Moments over an interval in which the density falls exponentially, by its rate near the lower bound or within."""
-    rate = lower + 0.5 * width if lower <= 0.0 else lower + min(1.0 / lower, 0.5 * width)
-    exponent = rate * width
-    at_lower = -0.5 * lower * lower - _LOG_ROOT_2_PI
-    if exponent < _SMALL:
-        inside = width * (1.0 - exponent / 2.0 + exponent**2 / 6.0)
-        mean = width * (0.5 - exponent / 12.0)
-        return Moments(at_lower + math.log(inside), lower + mean, width * width / 12.0 * (1.0 - exponent**2 / 20.0))
-    kept = math.exp(-exponent)
-    beyond = kept / (1.0 - kept)
-    mean = 1.0 / rate - width * beyond
-    variance = 1.0 / rate**2 - width * width * beyond * (1.0 + beyond)
-    return Moments(at_lower + math.log((1.0 - kept) / rate), lower + mean, max(variance, 0.0))
+def _moments_by_quadrature(lower: float, width: float) -> Moments:
+    """Moments over a narrow cell, or over what bears probability of a wide one, from its lower bound on."""
+    if lower > 0.0:
+        width = min(width, 2.0 * _SPENT / (lower + math.sqrt(lower * lower + 2.0 * _SPENT)))
+    offset = width * (0.5 + _NODES)
+    weight = _WEIGHTS * np.exp(-offset * (lower + 0.5 * offset))
+    inside = weight.sum()
+    mean = float(weight @ offset) / inside
+    deviation = offset - mean
+    variance = float(weight @ (deviation * deviation)) / inside
+    log_probability = math.log(width * inside) - 0.5 * lower * lower - _LOG_ROOT_2_PI
+    return Moments(log_probability, lower + mean, variance)
 
 
 @kernel
