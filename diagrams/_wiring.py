@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 
 from pydrake.systems import framework
 from pydrake.systems.framework import DiagramBuilder, System
@@ -43,9 +43,10 @@ def connect_estimation(
     builder.Connect(commander.GetOutputPort("held_command"), estimation.GetInputPort("jet_commands"))
 
 
-def export_outputs(builder: DiagramBuilder, systems: Iterable[System]) -> None:
-    """Exports every output port of some systems under its own name."""
+def export_outputs(builder: DiagramBuilder, systems: Iterable[System], *, but: Container[str] = ()) -> None:
+    """Exports every output port of some systems under its own name, but for those of some names."""
     for system in systems:
         for index in range(system.num_output_ports()):
             port = system.get_output_port(index)
-            builder.ExportOutput(port, port.get_name())
+            if port.get_name() not in but:
+                builder.ExportOutput(port, port.get_name())

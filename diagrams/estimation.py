@@ -8,16 +8,12 @@
     evidence of both filters --> failure_detector --> adaptation (to both), known_force (to all three),
                                                       reconfiguration (to the autopilot)
 
-These are the thesis's filters. The joint filter takes the place of both estimators and the monitor, and makes its own
-impulses,
+These are the thesis's filters. Any other filter is one system with its detector, which makes its own impulses:
 
-    jet_commands, gyros, accelerometers --> joint_estimator --> estimate
+    jet_commands, gyros, accelerometers, poses, velocities --> estimator --> estimate, fault_probability,
+                                                                         reconfiguration (to the autopilot)
 
-    evidence --> hypothesis_detector --> replacement, published (to it), reconfiguration (to the autopilot)
-
-where the impulse model, whose output logs keep, leads nowhere. The filter in a fixed frame does likewise, with the
-sensors of `poses` and `velocities` besides, as `pose_estimator` with its `thrust_factor_detector`. Any other filter of
-the registry takes their place, too. With `findings` a monitor follows the reports of all:
+With `findings` a monitor follows the reports of all:
 
     rotation_report, mass_report, detector_report --> findings_monitor --> failed_jets, detections, verdict
 
@@ -30,7 +26,7 @@ from collections.abc import Sequence
 
 from pydrake.systems.framework import DiagramBuilder, InputPortIndex, LeafSystem, OutputPortIndex
 
-from massprop_drake.diagrams._wiring import Diagram
+from massprop_drake.diagrams._wiring import Diagram, export_outputs
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario, resolved
 from massprop_drake.inputs.vehicle import SensorPackage, Vehicle
@@ -39,14 +35,11 @@ from massprop_drake.maths.mass_properties import N_ROTATION
 from massprop_drake.results.monitoring import FlightMonitor
 from massprop_drake.systems.estimation._readings import Package
 from massprop_drake.systems.estimation.convergence_monitor import ConvergenceMonitor
+from massprop_drake.systems.estimation.cycle_estimator import CycleEstimator
 from massprop_drake.systems.estimation.failure_detector import FailureDetector
-from massprop_drake.systems.estimation.filter_estimator import FilterEstimator
 from massprop_drake.systems.estimation.findings_monitor import FindingsMonitor
-from massprop_drake.systems.estimation.hypothesis_detector import HypothesisDetector
 from massprop_drake.systems.estimation.impulse_model import ImpulseModel
-from massprop_drake.systems.estimation.joint_estimator import JointEstimator
 from massprop_drake.systems.estimation.mass_estimator import MassEstimator
-from massprop_drake.systems.estimation.pose_estimator import PoseEstimator
 from massprop_drake.systems.estimation.rotation_estimator import RotationEstimator
 from massprop_drake.systems.layouts import (
     DETECTOR_REPORT,
@@ -81,15 +74,12 @@ def build(scenario: Scenario, *, findings: bool = False) -> MassPropertyEstimato
             `RotationEstimator`.
         mass_innovation (out, 3), mass_innovation_covariance (out, 9), mass_report (out, 11), with an
             accelerometer: see `MassEstimator`.
-        record_time (in, 1), command (in, n_jets), replacement, published (in, abstract), evidence (out, abstract),
-            joint_report (out, 3), with the joint filter, which has neither innovations nor their covariances as
-            outputs: see `JointEstimator`; the inputs may stay unconnected, and the states are none with a detector.
         reconfiguration (out, 7 + n_jets), closed (out, n_jets), held_closed (out, n_jets),
             detector_report (out, 14 + 4 n_jets), with a detector: see `FailureDetector`.
-        hypothesis_report (out, 21 + 12 n_jets), fault_probability (out, n_jets + 2), with that of the joint filter or
-            of poses: see `HypothesisDetector`.
-        <pose> (in, 7), <velocity> (in, 3), for each sensor in a fixed frame, and pose_report (out, 24 + 2 n_jets), with
-            the filter of poses: see `PoseEstimator`.
+        record_time (in, 1), command (in, n_jets), <pose> (in, 7), <velocity> (in, 3), joint_report (out, 3),
+            pose_report (out, 24 + 2 n_jets), hypothesis_report (out, 21 + 12 n_jets), fault_probability (out, n_jets +
+            2), with a filter other than the thesis's, which has neither innovations nor their covariances as outputs:
+            see `CycleEstimator`; the inputs may stay unconnected.
         failed_jets (out, n_jets), detections (out, abstract), verdict (out, abstract), with `findings`: see
             `FindingsMonitor`; they close no loop.
     """
@@ -127,7 +117,35 @@ class MassPropertyEstimator(Diagram):
 
 
 def _add_parts(builder: DiagramBuilder, scenario: Scenario, *, findings: bool) -> None:
-    """Adds impulse model, filters and detector, and exports their ports."""
+    """Adds the estimators and what follows them, and exports their ports."""
+    add = _add_thesis if scenario.estimation.filter == "thesis" else _add_cycle
+    add(builder, scenario)
+    if findings:
+        _add_findings(builder, scenario)
+
+
+def _add_cycle(builder: DiagramBuilder, scenario: Scenario) -> None:
+    """A filter and its detector in one system, all ports of which but `predicted` are the diagram's."""
+    tracked = {sensor.name: len(sensor.columns) for sensor in scenario.vehicle_data.tracked}
+    estimator = builder.AddSystem(
+        CycleEstimator(
+            params.estimation_params(scenario),
+            jets=params.jets(scenario),
+            gyros=_packages(params.gyros(scenario)),
+            accelerometers=_packages(params.accelerometers(scenario)),
+            tracked=tracked if scenario.estimation.filter == "pose" else {},
+            weighs=params.weighs(scenario),
+            known=params.known_parameters(scenario),
+        ),
+    )
+    for index in map(InputPortIndex, range(estimator.num_input_ports())):
+        port = estimator.get_input_port(index)
+        builder.ExportInput(port, port.get_name())
+    export_outputs(builder, (estimator,), but=("predicted",))
+
+
+def _add_thesis(builder: DiagramBuilder, scenario: Scenario) -> None:
+    """The thesis's two filters with the impulse model before them and the failure detector between them."""
     vehicle = scenario.vehicle_data
     impulses = builder.AddNamedSystem(
         "impulse_model",
@@ -141,18 +159,13 @@ def _add_parts(builder: DiagramBuilder, scenario: Scenario, *, findings: bool) -
     commands = builder.ExportInput(impulses.GetInputPort("jet_commands"), "jet_commands")
     builder.ExportInput(impulses.GetInputPort("outside_wrench"), "outside_wrench")
     builder.ExportOutput(impulses.GetOutputPort("impulses"), "impulses")
-
-    filters = _ADDED.get(scenario.estimation.filter, _add_filter)(builder, scenario, impulses)
+    filters = _add_filters(builder, scenario, impulses)
     method = params.detector(scenario)
-    if method is not None and method.made_for:
-        _add_hypotheses(builder, scenario, method, filters[-1])
-    elif method is not None:
+    if method is not None:
         _add_detector(builder, scenario, method, (impulses, *filters), commands)
-    if findings:
-        _add_findings(builder, scenario)
 
 
-def _add_thesis(builder: DiagramBuilder, scenario: Scenario, impulses: ImpulseModel) -> tuple[LeafSystem, ...]:
+def _add_filters(builder: DiagramBuilder, scenario: Scenario, impulses: ImpulseModel) -> tuple[LeafSystem, ...]:
     """The thesis's two filters, the one that gives the detector its evidence last."""
     vehicle = scenario.vehicle_data
     filters = params.thesis_params(scenario)
@@ -202,84 +215,6 @@ def _add_thesis(builder: DiagramBuilder, scenario: Scenario, impulses: ImpulseMo
     return rotation, mass
 
 
-def _add_joint(builder: DiagramBuilder, scenario: Scenario, _impulses: ImpulseModel) -> tuple[LeafSystem, ...]:
-    """The joint filter; commands and outside forces are exported already."""
-    estimator = builder.AddNamedSystem(
-        "joint_estimator",
-        JointEstimator(
-            params.joint_params(scenario),
-            gyros=_packages(params.gyros(scenario)),
-            accelerometers=_packages(params.accelerometers(scenario)),
-            limits=params.convergence_limits(scenario),
-        ),
-    )
-    for name in ("jet_commands", "outside_wrench"):
-        builder.ConnectInput(name, estimator.GetInputPort(name))
-    replaced = () if params.detector(scenario) is not None else ("replacement", "published")
-    for name in (*scenario.vehicle_data.sensor_names(), "record_time", "command", *replaced):
-        builder.ExportInput(estimator.GetInputPort(name), name)
-    outputs = ["estimate", "standard_deviation", "covariance", "converged", "rotation_report", "joint_report"]
-    for port in [*outputs, *(["mass_report"] if scenario.vehicle_data.accelerometers else []), "evidence"]:
-        builder.ExportOutput(estimator.GetOutputPort(port), port)
-    return (estimator,)
-
-
-def _add_pose(builder: DiagramBuilder, scenario: Scenario, _impulses: ImpulseModel) -> tuple[LeafSystem, ...]:
-    """The filter in a fixed frame; commands and outside forces are exported already."""
-    vehicle, cycle = scenario.vehicle_data, params.estimation_params(scenario)
-    estimator = builder.AddNamedSystem(
-        "pose_estimator",
-        PoseEstimator(
-            cycle.filter_params,
-            gyros=_packages(params.gyros(scenario)),
-            accelerometers=_packages(params.accelerometers(scenario)),
-            poses=tuple(sensor.name for sensor in vehicle.poses),
-            velocities=tuple(sensor.name for sensor in vehicle.velocities),
-            limits=cycle.limits,
-            period_s=vehicle.sample_period_s,
-        ),
-    )
-    for name in ("jet_commands", "outside_wrench"):
-        builder.ConnectInput(name, estimator.GetInputPort(name))
-    replaced = () if cycle.detector is not None else ("replacement", "published")
-    sensors = (*vehicle.sensor_names(), *(sensor.name for sensor in vehicle.tracked))
-    for name in (*sensors, "record_time", "command", *replaced):
-        builder.ExportInput(estimator.GetInputPort(name), name)
-    outputs = ("estimate", "standard_deviation", "covariance", "converged", "rotation_report", "mass_report")
-    for port in (*outputs, "pose_report", "evidence"):
-        builder.ExportOutput(estimator.GetOutputPort(port), port)
-    return (estimator,)
-
-
-def _add_filter(builder: DiagramBuilder, scenario: Scenario, impulses: ImpulseModel) -> tuple[LeafSystem, ...]:
-    """Any other filter of the registry, as one system."""
-    vehicle, name = scenario.vehicle_data, scenario.estimation.filter
-    cycle = params.estimation_params(scenario)
-    estimator = builder.AddNamedSystem(
-        f"{name}_estimator",
-        FilterEstimator(
-            f"{name}_estimator",
-            cycle.filter,
-            cycle.filter_params,
-            gyros=_packages(params.gyros(scenario)),
-            accelerometers=_packages(params.accelerometers(scenario)),
-            n_jets=len(vehicle.jets),
-            limits=cycle.limits,
-            period_s=vehicle.sample_period_s,
-        ),
-    )
-    _connect_impulses(builder, impulses, estimator)
-    for sensor in vehicle.sensors:
-        builder.ExportInput(estimator.GetInputPort(sensor.name), sensor.name)
-    outputs = ["estimate", "standard_deviation", "covariance", "converged", "rotation_report"]
-    for port in [*outputs, *(["mass_report"] if vehicle.accelerometers else [])]:
-        builder.ExportOutput(estimator.GetOutputPort(port), port)
-    return (estimator,)
-
-
-_ADDED = {"joint": _add_joint, "pose": _add_pose, "thesis": _add_thesis}  # filters with wiring of their own
-
-
 def _connect_impulses(builder: DiagramBuilder, impulses: ImpulseModel, system: LeafSystem) -> None:
     """What the jets should have done goes to a filter; the jets' own levels where thrust errors are considered."""
     for name in ("impulses", "mean_level"):
@@ -323,20 +258,6 @@ def _add_detector(
     for system in filters:
         builder.Connect(detector.GetOutputPort("adaptation"), system.GetInputPort("adaptation"))
     for name in ("reconfiguration", "closed", "held_closed"):
-        builder.ExportOutput(detector.GetOutputPort(name), name)
-    builder.ExportOutput(detector.GetOutputPort("report"), "detector_report")
-
-
-def _add_hypotheses(builder: DiagramBuilder, scenario: Scenario, method: Detector, estimator: LeafSystem) -> None:
-    """Puts a detector that is made for its filter behind that one's evidence, before what it goes on from."""
-    detector = builder.AddNamedSystem(
-        method.group,
-        HypothesisDetector(params.detector_params(scenario), jets=params.jets(scenario), method=method),
-    )
-    builder.Connect(estimator.GetOutputPort("evidence"), detector.GetInputPort("evidence"))
-    for name in ("replacement", "published"):
-        builder.Connect(detector.GetOutputPort(name), estimator.GetInputPort(name))
-    for name in ("reconfiguration", "closed", "held_closed", "hypothesis_report", "fault_probability"):
         builder.ExportOutput(detector.GetOutputPort(name), name)
     builder.ExportOutput(detector.GetOutputPort("report"), "detector_report")
 

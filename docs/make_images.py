@@ -45,8 +45,6 @@ DIAGRAMS = (
     "vehicle_tracked_overview",
     "autopilot_overview",
     "estimation_overview",
-    "estimation_joint_overview",
-    "estimation_pose_overview",
     "replay_overview",
 )
 

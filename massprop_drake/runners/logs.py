@@ -252,14 +252,14 @@ class Intake:
 
 def state_groups(diagram: Any, context: Any) -> Groups:
     """The state of every part of the estimation diagram, by name, from the root context."""
-    groups = {}
+    groups: dict[str, Array] = {}
     for system in diagram.GetSystems():
         if not getattr(system, "is_resumed", True):
             continue
         own = system.GetMyContextFromRoot(context)
         state = own.get_discrete_state()
-        if hasattr(system, "kept"):  # a detector whose state is no vector
-            groups[system.get_name()] = system.kept(own)
+        if hasattr(system, "kept"):  # filter and detector in one, whose state is no vector
+            groups |= system.kept(own)
         elif state.num_groups():  # a system of the estimators keeps one vector
             groups[system.get_name()] = state.get_vector(0).CopyToVector()
     return groups

@@ -25,8 +25,6 @@ OWN = {
     "rotation_estimator": "rotation",
     "mass_estimator": "mass",
     "failure_detector": "detector",
-    "hypothesis_detector": "detector",
-    "thrust_factor_detector": "detector",
     "jet_selection": "selection",
 }
 

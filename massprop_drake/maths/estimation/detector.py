@@ -176,7 +176,7 @@ class Detector(NamedTuple):
         saved: (state, params) -> a vector to keep it by.
         restored: (vector, params) -> state; raises ValueError when the detector cannot have left it.
         made_for: name of the one filter that it goes with; empty: any whose evidence is a `Joint`.
-        group: the system that holds the state in a diagram.
+        group: name of its part of a saved state.
         report: fields of `Judgment.own`, a signal each; a size "jets" is the number of jets; None: none.
     """
 

@@ -1,22 +1,20 @@
-"""What the systems around filters have in common."""
+"""What the systems around the thesis's two filters have in common."""
 
 from __future__ import annotations
 
 from typing import Any, NamedTuple
 
 import numpy as np
-from pydrake.common.value import Value
 from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION, Adaptation, packed, unpacked
 from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, known_force_of
-from massprop_drake.maths.estimation.filter import Filter, FilterStep, Interval
+from massprop_drake.maths.estimation.filter import Interval
 from massprop_drake.maths.estimation.impulses import Impulses
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.mass_properties import converged
-from massprop_drake.systems.caching import NOTHING, Cached
+from massprop_drake.systems.caching import Cached
 from massprop_drake.systems.estimation._readings import Package, Readings
-from massprop_drake.systems.layouts import ADAPTATION, IMPULSES, KNOWN_FORCE, MASS_REPORT, ROTATION_REPORT
+from massprop_drake.systems.layouts import ADAPTATION, IMPULSES, KNOWN_FORCE
 
 Ports = tuple[tuple[str, int, Any], ...]  # name, size and callback of output ports
 
@@ -130,182 +128,3 @@ class FilterSystem(LeafSystem):
 
     def _finish(self, measured: Measured, adaptation: Adaptation) -> Any:
         raise NotImplementedError
-
-
-class WholeFilterSystem(FilterSystem):
-    """A filter of all ten mass properties in one system, and the ports that say what its cycle gave.
-
-    A system that derives from it gives `_step(context) -> FilterStep` and `_known_of(state) -> (estimate, covariance)`
-    of the ten parameters, and has its convergence limits, `mass_properties.converged`, in `_limits`.
-    """
-
-    _limits: Array
-
-    def _reports(self) -> Ports:
-        """Output ports of the cycle."""
-        return (
-            ("estimate", 10, self._calc_estimate),
-            ("standard_deviation", 10, self._calc_deviation),
-            ("covariance", 100, self._calc_covariance),
-            ("converged", 1, self._calc_converged),
-            ("rotation_report", ROTATION_REPORT.size, self._calc_rotation),
-            ("mass_report", MASS_REPORT.size, self._calc_mass),
-        )
-
-    def _declare_judged(self) -> None:
-        """Ports of what a detector that is made for the filter makes of its state."""
-        self._replacement = self.DeclareAbstractInputPort("replacement", Value[object](NOTHING))
-        self._published = self.DeclareAbstractInputPort("published", Value[object](NOTHING))
-
-    def _as_judged(self, context: Any, step: FilterStep, method: Filter, params: Any) -> FilterStep:
-        """The cycle as these ports have it; as it is where they say nothing."""
-        for port, taken in ((self._replacement, method.replaced), (self._published, method.published)):
-            given = port.Eval(context) if port.HasValue(context) else NOTHING
-            step = taken(step, given, params) if given else step
-        return step
-
-    def _step(self, context: Any) -> FilterStep:
-        raise NotImplementedError
-
-    def _known_of(self, state: Any) -> tuple[Array, Array]:
-        raise NotImplementedError
-
-    def _known_now(self, context: Any) -> tuple[Array, Array]:
-        """Estimate and covariance of the ten parameters after the cycle."""
-        step = self._step(context)
-        return step.known or self._known_of(step.state)
-
-    def _calc_estimate(self, context: Any, output: Any) -> None:
-        estimate, _ = self._known_now(context)
-        output.SetFromVector(estimate)
-
-    def _calc_deviation(self, context: Any, output: Any) -> None:
-        _, covariance = self._known_now(context)
-        output.SetFromVector(np.sqrt(covariance.diagonal()))
-
-    def _calc_covariance(self, context: Any, output: Any) -> None:
-        _, covariance = self._known_now(context)
-        output.SetFromVector(covariance.ravel())
-
-    def _calc_converged(self, context: Any, output: Any) -> None:
-        estimate, covariance = self._known_now(context)
-        output.SetFromVector([float(converged(np.sqrt(covariance.diagonal()), estimate, self._limits))])
-
-    def _calc_rotation(self, context: Any, output: Any) -> None:
-        output.SetFromVector(ROTATION_REPORT.pack(self._step(context).rotation))
-
-    def _calc_mass(self, context: Any, output: Any) -> None:
-        report = self._step(context).mass
-        output.SetFromVector(np.full(MASS_REPORT.size, np.nan) if report is None else MASS_REPORT.pack(report))
-
-
-class Memory(NamedTuple):
-    """What a system remembers whose filter's state is no vector. Never changed; a cycle makes a new one.
-
-    Attributes:
-        before: state before the newest sample.
-        measurement: of it, before the detector has judged it; None: there has been none.
-        step: the whole cycle; None: there has been none.
-        time_s: of that sample.
-    """
-
-    before: Any
-    measurement: Any
-    step: FilterStep | None
-    time_s: float
-
-    @property
-    def state(self) -> Any:
-        """After it."""
-        return self.before if self.step is None else self.step.state
-
-    def __deepcopy__(self, _memo: Any) -> Memory:
-        """Itself: a clone of a context shares what is never changed."""
-        return self
-
-
-class RememberingFilterSystem(WholeFilterSystem):
-    """A filter of all ten mass properties whose state is no vector, in one system.
-
-    A system that derives from it calls `_declare_memory` once its input ports are declared, and gives
-    `_measure_sample(context, state)`, `_finish_sample(context, measurement) -> FilterStep` and
-    `_evidence_of(measurement)`.
-    Its filter's state has the `estimate` and the `covariance` of the ten parameters.
-    """
-
-    def _declare_memory(self, initial: Any, period_s: float, own: Ports) -> None:
-        """State, cache entries, output ports and the update.
-
-        Args:
-            initial: state of the filter before the first sample.
-            period_s: sample period, s.
-            own: output ports of the cycle besides those of `_reports`.
-        """
-        self._declare_judged()
-        self._memory = self.DeclareAbstractState(Value[object](Memory(initial, None, None, -np.inf)))
-        inputs = {self.input_port_ticket(port.get_index()) for port in self._inputs}
-        measured = {self.xa_ticket(), self.time_ticket(), *inputs}
-        self._measurement = Cached(self, "measurement", self._measure_cycle, measured)
-        given = {self.input_port_ticket(port.get_index()) for port in (self._replacement, self._published)}
-        judged = {self._measurement.ticket, *given}
-        self._cycle = Cached(self, "cycle", self._finish_cycle, judged)
-        self.DeclareVectorOutputPort("predicted", 10, self._calc_predicted, prerequisites_of_calc={self.xa_ticket()})
-        self.DeclareAbstractOutputPort(
-            "evidence",
-            alloc=lambda: Value[object](NOTHING),
-            calc=self._calc_evidence,
-            prerequisites_of_calc={self._measurement.ticket},
-        )
-        for name, size, calc in (*self._reports(), *own):
-            self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={self._cycle.ticket})
-        self.DeclarePeriodicUnrestrictedUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
-
-    def _measure_sample(self, context: Any, state: Any) -> Any:
-        raise NotImplementedError
-
-    def _finish_sample(self, context: Any, measurement: Any) -> FilterStep:
-        raise NotImplementedError
-
-    def _evidence_of(self, measurement: Any) -> Any:
-        raise NotImplementedError
-
-    def _remembered(self, context: Any) -> Memory:
-        memory: Memory = context.get_abstract_state(self._memory).get_value()
-        return memory
-
-    def _is_now(self, context: Any) -> bool:
-        """Whether the newest cycle is of this time."""
-        memory = self._remembered(context)
-        return memory.step is not None and memory.time_s == context.get_time()
-
-    def _measure_cycle(self, context: Any) -> Any:
-        memory = self._remembered(context)
-        return memory.measurement if self._is_now(context) else self._measure_sample(context, memory.state)
-
-    def _finish_cycle(self, context: Any) -> FilterStep:
-        if self._is_now(context):
-            step = self._remembered(context).step
-            assert step is not None
-            return step
-        return self._finish_sample(context, self._measurement.get(context))
-
-    def _step(self, context: Any) -> FilterStep:
-        step: FilterStep = self._cycle.get(context)
-        return step
-
-    def _known_of(self, state: Any) -> tuple[Array, Array]:
-        return state.estimate, state.covariance
-
-    def _calc_predicted(self, context: Any, output: Any) -> None:
-        memory = self._remembered(context)
-        known = memory.before if self._is_now(context) else memory.state
-        output.SetFromVector(known.estimate)
-
-    def _calc_evidence(self, context: Any, output: Any) -> None:
-        output.set_value(self._evidence_of(self._measurement.get(context)))
-
-    def _update(self, context: Any, state: Any) -> None:
-        memory = self._remembered(context)
-        before = memory.before if self._is_now(context) else memory.state
-        newest = Memory(before, self._measurement.get(context), self._step(context), context.get_time())
-        state.get_mutable_abstract_state(self._memory).set_value(newest)

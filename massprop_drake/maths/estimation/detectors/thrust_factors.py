@@ -21,7 +21,7 @@ from massprop_drake.maths.estimation.pose.hypotheses import Found, Rules
 from massprop_drake.maths.estimation.pose.layout import PoseParams
 from massprop_drake.maths.linear_algebra import Array
 
-GROUP = "thrust_factor_detector"  # the system that holds the state in a diagram
+GROUP = "thrust_factor_detector"  # its part of a saved state
 
 
 class FactorParams(NamedTuple):

@@ -27,7 +27,7 @@ from massprop_drake.maths.estimation.joint.layout import JointParams
 from massprop_drake.maths.estimation.joint.thrust_scale import reported_force
 from massprop_drake.maths.linear_algebra import Array
 
-GROUP = "hypothesis_detector"  # the system that holds the state in a diagram
+GROUP = "hypothesis_detector"  # its part of a saved state
 
 
 class State(NamedTuple):

@@ -36,7 +36,7 @@ from massprop_drake.maths.estimation.pose.turning import rotation_vectors
 from massprop_drake.maths.linear_algebra import Array, nonzero
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 
-GROUP = "pose_estimator"  # the system that holds the state in a diagram
+GROUP = "pose_estimator"  # its part of a saved state
 _ROUNDING = 1e-9  # of the largest variance, by which one may seem negative
 _TURNED = 1e-6  # by which a rotation's axes may be off after many products
 
