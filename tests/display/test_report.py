@@ -21,6 +21,7 @@ from massprop_drake.display import interactive, page, plots, write_report
 from massprop_drake.display.page import report_html, summary_html
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.results import table
+from massprop_drake.results.allowed import Intervals
 from massprop_drake.results.detections import size
 from massprop_drake.results.fault_probabilities import FaultProbabilities, JetProbability
 from massprop_drake.results.run import Run
@@ -54,6 +55,26 @@ def test_what_is_probable_at_the_end_is_said(html: str, stuck_run: Run) -> None:
     run.results = dataclasses.replace(stuck_run.results, fault_probability=told)
     assert "<p>At the end: failed with probability: F1U 0.25 (loss, -10.0 ± 2.5 lbf).</p>" in report_html(run)
     assert "with probability" not in html
+
+
+def test_what_readings_allow_is_a_table_and_a_contradiction_stands_out(html: str, stuck_run: Run) -> None:
+    one, found = stuck_run.results.parameters[0].estimate, (1.0, 2.0)
+    inertia = (((one - 1.0, one + 1.0), found, found), (found, found, found), (found, found, None))
+    told = Intervals(inertia, (found, found, found), found, {}, guaranteed=True, given=("this", "that"))
+    run = copy.copy(stuck_run)
+    run.results = dataclasses.replace(stuck_run.results, intervals=told)
+    page = report_html(run)
+    rows = page[page.index('id="intervals"') :].split("<tr>")[2:12]
+    assert [SYMBOLS[index] in row for index, row in enumerate(rows)] == [True] * 10
+    assert "✓ yes" in rows[0]
+    assert "✗ no" in rows[1]
+    assert '<p class="soft">Guaranteed by the readings, given this and that.</p>' in page
+    told = told._replace(guaranteed=False, reason="no vehicle explains all", contradicted=True)
+    run.results = dataclasses.replace(stuck_run.results, intervals=told)
+    page = report_html(run)
+    assert '<p class="bad">None: no vehicle explains all.</p>' in page
+    assert "estimate inside" not in page
+    assert 'id="intervals"' not in html
 
 
 def test_every_parameter_has_its_row(html: str, stuck_run: Run) -> None:
