@@ -51,6 +51,7 @@ from massprop_drake.maths.estimation.joint.sensitivity import Link
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 
 _BEHIND = 30.0  # nats at which a hypothesis is dropped: a probability of 1e-13
+_LONG_BEHIND = 14.0  # likewise long after its newest event: a probability of 1e-6; what is likely is proposed anew
 _MOST = 16  # hypotheses: compute budget
 _BUDGET = 24  # filter steps a sample beside those of the hypotheses: compute budget
 _WATCHED = 4  # hypotheses whose readings are watched: compute budget
@@ -60,7 +61,7 @@ _REVIEWED = 3  # hypotheses that are reviewed at a time: compute budget
 _DRAWS = 1  # of alarms, and of reviews, a sample: compute budget
 _CATCH_UP = 8  # cycles of a review a sample: compute budget
 _NO_ROOM = "no room"  # origin of proposals that have been hypotheses
-_ROOT_S = 8.0  # for which what was likeliest before an alarm has children
+_ROOT_S = 8.0  # for which what was likeliest before an alarm has children, and after which an event is long ago
 
 
 class Tree(NamedTuple):
@@ -401,7 +402,8 @@ def _pruned(tree: Tree, now_s: float, params: Params) -> Tree:
     order = sorted(tree.hypotheses, key=lambda each: -each.weight)
     best, kept = order[0].weight, dict[object, Hypothesis]()
     for each in order:
-        if each.weight < best - _BEHIND and now_s > each.root_until_s:
+        late = not each.events or now_s > each.events[-1].onset_s + _ROOT_S
+        if each.weight < best - (_LONG_BEHIND if late else _BEHIND) and now_s > each.root_until_s:
             continue
         same = kept.get(each.key)
         if same is None or (each.watch is not None and now_s <= each.root_until_s):
