@@ -11,6 +11,7 @@ import numpy as np
 from flights.flight import STATED_LAG, Flight, Random, failure, setting, thrusts, truth, windows
 from flights.records import RECORDED
 from massprop_drake import load_scenario, simulate
+from massprop_drake.maths.estimation.faults.priors import LEAST_LEAK, Priors
 from massprop_drake.maths.mass_properties import perturbed
 
 _LOOP = ("execution.engine=loop", f"plant.lag_factor={STATED_LAG}")
@@ -171,6 +172,24 @@ def fails(random: Random, number: int, *, mode: str, how: str = "either", record
             failures = [failure(mode, jets[which], start_s, size)]
     settings = ("jumps=[]", setting("failures", failures), *_sampled(**options))
     return _ready("payload_docking", settings, how, number, record)
+
+
+def as_the_priors(random: Random, number: int) -> Flight:
+    """Draws a flight with a failure as the priors of the hypothesis filter have it: any jet, any force.
+
+    Flights on which a probability is what it says: of those drawn otherwise, such as leaks of one size, it need not be.
+    """
+    priors, start_s, jets = Priors(), _begins(random), list(_vehicle().jets)
+    failed = [jets.pop(int(random.integers(len(jets))))]
+    if random.random() < priors.together * len(jets):
+        failed.append(jets[int(random.integers(len(jets)))])
+    failures = []
+    for jet in failed:
+        full, more = random.random() < priors.full_thrust, random.random() < 0.5
+        share = float(np.exp(random.uniform(np.log(LEAST_LEAK), 0.0)) if more else random.uniform())
+        mode = ("stuck_on" if full else "leak") if more else ("stuck_off" if full else "degraded")
+        failures.append(failure(mode, jet.designation, start_s, share * jet.thrust if more else share))
+    return _ready("payload_docking", ("jumps=[]", setting("failures", failures)), "either", number)
 
 
 def _sampled(*, period_s: float = 0.0, gyro: float = 1.0, accelerometers: float = 1.0) -> list[str]:

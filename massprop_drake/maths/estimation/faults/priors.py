@@ -17,7 +17,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 _HOUR_S = 3600.0
 _FULL_SPREAD = 0.03  # of full thrust, 1 sigma: of a jet that is stuck
-_LEAST_LEAK = 1e-3  # of full thrust: a smaller leak is none
+LEAST_LEAK = 1e-3  # of full thrust: a smaller leak is none
 _MOST = 1.05  # of full thrust: no jet gives more
 _FAR = 30.0  # sigmas: from there on a normal tail by its asymptote
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(15)  # of a standard normal variable
@@ -95,9 +95,9 @@ def force_correction(
     opened_at = 0.0 if about is None else about / thrust
     opened = -0.5 * (shares - opened_at) ** 2 - _LOG_ROOT_2_PI
     if about is None:
-        inside = (shares > _LEAST_LEAK) & (shares < _MOST)
-        spread = np.log(_MOST / _LEAST_LEAK)
-        uniform, log_uniform = 1.0 / (_MOST - _LEAST_LEAK), 1.0 / (np.where(inside, shares, 1.0) * spread)
+        inside = (shares > LEAST_LEAK) & (shares < _MOST)
+        spread = np.log(_MOST / LEAST_LEAK)
+        uniform, log_uniform = 1.0 / (_MOST - LEAST_LEAK), 1.0 / (np.where(inside, shares, 1.0) * spread)
         density = np.where(inside, uniform if missing else log_uniform, 0.0)
         total = (1.0 - priors.full_thrust) * _mean(density, opened)
         peaks: tuple[tuple[float, float], ...] = ((1.0, priors.full_thrust),)
