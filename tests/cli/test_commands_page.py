@@ -45,6 +45,6 @@ def test_what_is_quick_runs(massprop: Massprop, line: list[str]) -> None:
 
 def test_graphs_are_drawn_for_a_scenario(massprop: Massprop) -> None:
     assert massprop("graph", "estimation", "--like", "leak_named", "-q").status == 0
-    assert ">joint_estimator<" in Path("runs/graphs/estimation_overview.dot").read_text(encoding="utf-8")
+    assert ">estimator<" in Path("runs/graphs/estimation_overview.dot").read_text(encoding="utf-8")
     refused = massprop("graph", "--like", "leak_nmed")
     assert (refused.status, "did you mean 'leak_named'" in refused.err) == (2, True)

@@ -65,9 +65,9 @@ PORTS: dict[ModuleType, tuple[dict[str, int], dict[str, int]]] = {
 }
 
 # with the joint filter, and with its detector
-JOINT_IN = {"record_time": 1, "command": 44, "replacement": 0, "published": 0}
-JOINT_OUT = {"joint_report": 3, "evidence": 0}
-POSE_OUT = {"pose_report": 24 + 2 * 44, "evidence": 0}
+JOINT_IN = {"record_time": 1, "command": 44}
+JOINT_OUT = {"joint_report": 3}
+POSE_OUT = {"pose_report": 24 + 2 * 44}
 THESIS_OUT = {f"{name}_innovation{part}" for name in ("rotation", "mass") for part in ("", "_covariance")}
 DETECTOR_OUT = {"reconfiguration", "closed", "held_closed", "detector_report"}
 HYPOTHESES_OUT = {"hypothesis_report": 21 + 12 * 44, "fault_probability": 44 + 2}
@@ -83,10 +83,9 @@ def _with_filter(
     detects = scenario.detector.kind != "off"
     gone = THESIS_OUT if detects else THESIS_OUT | DETECTOR_OUT
     kept = {port: size for port, size in outputs.items() if port not in gone}
-    told = {port: size for port, size in JOINT_IN.items() if not (detects and size == 0)}
     report = JOINT_OUT if scenario.estimation.filter == "joint" else POSE_OUT
     return (
-        {**inputs, **told} if module is estimation else inputs,
+        {**inputs, **JOINT_IN} if module is estimation else inputs,
         {**kept, **report, **(HYPOTHESES_OUT if detects else {})},
     )
 
