@@ -105,6 +105,7 @@ class Suspicions:
         self._command = np.zeros((1, len(vehicle.jets)))  # of the interval before the block
         self._any_tested = bool(self._counts[1].any())  # of the run that this one goes on from, as far as is known
         self._declared: set[int] = set()  # jets that are known to have failed
+        self._known = self._counts[0] > 0  # jets of which a command was known, shape (n_jets,)
 
     @property
     def counts(self) -> list[list[int]]:
@@ -124,6 +125,7 @@ class Suspicions:
             return
         tested = signals["tested"][:, 0] > 0.0
         self._any_tested |= bool(tested.any())
+        self._known |= (~np.isnan(signals["command"])).any(axis=0)
         told = np.vstack([self._command, signals["command"][:-1]]) > 0.0
         self._counts += np.stack([told.sum(axis=0), told[tested].sum(axis=0)])
         self._command = signals["command"][-1:]
@@ -310,7 +312,8 @@ class Suspicions:
         commanded, tested = self._counts
         found = []
         for chosen, why in (
-            (commanded == 0, "never commanded: nothing could have shown that they do not fire"),
+            (~self._known, "their commands are unknown: nothing could have shown that they do not fire"),
+            ((commanded == 0) & self._known, "never commanded: nothing could have shown that they do not fire"),
             (
                 (commanded > 0) & (tested < needed),
                 f"commanded, but in {'none' if needed == 1 else f'fewer than {needed}'} of the samples that could be "

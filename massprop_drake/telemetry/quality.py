@@ -16,6 +16,7 @@ from massprop_drake.inputs.vehicle import Accelerometer, SensorPackage
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, ELEMENT, MASS_RECIPROCAL
 from massprop_drake.signals import AXES, SYMBOLS, in_units
 from massprop_drake.telemetry.reader import Record, Rows
+from massprop_drake.telemetry.unknown_commands import UnknownCommands
 
 Array = NDArray[np.float64]
 
@@ -52,7 +53,14 @@ _REASONS = (
     "other",
 )
 _POSE_REASONS = ("first_after_start_or_gap", "nothing_read")
-_JOINT_REASONS = ("first_after_start_or_gap", "gyro_missing", "accelerometer_missing", "saturated", "within_a_quantum")
+_JOINT_REASONS = (
+    "first_after_start_or_gap",
+    "gyro_missing",
+    "accelerometer_missing",
+    "saturated",
+    "command_missing",
+    "within_a_quantum",
+)
 
 
 class _Package(NamedTuple):
@@ -280,8 +288,7 @@ class QualityReport:
         self._gathered = np.zeros(6)  # impulses of all samples that count
         self._last_gap = True  # nothing before the first row
         self._commands = np.zeros((1, len(vehicle.jets)))
-        self._rows, self._unknown_commands = 0, np.zeros(len(vehicle.jets), dtype=int)
-        self._unknown_s: tuple[float, float] | None = None  # from when to when commands are unknown
+        self._rows, self._unknown = 0, UnknownCommands(vehicle)
         self._standing = {name: _Standing() for name in names}
         self._stuck: list[_Stuck] = []
         self._n_stuck = 0
@@ -317,7 +324,8 @@ class QualityReport:
         """
         commands = np.vstack([self._commands, rows.commands[:-1]])  # of the interval that ended
         gap = ~rows.recorded
-        self._count_unknown(rows.time_s[~gap], np.isnan(commands[~gap]))
+        self._rows += int((~gap).sum())
+        self._unknown.add(rows.time_s, np.isnan(commands), ~gap)
         fresh = np.concatenate([[self._last_gap], gap[:-1]])  # nothing to take a difference from
         angular, linear = signals["angular_impulse"], signals["linear_impulse"]
         predictable = np.asarray(np.isfinite(np.hstack([angular, linear])).all(axis=1))
@@ -486,32 +494,30 @@ class QualityReport:
             found = map(_Ratio, ratios.tolist(), when[0][clear].tolist(), when[1][clear], turned.tolist())
             kept.extend(list(found)[: _MOST - len(kept)])
 
-    def _count_unknown(self, time_s: Array, unknown: NDArray[np.bool_]) -> None:
-        """Counts samples with an unknown command, by jet, and notes from when to when; times are of their ends."""
-        ends_s = time_s[unknown.any(axis=1)]
-        self._unknown_commands += unknown.sum(axis=0)
-        self._rows += len(time_s)
-        if ends_s.size:
-            first_s = self._unknown_s[0] if self._unknown_s else float(ends_s[0]) - self._vehicle.sample_period_s
-            self._unknown_s = first_s, float(ends_s[-1])
-
     def _about_commands(self) -> list[str]:
         """Says whose commands are unknown from when to when, and what that means."""
-        if self._unknown_s is None:
+        stretches = self._unknown.found()
+        if not stretches:
             return []
-        most = int(self._unknown_commands.max())
-        jets = [name for name, rows in zip(self._vehicle.designations, self._unknown_commands, strict=True) if rows]
-        who = "all jets" if len(jets) == len(self._vehicle.jets) else f"jet{'s' * (len(jets) > 1)} {', '.join(jets)}"
-        first_s, last_s = map(moment, self._unknown_s)
-        then = (
-            "these samples are not used"
-            if self._filter == "thesis"
-            else "what they gave there is guessed from the readings, and a failure of them does not show"
-        )
+        jets = [name for name in self._vehicle.designations if any(name in one["jets"] for one in stretches)]
+        every = len(jets) == len(self._vehicle.jets)
+        who = "" if every else f" of jet{'s' * (len(jets) > 1)} {', '.join(jets)}"
+        when = ", ".join(map(self._when, stretches[:_LISTED]))
+        if self._unknown.count > _LISTED:
+            when += f" and {self._unknown.count - _LISTED} more times"
+        taught = "nothing is learned there" if every else "what they may have given teaches nothing"
+        then = {
+            "thesis": "not tested for failures there, and these samples are not used",
+            "pose": "what they gave there is guessed from the readings, and a failure of them does not show",
+        }.get(self._filter, f"not tested for failures there, and {taught}")
         return [
-            f"commands of {who} are unknown in {most} of {self._rows} samples, from {first_s} to {last_s} s: {then}; "
+            f"commands{who} unknown {when} ({self._unknown.samples} of {self._rows} samples): {then}; "
             "write 0 where a jet is off"
         ]
+
+    def _when(self, stretch: Mapping[str, Any]) -> str:
+        lasts = stretch["to_s"] >= self._unknown.until_s
+        return f"from {moment(stretch['from_s'])} s {'on' if lasts else 'to ' + moment(stretch['to_s']) + ' s'}"
 
     def _sort_samples(
         self,
@@ -522,7 +528,9 @@ class QualityReport:
         missing: Mapping[str, NDArray[np.bool_]],
         saturated: Mapping[str, NDArray[np.bool_]],
     ) -> None:
-        unknown = np.isnan(commands).any(axis=1)
+        unknown: NDArray[np.bool_] = np.asarray(np.isnan(commands).any(axis=1))
+        if self._filter == "joint":  # thrust settles in the sample that follows
+            unknown[1:] |= unknown[:-1].copy()
         fractional = ((commands > 0.0) & (commands < 1.0)).any(axis=1)
         nothing = np.zeros(gap.size, dtype=bool)
 
@@ -645,6 +653,7 @@ class QualityReport:
             "jumps": self._jumps,
             "units": units,
             "samples": self._samples,
+            "unknown_commands": self._unknown.found(),
         }
         return {**quality, "warnings": [*record.notes, *self._warnings(quality)]}
 

@@ -20,6 +20,7 @@ from massprop_drake.maths.estimation.joint.ticks import (
     Elapsed,
     Pace,
     Timing,
+    bridged,
     elapsed,
     stamped,
     started,
@@ -116,7 +117,7 @@ def _given(stamps: Array, ticks: Array, commands: Array) -> Array:
         inside = np.flatnonzero((ticks > stamps[k]) & (ticks < stamps[k + 1]))
         times = np.concatenate(([stamps[k]], edges[inside], [stamps[k + 1]]))
         acting = commands[np.maximum(np.searchsorted(ticks, times[:-1], side="right") - 1, 0)]
-        done = fire(level, np.zeros(6), lags, np.diff(times), acting, np.zeros((0, 2)))
+        done = fire((level, np.zeros(6), np.zeros(6)), lags, np.diff(times), acting, np.zeros((0, 2)))
         given[k], level = done.amount, done.level
     return given
 
@@ -275,8 +276,11 @@ def test_a_missing_row_has_the_command_of_both_neighbors() -> None:
     clock = started(0.0, C)
     clock, interval = elapsed(clock, T, (A, unknown), PACE)  # the last row before it: its command is known
     np.testing.assert_array_equal(interval.commands, [A])
-    clock, interval = elapsed(clock, 2 * T, (unknown, np.array([1.0, 1.0])), PACE)
-    np.testing.assert_array_equal(interval.commands, [[1.0, np.nan]])  # on before and after; off before, on after
+    both = unknown, np.array([1.0, 1.0])
+    np.testing.assert_array_equal(bridged(clock, 2 * T, both, PACE), [1.0, np.nan])  # on, and off, before; on after
+    np.testing.assert_array_equal(bridged(clock, 5 * T, both, PACE), unknown)
+    clock, interval = elapsed(clock, 2 * T, both, PACE)
+    np.testing.assert_array_equal(interval.commands, [unknown])
     assert not interval.anew
 
 

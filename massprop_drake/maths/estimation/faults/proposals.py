@@ -33,6 +33,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.screen import PAIR_PRIOR, Contender, Screen
 from massprop_drake.maths.estimation.joint.sensitivity import Link, Traces, linked, traces
+from massprop_drake.maths.estimation.joint.unknown import is_anything
 from massprop_drake.maths.linear_algebra import Array
 
 _SHARE = 0.7  # of the largest statistic: older onsets explain the end point as well
@@ -194,6 +195,9 @@ def watched(each: Hypothesis, evidence: JointEvidence, cycle: int, params: Joint
         if alarm is None or watch.bank.cycles[index] > alarm.cycle:  # something new
             alarm = _alarm(watch.bank, records, index, cycle, params)
     oldest = int(bank.cycles[0]) if alarm is None else min(int(bank.cycles[0]), alarm.screen.began)
+    course = evidence.report.course
+    assert course is not None, "the first sample is no cycle"
+    tested = tested and not is_anything(course.acting.firing, course.acting.anything)
     watch = Watch(bank, records[-(cycle - oldest + 1) :], alarm, tested, statistic)
     return gone_on(each, done)._replace(watch=watch)
 

@@ -54,6 +54,7 @@ from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, N_ROTATION
 GROUP = "joint_estimator"  # its part of a saved state
 _DITHERED = 0.25  # of a quantum: noise from which on a reading dithers itself
 _ROUNDING = 1e-9  # of a level
+_BETWEEN = 0.01  # probability that a missing command between two equal ones was another
 
 # what is logged of every cycle besides the reports that all filters give
 # the NIS in the reports of all filters is that of three components; here it is scaled to that expectation
@@ -277,24 +278,66 @@ def step(
     Raises:
         NotPositiveDefiniteError: see `cycle.step`.
     """
-    pace, before = Pace(params.period_s, params.at_stamps), state.joint
-    if before.started:
-        clock, interval = ticks.elapsed(state.clock, told.stamp_s, (told.command, told.coming), pace)
-    else:
-        clock = ticks.started(told.stamp_s, told.command)
-        interval = ticks.Elapsed(np.array([pace.period_s]), told.command.reshape(1, -1), ticks.on_ticks(), False)
-    outside = told.outside_wrench * float(interval.durations_s.sum())
-    sample = Sample(told.time_s, interval.durations_s, interval.commands, outside, rates, velocities, interval.timing)
-    made = cycle.restart if interval.anew else cycle.step
-    own, report = made(before, sample, params.joint)
-    start, after = starts.followed(state.start, before, (own, report), Kept(sample, interval.anew), params.joint)
+    before = state.joint
+    made = _made(state, (rates, velocities), told, params)
+    if before.guarded and np.isnan(told.command).any():
+        likely = told._replace(command=_bridged(state.clock, told, params))
+        if not np.array_equal(likely.command, told.command, equal_nan=True):
+            other = _made(state, (rates, velocities), likely, params)
+            made = other if _is_likelier(other, made) else made
+    clock, sample, anew, own, report = made
+    start, after = starts.followed(state.start, before, (own, report), Kept(sample, anew), params.joint)
     report = report._replace(starting=start.under_way, contradicted=start.contradicted)
-    evidence = JointEvidence(before, after, report, sample, interval.anew)
+    evidence = JointEvidence(before, after, report, sample, anew)
     if after.mean is own.mean:
         known = _with_report(after, clock, report.estimate.copy(), report.covariance.copy(), params)
     else:
         known = _reporting(after, clock, params)
     return Measurement(known._replace(start=start), evidence)
+
+
+class Cycle(NamedTuple):
+    """A cycle: the clock and the filter's state after it, what it got, and what it says."""
+
+    clock: Clock
+    sample: Sample
+    anew: bool
+    state: JointState
+    report: cycle.Report
+
+
+def _made(
+    state: JointFilterState, readings: tuple[np.ndarray, np.ndarray], told: Told, params: JointFilterParams
+) -> Cycle:
+    pace, before = Pace(params.period_s, params.at_stamps), state.joint
+    if before.started:
+        clock, interval = ticks.elapsed(state.clock, told.stamp_s, (told.command, told.coming), pace)
+        if np.isnan(interval.commands).all(axis=1).any() and not _all_read(readings):
+            interval, clock = interval._replace(anew=True), clock._replace(lost=True)  # until all are read again
+    else:
+        clock = ticks.started(told.stamp_s, told.command)
+        interval = ticks.Elapsed(np.array([pace.period_s]), told.command.reshape(1, -1), ticks.on_ticks(), False)
+    outside = told.outside_wrench * float(interval.durations_s.sum())
+    sample = Sample(told.time_s, interval.durations_s, interval.commands, outside, *readings, interval.timing)
+    made = cycle.restart if interval.anew else cycle.step
+    return Cycle(clock, sample, interval.anew, *made(before, sample, params.joint))
+
+
+def _all_read(readings: tuple[np.ndarray, np.ndarray]) -> bool:
+    return all(bool((~np.isnan(each)).any(axis=0).all()) for each in readings if each.shape[0] > 0)
+
+
+def _bridged(clock: Clock, told: Told, params: JointFilterParams) -> Array:
+    pace = Pace(params.period_s, params.at_stamps)
+    return ticks.bridged(clock, told.stamp_s, (told.command, told.coming), pace)
+
+
+def _is_likelier(bridged: Cycle, unknown: Cycle) -> bool:
+    """Tests whether a command that both sides of a missing one have is likelier than that it was another."""
+    if unknown.anew:
+        return False
+    ahead = bridged.report.log_likelihood - unknown.report.log_likelihood
+    return ahead > math.log(_BETWEEN / (1.0 - _BETWEEN))
 
 
 def evidence(_state: JointFilterState, measurement: Measurement, _interval: Interval) -> JointEvidence:
@@ -359,7 +402,7 @@ def rotation_report(estimate: Array, covariance: Array, seen: Seen, gyros: int) 
         seen.innovation[:3],
         seen.innovation_std[:3],
         _per_three(seen.gyro_nis, seen.gyro_degrees),
-        bool(used.any()),
+        bool(used.any()) and seen.gyro_degrees > 0.0,
         seen.incremented,
         seen.coupled,
     )
@@ -375,7 +418,7 @@ def mass_report(estimate: Array, covariance: Array, seen: Seen, gyros: int) -> M
         seen.innovation[gyros : gyros + 3],
         seen.innovation_std[gyros : gyros + 3],
         _per_three(seen.accelerometer_nis, seen.accelerometer_degrees),
-        bool(used.any()),
+        bool(used.any()) and seen.accelerometer_degrees > 0.0,
         False,
     )
 
@@ -443,6 +486,8 @@ def restored(groups: Groups, params: JointFilterParams) -> JointFilterState:
         raise ValueError(f"{GROUP}: fresh must be 0 or 1, and 0 where no reading is kept")
     if triangular_rows(in_order(joint.root, params.joint.places.thrust)) < joint.root.shape[0]:
         raise ValueError(f"{GROUP}: the covariance's root must be lower triangular, parameters first")
+    if not _within(joint.level_std, 0.0, 1.0):
+        raise ValueError(f"{GROUP}: level_std must be between 0 and 1")
     levels = joint.level[:0] if clock.off else joint.level  # off its tick, beyond for an interval
     if not (_within(levels, 0.0, 1.0) and _within(clock.earlier[~np.isnan(clock.earlier)], 0.0, 1.0)):
         raise ValueError(f"{GROUP}: commands and levels must be fractions of 0 to 1")

@@ -78,6 +78,7 @@ def step(state: JointState, sample: Sample, mean: Array, used: np.ndarray, param
         root=root,
         level=firing.level,
         slope=firing.slope,
+        level_std=firing.level_std,
         tick_slope=acting.tick_slope,
         spin=spin,
         time_s=sample.time_s,

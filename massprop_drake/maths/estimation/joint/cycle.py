@@ -49,10 +49,12 @@ from massprop_drake.maths.estimation.joint.prediction import (
     lag_of,
     predict,
     propagated,
+    turned_by,
 )
 from massprop_drake.maths.estimation.joint.quantized import Sites, sites
 from massprop_drake.maths.estimation.joint.thrust_scale import reported
 from massprop_drake.maths.estimation.joint.ticks import Stamped, Timing, stamped
+from massprop_drake.maths.estimation.joint.unknown import EXPECTED, indifferent, shown_by
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError, skew, sparse_product
 
@@ -220,6 +222,7 @@ def initial(params: JointParams) -> JointState:
         level=np.zeros(jets),
         slope=np.zeros(jets),
         tick_slope=np.zeros((2, jets)),
+        level_std=np.zeros(jets),
         spin=np.zeros(6),
         reference=np.zeros(3),
         read=np.full(n_outputs, np.nan),
@@ -485,14 +488,41 @@ def restart(state: JointState, sample: Sample, params: JointParams) -> tuple[Joi
     state, _ = stamped(state, sample.timing, params)
     acting = driven(state, sample, params)
     firing = acting.firing
-    begun_by = state._replace(level=firing.level, slope=firing.slope, tick_slope=acting.tick_slope)
+    begun_by = state._replace(
+        level=firing.level, slope=firing.slope, tick_slope=acting.tick_slope, level_std=firing.level_std
+    )
     return _first(begun_by, sample, params)
 
 
 @kernel
 def driven(state: JointState, sample: Sample, params: JointParams) -> Drive:
-    """What acts over a sample's interval."""
-    return drive(state, sample.durations_s, sample.commands, sample.outside, sample.timing, params)
+    """What acts over a sample's interval; of jets whose commands are not known what its readings show."""
+    acting = drive(state, sample.durations_s, sample.commands, sample.outside, sample.timing, params)
+    if acting.anything.number == 0.0:
+        return acting
+    read = rate_read(sample.rates, state.mean, params)
+    prediction = predict(state, acting, read, params)
+    there = prediction.mean.copy()
+    there[RATE] = prediction.end
+    values, _ = outputs(there, state.reference, state.spin + prediction.spin, params)
+    shown, begin = np.zeros(6), 3 * params.places.gyros
+    shown[:3] = read.rate - prediction.mean[RATE]
+    for axis in range(3):
+        present = 0
+        for package in range(params.places.accelerometers):
+            if not np.isnan(sample.velocities[package, axis]):
+                present += 1
+                shown[3 + axis] += sample.velocities[package, axis] - values[begin + 3 * package + axis]
+        shown[3 + axis] = shown[3 + axis] / present if present > 0 else np.nan
+    return Drive(
+        shown_by(shown, state.mean, acting.firing, acting.anything, params),
+        acting.lag_slope,
+        acting.outside,
+        acting.spreads,
+        acting.by_ticks,
+        acting.tick_slope,
+        acting.anything,
+    )
 
 
 class Cycled(NamedTuple):
@@ -588,6 +618,10 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, counts: np.ndar
     )
     gyro_nis, accelerometer_nis = _by_kind(told.nis, expected.used, np.nan, params)
     gyro_degrees, accelerometer_degrees = _by_kind(told.degrees, expected.used, 0.0, params)
+    anything = _anything(expected, acting, state.mean, params)
+    if acting.anything.number > 0.0:
+        gyro_nis, gyro_degrees = _tested(gyro_nis, gyro_degrees - anything[0])
+        accelerometer_nis, accelerometer_degrees = _tested(accelerometer_nis, accelerometer_degrees - anything[1])
     if commanded and not state.guarded:
         count = int(expected.used[: 3 * params.places.gyros].sum())
         if count > 0 and gyro_nis > thresholds[count - 1]:
@@ -615,14 +649,54 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, counts: np.ndar
         accelerometer_degrees,
         incremented,
         float(told.nis.sum()),
-        float(told.degrees.sum()),
-        crossing.log_likelihood + float(told.log_likelihood.sum()),
+        max(float(told.degrees.sum()) - anything[0] - anything[1], 0.0),
+        crossing.log_likelihood + float(told.log_likelihood.sum()) + anything[2],
         crossing,
         stamp,
         acting,
         expected,
         change,
     )
+
+
+@kernel
+def _anything(expected: Expected, acting: Drive, mean: Array, params: JointParams) -> tuple[float, float, float]:
+    """What readings add that only says how long jets were open whose commands are not known, see `unknown`.
+
+    Args:
+        expected: see `Expected`.
+        acting: see `Drive`.
+        mean: before the interval, where it is linearized, shape (size,).
+        params: see `JointParams`.
+
+    Returns:
+        Degrees of freedom of the gyros, of the accelerometers given these, and what the log likelihood lacks, nats.
+    """
+    counts = np.flatnonzero(expected.used)
+    if acting.anything.number == 0.0 or counts.shape[0] == 0:
+        return 0.0, 0.0, 0.0
+    jacobian, places = expected.jacobian[counts], params.places
+    opened = acting.anything.spread * acting.anything.basis
+    arms = params.accelerometer_positions - mean[CENTER]
+    turned = turned_by(mean[RATE], expected.prediction.end, arms, expected.prediction.duration_s)[1]
+    wide = jacobian[:, RATE] @ opened[:3]
+    for package in range(places.accelerometers):
+        part = jacobian[:, VELOCITY + 3 * package : VELOCITY + 3 * package + 3]
+        wide += part @ (opened[3:] + turned[package] @ opened[:3])
+    projected = np.ascontiguousarray(expected.projected[counts])
+    covariance = projected @ projected.T + np.diag(params.variances[counts])
+    every = float(np.sum(wide * np.linalg.solve(covariance, wide)))
+    gyros, number = 0.0, int(expected.used[: 3 * places.gyros].sum())
+    if number > 0:
+        own = np.ascontiguousarray(covariance[:number, :number])
+        gyros = float(np.sum(wide[:number] * np.linalg.solve(own, wide[:number])))
+    return gyros, max(every - gyros, 0.0), every * (np.log(acting.anything.spread) + EXPECTED)
+
+
+@kernel
+def _tested(nis: float, degrees: float) -> tuple[float, float]:
+    """A NIS and its expectation; none where less than half a component is left that can be tested."""
+    return (nis, degrees) if degrees > 0.5 or np.isnan(nis) else (np.nan, 0.0)
 
 
 @kernel
@@ -652,6 +726,7 @@ def _learned(
         _releveled((firing.level, firing.slope, acting.tick_slope), state.mean, mean, params),
         firing.slope,
         acting.tick_slope,
+        firing.level_std,
         expected.spin,
         state.reference,
         np.where(there, read, state.read),
@@ -682,8 +757,8 @@ def gone_over(state: JointState, sample: Sample, about: Array, params: JointPara
     Returns:
         The state after it, the NIS of the components that counted, and its expectation.
     """
-    after, _, told = _relinearized(state, sample, about, params)
-    return after, float(told.nis.sum()), float(told.degrees.sum())
+    after, course, _ = _relinearized(state, sample, about, params)
+    return after, course.nis, course.degrees
 
 
 @kernel
@@ -701,22 +776,19 @@ def relinearized(
     Returns:
         The state after it, how it went, and NIS of the gyros with its expectation.
     """
-    after, course, told = _relinearized(state, sample, about, params)
-    used = course.expected.used
-    of_gyros = _by_kind(told.nis, used, 0.0, params)[0], _by_kind(told.degrees, used, 0.0, params)[0]
-    return after, course, of_gyros
+    return _relinearized(state, sample, about, params)
 
 
 @kernel
 def _relinearized(
     state: JointState, sample: Sample, about: Array, params: JointParams
-) -> tuple[JointState, Course, Sites]:
+) -> tuple[JointState, Course, tuple[float, float]]:
     state, crossing = crossed(state, about[:N_PROPERTIES], sample, params.floors, params)
     state, stamp = stamped(state, sample.timing, params)
     mean = _about(state.mean, about, params)
     there = relearned(state, mean, state.root.copy())
     there.root[:N_PROPERTIES] = 0.0  # nothing of second order is left
-    acting = driven(state, sample, params)
+    acting = driven(there, sample, params)
     at = predict(there, acting, rate_read(sample.rates, mean, params), params)
     away = state.mean - mean
     mean = at.mean + away
@@ -747,9 +819,15 @@ def _relinearized(
     if expected.used.any():
         change, told = _update(expected, root, gained(state, params), params)
     after = _learned(state, sample, acting, expected, change, params)
-    nis, degrees = float(told.nis.sum()), float(told.degrees.sum())
-    log_likelihood = crossing.log_likelihood + float(told.log_likelihood.sum())
-    return after, Course(crossing, stamp, acting, expected, change, nis, degrees, log_likelihood), told
+    anything = _anything(expected, acting, there.mean, params)
+    nis, degrees = float(told.nis.sum()), max(float(told.degrees.sum()) - anything[0] - anything[1], 0.0)
+    log_likelihood = crossing.log_likelihood + float(told.log_likelihood.sum()) + anything[2]
+    gyro_nis, gyro_degrees = (
+        _by_kind(told.nis, expected.used, 0.0, params)[0],
+        _by_kind(told.degrees, expected.used, 0.0, params)[0],
+    )
+    course = Course(crossing, stamp, acting, expected, change, nis, degrees, log_likelihood)
+    return after, course, (gyro_nis, max(gyro_degrees - anything[0], 0.0))
 
 
 @kernel
@@ -810,6 +888,7 @@ def _update_again(
     rate_rows, velocity_rows = error_rows(relearned(state, mean, state.root), acting, params)
     begin = params.places.thrust
     before = expected.prediction
+    rate_rows, velocity_rows = indifferent(rate_rows, velocity_rows, acting.anything)
     rate_rows[:, :begin], velocity_rows[:, :begin] = before.rate_rows[:, :begin], before.velocity_rows[:, :begin]
     predicted = Prediction(
         before.mean,

@@ -37,7 +37,8 @@ import numpy as np
 from massprop_drake.maths.kernels import either, kernel
 from massprop_drake.maths.linear_algebra import Array
 
-UNKNOWN_LEVEL_VARIANCE = 0.25  # of a level that is 0 or 1 and nobody knows which
+UNKNOWN_LEVEL = 0.5  # mean and 1-sigma of a level that is 0 or 1 and nobody knows which
+_SETTLED = 1e-5  # of an interval: an opening that no reading shows
 
 
 class Firing(NamedTuple):
@@ -48,8 +49,10 @@ class Firing(NamedTuple):
         amount: L of each jet, s, shape (n_jets,).
         amount_slope: its derivative by ln tau, s, shape (n_jets,).
         bow: of each jet, its mean, first moment, and root mean square, s, shape (3, n_jets).
-        variance: of L where the command is not known, s^2, shape (n_jets,).
-        level, slope: at the end of the interval, shape (n_jets,) each.
+        unknown: whether L may be anything, since the command is not known in a part of the interval, or was not before
+            and the lag has not settled yet, shape (n_jets,).
+        variance: of L by the level at the start of the interval, s^2, shape (n_jets,).
+        level, slope, level_std: at the end of the interval, shape (n_jets,) each.
         by_level: derivative of L and of the level at the end by that at the start, s and 1, shape (2, n_jets).
         by_tick: derivative of L by when each of the interval's ticks was, shape (2, n_jets).
         level_by_tick: of the level at the end, 1/s, likewise.
@@ -60,9 +63,11 @@ class Firing(NamedTuple):
     amount: Array
     amount_slope: Array
     bow: Array
+    unknown: np.ndarray
     variance: Array
     level: Array
     slope: Array
+    level_std: Array
     by_level: Array
     by_tick: Array
     level_by_tick: Array
@@ -71,20 +76,21 @@ class Firing(NamedTuple):
 
 @kernel
 def fire(
-    level: Array, slope: Array, time_constants_s: Array, durations_s: Array, commands: Array, edges: Array
+    levels: tuple[Array, Array, Array], time_constants_s: Array, durations_s: Array, commands: Array, edges: Array
 ) -> Firing:
     """What the jets do over an interval that consists of pieces with constant commands.
 
     Args:
-        level: at the start of the interval, shape (n_jets,).
-        slope: its derivative by ln tau, shape (n_jets,).
+        levels: at the start of the interval, their derivatives by ln tau, and their 1-sigma, shape (n_jets,) each.
         time_constants_s: of each jet, zero: no lag, shape (n_jets,).
         durations_s: of the pieces, s, positive, shape (n_pieces,).
         commands: fraction commanded in each, NaN where not known, shape (n_pieces, n_jets).
         edges: derivative of each duration by when the ticks at the beginning and at the end of the interval were, shape
             (n_pieces, 2); none: these are known, and what depends on them is zero, shape (0, 2).
     """
-    amount, amount_slope, variance = np.zeros(level.shape), np.zeros(level.shape), np.zeros(level.shape)
+    level, slope, level_std = levels
+    amount, amount_slope, deviation = np.zeros(level.shape), np.zeros(level.shape), np.zeros(level.shape)
+    anything = np.zeros(level.shape, dtype=np.bool_)
     moments = np.zeros((3,) + level.shape)  # noqa: RUF005 (for numba)
     by_level, by_tick, level_by_tick = _no_ticks(level), _no_ticks(level), _no_ticks(level)
     by_level[1] = 1.0
@@ -93,7 +99,7 @@ def fire(
     for piece in range(durations_s.shape[0]):
         h = durations_s[piece]
         unknown = np.isnan(commands[piece])
-        u = either(unknown, 0.5, commands[piece])
+        u = either(unknown, UNKNOWN_LEVEL, commands[piece])
         commanded = commanded or bool(np.any(u > 0.0))
         ratio = time_constants_s / h
         lagged = ratio > 0.0
@@ -116,10 +122,26 @@ def fire(
             by_level[1] *= remaining
             by_tick += h * mean * level_by_tick + longer * level
             level_by_tick = remaining * level_by_tick - longer * (d * remaining_slope / h)
-        variance += UNKNOWN_LEVEL_VARIANCE * h * h * unknown
+        anything = anything | unknown
+        deviation += h * mean * level_std
+        level_std = either(unknown, UNKNOWN_LEVEL, level_std * remaining)
         total += h
     bow = moments if durations_s.shape[0] == 1 else _bow(moments, amount, total)
-    return Firing(total, amount, amount_slope, bow, variance, level, slope, by_level, by_tick, level_by_tick, commanded)
+    return Firing(
+        total,
+        amount,
+        amount_slope,
+        bow,
+        anything | (deviation > _SETTLED * total),
+        deviation**2,
+        level,
+        slope,
+        level_std,
+        by_level,
+        by_tick,
+        level_by_tick,
+        commanded,
+    )
 
 
 @kernel

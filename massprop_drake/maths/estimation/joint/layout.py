@@ -202,6 +202,7 @@ class JointState(NamedTuple):
         level: thrust level of each jet at the end of the interval, shape (n_jets,).
         slope: its derivative by the logarithm of its time constant, shape (n_jets,).
         tick_slope: by offset and period error of the ticks, 1/s, shape (2, n_jets).
+        level_std: 1-sigma of each level since its command was not known, shape (n_jets,).
         spin: integral of w w^T dt since the last rebase as xx, yy, zz, yz, xz, xy, rad^2/s, shape (6,).
         reference: rate at the last rebase, rad/s, shape (3,).
         read: last reading of each component, shape (n_outputs,).
@@ -224,6 +225,7 @@ class JointState(NamedTuple):
     level: Array
     slope: Array
     tick_slope: Array
+    level_std: Array
     spin: Array
     reference: Array
     read: Array
@@ -247,6 +249,7 @@ _STATE = Layout(
     level="jets",
     slope="jets",
     tick_slope=(2, "jets"),
+    level_std="jets",
     spin=6,
     reference=3,
     read="outputs",
@@ -295,6 +298,7 @@ def releveled(state: JointState, mean: Array, root: Array, level: Array, tick_sl
         level,
         state.slope,
         tick_slope,
+        state.level_std,
         state.spin,
         state.reference,
         state.read,
@@ -321,6 +325,7 @@ def taken_in(state: JointState) -> JointState:
         state.level,
         state.slope,
         state.tick_slope,
+        state.level_std,
         state.spin,
         state.reference,
         state.read,
@@ -347,6 +352,7 @@ def flagged(state: JointState, guarded: bool, freed: bool, rescaled: bool, firin
         state.level,
         state.slope,
         state.tick_slope,
+        state.level_std,
         state.spin,
         state.reference,
         state.read,

@@ -67,6 +67,7 @@ from massprop_drake.maths.estimation.joint.layout import (
     JointState,
 )
 from massprop_drake.maths.estimation.joint.ticks import Timing
+from massprop_drake.maths.estimation.joint.unknown import Directions, directions, indifferent, spread
 from massprop_drake.maths.kernels import idiom, kernel, numbers, picked
 from massprop_drake.maths.linear_algebra import (
     Array,
@@ -85,6 +86,7 @@ PARABOLA = 1.2**0.5  # root mean square over mean
 _SETTLED = 1e-9  # of the rate at the end, that is left of the equation for it: a hundredth of that is in the coupling
 _ROUNDS = 4  # each squares what is left, which is a hundredth of the rate where a vehicle turns by a degree a sample
 _FIRES = 1e-6  # of an interval: less thrust has no products that count
+_TINY = float(np.finfo(np.float64).tiny)
 _MOST_LIGHT = 3.0  # times the nominal 1/m: beyond, an estimate is none, and nothing flows
 
 
@@ -98,6 +100,7 @@ class Drive(NamedTuple):
         spreads: see `Timing`.
         by_ticks: derivative of L by offset and period error of the ticks, shape (2, n_jets).
         tick_slope: of the level at the end of the interval, 1/s, likewise.
+        anything: directions in which jets whose commands are not known may have given anything, see `Directions`.
     """
 
     firing: Firing
@@ -106,6 +109,7 @@ class Drive(NamedTuple):
     spreads: Array
     by_ticks: Array
     tick_slope: Array
+    anything: Directions
 
 
 class RateRead(NamedTuple):
@@ -185,10 +189,12 @@ def drive(
         params: see `JointParams`.
     """
     constants, lag_slope = lag_of(state.mean, params)
-    firing = fire(state.level, state.slope, constants, durations_s, commands, timing.edges)
+    levels = state.level, state.slope, state.level_std
+    firing = fire(levels, constants, durations_s, commands, timing.edges)
+    anything = directions(state.mean, firing, params)
     if not timing.off or params.places.n_ticks == 0:
         none = np.zeros_like(state.tick_slope)
-        return Drive(firing, lag_slope, outside, timing.spreads, none, none)
+        return Drive(firing, lag_slope, outside, timing.spreads, none, none, anything)
     by_ticks, tick_slope = firing.by_level[0] * state.tick_slope, firing.by_level[1] * state.tick_slope
     by_ticks[0] += timing.shares @ firing.by_tick
     by_ticks[1] += (timing.numbers * timing.shares) @ firing.by_tick
@@ -202,15 +208,17 @@ def drive(
         firing.amount + later_s @ firing.by_tick,
         firing.amount_slope,
         firing.bow,
+        firing.unknown,
         firing.variance,
         firing.level + later_s @ firing.level_by_tick,
         firing.slope,
+        firing.level_std,
         firing.by_level,
         firing.by_tick,
         firing.level_by_tick,
         firing.commanded,
     )
-    return Drive(moved, lag_slope, outside, timing.spreads, by_ticks, tick_slope)
+    return Drive(moved, lag_slope, outside, timing.spreads, by_ticks, tick_slope, anything)
 
 
 @kernel
@@ -330,6 +338,7 @@ def predict(state: JointState, acting: Drive, rate_read: RateRead, params: Joint
     rate_rows[:, INERTIA] = angular_block(moment)
     rate_rows[:, CENTER] = inverse @ skew(linear)
     velocity_rows[:, MASS] = linear * (1.0 + reciprocal * flow)
+    rate_rows, velocity_rows = indifferent(rate_rows, velocity_rows, acting.anything)
     bias, noise = _second_order(state, acting, linear, covariance, params)
     noise += _white_noise(mean, acting, params)
     change = inverse @ moment + bias[:3]
@@ -397,7 +406,23 @@ def _second_order(
             product_mean, product_noise = _thrust_products(state, acting, covariance, params)
             bias += product_mean
             noise += product_noise
+        if acting.anything.number > 0.0:
+            noise += _opening_products(state.mean, acting.firing, covariance, params)
     return bias, noise
+
+
+@kernel
+def _opening_products(mean: Array, firing: Firing, covariance: Array, params: JointParams) -> Array:
+    """Covariance on w and c, shape (6, 6), of openings that readings show times errors of the ten parameters.
+
+    An opening is as well shown as the inertia is known, and lies between none and all of the interval.
+    """
+    error = 0.0
+    for i in range(3):
+        error = max(error, np.sqrt(covariance[i, i]) / max(abs(mean[i]), _TINY))
+    effects = _effects(mean, params.wrenches[np.flatnonzero(firing.unknown)])
+    flat = effects.reshape(6, -1) * (min(error, 1.0) * firing.duration_s) ** 2
+    return _each_times(effects, covariance).reshape(6, -1) @ flat.T
 
 
 @kernel
@@ -673,12 +698,12 @@ def _effects(mean: Array, wrenches: Array) -> Array:
 @kernel
 def _white_noise(mean: Array, acting: Drive, params: JointParams) -> Array:
     """Covariance on w and c of walks, of impulses that scatter, of ticks, and of unknown commands, shape (6, 6)."""
-    noise, firing = np.zeros((6, 6)), acting.firing
+    noise, firing = spread(acting.anything), acting.firing
     variance = firing.variance + (params.repeatability * firing.amount) ** 2
     if variance.any():
         rate_effect = _moments(mean, params.wrenches) @ picked(mean, ELEMENT)
         effects = np.hstack((rate_effect, mean[MASS] * params.wrenches[:, 3:]))
-        noise = (effects * variance.reshape(-1, 1)).T @ effects
+        noise += (effects * variance.reshape(-1, 1)).T @ effects
     if acting.spreads.any():
         seconds = firing.by_tick * np.sqrt(acting.spreads).reshape(2, 1)
         wrenches = seconds @ params.wrenches

@@ -25,10 +25,10 @@ sigma, s the reading and z = (s - t^)/sigma, what switches has acted before the 
 and for a random rest of the variance sigma^2 ((z^2 + 1) Phi + z phi - (z Phi + phi)^2 - Phi^2), which counts as noise,
 here and once more in the next interval, to which what is left of that derivative belongs.
 
-Rows that are missing: one or two in a row are bridged, with the command of both sides where these are equal, and as
-not known where they differ. After a longer gap, and over the interval that follows it, in which thrust settles, rate
-and gathered velocity begin anew: nobody knows what happened meanwhile. Where a stamp is off any tick, ticks begin anew
-with it.
+Rows that are missing: one or two in a row are bridged. Their command is that of both sides where these are equal and
+the readings bear that out, and else not known (`unknown`). After a longer gap, and over the interval that follows it,
+in which thrust settles, rate and gathered velocity begin anew: nobody knows what happened meanwhile. Where a stamp is
+off any tick, ticks begin anew with it.
 """
 
 from __future__ import annotations
@@ -186,6 +186,19 @@ class Pace(NamedTuple):
     at_stamps: bool = False
 
 
+def bridged(clock: Clock, stamp_s: float, commands: tuple[Array, Array | None], pace: Pace) -> Array:
+    """The command of the row before: where it is not known, that of both sides if these are equal, shape (n_jets,).
+
+    Args:
+        clock, stamp_s, commands, pace: see `elapsed`.
+    """
+    command, coming = commands
+    if coming is None or stamp_s - clock.stamp_s > _LONGEST * pace.period_s:
+        return command
+    told: Array = np.where(np.isnan(command) & (clock.earlier == coming), coming, command)
+    return told
+
+
 def elapsed(clock: Clock, stamp_s: float, commands: tuple[Array, Array | None], pace: Pace) -> tuple[Clock, Elapsed]:
     """What happened from the last reading to this one, and the clock then.
 
@@ -195,21 +208,18 @@ def elapsed(clock: Clock, stamp_s: float, commands: tuple[Array, Array | None], 
         commands: of the row before, NaN where not known, and of this row, None: not known yet, shape (n_jets,) each.
         pace: see `Pace`.
     """
-    (command, coming), (period_s, at_stamps) = commands, pace
+    (told, coming), (period_s, at_stamps) = commands, pace
     length = stamp_s - clock.stamp_s
-    told = command
-    bridged = length <= _LONGEST * period_s
-    if bridged and coming is not None:
-        told = np.where(np.isnan(command) & (clock.earlier == coming), coming, command)
+    short = length <= _LONGEST * period_s
     if on_time(clock, stamp_s, period_s):
         after = started(stamp_s, told)
         return after, Elapsed(np.array([period_s]), told.reshape(1, -1), on_ticks(), clock.lost)
     passed = max(round(length / period_s), 1)
     off_ticks = abs(length - passed * period_s)
     near = off_ticks <= _NEAR * period_s * (1.0 + _EXACT) and (clock.off or off_ticks > _EXACT * period_s)
-    if at_stamps or not (bridged and near):
-        after = started(stamp_s, told)._replace(lost=not bridged)
-        return after, Elapsed(np.array([length]), told.reshape(1, -1), on_ticks(), clock.lost or not bridged)
+    if at_stamps or not (short and near):
+        after = started(stamp_s, told)._replace(lost=not short)
+        return after, Elapsed(np.array([length]), told.reshape(1, -1), on_ticks(), clock.lost or not short)
     sigma_s = period_s * np.array([JITTER, PERIOD])
     line = clock if clock.off else clock._replace(covariance=np.diag(sigma_s**2))
     jitter = max(_SEEN * sigma_s[0] ** 2 + line.scatter, _LEAST * sigma_s[0] ** 2) / (_SEEN + line.seen)

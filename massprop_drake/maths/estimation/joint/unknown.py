@@ -1,0 +1,154 @@
+r"""What jets whose commands are not known may have given over an interval: anything that they can.
+
+How long such a jet was open is an unknown that lasts: one that stays off, or on, gives the same in every interval. A
+prior by which each interval is a coin of its own would be off by the same sigma each time, and the filter would learn
+that from it. So nothing is assumed: with D the effects of these jets on w and c in 1-sigmas of their readings, and U
+an orthonormal basis of what D spans, w and c are reopened along U, by `_WIDE` times what the strongest jet gives. No
+parameter is learned from what lies along U: derivatives by them are taken without it. Where D spans all six, the
+interval tells nothing, and w and c are what is then read.
+
+What lies across U is as well known as without these jets, but that an error of J or r turns what they gave. That is
+linearized at the openings that the readings show, the least squares solution with the least departure from a half.
+
+Along U there is nothing to be tested: it adds no degree of freedom, and to a log likelihood what it would add to that
+of a reading which is expected as well as it is read. So hypotheses are compared by what lies across U alone.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.joint.impulses import Firing
+from massprop_drake.maths.estimation.joint.layout import CENTER, MASS, JointParams
+from massprop_drake.maths.kernels import kernel, picked
+from massprop_drake.maths.linear_algebra import Array, skew
+from massprop_drake.maths.mass_properties import ELEMENT
+
+_WIDE = 10.0  # times what the strongest jet gives in the interval: an opening's 1-sigma, by which none is told
+EXPECTED = -0.5 * (1.0 + math.log(2.0))  # nats, of a reading that is expected as well as it is read, over its best
+_SAME = 1e-12  # of the largest squared effect: less is rounding of directions that are the same
+
+
+class Directions(NamedTuple):
+    """Directions in which the changes of w and c may be anything.
+
+    Attributes:
+        number: of them, r; zero: none.
+        spread: their 1-sigma, in those of readings.
+        basis: U in units of w and c, columns from r on zero, shape (6, 6).
+        dual: its columns give the components along U, shape (6, 6).
+    """
+
+    number: float
+    spread: float
+    basis: Array
+    dual: Array
+
+
+@kernel
+def directions(mean: Array, firing: Firing, params: JointParams) -> Directions:
+    """Directions that the jets span whose commands are not known.
+
+    Args:
+        mean: state's estimate, shape (size,).
+        firing: see `Firing`.
+        params: see `JointParams`.
+    """
+    basis, dual = np.zeros((6, 6)), np.zeros((6, 6))
+    if not firing.unknown.any():
+        return Directions(0.0, 0.0, basis, dual)
+    sigmas = _reading_sigmas(params)
+    effects = _effects(mean, params) / sigmas * firing.duration_s
+    values, vectors = np.linalg.eigh(effects[firing.unknown].T @ effects[firing.unknown])
+    count = 0
+    for place in range(6):
+        if values[place] > _SAME * values[5]:
+            basis[:, count] = vectors[:, place] * sigmas
+            dual[:, count] = vectors[:, place] / sigmas
+            count += 1
+    return Directions(float(count), _WIDE * np.sqrt((effects**2).sum(axis=1).max()), basis, dual)
+
+
+def is_anything(firing: Firing, anything: Directions) -> bool:
+    """Tests whether nothing that jets do can be tested over an interval."""
+    return bool(anything.number == anything.basis.shape[0] or firing.unknown.all())
+
+
+@kernel
+def spread(anything: Directions) -> Array:
+    """Covariance by which w and c are reopened, shape (6, 6)."""
+    wide = anything.spread * anything.basis
+    return wide @ wide.T
+
+
+@kernel
+def indifferent(rate_rows: Array, velocity_rows: Array, anything: Directions) -> tuple[Array, Array]:
+    """Derivatives of the changes of w and c by parameters, without what lies along the directions.
+
+    Args:
+        rate_rows, velocity_rows: of all, shape (3, size) each.
+        anything: see `Directions`.
+    """
+    if anything.number == 0.0:
+        return rate_rows, velocity_rows
+    rows = np.vstack((rate_rows, velocity_rows))
+    rows = rows - anything.basis @ (anything.dual.T @ rows)
+    return rows[:3].copy(), rows[3:].copy()
+
+
+@kernel
+def shown_by(error: Array, mean: Array, firing: Firing, anything: Directions, params: JointParams) -> Firing:
+    """Firing with the openings of jets whose commands are not known as readings show them.
+
+    Args:
+        error: of the predicted changes of w and c by the readings, NaN where none is there, shape (6,).
+        mean: state's estimate, shape (size,).
+        firing: as predicted.
+        anything: see `Directions`.
+        params: see `JointParams`.
+    """
+    if np.isnan(error).any():
+        return firing
+    # D U (U^T D^T D U)^-1 U^T error, of the jets that are not known
+    along = (_effects(mean, params) @ anything.dual)[:, : int(anything.number)] * firing.unknown.reshape(-1, 1)
+    found = along @ np.linalg.solve(along.T @ along, (anything.dual.T @ error)[: int(anything.number)])
+    amount = firing.amount + firing.unknown * found
+    return Firing(
+        firing.duration_s,
+        np.minimum(np.maximum(amount, np.minimum(firing.amount, 0.0)), np.maximum(firing.amount, firing.duration_s)),
+        firing.amount_slope,
+        firing.bow,
+        firing.unknown,
+        firing.variance,
+        firing.level,
+        firing.slope,
+        firing.level_std,
+        firing.by_level,
+        firing.by_tick,
+        firing.level_by_tick,
+        firing.commanded,
+    )
+
+
+@kernel
+def _reading_sigmas(params: JointParams) -> Array:
+    """1-sigma of the mean of all packages' readings, of w and of c, shape (6,)."""
+    places, sigmas = params.places, np.ones(6)
+    for begin, first, packages in ((0, 0, places.gyros), (3, 3 * places.gyros, places.accelerometers)):
+        for axis in range(3):
+            told = 0.0
+            for package in range(packages):
+                told += 1.0 / params.variances[first + 3 * package + axis]
+            if told > 0.0:
+                sigmas[begin + axis] = 1.0 / np.sqrt(told)
+    return sigmas
+
+
+@kernel
+def _effects(mean: Array, params: JointParams) -> Array:
+    """Change of w and c by a second of each jet's full thrust, shape (n_jets, 6)."""
+    moments = params.wrenches[:, :3] + params.wrenches[:, 3:] @ skew(mean[CENTER])
+    return np.hstack((moments @ picked(mean, ELEMENT), mean[MASS] * params.wrenches[:, 3:]))
