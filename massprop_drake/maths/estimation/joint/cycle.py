@@ -683,14 +683,18 @@ def _anything(expected: Expected, acting: Drive, mean: Array, params: JointParam
     for package in range(places.accelerometers):
         part = jacobian[:, VELOCITY + 3 * package : VELOCITY + 3 * package + 3]
         wide += part @ (opened[3:] + turned[package] @ opened[:3])
-    projected = np.ascontiguousarray(expected.projected[counts])
-    covariance = projected @ projected.T + np.diag(params.variances[counts])
-    every = float(np.sum(wide * np.linalg.solve(covariance, wide)))
-    gyros, number = 0.0, int(expected.used[: 3 * places.gyros].sum())
-    if number > 0:
-        own = np.ascontiguousarray(covariance[:number, :number])
-        gyros = float(np.sum(wide[:number] * np.linalg.solve(own, wide[:number])))
+    wide = wide / np.sqrt(params.variances[counts]).reshape(-1, 1)
+    every = _opened_degrees(wide)
+    number = int(expected.used[: 3 * places.gyros].sum())
+    gyros = _opened_degrees(np.ascontiguousarray(wide[:number])) if number > 0 else 0.0
     return gyros, max(every - gyros, 0.0), every * (np.log(acting.anything.spread) + EXPECTED)
+
+
+@kernel
+def _opened_degrees(wide: Array) -> float:
+    """Degrees of freedom of readings that directions take, by their effects in 1-sigmas of the readings."""
+    squares = np.linalg.svd(wide)[1] ** 2
+    return float((squares / (1.0 + squares)).sum())
 
 
 @kernel
