@@ -844,7 +844,8 @@ def _releveled(levels: tuple[Array, Array, Array], before: Array, after: Array, 
         new, _ = lag_of(after, params)
         ratio = np.where(old > 0.0, new / np.where(old > 0.0, old, 1.0), 1.0)
         at_least, at_most = np.minimum(level, 0.0), np.maximum(level, 1.0)  # off its tick, beyond for an interval
-        level = np.minimum(np.maximum(level + slope * np.log(ratio), at_least), at_most)
+        step = np.maximum(np.log(ratio), -1.0)  # a lag that goes takes along no more than the level was off
+        level = np.minimum(np.maximum(level + slope * step, at_least), at_most)
     if places.n_ticks > 0 and tick_slope.any():
         ticks = slice(places.ticks, places.ticks + 2)
         moved_s = params.tick_sigma * (after[ticks] - before[ticks])

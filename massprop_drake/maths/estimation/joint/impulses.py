@@ -38,6 +38,7 @@ from massprop_drake.maths.kernels import either, kernel
 from massprop_drake.maths.linear_algebra import Array
 
 UNKNOWN_LEVEL_VARIANCE = 0.25  # of a level that is 0 or 1 and nobody knows which
+LEAST_LAG = 1e-4  # of a stated time constant: with so little of it thrust is instantaneous
 
 
 class Firing(NamedTuple):
@@ -212,7 +213,7 @@ def _bow(moments: Array, amount: Array, total: float) -> Array:
 def time_constants(nominal_s: Array, kinds: np.ndarray, sigma: float, errors: Array) -> tuple[Array, Array]:
     """Each jet's time constant at the estimated error of its kind, and the derivative of its logarithm by that error.
 
-    The time constant is tau_0 max(1 + sigma p, 0.05), linear in p.
+    The time constant is tau_0 max(1 + sigma p, `LEAST_LAG`), linear in p.
 
     Args:
         nominal_s: tau_0 of each jet, shape (n_jets,).
@@ -222,5 +223,5 @@ def time_constants(nominal_s: Array, kinds: np.ndarray, sigma: float, errors: Ar
     """
     if errors.shape[0] == 0:
         return nominal_s, np.zeros_like(nominal_s)
-    factor = np.maximum(1.0 + sigma * errors, 0.05)[kinds]
+    factor = np.maximum(1.0 + sigma * errors, LEAST_LAG)[kinds]
     return nominal_s * factor, sigma / factor
