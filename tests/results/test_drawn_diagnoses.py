@@ -39,7 +39,7 @@ def off(run: Run) -> float:
     return float(np.abs((run["estimate"][-1] - run["truth"][-1]) / run["standard_deviation"][-1]).max())
 
 
-@pytest.mark.parametrize("number", [2, 5])
+@pytest.mark.parametrize("number", [2, 5, 6])
 @pytest.mark.parametrize("factor", [0.0, 3.0])
 def test_a_lag_that_the_file_has_wrong_is_named_and_found(tmp_path: Path, number: int, factor: float) -> None:
     """None where one is stated, or three times as much; the estimates do not suffer."""
