@@ -440,6 +440,23 @@ def turned_by_wheels(period_s: float, count: int) -> tuple[np.ndarray, np.ndarra
     return time_s, np.array(rates), np.array([speed(time) for time in time_s])
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_wheels_that_no_file_has_are_named(tmp_path: Path, seed: int) -> None:
+    """Torques without a force are no leak; the accelerometer is at the center of mass and reads its noise alone."""
+    time_s, rates, _ = turned_by_wheels(0.1, 300)
+    random = np.random.default_rng(seed)
+    columns = {"time_s": list(map(repr, time_s.tolist()))}
+    for axis, name in enumerate("xyz"):
+        noisy = rates[:, axis] + 1e-4 * random.standard_normal(time_s.size)
+        columns[f"mems_{name}"] = [f"{value:.5f}" for value in noisy]
+        columns[f"imu_{name}"] = [f"{value:.5f}" for value in 5e-5 * random.standard_normal(time_s.size)]
+    columns |= {f"jet_T{number}": ["0"] * time_s.size for number in range(1, 13)}
+    where = "vehicle.accelerometers[0].position=[0.02, 0.01, -0.01]"
+    case = scenario(tmp_path, {"vehicle": "client_servicer.yaml"}, where, "detector.kind=off")
+    reasons = estimate(written(tmp_path / "log.csv", columns), case).summary["consistency"]["reasons"]
+    assert "unmodeled torques without a force, such as wheels whose speed changes" in reasons[0]
+
+
 @pytest.mark.xfail(reason="a vehicle file has no wheels: what they do is taken for unmodeled torques", strict=True)
 def test_wheels_that_are_in_the_vehicle_file_show_the_inertia(tmp_path: Path) -> None:
     """16: four wheels in a pyramid, speeds to .1 rpm."""

@@ -45,9 +45,9 @@ class Diagnosis(NamedTuple):
     """What a run's readings contradict.
 
     Attributes:
-        kind: "factor", "jet", "thrust", "lag", "torque", "drag", "gyro_bias", "acceleration_bias", "gyro_scale",
-            "gyro_sign", "accelerometer_scale", "accelerometer_sign", "oscillation", "drift", "jitter", "noise" or
-            "start".
+        kind: "factor", "jet", "thrust", "lag", "delay", "torque", "drag", "momentum", "gyro_bias",
+            "acceleration_bias", "gyro_scale", "gyro_sign", "accelerometer_scale", "accelerometer_sign",
+            "oscillation", "drift", "jitter", "noise" or "start".
         reason: in words.
         statistic: of its test.
         threshold: that it exceeds.

@@ -84,7 +84,7 @@ def model(scenario: Scenario) -> Model:
         gated = scenario.estimation.thrust_transient == "gate"
         of_lag = np.full(n_kinds, _OPEN_LAG_S) if gated else of_kinds * thrust.lag_uncertainty
     prior = np.concatenate(
-        (setup.nominal, np.zeros(n_jets + n_kinds + 9 + 3 * gyros.quanta.size + 6 * n_accelerometers + 9))
+        (setup.nominal, np.zeros(n_jets + n_kinds + 12 + 3 * gyros.quanta.size + 6 * n_accelerometers + 9))
     )
     sigma = np.zeros_like(prior)
     variances = np.concatenate((setup.gyro_variances, setup.accelerometer_variances))
@@ -374,6 +374,8 @@ def _drift(scenario: Scenario, at: Array) -> Array:
 
 RATE = 2e-4  # at which a test is failed by chance
 _MOST = 3  # causes that are looked for one after the other
+_OUTSIDE = 5.0  # times the reach of the jets, at which no force of the vehicle acts
+_TRIED = 5  # suspects with which all is fitted anew: compute budget
 _CLEAR = 0.01  # 1-sigma of a combination of thrust errors that is tested
 _EXPLAINED = 0.9  # of the misfit beyond what is stated, that a cause must explain
 _HOPELESS = 1e4  # times the stated variance: a sign may be wrong
@@ -415,23 +417,84 @@ def diagnosed(parts: Sequence[Stretch], begin: Array, made: Model, names: Names)
         return found, first
     fit, reckoned, found = _switched(parts, fit, made)
     while len(found) < _MOST:
-        suspects = [one for one in _suspects(fit, reckoned) if one.statistic > one.threshold]
-        if not suspects:
+        best = min(_explanations(parts, fit, reckoned, names), key=lambda one: one.cost, default=None)
+        if best is None:
             break
-        worst = max(suspects, key=lambda one: one.statistic / one.threshold)
-        cause = _named(worst, fit, reckoned, names)
-        wider = reckoned._replace(sigma=reckoned.sigma.copy())
-        wider.sigma[cause.group] = cause.sigma
-        after = hindsight.fitted(parts, fit.at, wider)
-        if not after.normal.is_finite or _excess(after) > (1.0 - _EXPLAINED) * _excess(fit):
-            break
-        found.append(Diagnosis(cause.kind, cause.reason, worst.statistic, worst.threshold))
-        fit, reckoned = after, wider
+        found.append(best.diagnosis)
+        parts, fit, reckoned = best.parts, best.fit, best.made
     if not found and fit.normal.per_reading > _HOPELESS:
         fit, found = _turned_right(parts, fit, made, names)
     if not any(one.kind == "jet" for one in found):  # what a failed jet leaves is no fault of sensors
-        found += _oscillating(parts, fit, reckoned, names) or _scattered(fit, names)
+        found += _oscillating(parts, fit, reckoned, names) or _scattered(parts, fit, reckoned, names)
     return found, first
+
+
+class _Explanation(NamedTuple):
+    """A cause that explains the readings.
+
+    Attributes:
+        diagnosis: the cause in words.
+        cost: objective of the fit, with the Bayesian information criterion's cost of what is free.
+        parts: of the record, as the cause has them.
+        fit: of the parts.
+        made: model with what may be wrong by the cause.
+    """
+
+    diagnosis: Diagnosis
+    cost: float
+    parts: Sequence[Stretch]
+    fit: Fit
+    made: Model
+
+
+def _explanations(parts: Sequence[Stretch], fit: Fit, made: Model, names: Names) -> Iterator[_Explanation]:
+    """Yields causes that explain the readings once all is fitted anew with them."""
+    suspects = [one for one in _suspects(fit, made) if one.statistic > one.threshold]
+    per_unknown = math.log(max(fit.normal.readings, 1.0))
+    for one in sorted(suspects, key=lambda one: -one.statistic / one.threshold)[:_TRIED]:
+        cause = _named(one, fit, made, names)
+        wider = made._replace(sigma=made.sigma.copy())
+        wider.sigma[cause.group] = cause.sigma
+        after = hindsight.fitted(parts, fit.at, wider)
+        if _explains(after, fit):
+            reason = _late_thrust(cause, after, made, names) if cause.kind == "lag" else cause.reason
+            found = Diagnosis(cause.kind, reason, one.statistic, one.threshold)
+            yield _Explanation(found, _cost(after, wider) + per_unknown * one.score.degrees, parts, after, wider)
+    for rows in (1, -1) if _excess(fit) > 0.0 else ():
+        moved = [_commanded_later(part, rows) for part in parts]
+        after = hindsight.fitted(moved, made.prior, made)
+        if _explains(after, fit):
+            words = f"delay wrong: commands act {1e3 * made.period_s:.3g} ms {'later' if rows > 0 else 'earlier'}"
+            reason = f"{words} than they are logged, one sample period"
+            found = Diagnosis("delay", reason, fit.normal.per_reading, after.normal.per_reading)
+            yield _Explanation(found, _cost(after, made) + per_unknown, moved, after, made)
+
+
+def _explains(after: Fit, before: Fit) -> bool:
+    """Tests whether a fit leaves next to nothing of what another one leaves beyond rounding."""
+    return after.normal.is_finite and _excess(after) <= (1.0 - _EXPLAINED) * _excess(before)
+
+
+def _commanded_later(part: Stretch, rows: int) -> Stretch:
+    """A stretch whose commands act one row later (1), or earlier (-1), than its record says."""
+    if rows > 0:
+        return _rows_of(part, slice(1, part.time_s.size))._replace(commands=part.commands[:-1], before=part.before)
+    cut = _rows_of(part, slice(0, part.time_s.size - 1))
+    return cut._replace(commands=part.commands[1:], before=part.commands[0])
+
+
+def _late_thrust(cause: _Cause, after: Fit, made: Model, names: Names) -> str:
+    """Says with which lags the thrust of each kind of jet builds up, by a fit in which they are free."""
+    places, words = hindsight.columns(made), []
+    for place in cause.group.tolist():
+        index, off = place - places.lag.start, 1e3 * float(after.at[place])
+        told = 1e3 * float(made.time_constants_s[made.kinds == index].max(initial=0.0))
+        if told > 0.0:
+            words.append(f"{names.kinds[index]} jets build up with {max(told + off, 0.0):.3g} ms, told {told:.3g} ms")
+        elif off != 0.0:
+            when = "late" if off > 0.0 else "early"
+            words.append(f"{names.kinds[index]} jets act {abs(off):.3g} ms {when}, told none")
+    return f"lag wrong: {'; '.join(words)}"
 
 
 def _is_covered(parts: Sequence[Stretch], fit: Fit, made: Model) -> bool:
@@ -607,6 +670,7 @@ def _groups(made: Model) -> dict[str, NDArray[np.int_]]:
         "thrust": places.thrust,
         "torque": places.torque,
         "drag": places.drag,
+        "momentum": places.momentum,
         "gyro_bias": places.gyro_bias,
         "acceleration_bias": places.acceleration_bias,
         "gyro_scale": places.gyro_gain,
@@ -645,9 +709,15 @@ def _suspects(fit: Fit, made: Model) -> Iterator[_Suspect]:
     for kind, group in _groups(made).items():
         if group.size and made.sigma[group].max() < _WIDE:
             yield _tested(kind, group, fit, made, _CLEAR if kind == "thrust" else np.inf, common)
-    for place in range(places.lag.start, places.lag.stop):
-        if made.time_constants_s[made.kinds == place - places.lag.start].any() and made.sigma[place] < _WIDE:
-            yield _tested("lag", np.array([place]), fit, made, common=common)
+    lags = [
+        place
+        for place in range(places.lag.start, places.lag.stop)
+        if made.sigma[place] < _WIDE and fit.normal.information[place, place] > 0.0
+    ]
+    for place in lags:
+        yield _tested("lag", np.array([place]), fit, made, common=common)
+    if len(lags) > 1:
+        yield _tested("lag", np.array(lags), fit, made, common=common)
 
 
 class _Cause(NamedTuple):
@@ -665,15 +735,12 @@ def _named(worst: _Suspect, fit: Fit, made: Model, names: Names) -> _Cause:
     if kind in ("thrust", "gyro_scale", "accelerometer_scale"):
         return _of_many(worst, fit, made, names)
     if kind == "lag":
-        index = int(group[0]) - hindsight.columns(made).lag.start
-        told = float(made.time_constants_s[made.kinds == index].max())
-        seen = told + float(size[0])
-        words = f"lag wrong: {names.kinds[index]} jets build up with {1e3 * seen:.3g} ms, told {1e3 * told:.3g} ms"
-        return _Cause(kind, words, group, 1.0)
+        return _Cause(kind, "lag wrong", group, 1.0)  # by how much, the fit with it says
     largest = float(np.abs(size).max())
     words = {
         "torque": f"a torque that nobody commands: {largest:.3g} {names.torque}",
         "drag": "a torque that opposes or follows the rate, such as drag",
+        "momentum": f"wheels that turn: an angular momentum of {largest:.3g} {names.torque}-s, untold",
         "gyro_bias": f"gyro bias of {largest:.3g} rad/s, beyond what is stated",
         "acceleration_bias": f"a steady force or an accelerometer bias of {largest:.3g} {names.acceleration}",
     }[kind]
@@ -705,8 +772,15 @@ def _of_many(worst: _Suspect, fit: Fit, made: Model, names: Names) -> _Cause:
     return _Cause(kind, f"{what}: scale factor off by {100.0 * gain:.3g} %", group, 3.0)
 
 
-def _scattered(fit: Fit, names: Names) -> list[Diagnosis]:
-    """Readings that are farther off than stated: by drifting, while the rate changes fast, or all of a package."""
+def _scattered(parts: Sequence[Stretch], fit: Fit, made: Model, names: Names) -> list[Diagnosis]:
+    """Finds readings that are farther off than stated: by drifting, while the rate changes fast, or all of a package.
+
+    Args:
+        parts: of the record.
+        fit: of them.
+        made: see `model`.
+        names: of sensors, and units.
+    """
     quick, quiet = fit.normal.quick, fit.normal.quiet
     sensors = (*names.gyros, *names.accelerometers)
     found: list[Diagnosis] = []
@@ -719,16 +793,25 @@ def _scattered(fit: Fit, names: Names) -> list[Diagnosis]:
             continue
         times = f"{math.sqrt(ratio):.3g} times what is stated"
         if serial > _SMOOTH * misfit:
-            cause = "torques" if gyro else "forces"
-            found.append(
-                Diagnosis("drift", f"{sensors[package]}: readings drift {times}: unmodeled {cause}", ratio, allowed)
-            )
+            cause = _of_torques(parts, made, names) if gyro else "unmodeled forces"
+            found.append(Diagnosis("drift", f"{sensors[package]}: readings drift {times}: {cause}", ratio, allowed))
         elif gyro and quick[1] >= _FEWEST / 4 and quick[0] / quick[1] > _SCATTER * _per_reading(quiet) * 2.0:
             words = f"clock jitter: {sensors[package]} readings scatter {times} while the rate changes"
             found.append(Diagnosis("jitter", words, ratio, allowed))
         else:
             found.append(Diagnosis("noise", f"{sensors[package]}: readings scatter {times}", ratio, allowed))
     return found
+
+
+def _of_torques(parts: Sequence[Stretch], made: Model, names: Names) -> str:
+    """Says what turns the vehicle beyond the fit: wheels, where a force that turned it so would act far outside."""
+    momentum, impulse = hindsight.unexplained(parts, made)
+    torques, forces = made.wrenches[:, :3], made.wrenches[:, 3:]
+    reach = float((np.linalg.norm(torques, axis=1) / np.linalg.norm(forces, axis=1)).max())
+    if not made.positions.size or momentum < _OUTSIDE * reach * impulse:
+        return "unmodeled torques"
+    size = f"angular momentum of up to {momentum:.2g} {names.torque}-s"
+    return f"unmodeled torques without a force, such as wheels whose speed changes: {size}"
 
 
 def _allowed(count: float) -> float:

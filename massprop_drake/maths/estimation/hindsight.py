@@ -6,8 +6,9 @@ have added since, the velocity likewise, so that with theta all that may be unkn
     y_k = y_0 + sum_{i <= k} d_i(theta) + v_k,    v_k: white, noise and rounding, of variance R.
 
 That is a regression, whatever filter has flown. Its columns are the ten parameters, the thrust error of each jet, the
-error of the lag of each kind, biases, and what a flight should not have: torques, drag, gains of axes. With those that
-the filter reckons with (of prior variance Lambda^-1), the information A = X^T R^-1 X and the score h = X^T R^-1 e
+error of the lag of each kind, biases, and what a flight should not have: torques, drag, wheels, gains of axes.
+With those that the filter reckons with (of prior variance Lambda^-1), the information A = X^T R^-1 X and the score
+h = X^T R^-1 e
 
 - bound each parameter: the 1-sigma that A and the start leave is the least for rounding taken as noise;
 - test all else (Lagrange's multiplier, or score, test). With the fitted columns marginalized, the score U of a group of
@@ -31,7 +32,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.maths.estimation.joint.impulses import lingering
+from massprop_drake.maths.estimation.joint.impulses import LEAST_LAG, lingering
 from massprop_drake.maths.estimation.joint.prediction import PARABOLA
 from massprop_drake.maths.kernels import chosen, idiom, kernel, listed
 from massprop_drake.maths.linear_algebra import Array, crosses, is_positive_definite
@@ -144,6 +145,7 @@ class Columns(NamedTuple):
     acceleration_bias: slice
     torque: slice
     drag: slice
+    momentum: slice  # of wheels that turn steadily
     gyro_gain: slice
     accelerometer_gain: slice
     shift: slice  # of elements 0 to 8, for each unit of propellant that is still to be used
@@ -288,8 +290,8 @@ def columns(model: Model) -> Columns:
 @cache
 def _columns(n_unknown: int, n_jets: int, n_gyros: int, n_accelerometers: int) -> Columns:
     of_gyros, of_accelerometers = 3 * n_gyros, 3 * n_accelerometers
-    n_lags = n_unknown - (_N + n_jets + 9 + of_gyros + 2 * of_accelerometers + _MASS)
-    sizes = (_N, n_jets, n_lags, 3, of_accelerometers, 3, 3, of_gyros, of_accelerometers, _MASS)
+    n_lags = n_unknown - (_N + n_jets + 12 + of_gyros + 2 * of_accelerometers + _MASS)
+    sizes = (_N, n_jets, n_lags, 3, of_accelerometers, 3, 3, 3, of_gyros, of_accelerometers, _MASS)
     ends = list(accumulate(sizes))
     return Columns(*(slice(end - size, end) for end, size in zip(ends, sizes, strict=True)))
 
@@ -343,7 +345,7 @@ def _course(read: _Read, lag_error: Array, model: Model) -> _Course:
     on, commands, period, late = read.on, read.commands, read.period_s, read.late_s
     m = late.shape[0]
     given, lag_error = model.time_constants_s[on], lag_error[on]
-    constants = np.where(given > 0.0, np.maximum(given + lag_error, 0.05 * given), 0.0)
+    constants = np.where(given > 0.0, np.maximum(given + lag_error, LEAST_LAG * given), 0.0)
     lagged, left = constants > 0.0, lingering(constants / period)
     level, slope = np.zeros((2, m, on.size))
     level[0], level[1:] = read.stretch.before[on], commands
@@ -583,8 +585,10 @@ def _expected(at: Array, course: _Course, model: Model) -> _Expected:
     places, read = columns(model), course.read
     wrenches, rate, stretch = _wrenches(at, course, model), read.rate, read.stretch
     impulse = wrenches @ course.amount.T + stretch.outside[:-1].T * read.lengths_s
-    resisted = at[places.drag, None] * 0.5 * (rate[:, :-1] + rate[:, 1:])
-    impulse[:3] += model.period_s * (at[places.torque, None] - resisted)  # pure torques act about any point
+    middle = 0.5 * (rate[:, :-1] + rate[:, 1:])
+    turned = np.tensordot(at[places.momentum], _CROSS, 1).T @ middle  # momentum of wheels crossed with the rate
+    unknown = at[places.torque, None] - at[places.drag, None] * middle + turned
+    impulse[:3] += model.period_s * unknown  # pure torques act about any point
     acting = wrenches @ course.level.T if read.late_s.any() else None
     late = None if acting is None else read.late_s * acting
     bow = (wrenches * course.shape[:, None]).reshape(18, read.on.size) @ course.lacking.T
@@ -642,7 +646,7 @@ class _Design(NamedTuple):
     moments: Array  # rate and
     forces: Array  # velocity, with all mass at one, by them, (j, 3)
     turned: Array  # rate by a torque of one over an interval, (3, 3)
-    ways: Array  # sum of the rates over the intervals, (3, m), where drag is kept
+    ways: Array  # sum of the rates over the intervals, (3, m), where drag or momentum is kept
 
 
 def _design(expected: _Expected, at: Array, model: Model, wanted: NDArray[np.bool_]) -> _Design:
@@ -652,10 +656,11 @@ def _design(expected: _Expected, at: Array, model: Model, wanted: NDArray[np.boo
     if there.any():
         there &= ((course.amount != 0.0) | (course.by_lag != 0.0)).any(axis=0)
     has = wanted.copy()
-    for group in (places.properties, places.lag, places.gyro_bias, places.torque, places.drag):
+    for group in (places.properties, places.lag, places.gyro_bias, places.torque, places.drag, places.momentum):
         has[group] = wanted[group].any()
     has[places.properties], has[places.thrust], has[places.shift] = True, False, expected.by_shift is not None
     has[places.thrust][read.on[there]] = True
+    turning_with = slice(places.drag.start, places.momentum.stop)
     kept, place = np.flatnonzero(has), np.where(has, np.cumsum(has) - 1, -1)
     inverse, forces = at[:6][ELEMENT], model.wrenches[read.on, 3:]
     moments = (model.wrenches[read.on, :3] + crosses(forces, at[_CENTER])) @ inverse
@@ -687,7 +692,7 @@ def _design(expected: _Expected, at: Array, model: Model, wanted: NDArray[np.boo
         moments[there],
         forces[there],
         read.period_s * inverse,
-        _since(0.5 * (read.rate[:, :-1] + read.rate[:, 1:])) if has[places.drag].any() else np.zeros((3, 0)),
+        _since(0.5 * (read.rate[:, :-1] + read.rate[:, 1:])) if has[turning_with].any() else np.zeros((3, 0)),
     )
 
 
@@ -858,6 +863,8 @@ def _derivatives(design: _Design, batch: _Batch, fixed: _Fixed, at: Array, model
         x[place[places.torque]] = design.turned @ turning * rows
     if place[places.drag.start] >= 0:
         x[place[places.drag]] = -(design.turned @ turning) * design.ways.take(rows, axis=1)
+    if place[places.momentum.start] >= 0:
+        x[place[places.momentum]] = crosses(design.ways.take(rows, axis=1).T, (design.turned @ turning).T).T
     jets = slice(_N, _N + design.moments.shape[0])
     if design.moments.shape[0]:
         x[jets] = design.amount.take(rows, axis=1) * (design.moments @ turning)
@@ -972,6 +979,75 @@ def residuals(stretch: Stretch, at: Array, model: Model) -> tuple[list[Residuals
         left = batch.without_means(part.left.copy())
         found.append(Residuals(part.package, part.axis, part.rows, left / scale, x / scale, scale))
     return found, np.concatenate((expected.rate, expected.velocity))
+
+
+def unexplained(stretches: Sequence[Stretch], model: Model) -> tuple[float, float]:
+    """Largest angular momentum and impulse that no jets explain, whatever these give and whatever the inertia is.
+
+    Args:
+        stretches: of the flight, of at least two rows.
+        model: see `Model`; momentum and impulse are by its mass properties.
+
+    Returns:
+        In ft-lbf-s or N-m-s, and in lbf-s or N-s; zero where nothing is read.
+    """
+    turned, pushed = list[Array](), list[Array]()
+    for stretch in stretches:
+        read = _read(stretch, model)
+        expected = _expected(model.prior, _course_at(read, model.prior, model), model)
+        moving, n_jets = _moving(read.rate), model.flows.size
+        by_jets = np.zeros((n_jets, read.late_s.size))
+        by_jets[read.on] = _since(expected.course.amount.T)
+        products = _since(moving.square[np.triu_indices(3)])
+        turned.append(_without_mean(np.vstack((by_jets, products, read.rate))).T)
+        pushed += _pushed(expected, moving, model)
+    inertia, mass = np.linalg.inv(model.prior[:6][ELEMENT]), 1.0 / model.prior[_MASS]
+    rates = _left_over(turned, 3)
+    momentum = float(np.linalg.norm(rates @ inertia, axis=1).max(initial=0.0))
+    return momentum, mass * float(np.abs(_left_over(pushed, 1)).max(initial=0.0))
+
+
+def _pushed(expected: _Expected, moving: _Moving, model: Model) -> list[Array]:
+    """Velocities of each component of the accelerometers with the turning that gyros read, and what may explain them.
+
+    Returns:
+        For each component with two readings at least, means taken off: derivatives by the center of mass, by the thrust
+        of each jet, and by each bias, and what is read; shape (r, k + 1).
+    """
+    read, n_jets = expected.course.read, model.flows.size
+    turn = _turning(read.rate, moving, np.zeros_like(moving.square), read.period_s)
+    given = _since((expected.course.amount * expected.lightness[:, None]).T)
+    since_s, found = read.stretch.time_s - read.stretch.time_s[0], []
+    for package in range(model.gyros, read.readings.shape[0]):
+        arm, number = model.positions[package - model.gyros] - model.prior[_CENTER], package - model.gyros
+        for axis in range(3):
+            there = np.flatnonzero(~np.isnan(read.readings[package, axis]))
+            if there.size < 2:
+                continue
+            own = np.zeros((3 + n_jets + 3 * model.positions.shape[0] + 1, there.size))
+            own[:3] = -turn[:, axis, there]
+            own[3 + read.on] = model.wrenches[read.on, 3 + axis, None] * given[:, there]
+            own[3 + n_jets + 3 * number + axis] = since_s[there]
+            own[-1] = read.readings[package, axis, there] - arm @ turn[:, axis, there]
+            found.append(_without_mean(own).T)
+    return found
+
+
+def _without_mean(rows: Array) -> Array:
+    """Rows with their means taken off, shape (k, n)."""
+    result: Array = rows - rows.mean(axis=1, keepdims=True)
+    return result
+
+
+def _left_over(parts: Sequence[Array], outputs: int) -> Array:
+    """Residuals of the last columns once the others are fitted to them, shape (n, outputs)."""
+    if not parts:
+        return np.zeros((0, outputs))
+    together = np.vstack(parts)
+    design, wanted = together[:, :-outputs], together[:, -outputs:]
+    size = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
+    result: Array = wanted - design / size @ np.linalg.lstsq(design / size, wanted, rcond=None)[0]
+    return result
 
 
 def _fast(expected: _Expected, model: Model) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -34,6 +35,7 @@ PARAMS = small_params(
     prior_sigma=np.append(np.ones(6 + 2), 0.0),
 )
 PARAMS = PARAMS._replace(wrenches=0.01 * PARAMS.wrenches)  # it turns slowly
+NUMBER = r"(?<![a-z\d])(\d[\d.e-]*)"
 NAMES = Names(("1", "2", "3", "4", "5", "6"), ("1", "2"), ("gyro",), ("acc1",), "torque", "acceleration")
 
 
@@ -48,6 +50,7 @@ def flight(
     seed: int,
     factors: Array | float = 1.0,
     torque: Array | None = None,
+    momentum: Array | None = None,
     lag: float = 0.0,
     late: Array | float = 0.0,
     tank_fraction: float = 0.0,
@@ -59,6 +62,7 @@ def flight(
         seed: of commands and noise.
         factors: true thrusts over nominal.
         torque: that nobody commands.
+        momentum: of wheels that turn steadily.
         lag: error of the time constants, in units of their sigma.
         late: of each row, at which commands switch then, s.
         tank_fraction: by which what is used moves inertia and center of mass.
@@ -85,9 +89,12 @@ def flight(
         moved = np.append(TRUTH[:9] - still * np.asarray(shift), state.mean[9:])
         state = state._replace(mean=moved if np.any(shift) else state.mean)
         sample = sample._replace(durations_s=np.diff(time_s[k : k + 2]))
-        acting = drive(state, sample.durations_s, commands[k : k + 1], outside, on_ticks(), actual)
         rate = state.mean[10:13]
         for _ in range(6):  # the coupling takes the rate at the end
+            given = outside.copy()
+            if momentum is not None:
+                given[:3] += np.cross(momentum, 0.5 * (state.mean[10:13] + rate)) * PERIOD
+            acting = drive(state, sample.durations_s, commands[k : k + 1], given, on_ticks(), actual)
             prediction = predict(state, acting, read_as(rate, actual), actual)
             rate = prediction.mean[10:13]
         spin = state.spin + prediction.spin
@@ -110,7 +117,7 @@ def flight(
 
 def known(thrust: float = 0.01, lag: float = 0.2) -> tuple[Model, Columns]:
     """What is stated of the small vehicle."""
-    prior = np.concatenate((TRUTH, np.zeros(6 + 2 + 3 + 3 + 3 + 3 + 3 + 3 + 9)))
+    prior = np.concatenate((TRUTH, np.zeros(6 + 2 + 3 + 3 + 3 + 3 + 3 + 3 + 3 + 9)))
     model = Model(
         PERIOD,
         PARAMS.wrenches,
@@ -290,6 +297,39 @@ def test_thrusts_that_are_stated_to_be_off_by_so_much_are_none_that_are_off_by_m
         assert (score.statistic > chi2.isf(2e-4, score.degrees)) == wrong
 
 
+@pytest.mark.parametrize("seed", [3, 4, 5])
+@pytest.mark.parametrize(
+    ("faulty", "words"),
+    [
+        ({"lag": -5.0}, "lag wrong: 1 jets build up with 0 ms, told 15 ms; 2 jets build up with 0 ms, told 30 ms"),
+        ({"lag": 10.0}, "lag wrong: 1 jets build up with 45 ms, told 15 ms; 2 jets build up with 90 ms, told 30 ms"),
+        (
+            {"momentum": np.array([0.0, 1e-2, 0.0])},
+            "wheels that turn: an angular momentum of 0.01 torque-s, untold",
+        ),
+        ({"torque": np.array([0.0, 2e-5, 0.0])}, "a torque that nobody commands: 2e-05 torque"),
+    ],
+)
+def test_what_is_wrong_is_named(seed: int, faulty: dict[str, Any], words: str) -> None:
+    """None of the lag that is stated, or three times as much, or wheels: no drag, and no jets."""
+    model, _ = known(thrust=0.0)
+    found, _ = diagnosed([flight(seed, **faulty).stretch], model.prior[:10], model, NAMES)
+    told, said = re.split(NUMBER, words), re.split(NUMBER, found[0].reason)
+    assert said[::2][: len(told[::2])] == told[::2]
+    for one, other in zip(map(float, told[1::2]), map(float, said[1::2]), strict=False):
+        assert other == pytest.approx(one, rel=0.1, abs=0.5)
+
+
+@pytest.mark.parametrize("seed", [3, 4, 5])
+def test_commands_a_row_off_are_named(seed: int) -> None:
+    model, _ = known(thrust=0.0)
+    stretch = flight(seed).stretch
+    for rows, words in ((-1, "later"), (1, "earlier")):
+        moved = stretch._replace(commands=np.roll(stretch.commands, rows, axis=0))
+        (first, *_), _ = diagnosed([moved], model.prior[:10], model, NAMES)
+        assert (first.kind, f" {words} than" in first.reason) == ("delay", True)
+
+
 def test_what_accelerometers_are_to_show_does_not_depend_on_what_gyros_are_off_by() -> None:
     stretch, (model, places) = flight(3).stretch, known()
     biased = stretch._replace(readings=stretch.readings.copy())
@@ -321,7 +361,7 @@ def test_the_score_is_the_slope_of_the_misfit() -> None:
     stretch.readings[:, 1] = np.nan
     at = model.prior + 0.01 * model.sigma
     at[places.thrust], at[places.gyro_gain], at[places.gyro_bias] = 0.01 * np.arange(6), 1e-3, 1e-4
-    at[places.torque], at[places.drag], at[places.acceleration_bias] = 1e-6, 1e-3, 1e-3
+    at[places.torque], at[places.drag], at[places.momentum], at[places.acceleration_bias] = 1e-6, 1e-3, 2e-3, 1e-3
     steps = np.full(at.size, 1e-5)
     steps[:10] = 1e-4 * model.sigma[:10]
     found = hindsight.normal(stretch, at, model)

@@ -68,6 +68,7 @@ def test_a_state_comes_back_from_its_vector() -> None:
         ("level", 0, 1.5, "fractions of 0 to 1"),
         ("fired", 0, -1.0, "zero or positive"),
         ("firing_count", 0, -1.0, "zero or positive"),
+        ("lag_open", 0, 0.5, "lag_open must be 0 or 1"),
         ("slot_jet", 0, 0.5, "a jet's index and a sign"),
         ("slot_jet", 0, 6.0, "a jet's index and a sign"),
         ("slot_sign", 0, 0.0, "a jet's index and a sign"),

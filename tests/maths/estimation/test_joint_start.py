@@ -176,7 +176,7 @@ def test_passes_that_do_not_explain_the_readings_change_nothing(flown: Run, para
 def test_an_increment_on_the_way_widens_what_passes_begin_with(flown: Run, params: JointFilterParams) -> None:
     kept = next(state.start for state in cycles(flown, params) if len(state.start.kept) > 3)
     assert kept.entry is not None
-    about = kept.entry.mean
+    about = kept.entry
     plain = start._begun(kept, about, 1, params.joint)
     wide = start._begun(kept._replace(incremented=True), about, 1, params.joint)
     added = (wide.state.root @ wide.state.root.T - plain.state.root @ plain.state.root.T)[:10, :10]
@@ -189,7 +189,7 @@ def test_a_gap_in_the_start_is_gone_over_as_a_gap(flown: Run, params: JointFilte
     assert entry is not None
     last = kept.kept[3].sample
     gap = kept._replace(kept=(*kept.kept[:3], Kept(last, anew=True)))
-    under_pass, arrived = start._begun(gap, entry.mean, 1, params.joint), False
+    under_pass, arrived = start._begun(gap, entry, 1, params.joint), False
     while not arrived:
         under_pass, arrived = start._gone_on(gap, under_pass, params.joint)
     np.testing.assert_allclose(under_pass.state.mean[RATE], last.rates[0], rtol=1e-12)

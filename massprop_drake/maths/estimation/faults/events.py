@@ -21,6 +21,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     restless,
     stepped,
 )
+from massprop_drake.maths.estimation.joint.lag_prior import log_mixture
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.sensitivity import Link
 from massprop_drake.maths.linear_algebra import Array
@@ -127,8 +128,9 @@ def force_of(state: JointState, slot: int, params: JointParams) -> tuple[float, 
 
 
 def weighed(each: Hypothesis, params: Params) -> Hypothesis:
-    """The hypothesis with its log weight: likelihood, prior of its events, and what its forces are worth."""
-    total, state = each.run.score.likelihood + each.prior, each.run.state
+    """The hypothesis with its log weight: likelihood, priors of its events and lags, and what its forces are worth."""
+    state = each.run.state
+    total = each.run.score.likelihood + each.prior + log_mixture(state, params.joint)
     if each.run.age > 0:
         for slot in np.flatnonzero((state.slot_jet >= 0) & (each.walks != ANEW)).tolist():
             force, sigma = force_of(state, slot, params.joint)

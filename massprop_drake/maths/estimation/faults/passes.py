@@ -15,6 +15,7 @@ from massprop_drake.maths.estimation.faults.priors import Priors, force_correcti
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.cycle import crossed, relinearized, restart
 from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Cause, Score, kicked, opened, slot_of
+from massprop_drake.maths.estimation.joint.lag_prior import begun_as, log_mixture, reconsidered
 from massprop_drake.maths.estimation.joint.layout import MASS, N_PROPERTIES, JointParams, JointState
 from massprop_drake.maths.estimation.joint.screen import Contender
 from massprop_drake.maths.estimation.joint.sensitivity import linked, traced
@@ -103,7 +104,8 @@ def begin_fit(contender: Contender, log_prior: float, about: Array, entry: Joint
 def begin_pass(fit: Fit, entry: JointState, params: JointParams) -> Fit:
     """Begins the next pass where the last has ended."""
     contender = fit.contender._replace(cause=_cause(fit, params), force=_forces(fit, params)[0])
-    again = begin_fit(contender, fit.log_prior, linearization(fit.state, entry, params), entry, params)
+    begins = begun_as(entry, fit.state, params)
+    again = begin_fit(contender, fit.log_prior, linearization(fit.state, entry, params), begins, params)
     return again._replace(earlier=fit.scores, passes=fit.passes + 1)
 
 
@@ -149,26 +151,27 @@ def _stepped(fit: Fit, kept: Kept, params: JointParams) -> tuple[JointState, Sco
     if kept.anew:
         return restart(state, sample, params)[0], score
     state, course, of_gyros = relinearized(state, sample, about, params)
-    return state, score.plus(Score(course.log_likelihood, course.nis, course.degrees, *of_gyros))
+    state, likelier = reconsidered(state, params)
+    return state, score.plus(Score(course.log_likelihood + likelier, course.nis, course.degrees, *of_gyros))
 
 
 def end_pass(fit: Fit, entry: JointState, params: JointParams) -> Fit:
     """Ends a pass that has gone over all: it has arrived, or begins again."""
     wanders = fit.passes > 2 and fit.scores[len(fit.earlier) - 1].likelihood < fit.reached
-    stays_so = stays(fit.state, fit.about) and _cause(fit, params) == fit.contender.cause
+    stays_so = stays(fit.state, fit.about, params.places) and _cause(fit, params) == fit.contender.cause
     if wanders or fit.passes >= _MOST or stays_so:
         return fit._replace(arrived=True)
     return begin_pass(fit, entry, params)
 
 
-def has_moved(fit: Fit) -> bool:
+def has_moved(fit: Fit, params: JointParams) -> bool:
     """True if samples that came since the last pass have moved its end, so that another one is due."""
-    return fit.passes < _LATE and not stays(fit.state, fit.about, _CLOSE)
+    return fit.passes < _LATE and not stays(fit.state, fit.about, params.places, _CLOSE)
 
 
 def follow_up(fit: Fit, entry: JointState, params: JointParams) -> Fit:
     """Begins a last pass if one is due since newer samples have moved the end of the one before."""
-    return begin_pass(fit, entry, params)._replace(arrived=True) if has_moved(fit) else fit
+    return begin_pass(fit, entry, params)._replace(arrived=True) if has_moved(fit, params) else fit
 
 
 def _cause(fit: Fit, params: JointParams) -> Cause:
@@ -193,6 +196,7 @@ def log_weight(fit: Fit, priors: Priors, params: JointParams) -> float:
     return (
         fit.score.likelihood
         + fit.log_prior
+        + log_mixture(fit.state, params)
         + sum(
             force_correction(force, sigma, float(params.thrusts[jet]), priors, missing=sign < 0)
             for jet, sign, (force, sigma) in zip(cause.jets, cause.signs, forces, strict=True)

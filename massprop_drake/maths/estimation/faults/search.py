@@ -5,10 +5,11 @@ what the vehicle is like. So samples are kept. Once something contradicts the st
 hypothesis, from the state before the first with what an increment adds:
 
     screening   ranks jets and onsets to first order, see `screening`; once more with onsets about the likeliest
-    passes      of each jet near the likeliest, and of the hypothesis that nothing has failed, see `passes`
+    passes      of the hypothesis that nothing has failed, and of each jet near the likeliest, see `passes`
 
-Screenings begin at the nominal vehicle. They are repeated about the end of the likeliest passes, until they propose
-nobody new. The first order only proposes. Hypotheses near the likeliest are then brought to the newest sample.
+Screenings begin at the nominal vehicle, or where passes end that explain all without a failure. They are repeated about
+the end of the likeliest passes, until they propose nobody new. The first order only proposes. Hypotheses near the
+likeliest are then brought to the newest sample.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from massprop_drake.maths.estimation.joint.covariance import compressed
 from massprop_drake.maths.estimation.joint.cycle import Report, Sample, incremented_root
 from massprop_drake.maths.estimation.joint.guard import guarded, unguarded
 from massprop_drake.maths.estimation.joint.hypotheses import Cause, Kind, Score
+from massprop_drake.maths.estimation.joint.lag_prior import begun_as
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.screen import Contender
 from massprop_drake.maths.estimation.joint.start import LONGEST, STEPS, Kept
@@ -172,8 +174,7 @@ def _begun(search: StartSearch, priors: Priors, params: JointParams) -> StartSea
     entry = passes.with_free_thrusts(search.beginning, search.kept, params)
     about = passes.linearization(entry, entry, params)
     nothing = passes.begin_fit(_NOTHING, math.log(priors.start), about, entry, params)
-    screening = screenings.begin_screening(entry, about, search.kept, None, params)
-    return search._replace(entry=entry, until=len(search.kept), rounds=1, screening=screening, fits=(nothing,))
+    return search._replace(entry=entry, until=len(search.kept), rounds=0, screening=None, fits=(nothing,))
 
 
 def _given_up(search: StartSearch) -> StartSearch:
@@ -198,7 +199,7 @@ def _gone_on(search: StartSearch, priors: Priors, params: JointParams) -> StartS
             search, left = _passed(search, min(ahead, key=_turn), params), left - 1
         elif not search.final:
             search = _turned(search, priors, params)
-        elif any(map(passes.has_moved, search.fits)):
+        elif any(passes.has_moved(each, params) for each in search.fits):
             again = (passes.follow_up(each, search.beginning, params) for each in search.fits)
             search = search._replace(fits=tuple(again))
         else:
@@ -246,13 +247,23 @@ def _passed(search: StartSearch, fit: Fit, params: JointParams) -> StartSearch:
 
 
 def _turned(search: StartSearch, priors: Priors, params: JointParams) -> StartSearch:
-    """The search where all passes have ended: another screening about the likeliest, or on to the newest sample."""
-    if not search.fits or search.rounds >= _ROUNDS:
+    """The search where all passes have ended: another screening about the likeliest, or on to the newest sample.
+
+    Where nothing that has failed explains the readings, screenings begin at the end of its passes.
+    """
+    if search.rounds > 0 and (not search.fits or search.rounds >= _ROUNDS):
         return _brought_forward(search, priors, params)
-    best, kept = _near(search, priors, params)[0], search.kept[: search.until]
-    about = passes.linearization(best.state, search.beginning, params)
-    screening = screenings.begin_screening(search.beginning, about, kept, (best.contender.onset, 1), params)
-    return search._replace(rounds=search.rounds + 1, screening=screening)
+    entry, kept, near = search.beginning, search.kept[: search.until], _near(search, priors, params)
+    around, rounds, end = None, search.rounds + 1, near[0].state if near else entry
+    if search.rounds > 0:
+        around = (near[0].contender.onset, 1)
+    elif near and near[0].score.misfit < _MISFIT:
+        rounds = 2
+    else:
+        end = entry
+    about, begins = passes.linearization(end, entry, params), begun_as(entry, end, params)
+    screening = screenings.begin_screening(begins, about, kept, around, params)
+    return search._replace(rounds=rounds, screening=screening)
 
 
 def _brought_forward(search: StartSearch, priors: Priors, params: JointParams) -> StartSearch:

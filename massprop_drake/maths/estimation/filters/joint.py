@@ -493,6 +493,8 @@ def restored(groups: Groups, params: JointFilterParams) -> JointFilterState:
         raise ValueError(f"{GROUP}: commands and levels must be fractions of 0 to 1")
     if (joint.fired < -_ROUNDING).any() or joint.firing_count < 0.0:
         raise ValueError(f"{GROUP}: times and counts must be zero or positive")
+    if not np.isin(joint.lag_open, (0.0, 1.0)).all():
+        raise ValueError(f"{GROUP}: lag_open must be 0 or 1")
     jets = joint.slot_jet
     if not np.isin(joint.slot_on_top, (0.0, 1.0)).all():
         raise ValueError(f"{GROUP}: slot_on_top must be 0 or 1")

@@ -1,10 +1,10 @@
 """One cycle of the joint estimator: a state and a sample give the next state, and nothing else is remembered.
 
 Order: what the readings before tell that have just changed; what the jets did, with the lag estimated before
-(`prediction.drive`); prediction; which components count; while
-the start lasts, the covariance is incremented if the gyros contradict the prediction, and the prediction made again;
-update, twice while thrust errors are only considered; the guard. A hypothesis is the same with another state: one
-with a force in a slot, or rebased and with a larger covariance.
+(`prediction.drive`); prediction; which components count; while the start lasts and the gyros contradict the prediction,
+lags are no longer taken as stated if that explains it, else the covariance is incremented, and the prediction made
+again; update, twice while thrust errors are only considered; the prior of lags; the guard. A hypothesis is the same
+with another state: one with a force in a slot, or rebased and with a larger covariance.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from massprop_drake.maths.estimation.joint.covariance import (
     widely_updated,
 )
 from massprop_drake.maths.estimation.joint.guard import guarded
+from massprop_drake.maths.estimation.joint.lag_prior import reconsidered, with_wide_priors
 from massprop_drake.maths.estimation.joint.layout import (
     CENTER,
     N_PROPERTIES,
@@ -159,7 +160,8 @@ class Report(NamedTuple):
         innovation_std: 1-sigma of each, by the covariance before any increment, shape (m,).
         used: which components counted, shape (m,).
         nis, degrees: sum over those that counted, and its expectation, see `quantized.Sites`.
-        log_likelihood: of all readings that the cycle has taken in, nats.
+        log_likelihood: of all readings that the cycle has taken in, with what another prior of a lag makes of those
+            before, nats.
         gyro_nis, accelerometer_nis: of the components of either kind that counted, of accelerometers given the gyros,
             before any increment; NaN where none did.
         gyro_degrees, accelerometer_degrees: their expectations; zero where none did.
@@ -237,6 +239,7 @@ def initial(params: JointParams) -> JointState:
         freed=False,
         rescaled=False,
         firing_count=0.0,
+        lag_open=np.zeros(places.n_lag),
     )
 
 
@@ -367,6 +370,13 @@ def _sites(used: np.ndarray, projected: Array, innovation: Array, given: tuple[A
     """
     counts, (cells, least) = np.flatnonzero(used), given
     return sites(innovation[counts], projected @ projected.T, cells[counts], least[counts])
+
+
+@kernel
+def _told(expected: Expected, params: JointParams) -> Sites:
+    """Measurements that stand for the readings of a sample that count, as they are expected."""
+    projected = expected.projected[np.flatnonzero(expected.used)]
+    return _sites(expected.used, projected, expected.innovation, (params.cells, expected.floors))
 
 
 @kernel
@@ -611,11 +621,9 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, counts: np.ndar
     expected = expect(state, acting, sample, params)
     if counts.size > 0:
         expected = _counting(expected, counts & ~np.isnan(expected.innovation))
-    innovation, incremented = expected.innovation, False
+    innovation, incremented, likelier = expected.innovation, False, 0.0
     deviation = np.sqrt((expected.projected**2).sum(axis=1) + params.variances)
-    told = _sites(
-        expected.used, expected.projected[np.flatnonzero(expected.used)], innovation, (params.cells, expected.floors)
-    )
+    told = _told(expected, params)
     gyro_nis, accelerometer_nis = _by_kind(told.nis, expected.used, np.nan, params)
     gyro_degrees, accelerometer_degrees = _by_kind(told.degrees, expected.used, 0.0, params)
     anything = _anything(expected, acting, state.mean, params)
@@ -625,9 +633,16 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, counts: np.ndar
     if commanded and not state.guarded:
         count = int(expected.used[: 3 * params.places.gyros].sum())
         if count > 0 and gyro_nis > thresholds[count - 1]:
-            incremented = True
-            state = relearned(state, state.mean, incremented_root(state.root, params))
-            expected = _counting(expect(state, acting, sample, params), expected.used)
+            opened, more = with_wide_priors(state, params)
+            given = driven(opened, sample, params)
+            wider = _counting(expect(opened, given, sample, params), expected.used)
+            nis, _ = _by_kind(_told(wider, params).nis, wider.used, np.nan, params)
+            if nis <= thresholds[count - 1]:  # a lag that is not as stated explains it
+                state, acting, expected, likelier = opened, given, wider, more
+            else:
+                incremented = True
+                state = relearned(state, state.mean, incremented_root(state.root, params))
+                expected = _counting(expect(state, acting, sample, params), expected.used)
 
     change = nothing_learned(expected.root)
     if expected.used.any():
@@ -635,6 +650,8 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, counts: np.ndar
         if params.places.n_thrust > 0 and not state.freed and params.second_order:
             change, told = _update_again(state, acting, expected, change, params)
     after = _learned(state, sample, acting, expected, change, params)
+    if state.guarded:  # before, second orders may be taken for what a lag does
+        after, likelier = reconsidered(after, params)
     after = guarded(after, commanded, params)
     estimate, rows = reported(after, params)
     return Cycled(
@@ -650,7 +667,7 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, counts: np.ndar
         incremented,
         float(told.nis.sum()),
         max(float(told.degrees.sum()) - anything[0] - anything[1], 0.0),
-        crossing.log_likelihood + float(told.log_likelihood.sum()) + anything[2],
+        crossing.log_likelihood + float(told.log_likelihood.sum()) + anything[2] + likelier,
         crossing,
         stamp,
         acting,
@@ -745,6 +762,7 @@ def _learned(
         state.freed,
         state.rescaled,
         state.firing_count,
+        state.lag_open,
     )
 
 
@@ -762,6 +780,7 @@ def gone_over(state: JointState, sample: Sample, about: Array, params: JointPara
         The state after it, the NIS of the components that counted, and its expectation.
     """
     after, course, _ = _relinearized(state, sample, about, params)
+    after, _ = reconsidered(after, params)
     return after, course.nis, course.degrees
 
 
@@ -769,7 +788,7 @@ def gone_over(state: JointState, sample: Sample, about: Array, params: JointPara
 def relinearized(
     state: JointState, sample: Sample, about: Array, params: JointParams
 ) -> tuple[JointState, Course, tuple[float, float]]:
-    """A cycle linearized at other mass properties, biases and forces than the state's.
+    """A cycle linearized at other mass properties, lags, biases and forces than the state's.
 
     Args:
         state: after the last sample, not guarded.
@@ -823,6 +842,7 @@ def _relinearized(
     if expected.used.any():
         change, told = _update(expected, root, gained(state, params), params)
     after = _learned(state, sample, acting, expected, change, params)
+    after = releveled(after, after.mean, after.root, _level_about(state, after, acting, params), acting.tick_slope)
     anything = _anything(expected, acting, there.mean, params)
     nis, degrees = float(told.nis.sum()), max(float(told.degrees.sum()) - anything[0] - anything[1], 0.0)
     log_likelihood = crossing.log_likelihood + float(told.log_likelihood.sum()) + anything[2]
@@ -835,8 +855,17 @@ def _relinearized(
 
 
 @kernel
+def _level_about(before: JointState, after: JointState, acting: Drive, params: JointParams) -> Array:
+    """Levels after a cycle, lags where it is linearized and ticks at their new estimates, shape (n_jets,)."""
+    places, mean = params.places, before.mean.copy()
+    lags = slice(places.lag, places.lag + places.n_lag)
+    mean[lags] = after.mean[lags]
+    return _releveled((acting.firing.level, acting.firing.slope, acting.tick_slope), mean, after.mean, params)
+
+
+@kernel
 def _about(mean: Array, about: Array, params: JointParams) -> Array:
-    """An estimate with mass properties, forces and gyros' biases of another, and the rate that goes with its readings.
+    """An estimate with mass properties, lags, forces and gyros' biases of another, and the rate that goes with them.
 
     Args:
         mean: the estimate, shape (size,).
@@ -848,6 +877,8 @@ def _about(mean: Array, about: Array, params: JointParams) -> Array:
     result[:N_PROPERTIES] = about[:N_PROPERTIES]
     forces = slice(places.force, places.force + places.n_force)
     result[forces] = about[forces]
+    lags = slice(places.lag, places.lag + places.n_lag)
+    result[lags] = about[lags]
     if places.n_gyro_bias > 0:
         biases = slice(places.gyro_bias, places.gyro_bias + places.n_gyro_bias)
         result[biases] = about[biases]
@@ -927,7 +958,8 @@ def _releveled(levels: tuple[Array, Array, Array], before: Array, after: Array, 
         new, _ = lag_of(after, params)
         ratio = np.where(old > 0.0, new / np.where(old > 0.0, old, 1.0), 1.0)
         at_least, at_most = np.minimum(level, 0.0), np.maximum(level, 1.0)  # off its tick, beyond for an interval
-        level = np.minimum(np.maximum(level + slope * np.log(ratio), at_least), at_most)
+        step = np.maximum(np.log(ratio), -1.0)  # a lag that goes takes along no more than the level was off
+        level = np.minimum(np.maximum(level + slope * step, at_least), at_most)
     if places.n_ticks > 0 and tick_slope.any():
         ticks = slice(places.ticks, places.ticks + 2)
         moved_s = params.tick_sigma * (after[ticks] - before[ticks])

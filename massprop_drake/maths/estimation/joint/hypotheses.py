@@ -26,6 +26,7 @@ from massprop_drake.maths.estimation.joint.cycle import Report, Sample, crossed,
 from massprop_drake.maths.estimation.joint.guard import unguarded
 from massprop_drake.maths.estimation.joint.layout import CENTER, MASS, N_PROPERTIES, RATE, JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import rebased
+from massprop_drake.maths.estimation.joint.prediction import lag_of
 from massprop_drake.maths.estimation.joint.sensitivity import Link, smeared
 from massprop_drake.maths.linear_algebra import Array
 
@@ -256,7 +257,8 @@ def torn(state: JointState, share: float, over: Link, params: JointParams) -> Jo
 def kicks_at(run: Runner, duration_s: float, params: JointParams) -> Array | None:
     """1-sigma of the impulse of each failed jet in the next interval, in intervals of force; None: there is none.
 
-    What builds up with a lag lacks in each interval after the second by exp(-interval / tau) of the one before.
+    What builds up with a lag lacks in each interval after the second by exp(-interval / tau) of the one before, tau as
+    it is estimated.
 
     Args:
         run: see `Runner`.
@@ -268,7 +270,7 @@ def kicks_at(run: Runner, duration_s: float, params: JointParams) -> Array | Non
         return None
     if run.age < known:
         return np.array(run.kicks[run.age])
-    lag = params.time_constants_s[list(run.cause.jets)]
+    lag = lag_of(run.state.mean, params)[0][list(run.cause.jets)]
     left = np.exp(-duration_s * (run.age - known + 1) / np.where(lag > 0.0, lag, 1e-3 * duration_s))
     return np.array(run.kicks[-1]) * left if left.max() > _LEFT else None
 

@@ -39,6 +39,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 UNKNOWN_LEVEL = 0.5  # mean and 1-sigma of a level that is 0 or 1 and nobody knows which
 _SETTLED = 1e-5  # of an interval: an opening that no reading shows
+LEAST_LAG = 1e-4  # of a stated time constant: with so little of it thrust is instantaneous
 
 
 class Firing(NamedTuple):
@@ -234,7 +235,7 @@ def _bow(moments: Array, amount: Array, total: float) -> Array:
 def time_constants(nominal_s: Array, kinds: np.ndarray, sigma: float, errors: Array) -> tuple[Array, Array]:
     """Each jet's time constant at the estimated error of its kind, and the derivative of its logarithm by that error.
 
-    The time constant is tau_0 max(1 + sigma p, 0.05), linear in p.
+    The time constant is tau_0 max(1 + sigma p, `LEAST_LAG`), linear in p.
 
     Args:
         nominal_s: tau_0 of each jet, shape (n_jets,).
@@ -244,5 +245,5 @@ def time_constants(nominal_s: Array, kinds: np.ndarray, sigma: float, errors: Ar
     """
     if errors.shape[0] == 0:
         return nominal_s, np.zeros_like(nominal_s)
-    factor = np.maximum(1.0 + sigma * errors, 0.05)[kinds]
+    factor = np.maximum(1.0 + sigma * errors, LEAST_LAG)[kinds]
     return nominal_s * factor, sigma / factor

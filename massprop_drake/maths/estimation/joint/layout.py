@@ -218,6 +218,7 @@ class JointState(NamedTuple):
         freed: whether thrust errors are estimated, and no longer considered.
         rescaled: whether the common thrust scale has been partitioned off, once for all.
         firing_count: samples with a jet commanded since the guard holds.
+        lag_open: 1 for each kind of jets whose lag has the wide prior, see `lag_prior`; 0: as stated, shape (n_lag,).
     """
 
     mean: Array
@@ -240,6 +241,7 @@ class JointState(NamedTuple):
     freed: bool
     rescaled: bool
     firing_count: float
+    lag_open: Array
 
 
 _STATE = Layout(
@@ -264,13 +266,14 @@ _STATE = Layout(
     freed=FLAG,
     rescaled=FLAG,
     firing_count=NUMBER,
+    lag_open="lags",
 )
 
 
 def state_layout(places: Places) -> Layout:
     """The layout of a state packed into one vector."""
     outputs = 3 * (places.gyros + places.accelerometers)
-    return _STATE.sized(size=places.size, jets=places.jets, outputs=outputs, forces=places.n_force)
+    return _STATE.sized(size=places.size, jets=places.jets, outputs=outputs, forces=places.n_force, lags=places.n_lag)
 
 
 def pack(state: JointState, places: Places) -> Array:
@@ -313,6 +316,7 @@ def releveled(state: JointState, mean: Array, root: Array, level: Array, tick_sl
         state.freed,
         state.rescaled,
         state.firing_count,
+        state.lag_open,
     )
 
 
@@ -340,6 +344,7 @@ def taken_in(state: JointState) -> JointState:
         state.freed,
         state.rescaled,
         state.firing_count,
+        state.lag_open,
     )
 
 
@@ -367,6 +372,35 @@ def flagged(state: JointState, guarded: bool, freed: bool, rescaled: bool, firin
         freed,
         rescaled,
         firing_count,
+        state.lag_open,
+    )
+
+
+@kernel
+def lag_opened(state: JointState, lag_open: Array) -> JointState:
+    """The state with the wide prior for the lags of other kinds of jets."""
+    return JointState(
+        state.mean,
+        state.root,
+        state.level,
+        state.slope,
+        state.tick_slope,
+        state.level_std,
+        state.spin,
+        state.reference,
+        state.read,
+        state.fresh,
+        state.fired,
+        state.slot_jet,
+        state.slot_sign,
+        state.slot_on_top,
+        state.time_s,
+        state.started,
+        state.guarded,
+        state.freed,
+        state.rescaled,
+        state.firing_count,
+        lag_open,
     )
 
 

@@ -10,7 +10,7 @@ from the state before them, with
 
     y = y(x*) + H(x*) (x - x*)
 
-in place of the readings' prediction, x* the ten parameters and the gyros' biases where the last pass ended: then every
+in place of the readings' prediction, x* the ten parameters, lags and gyros' biases where the last pass ended: every
 sample errs by the second order of what is left of x - x*, not of what was known when it was taken. Passes are repeated
 until they end where they began, to a third of their sigma: the method of Gauss and Newton, by the filter. What the
 passes end with is the filter's state, if the guard holds there, too; if not, the filter goes on from there, and they
@@ -36,7 +36,8 @@ from massprop_drake.maths.estimation.joint.cycle import (
     restart,
 )
 from massprop_drake.maths.estimation.joint.guard import guarded, unguarded
-from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams, JointState
+from massprop_drake.maths.estimation.joint.lag_prior import begun_as
+from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams, JointState, Places
 from massprop_drake.maths.linear_algebra import Array
 
 STEPS = 16  # in a cycle: 1 to 1.5 ms each
@@ -124,7 +125,7 @@ def followed(
     if under_pass is None:
         if not after.guarded:
             return start, after
-        under_pass = _begun(start, after.mean, 1, params)
+        under_pass = _begun(start, after, 1, params)
     under_pass, arrived = _gone_on(start, under_pass, params)
     if not arrived:
         return start._replace(under_pass=under_pass), unguarded(after)
@@ -134,11 +135,12 @@ def followed(
     return (OVER if found.guarded else start._replace(under_pass=None)), found
 
 
-def _begun(start: Start, about: Array, number: int, params: JointParams) -> Pass:
+def _begun(start: Start, end: JointState, number: int, params: JointParams) -> Pass:
     entry = start.entry
     assert entry is not None, "something is kept"
     root = compressed(incremented_root(entry.root, params), params.places.thrust) if start.incremented else entry.root
-    return Pass(about.copy(), entry._replace(root=root), 0, 0.0, 0.0, number)
+    begins = begun_as(entry._replace(root=root), end, params)
+    return Pass(end.mean.copy(), begins, 0, 0.0, 0.0, number)
 
 
 def _gone_on(start: Start, under_pass: Pass, params: JointParams) -> tuple[Pass, bool]:
@@ -162,16 +164,17 @@ def _gone_on(start: Start, under_pass: Pass, params: JointParams) -> tuple[Pass,
                 components=under_pass.components + components,
             )
         if under_pass.done == len(start.kept):
-            if stays(under_pass.state, under_pass.about) or under_pass.number == _PASSES:
+            if stays(under_pass.state, under_pass.about, params.places) or under_pass.number == _PASSES:
                 return under_pass, True
-            under_pass = _begun(start, under_pass.state.mean, under_pass.number + 1, params)
+            under_pass = _begun(start, under_pass.state, under_pass.number + 1, params)
     return under_pass, False
 
 
-def stays(state: JointState, about: Array, near: float = _NEAR) -> bool:
-    """Whether a pass ends, with a state, where it began, to some sigmas."""
-    mean, rows = state.mean[:N_PROPERTIES], state.root[:N_PROPERTIES]
-    return bool((np.abs(mean - about[:N_PROPERTIES]) <= near * np.sqrt(np.sum(rows * rows, axis=1))).all())
+def stays(state: JointState, about: Array, places: Places, near: float = _NEAR) -> bool:
+    """Tests whether a pass ends, with a state, where it began, to some sigmas of mass properties and lags."""
+    which = np.concatenate((np.arange(N_PROPERTIES), np.arange(places.lag, places.lag + places.n_lag)))
+    rows = state.root[which]
+    return bool((np.abs(state.mean[which] - about[which]) <= near * np.sqrt(np.sum(rows * rows, axis=1))).all())
 
 
 def _explains(under_pass: Pass) -> bool:

@@ -1,0 +1,141 @@
+r"""Prior of each kind's lag: as the file states it, or, with a probability of 1 %, anything from zero to three times.
+
+The error p of a lag, in units of its sigma, has the stated prior N(0, s^2) or the wide one N(a, S), of the mean and
+variance of what is uniform from tau = 0 to 3 tau_0. A filter has one of the two. By the other its p has, instead of
+N(m, v),
+
+    1/v' = 1/v - 1/s^2 + 1/S,    m'/v' = m/v + a/S,
+
+all else follows by its covariance with p, and the readings so far are likelier by
+
+    2 ln R = ln(v'/v) - ln(S/s^2) + m'^2/v' - m^2/v - a^2/S.
+
+That is exact for a filter that is linear in p. Once the wide prior is the likelier one, the filter has it from then on.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from massprop_drake.maths.estimation.joint.covariance import compressed
+from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, lag_opened, relearned
+from massprop_drake.maths.kernels import kernel
+from massprop_drake.maths.linear_algebra import Array
+
+FAR = 0.01  # probability that a lag is not as stated
+_ODDS = float(np.log(FAR / (1.0 - FAR)))
+_MEAN, _VARIANCE = 0.5, 0.75  # of what is uniform from -1 to 2, the error of the lag over the stated one
+_LEAST = 1e-12  # of the prior's information: less is rounding
+
+
+@kernel
+def _other(state: JointState, kind: int, params: JointParams) -> tuple[float, float, float]:
+    """Mean and variance of a lag's error by the other prior than the filter's, and ln R of that one.
+
+    Args:
+        state: see `JointState`.
+        kind: of jet, whose lag is uncertain.
+        params: see `JointParams`.
+    """
+    places = params.places
+    row = places.lag + kind
+    m, v = state.mean[row], float(np.sum(state.root[row] * state.root[row]))
+    stated = params.prior_sigma[row - places.thrust] ** 2
+    wide = max(_VARIANCE / params.lag_sigma**2, stated)
+    off = _MEAN / params.lag_sigma
+    if state.lag_open[kind] > 0.0:
+        told = max(1.0 / v - 1.0 / wide, _LEAST / wide) + 1.0 / stated
+        pulled = m / v - off / wide
+        ratio = np.log(wide / stated) + off * off / wide
+    else:
+        told = max(1.0 / v - 1.0 / stated, 0.0) + 1.0 / wide
+        pulled = m / v + off / wide
+        ratio = np.log(stated / wide) - off * off / wide
+    return pulled / told, 1.0 / told, 0.5 * (ratio - np.log(v * told) + pulled * pulled / told - m * m / v)
+
+
+@kernel
+def log_odds(state: JointState, params: JointParams) -> Array:
+    """Log odds of the wide prior of each kind's lag, minus infinity where none is uncertain, shape (n_lag,)."""
+    places = params.places
+    found = np.full(places.n_lag, -np.inf)
+    for kind in range(places.n_lag):
+        if params.prior_sigma[places.lag - places.thrust + kind] > 0.0:
+            _, _, ratio = _other(state, kind, params)
+            found[kind] = _ODDS + (-ratio if state.lag_open[kind] > 0.0 else ratio)
+    return found
+
+
+@kernel
+def reconsidered(state: JointState, params: JointParams) -> tuple[JointState, float]:
+    """The state with the wide prior of each lag of which it has become the likelier one.
+
+    Args:
+        state: see `JointState`.
+        params: see `JointParams`.
+
+    Returns:
+        The state, and by how much the readings so far are likelier for it, nats.
+    """
+    more = 0.0
+    for kind in range(params.places.n_lag):
+        if state.lag_open[kind] == 0.0 and params.prior_sigma[params.places.lag - params.places.thrust + kind] > 0.0:
+            mean, variance, ratio = _other(state, kind, params)
+            if _ODDS + ratio > 0.0:
+                state = _widened(state, kind, mean, variance, params)
+                more += ratio
+    return state, more
+
+
+@kernel
+def with_wide_priors(state: JointState, params: JointParams) -> tuple[JointState, float]:
+    """The state with the wide prior of every lag that is uncertain, and what `reconsidered` returns beside it."""
+    more = 0.0
+    for kind in range(params.places.n_lag):
+        if state.lag_open[kind] == 0.0 and params.prior_sigma[params.places.lag - params.places.thrust + kind] > 0.0:
+            mean, variance, ratio = _other(state, kind, params)
+            state = _widened(state, kind, mean, variance, params)
+            more += ratio
+    return state, more
+
+
+@kernel
+def _widened(state: JointState, kind: int, mean: float, variance: float, params: JointParams) -> JointState:
+    """The state with a lag's error of another mean and a larger variance, and all else as it follows.
+
+    With s the row of the error, its root S becomes S + alpha (S s) s^T.
+    """
+    row = state.root[params.places.lag + kind]
+    v = float(np.sum(row * row))
+    shares = state.root @ row / v
+    root = state.root + np.outer(shares, (np.sqrt(variance / v) - 1.0) * row)
+    after = state.mean + shares * (mean - state.mean[params.places.lag + kind])
+    still_open = state.lag_open.copy()
+    still_open[kind] = 1.0
+    return lag_opened(relearned(state, after, compressed(root, params.places.thrust)), still_open)
+
+
+def begun_as(entry: JointState, end: JointState, params: JointParams) -> JointState:
+    """The state at the beginning of a pass, with the prior of each lag that is the likelier one at an earlier end.
+
+    Args:
+        entry: with the stated priors of lags of which it knows nothing.
+        end: state after the earlier pass, or the filter's.
+        params: see `JointParams`.
+    """
+    for kind in np.flatnonzero(log_odds(end, params) > 0.0).tolist():
+        if entry.lag_open[kind] == 0.0:
+            mean, variance, _ = _other(entry, kind, params)
+            entry = _widened(entry, kind, mean, variance, params)
+    return entry
+
+
+def log_mixture(state: JointState, params: JointParams) -> float:
+    """Log of what the readings are worth by both priors over what they are by the filter's, nats."""
+    total = 0.0
+    for odds, is_open in zip(log_odds(state, params).tolist(), state.lag_open.tolist(), strict=True):
+        chance, other = (FAR, -odds) if is_open else (1.0 - FAR, odds)
+        total += math.log(chance) + max(other, 0.0) + math.log1p(math.exp(-abs(other)))
+    return total
