@@ -88,6 +88,7 @@ def build(scenario: Scenario, *, findings: bool = False) -> MassPropertyEstimato
             detector_report (out, 14 + 4 n_jets), with a detector: see `FailureDetector`.
         hypothesis_report (out, 21 + 12 n_jets), fault_probability (out, n_jets + 2), with that of the joint filter or
             of poses: see `HypothesisDetector`.
+        <pose> (in, 7), for each sensor of attitude, with the joint filter: see `JointEstimator`.
         <pose> (in, 7), <velocity> (in, 3), for each sensor in a fixed frame, and pose_report (out, 24 + 2 n_jets), with
             the filter of poses: see `PoseEstimator`.
         failed_jets (out, n_jets), detections (out, abstract), verdict (out, abstract), with `findings`: see
@@ -204,19 +205,21 @@ def _add_thesis(builder: DiagramBuilder, scenario: Scenario, impulses: ImpulseMo
 
 def _add_joint(builder: DiagramBuilder, scenario: Scenario, _impulses: ImpulseModel) -> tuple[LeafSystem, ...]:
     """The joint filter; commands and outside forces are exported already."""
+    trackers = tuple(sensor.name for sensor in params.trackers(scenario))
     estimator = builder.AddNamedSystem(
         "joint_estimator",
         JointEstimator(
             params.joint_params(scenario),
             gyros=_packages(params.gyros(scenario)),
             accelerometers=_packages(params.accelerometers(scenario)),
+            trackers=trackers,
             limits=params.convergence_limits(scenario),
         ),
     )
     for name in ("jet_commands", "outside_wrench"):
         builder.ConnectInput(name, estimator.GetInputPort(name))
     replaced = () if params.detector(scenario) is not None else ("replacement", "published")
-    for name in (*scenario.vehicle_data.sensor_names(), "record_time", "command", *replaced):
+    for name in (*scenario.vehicle_data.sensor_names(), *trackers, "record_time", "command", *replaced):
         builder.ExportInput(estimator.GetInputPort(name), name)
     outputs = ["estimate", "standard_deviation", "covariance", "converged", "rotation_report", "joint_report"]
     for port in [*outputs, *(["mass_report"] if scenario.vehicle_data.accelerometers else []), "evidence"]:

@@ -60,6 +60,7 @@ def small_params(**changed: Any) -> JointParams:
     settings |= changed
     variances = settings["variances"]
     noisy = {"cells": np.zeros_like(variances), "floors": variances, "dithered": np.ones_like(variances)}
+    noisy["stamp_variances"] = np.zeros_like(variances)
     return JointParams(**(noisy | settings))
 
 

@@ -109,6 +109,8 @@ def setup(scenario: Scenario) -> Setup:
         thrust=thrust_model(scenario),
         widest=initial_standard_deviation(vehicle.nominal.vector(), 1.0, vehicle.center_of_mass_floor),
         limits=convergence_limits(scenario),
+        attitude_variances=np.array([tracker.attitude_std**2 for tracker in trackers(scenario)]),
+        stamp_variances=np.array([tracker.time_std_s**2 for tracker in trackers(scenario)]),
         tracking=tracking(scenario) if scenario.estimation.filter == "pose" else None,
     )
 
@@ -305,6 +307,11 @@ def accelerometers(scenario: Scenario) -> tuple[Accelerometer, ...]:
     vehicle = scenario.vehicle_data
     preferred = scenario.sensors.accelerometer or vehicle.preferred_accelerometer
     return tuple(sorted(vehicle.accelerometers, key=lambda package: package.name != preferred))
+
+
+def trackers(scenario: Scenario) -> tuple[PoseSensor, ...]:
+    """The sensors of attitude that the joint filter reads."""
+    return () if scenario.estimation.filter == "pose" else scenario.vehicle_data.poses
 
 
 def weighs(scenario: Scenario) -> bool:

@@ -590,7 +590,8 @@ class Vehicle(Model):
     @property
     def needs_pose_filter(self) -> bool:
         """Whether its sensors and motion need the estimator in a fixed frame, `estimation.filter` pose."""
-        return bool(self.tracked) or self.motion == "planar" or not self.gyros
+        attitude_alone = all(pose.position_std is None and not pose.outliers for pose in self.poses)
+        return bool(self.velocities) or not attitude_alone or self.motion == "planar" or not self.gyros
 
     @cached_property
     def designations(self) -> tuple[str, ...]:

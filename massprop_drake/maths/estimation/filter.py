@@ -79,6 +79,8 @@ class Setup(NamedTuple):
         thrust: see `ThrustModel`.
         widest: 1-sigma of the ten parameters if nothing is known of them, shape (10,).
         limits: of convergence, see `mass_properties.converged`, shape (3,).
+        attitude_variances: of one reading of each tracker of attitude about each axis, rad^2, shape (s,).
+        stamp_variances: of these readings' stamps, s^2, shape (s,).
         tracking: of a vehicle that is followed in a fixed frame, see `pose.setting.Tracking`; None: it is not.
     """
 
@@ -95,6 +97,8 @@ class Setup(NamedTuple):
     thrust: ThrustModel
     widest: Array
     limits: Array
+    attitude_variances: Array
+    stamp_variances: Array
     tracking: Any = None
 
 

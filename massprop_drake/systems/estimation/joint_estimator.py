@@ -25,6 +25,8 @@ class JointEstimator(RememberingFilterSystem):
 
     Ports:
         <gyro> (in, 3), <accelerometer> (in, 3), one per package: as `RotationEstimator` and `MassEstimator`.
+        <tracker> (in, 7), one per sensor of attitude: as `PoseTracker` reads, NaN where nothing is read; one that is
+            not connected reads nothing.
         jet_commands (in, n_jets): fraction commanded over the interval that ends now, NaN where not known. Required.
         outside_wrench (in, 6): see `ImpulseModel`. Unconnected: none.
         record_time (in, 1): when the readings were taken, s. Unconnected: now.
@@ -50,6 +52,7 @@ class JointEstimator(RememberingFilterSystem):
     Args:
         params: see `JointFilterParams`.
         gyros, accelerometers: packages with an input port, the preferred one first.
+        trackers: names of the sensors of attitude.
         limits: of convergence, see `maths.mass_properties.converged`, shape (3,).
     """
 
@@ -60,11 +63,13 @@ class JointEstimator(RememberingFilterSystem):
         gyros: tuple[Package, ...],
         accelerometers: tuple[Package, ...],
         limits: Array,
+        trackers: tuple[str, ...] = (),
     ):
         super().__init__(joint.GROUP, 0)
         self._params, self._limits = params, limits
         n_jets = params.joint.places.jets
         self._gyros, self._accelerometers = self._declare_packages(gyros), self._declare_packages(accelerometers)
+        self._trackers = [self._declare_input(name, 7) for name in trackers]
         self._command = self._declare_input("jet_commands", n_jets)
         self._outside = self._declare_input("outside_wrench", 6)
         self._stamp = self._declare_input("record_time", 1)
@@ -81,9 +86,14 @@ class JointEstimator(RememberingFilterSystem):
         stamp_s = float(self._stamp.Eval(context)[0]) if self._stamp.HasValue(context) else time_s
         coming = self._coming.Eval(context) if self._coming.HasValue(context) else None
         outside = self._outside.Eval(context) if self._outside.HasValue(context) else np.zeros(6)
-        told = Told(time_s, stamp_s, self._command.Eval(context).copy(), coming, outside)
+        told = Told(time_s, stamp_s, self._command.Eval(context).copy(), coming, outside, self._tracked(context))
         rates, velocities = self._gyros.eval(context), self._accelerometers.eval(context)
         return timed(ESTIMATORS, joint.step, state, rates, velocities, told, self._params)
+
+    def _tracked(self, context: Any) -> Array | None:
+        """Readings of the trackers, as in `Told`."""
+        read = [port.Eval(context) if port.HasValue(context) else np.full(7, np.nan) for port in self._trackers]
+        return np.concatenate(read) if read else None
 
     def _finish_sample(self, context: Any, measurement: Measurement) -> FilterStep:
         return self._as_judged(context, joint.done(measurement, self._params), joint.FILTER, self._params)

@@ -40,6 +40,7 @@ from massprop_drake.maths.estimation.joint.measurement import (
     rate_read,
     readings,
 )
+from massprop_drake.maths.estimation.joint.orientation import STILL
 from massprop_drake.maths.estimation.joint.prediction import (
     Drive,
     Prediction,
@@ -58,6 +59,7 @@ from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError,
 
 _WHAT = "the joint estimator's covariance"
 _UNREAD = 1e6  # sigmas of a reading that what was not read at the start may be off
+UNTRACKED = np.zeros((0, 3))  # readings of no tracker
 OWN_CHOICE = np.zeros(0, dtype=np.bool_)  # of the readings that count
 
 
@@ -74,6 +76,9 @@ class Sample(NamedTuple):
         velocities: readings of the accelerometer packages, NaN where missing, ft/s or m/s, shape
             (n_accelerometers, 3).
         timing: see `ticks.Timing`.
+        attitudes: readings of the trackers relative to the shared attitude, NaN where missing, see `orientation`, rad,
+            shape (n_trackers, 3).
+        frames: shared attitude before and after the interval, quaternions, shape (2, 4).
     """
 
     time_s: float
@@ -83,6 +88,8 @@ class Sample(NamedTuple):
     rates: Array
     velocities: Array
     timing: Timing
+    attitudes: Array = UNTRACKED
+    frames: Array = STILL
 
 
 class Expected(NamedTuple):
@@ -207,7 +214,6 @@ class JointEvidence(NamedTuple):
 def initial(params: JointParams) -> JointState:
     """The state before the first sample."""
     places = params.places
-    n_outputs = 3 * (places.gyros + places.accelerometers)
     mean, root = np.zeros(places.size), np.zeros((places.size, places.size))
     mean[:N_PROPERTIES] = params.start
     root[:N_PROPERTIES, :N_PROPERTIES] = params.start_root
@@ -222,8 +228,8 @@ def initial(params: JointParams) -> JointState:
         tick_slope=np.zeros((2, jets)),
         spin=np.zeros(6),
         reference=np.zeros(3),
-        read=np.full(n_outputs, np.nan),
-        fresh=np.zeros(n_outputs),
+        read=np.full(places.outputs, np.nan),
+        fresh=np.zeros(places.outputs),
         fired=np.zeros(jets),
         slot_jet=np.full(places.n_force, -1.0),
         slot_sign=np.ones(places.n_force),
@@ -238,7 +244,7 @@ def initial(params: JointParams) -> JointState:
 
 
 def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
-    """The state after the first sample, or after a gap: rate and gathered velocity are what is read, and no more.
+    """The state after the first sample, or after a gap: rate, gathered velocity and attitude are what is read.
 
     They are uncorrelated with the rest, but that with a gyro bias the rate's error is that of the reading less the
     bias, and that the rate from which the turning of accelerometers is counted has the error of that rate: what they
@@ -246,7 +252,7 @@ def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
     """
     places = params.places
     mean = state.mean.copy()
-    first, last = RATE.start, VELOCITY + 3 * places.accelerometers
+    first, last = RATE.start, places.thrust
     root = np.zeros((places.size, places.size + last - first))
     root[:first, : places.size], root[last:, : places.size] = state.root[:first], state.root[last:]
     own = places.size - first  # a column for the reading of each of these rows
@@ -280,7 +286,16 @@ def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
         part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
         arm = params.accelerometer_positions[package] - mean[CENTER]
         root[part] += skew(arm) @ root[RATE]
-    read = readings(sample.rates, sample.velocities)
+    for axis in range(places.n_attitude):
+        row = places.attitude + axis
+        own_variances = params.variances[places.outputs - 3 * places.trackers + axis :: 3]
+        there = ~np.isnan(sample.attitudes[:, axis])
+        mean[row], root[row, own + row] = 0.0, _UNREAD * np.sqrt(own_variances[0])
+        if there.any():
+            weights = 1.0 / own_variances[there]
+            mean[row] = weights @ sample.attitudes[there, axis] / weights.sum()
+            root[row, own + row] = np.sqrt(1.0 / weights.sum())
+    read = readings(sample.rates, sample.velocities, sample.attitudes)
     return state._replace(
         mean=mean,
         root=compressed(root, places.thrust),
@@ -296,7 +311,8 @@ def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
 @kernel
 def expect(state: JointState, acting: Drive, sample: Sample, params: JointParams) -> Expected:
     """Predicts the state and its outputs, and says which components count."""
-    prediction = predict(state, acting, rate_read(sample.rates, state.mean, params), params)
+    read = rate_read(sample.rates, state.mean, params)
+    prediction = predict(state, acting, read, params, sample.frames)
     root = propagated(state.root, prediction, params)
     about = (prediction.mean[:N_PROPERTIES], floors(state, params))
     return _expected(state, prediction, root, about, sample, params)
@@ -322,7 +338,9 @@ def _expected(
     values, jacobian = outputs(there, state.reference, spin, params)
     values = values + jacobian @ (prediction.mean - there)
     projected = sparse_product(jacobian, root)
-    read = readings(sample.rates, sample.velocities)
+    read = readings(sample.rates, sample.velocities, sample.attitudes)
+    if params.places.n_attitude > 0:
+        least = least + params.stamp_variances * (prediction.end @ prediction.end)
     counts, least = counted(read, state.read, values, (projected**2).sum(axis=1), least, params)
     return Expected(prediction, root, spin, jacobian, projected, read - values, counts, least)
 
@@ -337,9 +355,11 @@ def _by_kind(values: Array, used: np.ndarray, nothing: float, params: JointParam
         nothing: in place of a sum of none.
         params: see `JointParams`.
     """
-    gyros, every = int(used[: 3 * params.places.gyros].sum()), values.shape[0]
+    places = params.places
+    gyros = int(used[: 3 * places.gyros].sum())
+    both = int(used[: 3 * (places.gyros + places.accelerometers)].sum())
     of_gyros = values[:gyros].sum() if gyros > 0 else nothing
-    return of_gyros, values[gyros:].sum() if every > gyros else nothing
+    return of_gyros, values[gyros:both].sum() if both > gyros else nothing
 
 
 @kernel
@@ -388,7 +408,7 @@ def crossed(
     """
     places, m = params.places, state.read.shape[0]
     rows, half_gain = np.zeros((m, places.size)), np.zeros((places.size, m))
-    chosen = (state.fresh > 0.0) & changed(readings(sample.rates, sample.velocities), state.read, params)
+    chosen = (state.fresh > 0.0) & changed(readings(sample.rates, sample.velocities, sample.attitudes), state.read, params)
     if not chosen.any():
         return taken_in(state), Crossing(rows, half_gain, np.zeros(places.size), 0.0)
     there = state.mean.copy()
@@ -644,7 +664,7 @@ def _learned(
         mean = mean + change.correction
     elif root.shape[1] > root.shape[0]:
         root = compressed(root, params.places.thrust)
-    read = readings(sample.rates, sample.velocities)
+    read = readings(sample.rates, sample.velocities, sample.attitudes)
     there = ~np.isnan(read)
     return JointState(
         mean,
@@ -717,18 +737,22 @@ def _relinearized(
     there = relearned(state, mean, state.root.copy())
     there.root[:N_PROPERTIES] = 0.0  # nothing of second order is left
     acting = driven(state, sample, params)
-    at = predict(there, acting, rate_read(sample.rates, mean, params), params)
+    at = predict(there, acting, rate_read(sample.rates, mean, params), params, sample.frames)
     away = state.mean - mean
     mean = at.mean + away
     mean[RATE] += at.rate_rows @ away
     for package in range(params.places.accelerometers):
         part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
         mean[part] += gathered_rows(at, package) @ away
+    if params.places.n_attitude > 0:
+        part = slice(params.places.attitude, params.places.attitude + 3)
+        mean[part] += at.attitude[0] @ away[RATE] + at.attitude[1] @ (away[RATE] + at.rate_rows @ away)
     prediction = Prediction(
         mean,
         at.rate_rows,
         at.velocity_rows,
         at.apart,
+        at.attitude,
         at.mass_factor,
         at.noise,
         at.drift,
@@ -816,6 +840,7 @@ def _update_again(
         rate_rows,
         velocity_rows,
         before.apart,
+        before.attitude,
         before.mass_factor,
         before.noise,
         before.drift,

@@ -2,12 +2,12 @@ r"""The joint estimator's state and parameters: what stands where, and how a sta
 
 The mean and the rows of the covariance's root are in this order,
 
-    J (6: xx, yy, zz, yz, xz, xy) | r (3) | mu | w (3) | c_s (3 per accelerometer)
+    J (6: xx, yy, zz, yz, xz, xy) | r (3) | mu | w (3) | c_s (3 per accelerometer) | psi (3, with a tracker)
     b (thrust error per jet) | lag error per kind | gyro bias (3 per package)
     | accelerometer bias (3 per package) | s | theta (2, of the ticks) | f (force of each slot of failed jets)
 
 with J the inverse inertia about the center of mass, r the center of mass in the vehicle frame, mu = 1/m, w the rate,
-and c_s the integral of F/m as accelerometer s has gathered it. What stands in the second and third line are
+c_s the integral of F/m as accelerometer s has gathered it, and psi the attitude as `orientation` has it. What stands in the second and third line are
 parameters in units of their sigmas, of about unit prior variance, but for f, which is in lbf or N. A kind of parameter
 whose sigma is zero has no place.
 
@@ -33,7 +33,9 @@ class Places(NamedTuple):
     """Where the parts of the state begin, and how many elements they have.
 
     Attributes:
-        jets, gyros, accelerometers: how many there are.
+        jets, gyros, accelerometers, trackers: how many there are.
+        outputs: components that are read.
+        attitude, n_attitude: of psi; three elements, or none without a tracker.
         thrust, n_thrust: of b; none or one per jet.
         lag, n_lag: of the lag's errors; none or one per kind of jet.
         gyro_bias, n_gyro_bias: none or three per package.
@@ -47,6 +49,10 @@ class Places(NamedTuple):
     jets: int
     gyros: int
     accelerometers: int
+    trackers: int
+    outputs: int
+    attitude: int
+    n_attitude: int
     thrust: int
     n_thrust: int
     lag: int
@@ -65,7 +71,13 @@ class Places(NamedTuple):
 
 
 def make_places(
-    counts: tuple[int, int, int], n_lag: int, biases: tuple[bool, bool], thrust: bool, forces: int, ticks: int = 0
+    counts: tuple[int, int, int],
+    n_lag: int,
+    biases: tuple[bool, bool],
+    thrust: bool,
+    forces: int,
+    ticks: int = 0,
+    trackers: int = 0,
 ) -> Places:
     """The places of a vehicle's state.
 
@@ -76,6 +88,7 @@ def make_places(
         thrust: whether thrusts are uncertain.
         forces: number of slots for the forces of failed jets.
         ticks: 2 if ticks are estimated, else 0.
+        trackers: number of sensors of attitude.
     """
     jets, gyros, accelerometers = counts
     sizes = [
@@ -87,11 +100,16 @@ def make_places(
         ticks,
         forces,
     ]
-    begins = np.cumsum([VELOCITY + 3 * accelerometers, *sizes]).tolist()
+    attitude, n_attitude = VELOCITY + 3 * accelerometers, 3 if trackers else 0
+    begins = np.cumsum([attitude + n_attitude, *sizes]).tolist()
     return Places(
         jets=jets,
         gyros=gyros,
         accelerometers=accelerometers,
+        trackers=trackers,
+        outputs=3 * (gyros + accelerometers + trackers),
+        attitude=attitude,
+        n_attitude=n_attitude,
         thrust=begins[0],
         n_thrust=sizes[0],
         lag=begins[1],
@@ -132,11 +150,12 @@ class JointParams(NamedTuple):
         tick_sigma: of offset and period error of the ticks, s, shape (2,).
         arm: size of the vehicle, ft or m: the jets' RMS distance from the center of mass.
         accelerometer_positions: vehicle frame, ft or m, shape (n_accelerometers, 3).
-        variances: of one reading of each component, gyros first, shape (n_outputs,).
+        variances: of one reading of each component, gyros first, trackers last, shape (n_outputs,).
         quanta: step of each component's reading, zero where it dithers itself (see `measurement`), shape (n_outputs,).
         cells: quantum of each component, zero: not quantized, shape (n_outputs,).
         floors: variance of each prediction beyond the state's, see `quantized`, shape (n_outputs,).
         dithered: 1 where each sample is news, 0 where a change of the reading is, shape (n_outputs,).
+        stamp_variances: of the stamp of each component's reading, zero but for trackers, s^2, shape (n_outputs,).
         start: the ten parameters at the start, shape (10,).
         start_root: lower triangular root of their covariance at the start, shape (10, 10).
         increment_sigma: what an increment adds to their 1-sigma, in quadrature, shape (10,).
@@ -172,6 +191,7 @@ class JointParams(NamedTuple):
     cells: Array
     floors: Array
     dithered: Array
+    stamp_variances: Array
     start: Array
     start_root: Array
     increment_sigma: Array
@@ -266,8 +286,7 @@ _STATE = Layout(
 
 def state_layout(places: Places) -> Layout:
     """The layout of a state packed into one vector."""
-    outputs = 3 * (places.gyros + places.accelerometers)
-    return _STATE.sized(size=places.size, jets=places.jets, outputs=outputs, forces=places.n_force)
+    return _STATE.sized(size=places.size, jets=places.jets, outputs=places.outputs, forces=places.n_force)
 
 
 def pack(state: JointState, places: Places) -> Array:

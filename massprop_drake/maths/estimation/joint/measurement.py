@@ -1,7 +1,8 @@
-r"""Readings of gyros and integrating accelerometers, and which of them count.
+r"""Readings of gyros, integrating accelerometers and trackers of attitude, and which of them count.
 
     gyro g            y = w + sigma_g b_g
     accelerometer s   y = c_s + O rho_s,    rho_s = p_s - r,    O = [(w - w_ref) x] + C
+    tracker           y = psi
 
 with C the integral of [w x]^2 dt since the last rebase, w_ref the rate then. Derivatives: 1 by c_s, -[rho_s x] by w,
 -O by r; C is taken as known.
@@ -31,14 +32,15 @@ _OFF = 3.0  # sigmas by which a prediction lies outside a reading's cell
 
 
 @kernel
-def readings(rates: Array, velocities: Array) -> Array:
+def readings(rates: Array, velocities: Array, attitudes: Array) -> Array:
     """All components that are read, gyros first, shape (n_outputs,).
 
     Args:
         rates: of each gyro package, NaN where missing, rad/s, shape (n_gyros, 3).
         velocities: of each accelerometer package, shape (n_accelerometers, 3).
+        attitudes: of each tracker, see `orientation`, shape (n_trackers, 3).
     """
-    return np.concatenate((rates.ravel(), velocities.ravel()))
+    return np.concatenate((rates.ravel(), velocities.ravel(), attitudes.ravel()))
 
 
 @kernel
@@ -76,8 +78,7 @@ def rate_read(rates: Array, mean: Array, params: JointParams) -> RateRead:
 def outputs(mean: Array, reference: Array, spin: Array, params: JointParams) -> tuple[Array, Array]:
     """Predicted outputs of all components, shape (m,), and their derivative by the state, shape (m, size)."""
     places = params.places
-    n_outputs = 3 * (places.gyros + places.accelerometers)
-    values, jacobian = np.empty(n_outputs), np.zeros((n_outputs, places.size))
+    values, jacobian = np.empty(places.outputs), np.zeros((places.outputs, places.size))
     for package in range(places.gyros):
         rows = slice(3 * package, 3 * package + 3)
         values[rows] = mean[RATE]
@@ -97,6 +98,11 @@ def outputs(mean: Array, reference: Array, spin: Array, params: JointParams) -> 
             jacobian[rows, columns] = _IDENTITY
             jacobian[rows, RATE] = -skew(arm)
             jacobian[rows, CENTER] = -turn
+    for tracker in range(places.trackers):
+        begin = 3 * (places.gyros + places.accelerometers + tracker)
+        rows, columns = slice(begin, begin + 3), slice(places.attitude, places.attitude + 3)
+        values[rows] = mean[columns]
+        jacobian[rows, columns] = _IDENTITY
     return values, jacobian
 
 
