@@ -39,6 +39,7 @@ from massprop_drake.maths.estimation.filters.mass_filter import MassParams
 from massprop_drake.maths.estimation.filters.registry import FILTERS
 from massprop_drake.maths.estimation.filters.rotation_filter import RotationParams
 from massprop_drake.maths.estimation.filters.thesis import ThesisParams
+from massprop_drake.maths.estimation.joint.layout import Trackers
 from massprop_drake.maths.estimation.pose import setting as pose_setting
 from massprop_drake.maths.estimation.pose.setting import Around, Tracking, Valves
 from massprop_drake.maths.flight import FlightParams, PilotParams
@@ -109,8 +110,7 @@ def setup(scenario: Scenario) -> Setup:
         thrust=thrust_model(scenario),
         widest=initial_standard_deviation(vehicle.nominal.vector(), 1.0, vehicle.center_of_mass_floor),
         limits=convergence_limits(scenario),
-        attitude_variances=np.array([tracker.attitude_std**2 for tracker in trackers(scenario)]),
-        stamp_variances=np.array([tracker.time_std_s**2 for tracker in trackers(scenario)]),
+        trackers=_trackers(scenario),
         tracking=tracking(scenario) if scenario.estimation.filter == "pose" else None,
     )
 
@@ -312,6 +312,13 @@ def accelerometers(scenario: Scenario) -> tuple[Accelerometer, ...]:
 def trackers(scenario: Scenario) -> tuple[PoseSensor, ...]:
     """The sensors of attitude that the joint filter reads."""
     return () if scenario.estimation.filter == "pose" else scenario.vehicle_data.poses
+
+
+def _trackers(scenario: Scenario) -> Trackers:
+    found = trackers(scenario)
+    each = ((one.attitude_std or math.inf, one.time_std_s, one.outliers) for one in found)
+    attitude_std, time_std_s, outliers = np.array(list(each)).reshape(-1, 3).T
+    return Trackers(attitude_std**2, time_std_s**2, outliers.copy())
 
 
 def weighs(scenario: Scenario) -> bool:

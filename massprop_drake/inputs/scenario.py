@@ -1094,8 +1094,8 @@ def _needs_pose_filter(vehicle: Any) -> bool:
     """Whether a vehicle, or its data that may not be validated yet, is one for `estimation.filter: pose`."""
     if isinstance(vehicle, Mapping):
         poses = [pose for pose in vehicle.get("poses") or () if isinstance(pose, Mapping)]
-        located = any(pose.get("position_std") is not None or pose.get("outliers") for pose in poses)
-        return located or bool(vehicle.get("velocities")) or vehicle.get("motion") == "planar"
+        located = bool(vehicle.get("velocities")) or any(pose.get("position_std") is not None for pose in poses)
+        return located or vehicle.get("motion") == "planar"
     return isinstance(vehicle, Vehicle) and vehicle.needs_pose_filter
 
 

@@ -590,8 +590,8 @@ class Vehicle(Model):
     @property
     def needs_pose_filter(self) -> bool:
         """Whether its sensors and motion need the estimator in a fixed frame, `estimation.filter` pose."""
-        attitude_alone = all(pose.position_std is None and not pose.outliers for pose in self.poses)
-        return bool(self.velocities) or not attitude_alone or self.motion == "planar" or not self.gyros
+        located = bool(self.velocities) or any(pose.position_std is not None for pose in self.poses)
+        return located or self.motion == "planar" or not self.gyros
 
     @cached_property
     def designations(self) -> tuple[str, ...]:

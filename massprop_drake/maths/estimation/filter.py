@@ -15,6 +15,7 @@ from massprop_drake.maths.arrays import FLAG, NUMBER, Layout
 from massprop_drake.maths.estimation.adaptation import Adaptation
 from massprop_drake.maths.estimation.detector import KnownForce
 from massprop_drake.maths.estimation.impulses import Impulses
+from massprop_drake.maths.estimation.joint.layout import Trackers
 from massprop_drake.maths.kernels import idiom
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
@@ -79,8 +80,7 @@ class Setup(NamedTuple):
         thrust: see `ThrustModel`.
         widest: 1-sigma of the ten parameters if nothing is known of them, shape (10,).
         limits: of convergence, see `mass_properties.converged`, shape (3,).
-        attitude_variances: of one reading of each tracker of attitude about each axis, rad^2, shape (s,).
-        stamp_variances: of these readings' stamps, s^2, shape (s,).
+        trackers: of attitude.
         tracking: of a vehicle that is followed in a fixed frame, see `pose.setting.Tracking`; None: it is not.
     """
 
@@ -97,8 +97,7 @@ class Setup(NamedTuple):
     thrust: ThrustModel
     widest: Array
     limits: Array
-    attitude_variances: Array
-    stamp_variances: Array
+    trackers: Trackers
     tracking: Any = None
 
 

@@ -382,7 +382,7 @@ def _no_sample(places: Places) -> Sample:
 def _no_following(places: Places, sample: Sample) -> Following:
     n, m = places.size, places.outputs
     rows, learned = np.zeros((3, n)), (np.zeros((0, 0)), np.zeros((n, 0)), np.zeros(n))
-    told = (np.zeros((m, n)), np.zeros((m, n)), np.zeros(m), np.zeros(m, dtype=np.bool_))
+    told = (np.zeros((m, n)), np.zeros((m, n)), np.zeros(m), np.zeros(m, dtype=np.bool_), np.zeros(m))
     given = (np.zeros(places.jets), readings(sample.rates, sample.velocities, sample.attitudes))
     stamp = Stamped(np.zeros(n), np.zeros(n), np.zeros(n), 1.0)
     nothing = Crossing(np.zeros((m, n)), np.zeros((n, m)), np.zeros(n), 0.0)

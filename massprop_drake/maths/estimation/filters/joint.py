@@ -134,9 +134,8 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
     biases = (gyro_prior.shape[0] > 0, acceleration_prior.shape[0] > 0)
     detects = options.detector.kind == "hypotheses" and counts[2] > 0
     slots = options.faults.slots if detects else 0  # forces of failed jets, as states
-    trackers = setup.attitude_variances.shape[0]
-    of_trackers = np.zeros(3 * trackers)
-    of_attitudes = np.repeat(setup.attitude_variances, 3)
+    of_attitudes = np.repeat(setup.trackers.variances, 3)
+    of_trackers, trackers = np.zeros_like(of_attitudes), setup.trackers.variances.shape[0]
     thrusts = thrust_prior.shape[0] > 0
     places = make_places(counts, lag_prior.shape[0], biases, thrusts, slots, ticks=2, trackers=trackers)
     rest = np.zeros(places.n_scale + places.n_ticks + places.n_force)
@@ -168,7 +167,7 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
         cells=np.append(cells, of_trackers),
         floors=np.append(noises**2 + (FLOOR * cells) ** 2, of_attitudes),
         dithered=np.append((noises > DITHER * cells).astype(np.float64), of_trackers + 1.0),
-        stamp_variances=np.append(np.zeros_like(cells), np.repeat(setup.stamp_variances, 3)),
+        trackers=setup.trackers,
         start=setup.estimate,
         start_root=_root(setup.covariance),
         increment_sigma=setup.widest,

@@ -34,11 +34,13 @@ from massprop_drake.maths.estimation.joint.layout import (
     taken_in,
 )
 from massprop_drake.maths.estimation.joint.measurement import (
+    POOR,
     changed,
     counted,
     outputs,
     rate_read,
     readings,
+    told_by_trackers,
 )
 from massprop_drake.maths.estimation.joint.orientation import STILL
 from massprop_drake.maths.estimation.joint.prediction import (
@@ -104,6 +106,7 @@ class Expected(NamedTuple):
         innovation: e of all components, NaN where missing, shape (m,).
         used: which components count, shape (m,).
         floors: variance of each prediction beyond the state's, shape (m,).
+        variances: of one reading of each component, shape (m,).
     """
 
     prediction: Prediction
@@ -114,6 +117,7 @@ class Expected(NamedTuple):
     innovation: Array
     used: np.ndarray
     floors: Array
+    variances: Array
 
 
 class Crossing(NamedTuple):
@@ -288,7 +292,7 @@ def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
         root[part] += skew(arm) @ root[RATE]
     for axis in range(places.n_attitude):
         row = places.attitude + axis
-        own_variances = params.variances[places.outputs - 3 * places.trackers + axis :: 3]
+        own_variances = params.trackers.variances * np.where(params.trackers.outliers > 0.0, POOR**2, 1.0)
         there = ~np.isnan(sample.attitudes[:, axis])
         mean[row], root[row, own + row] = 0.0, _UNREAD * np.sqrt(own_variances[0])
         if there.any():
@@ -339,10 +343,11 @@ def _expected(
     values = values + jacobian @ (prediction.mean - there)
     projected = sparse_product(jacobian, root)
     read = readings(sample.rates, sample.velocities, sample.attitudes)
+    variances = params.variances
     if params.places.n_attitude > 0:
-        least = least + params.stamp_variances * (prediction.end @ prediction.end)
+        variances, least = told_by_trackers(read - values, projected, prediction.end, least, params)
     counts, least = counted(read, state.read, values, (projected**2).sum(axis=1), least, params)
-    return Expected(prediction, root, spin, jacobian, projected, read - values, counts, least)
+    return Expected(prediction, root, spin, jacobian, projected, read - values, counts, least, variances)
 
 
 @kernel
@@ -602,7 +607,7 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, counts: np.ndar
     if counts.size > 0:
         expected = _counting(expected, counts & ~np.isnan(expected.innovation))
     innovation, incremented = expected.innovation, False
-    deviation = np.sqrt((expected.projected**2).sum(axis=1) + params.variances)
+    deviation = np.sqrt((expected.projected**2).sum(axis=1) + expected.variances)
     told = _sites(
         expected.used, expected.projected[np.flatnonzero(expected.used)], innovation, (params.cells, expected.floors)
     )
@@ -812,6 +817,7 @@ def _counting(expected: Expected, used: np.ndarray) -> Expected:
         expected.innovation,
         used,
         expected.floors,
+        expected.variances,
     )
 
 

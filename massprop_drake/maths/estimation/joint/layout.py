@@ -128,6 +128,23 @@ def make_places(
     )
 
 
+class Trackers(NamedTuple):
+    """Sensors of attitude.
+
+    Attributes:
+        variances: of one reading about each axis, rad^2, shape (n_trackers,).
+        stamp_variances: of the stamps of these readings, s^2, shape (n_trackers,).
+        outliers: share of readings that are poor, shape (n_trackers,).
+    """
+
+    variances: Array
+    stamp_variances: Array
+    outliers: Array
+
+
+NO_TRACKERS = Trackers(np.zeros(0), np.zeros(0), np.zeros(0))
+
+
 class JointParams(NamedTuple):
     """What shapes the joint estimator.
 
@@ -155,7 +172,7 @@ class JointParams(NamedTuple):
         cells: quantum of each component, zero: not quantized, shape (n_outputs,).
         floors: variance of each prediction beyond the state's, see `quantized`, shape (n_outputs,).
         dithered: 1 where each sample is news, 0 where a change of the reading is, shape (n_outputs,).
-        stamp_variances: of the stamp of each component's reading, zero but for trackers, s^2, shape (n_outputs,).
+        trackers: see `Trackers`.
         start: the ten parameters at the start, shape (10,).
         start_root: lower triangular root of their covariance at the start, shape (10, 10).
         increment_sigma: what an increment adds to their 1-sigma, in quadrature, shape (10,).
@@ -191,7 +208,7 @@ class JointParams(NamedTuple):
     cells: Array
     floors: Array
     dithered: Array
-    stamp_variances: Array
+    trackers: Trackers
     start: Array
     start_root: Array
     increment_sigma: Array

@@ -28,6 +28,7 @@ from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array, skew
 
 _IDENTITY = np.eye(3)
+POOR = 10.0  # times as noisy as others is a poor reading of a tracker
 _OFF = 3.0  # sigmas by which a prediction lies outside a reading's cell
 
 
@@ -136,6 +137,43 @@ def counted(
     off = np.abs(read - predicted) > half + _OFF * np.sqrt(variance + floors)
     fresh = (params.dithered > 0.0) | changed(read, before, params) | (np.sqrt(variance) > half)
     return ~np.isnan(read) & (fresh | off), np.where(off & ~fresh, params.variances, floors)
+
+
+@kernel
+def told_by_trackers(
+    innovation: Array, projected: Array, rate: Array, floors: Array, params: JointParams
+) -> tuple[Array, Array]:
+    """Variances of readings, and floors of their predictions, with those of trackers' readings, shape (m,) each.
+
+    A stamp that is off by dt turns a reading by the rate times dt. A reading that is likelier a poor one, by the share
+    of these, has the variance of one.
+
+    Args:
+        innovation: e of all components, NaN where missing, shape (m,).
+        projected: H times the root, shape (m, k).
+        rate: rad/s, shape (3,).
+        floors: see `quantized`, shape (m,).
+        params: see `JointParams`.
+    """
+    variances, floors = params.variances.copy(), floors.copy()
+    trackers, begin = params.trackers, params.places.outputs - 3 * params.places.trackers
+    for tracker in range(params.places.trackers):
+        rows = slice(begin + 3 * tracker, begin + 3 * tracker + 3)
+        variance = trackers.variances[tracker] + trackers.stamp_variances[tracker] * (rate @ rate)
+        share, error = trackers.outliers[tracker], innovation[rows] / np.sqrt(variance)
+        if share > 0.0 and not np.isnan(error).any():
+            spread = projected[rows] @ projected[rows].T / variance
+            fair = np.log(1.0 - share) + _log_density(error, spread + _IDENTITY)
+            if np.log(share) + _log_density(error, spread + POOR**2 * _IDENTITY) > fair:
+                variance *= POOR**2
+        variances[rows], floors[rows] = variance, variance
+    return variances, floors
+
+
+@kernel
+def _log_density(error: Array, covariance: Array) -> float:
+    """Gaussian log density of three components but for its constant, nats."""
+    return -0.5 * (np.log(np.linalg.det(covariance)) + error @ np.linalg.solve(covariance, error))
 
 
 def rebased(state: JointState, params: JointParams) -> JointState:

@@ -120,7 +120,7 @@ class Traces(NamedTuple):
     Attributes:
         mean: of the state before the cycle, shape (size,).
         rate_rows, velocity_rows, attitude, mass_factor, noise, duration_s: see `prediction.Prediction`.
-        jacobian, projected, innovation, used: see `cycle.Expected`.
+        jacobian, projected, innovation, used, variances: see `cycle.Expected`.
         upper, half_gain, correction: see `covariance.Update`; empty, or zero, where no component counted.
         amount: see `Link`.
         read: see `Link`.
@@ -140,6 +140,7 @@ class Traces(NamedTuple):
     projected: Array
     innovation: Array
     used: np.ndarray
+    variances: Array
     upper: Array
     half_gain: Array
     correction: Array
@@ -188,6 +189,7 @@ def traced(mean: Array, course: Course, sample: Sample) -> Traces:
         expected.projected,
         expected.innovation,
         expected.used,
+        expected.variances,
         update.upper,
         update.half_gain,
         update.correction,
@@ -234,7 +236,7 @@ def linked(seen: Traces, params: JointParams) -> Link:
         jacobian=seen.jacobian,
         gain=gain,
         innovation=seen.innovation,
-        covariance=seen.projected @ seen.projected.T + np.diag(params.variances),
+        covariance=seen.projected @ seen.projected.T + np.diag(seen.variances),
         used=seen.used.astype(np.float64),
         nis=seen.nis,
         degrees=seen.degrees,
