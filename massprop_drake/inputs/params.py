@@ -39,7 +39,7 @@ from massprop_drake.maths.estimation.filters.mass_filter import MassParams
 from massprop_drake.maths.estimation.filters.registry import FILTERS
 from massprop_drake.maths.estimation.filters.rotation_filter import RotationParams
 from massprop_drake.maths.estimation.filters.thesis import ThesisParams
-from massprop_drake.maths.estimation.joint.layout import Trackers
+from massprop_drake.maths.estimation.joint.layout import AttitudeSensors
 from massprop_drake.maths.estimation.pose import setting as pose_setting
 from massprop_drake.maths.estimation.pose.setting import Around, Tracking, Valves
 from massprop_drake.maths.flight import FlightParams, PilotParams
@@ -314,11 +314,11 @@ def trackers(scenario: Scenario) -> tuple[PoseSensor, ...]:
     return () if scenario.estimation.filter == "pose" else scenario.vehicle_data.poses
 
 
-def _trackers(scenario: Scenario) -> Trackers:
+def _trackers(scenario: Scenario) -> AttitudeSensors:
     found = trackers(scenario)
     each = ((one.attitude_std or math.inf, one.time_std_s, one.outliers) for one in found)
     attitude_std, time_std_s, outliers = np.array(list(each)).reshape(-1, 3).T
-    return Trackers(attitude_std**2, time_std_s**2, outliers.copy())
+    return AttitudeSensors(attitude_std**2, time_std_s**2, outliers.copy())
 
 
 def weighs(scenario: Scenario) -> bool:

@@ -15,7 +15,7 @@ from massprop_drake.maths.arrays import FLAG, NUMBER, Layout
 from massprop_drake.maths.estimation.adaptation import Adaptation
 from massprop_drake.maths.estimation.detector import KnownForce
 from massprop_drake.maths.estimation.impulses import Impulses
-from massprop_drake.maths.estimation.joint.layout import Trackers
+from massprop_drake.maths.estimation.joint.layout import AttitudeSensors
 from massprop_drake.maths.kernels import idiom
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
@@ -97,7 +97,7 @@ class Setup(NamedTuple):
     thrust: ThrustModel
     widest: Array
     limits: Array
-    trackers: Trackers
+    trackers: AttitudeSensors
     tracking: Any = None
 
 

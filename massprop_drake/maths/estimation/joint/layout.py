@@ -121,7 +121,7 @@ def make_places(
     )
 
 
-class Trackers(NamedTuple):
+class AttitudeSensors(NamedTuple):
     """Sensors of attitude.
 
     Attributes:
@@ -135,7 +135,7 @@ class Trackers(NamedTuple):
     outliers: Array
 
 
-NO_TRACKERS = Trackers(np.zeros(0), np.zeros(0), np.zeros(0))
+NO_ATTITUDE_SENSORS = AttitudeSensors(np.zeros(0), np.zeros(0), np.zeros(0))
 
 
 class JointParams(NamedTuple):
@@ -165,7 +165,7 @@ class JointParams(NamedTuple):
         cells: quantum of each component, zero: not quantized, shape (n_outputs,).
         floors: variance of each prediction beyond the state's, see `quantized`, shape (n_outputs,).
         dithered: 1 where each sample is news, 0 where a change of the reading is, shape (n_outputs,).
-        trackers: see `Trackers`.
+        trackers: see `AttitudeSensors`.
         start: the ten parameters at the start, shape (10,).
         start_root: lower triangular root of their covariance at the start, shape (10, 10).
         increment_sigma: what an increment adds to their 1-sigma, in quadrature, shape (10,).
@@ -201,7 +201,7 @@ class JointParams(NamedTuple):
     cells: Array
     floors: Array
     dithered: Array
-    trackers: Trackers
+    trackers: AttitudeSensors
     start: Array
     start_root: Array
     increment_sigma: Array

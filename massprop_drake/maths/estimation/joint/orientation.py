@@ -7,9 +7,10 @@ a tracker on, the same for every hypothesis (`shared_attitude`). So psi is small
 and a tracker reads it as an accelerometer reads what it has gathered. With w(t) linear from w0 to w1 but for a bow,
 
     psi <- log(exp([psi x]) R_s exp([W x]) R_s'^T),    W = T (w0 + w1)/2 + (mean of the bow) T + T^2/12 w0 x w1,
-    error of psi <- error of psi + B0 (error of w0) + B1 (error of w1),    B0 = T/2 R(T/3), B1 = T/2 R(2T/3),
+    error of psi <- error of psi + B0 (error of w0) + B1 (error of w1),
 
-exact to second order in the turn of one interval. In fixed axes an error of the attitude turns no further.
+with B0 and B1 the integrals of R (1 - t/T) and of R t/T, to first order in the turn of the interval, to which each is
+T/2 times R after its mean turn, T (w0/3 + (w1 - w0)/12) and T (2 w0/3 + (w1 - w0)/4). In fixed axes an error of the attitude turns no further.
 """
 
 from __future__ import annotations
@@ -49,8 +50,9 @@ def turned(psi: Array, frames: Array, rates: Array, bow: Array, duration_s: floa
     end = multiply(start, from_rotation_vector(turn))
     by_rates = np.empty((2, 3, 3))
     for place in range(2):
-        share = from_rotation_vector((place + 1.0) / 3.0 * turn)
-        by_rates[place] = 0.5 * duration_s * rotation_matrix(multiply(start, share))
+        mean = (place + 1.0) / 3.0 * rates[0] + (2.0 * place + 1.0) / 12.0 * (rates[1] - rates[0])
+        until = multiply(start, from_rotation_vector(duration_s * mean))
+        by_rates[place] = 0.5 * duration_s * rotation_matrix(until)
     return to_rotation_vector(multiply(end, conjugate(frames[1]))), by_rates
 
 
