@@ -10,7 +10,8 @@ and a tracker reads it as an accelerometer reads what it has gathered. With w(t)
     error of psi <- error of psi + B0 (error of w0) + B1 (error of w1),
 
 with B0 and B1 the integrals of R (1 - t/T) and of R t/T, to first order in the turn of the interval, to which each is
-T/2 times R after its mean turn, T (w0/3 + (w1 - w0)/12) and T (2 w0/3 + (w1 - w0)/4). In fixed axes an error of the attitude turns no further.
+T/2 times R after its mean turn, T (w0/3 + (w1 - w0)/12) and T (2 w0/3 + (w1 - w0)/4). In fixed axes an error of the
+attitude turns no further.
 """
 
 from __future__ import annotations
