@@ -241,7 +241,9 @@ def _watched(kept: Memory, desk: Desk, row: int, params: JointParams) -> tuple[M
     rates, velocities = samples.rates[row].copy(), samples.velocities[row].copy()
     durations, commands = np.full(1, rules.period_s), command.reshape(1, -1)
     attitudes, frames = np.zeros((params.places.trackers, 3)), np.zeros((2, 4))
-    sample = Sample(samples.time_s[row], durations, commands, outside, rates, velocities, on_ticks(), attitudes, frames)
+    sample = Sample(
+        samples.time_s[row], durations, commands, outside, rates, velocities, on_ticks(), attitudes, frames
+    )
     done = cycled(kept.joint, sample, params.thresholds, np.zeros(0, dtype=np.bool_), params)
     after = done.state
     if done.incremented or not (np.isfinite(after.mean).all() and np.isfinite(after.root).all()):

@@ -29,7 +29,7 @@ from massprop_drake.maths.estimation.joint.guard import guarded, unguarded
 from massprop_drake.maths.estimation.joint.hypotheses import Cause, Kind, Score
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.screen import Contender
-from massprop_drake.maths.estimation.joint.start import LONGEST, STEPS, Kept, with_free_thrusts
+from massprop_drake.maths.estimation.joint.start import LONGEST, STEPS, Kept
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 
 _QUIET_S = 2.0  # for which samples are kept while nothing acts
@@ -169,7 +169,7 @@ def _acts(sample: Sample) -> bool:
 
 
 def _begun(search: StartSearch, priors: Priors, params: JointParams) -> StartSearch:
-    entry = with_free_thrusts(search.beginning, search.kept, params)
+    entry = passes.with_free_thrusts(search.beginning, search.kept, params)
     about = passes.linearization(entry, entry, params)
     nothing = passes.begin_fit(_NOTHING, math.log(priors.start), about, entry, params)
     screening = screenings.begin_screening(entry, about, search.kept, None, params)

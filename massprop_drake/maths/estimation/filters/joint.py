@@ -123,7 +123,7 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
     block, thrust = options.joint, setup.thrust
     gyros, accelerometers = setup.gyros, setup.accelerometers
     n_jets, n_kinds = thrust.flows.shape[0], thrust.lag_uncertainty.shape[0]
-    counts = (n_jets, gyros.quanta.shape[0], accelerometers.quanta.shape[0], setup.trackers.variances.shape[0])
+    counts = (n_jets, gyros.quanta.shape[0], accelerometers.quanta.shape[0])
     thrust_sigmas = _chosen(block.thrust_uncertainty, thrust.uncertainty)
     lagging = np.array([bool((thrust.time_constants_s[thrust.kinds == kind] > 0.0).any()) for kind in range(n_kinds)])
     lag_sigmas = np.where(lagging, _chosen(block.lag_uncertainty, thrust.lag_uncertainty), 0.0)
@@ -135,8 +135,9 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
     detects = options.detector.kind == "hypotheses" and counts[2] > 0
     slots = options.faults.slots if detects else 0  # forces of failed jets, as states
     of_attitudes = np.repeat(setup.trackers.variances, 3)
-    of_trackers = np.zeros_like(of_attitudes)
-    places = make_places(counts, lag_prior.shape[0], biases, thrust_prior.shape[0] > 0, slots, ticks=2)
+    of_trackers, trackers = np.zeros_like(of_attitudes), setup.trackers.variances.shape[0]
+    thrusts = thrust_prior.shape[0] > 0
+    places = make_places(counts, lag_prior.shape[0], biases, thrusts, slots, ticks=2, trackers=trackers)
     rest = np.zeros(places.n_scale + places.n_ticks + places.n_force)
     variances = np.concatenate((setup.gyro_variances, setup.accelerometer_variances))
     cells = np.repeat(np.concatenate((gyros.quanta, accelerometers.quanta)), 3)

@@ -413,8 +413,7 @@ def crossed(
     """
     places, m = params.places, state.read.shape[0]
     rows, half_gain = np.zeros((m, places.size)), np.zeros((places.size, m))
-    read = readings(sample.rates, sample.velocities, sample.attitudes)
-    chosen = (state.fresh > 0.0) & changed(read, state.read, params)
+    chosen = (state.fresh > 0.0) & changed(readings(sample.rates, sample.velocities, sample.attitudes), state.read, params)
     if not chosen.any():
         return taken_in(state), Crossing(rows, half_gain, np.zeros(places.size), 0.0)
     there = state.mean.copy()

@@ -7,9 +7,9 @@ The mean and the rows of the covariance's root are in this order,
     | accelerometer bias (3 per package) | s | theta (2, of the ticks) | f (force of each slot of failed jets)
 
 with J the inverse inertia about the center of mass, r the center of mass in the vehicle frame, mu = 1/m, w the rate,
-c_s the integral of F/m as accelerometer s has gathered it, and psi the attitude as `orientation` has it. What stands in
-the second and third line are parameters in units of their sigmas, of about unit prior variance, but for f, which is in
-lbf or N. A kind of parameter whose sigma is zero has no place.
+c_s the integral of F/m as accelerometer s has gathered it, and psi the attitude as `orientation` has it. What stands in the second and third line are
+parameters in units of their sigmas, of about unit prior variance, but for f, which is in lbf or N. A kind of parameter
+whose sigma is zero has no place.
 
 Nothing is scaled: the covariance is kept as a root that is made triangular by Householder reflections, and these treat
 every row of the root by its own size, so that a change of units changes no digit.
@@ -71,19 +71,26 @@ class Places(NamedTuple):
 
 
 def make_places(
-    counts: tuple[int, ...], n_lag: int, biases: tuple[bool, bool], thrust: bool, forces: int, ticks: int = 0
+    counts: tuple[int, int, int],
+    n_lag: int,
+    biases: tuple[bool, bool],
+    thrust: bool,
+    forces: int,
+    ticks: int = 0,
+    trackers: int = 0,
 ) -> Places:
     """The places of a vehicle's state.
 
     Args:
-        counts: numbers of jets, gyro packages, accelerometer packages and, if there are any, trackers of attitude.
+        counts: numbers of jets, gyro packages and accelerometer packages.
         n_lag: number of kinds of jets whose lag is estimated; 0: none.
         biases: whether the gyros and whether the accelerometers have biases to estimate.
         thrust: whether thrusts are uncertain.
         forces: number of slots for the forces of failed jets.
         ticks: 2 if ticks are estimated, else 0.
+        trackers: number of sensors of attitude.
     """
-    jets, gyros, accelerometers, trackers = (*counts, 0)[:4]
+    jets, gyros, accelerometers = counts
     sizes = [
         jets if thrust else 0,
         n_lag,

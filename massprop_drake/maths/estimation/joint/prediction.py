@@ -377,7 +377,12 @@ def predict(
             begin = places.acceleration_bias + 3 * package
             after[part] += duration * params.acceleration_bias_sigma * mean[begin : begin + 3]
     after[MASS] += reciprocal * reciprocal * flow
-    after, attitude = _with_attitude(state, after, acting, (frames, bowed[0], coupled), params)
+    attitude = np.zeros((2, places.n_attitude, 3))
+    if places.n_attitude > 0:
+        own = slice(places.attitude, places.attitude + 3)
+        bow = bowed[0] if coupled else (_bows_of_thrust(state, acting, params) @ inverse)[0]
+        rates = np.stack((mean[RATE], after[RATE]))
+        after[own], attitude = turned(mean[own], frames, rates, bow, duration)
     return Prediction(
         mean=after,
         rate_rows=rate_rows,
@@ -393,31 +398,6 @@ def predict(
         duration_s=duration,
         coupled=coupled,
     )
-
-
-@kernel
-def _with_attitude(
-    state: JointState, after: Array, acting: Drive, over: tuple[Array, Array, bool], params: JointParams
-) -> tuple[Array, Array]:
-    """The predicted mean with its attitude, shape (size,), and derivatives of that, see `Prediction`.
-
-    Args:
-        state: before the interval.
-        after: the predicted mean but for its attitude, shape (size,).
-        acting: see `Drive`.
-        over: frames, see `orientation.turned`; mean of what the rate lies off the line, rad/s, if coupling counts; and
-            whether it does.
-        params: see `JointParams`.
-    """
-    if params.places.n_attitude == 0:
-        return after, np.zeros((2, 0, 3))
-    mean, (frames, bow, coupled) = state.mean, over
-    if not coupled:
-        bow = (_bows_of_thrust(state, acting, params) @ picked(mean, ELEMENT))[0]
-    own = slice(params.places.attitude, params.places.attitude + 3)
-    rates, result = np.stack((mean[RATE], after[RATE])), after.copy()
-    result[own], by_rates = turned(mean[own], frames, rates, bow, acting.firing.duration_s)
-    return result, by_rates
 
 
 @kernel

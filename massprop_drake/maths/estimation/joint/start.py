@@ -12,8 +12,7 @@ from the state before them, with
 
 in place of the readings' prediction, x* the ten parameters and the gyros' biases where the last pass ended: then every
 sample errs by the second order of what is left of x - x*, not of what was known when it was taken. Passes are repeated
-until they end where they began, to a third of their sigma: the method of Gauss and Newton, by the filter. Since no
-products of errors are left, thrust errors are estimated in them and not only considered. What the
+until they end where they began, to a third of their sigma: the method of Gauss and Newton, by the filter. What the
 passes end with is the filter's state, if the guard holds there, too; if not, the filter goes on from there, and they
 are made again when it does.
 
@@ -38,7 +37,6 @@ from massprop_drake.maths.estimation.joint.cycle import (
 )
 from massprop_drake.maths.estimation.joint.guard import guarded, unguarded
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams, JointState
-from massprop_drake.maths.estimation.joint.thrust_scale import partitioned
 from massprop_drake.maths.linear_algebra import Array
 
 STEPS = 16  # in a cycle: 1 to 1.5 ms each
@@ -133,33 +131,14 @@ def followed(
     if not _explains(under_pass):
         return CONTRADICTED, after
     found = guarded(under_pass.state, acts, params)
-    return (OVER, found) if found.guarded else (start._replace(under_pass=None), unguarded(found))
-
-
-def with_free_thrusts(entry: JointState, kept: tuple[Kept, ...], params: JointParams) -> JointState:
-    """The state at entry with thrust errors estimated, their common scale taken off.
-
-    A start considers them only, since its products of errors would mislead them. Passes leave no such products.
-
-    Args:
-        entry: state before the first kept sample.
-        kept: samples; the scale is that of the jets which fire in them.
-        params: see `JointParams`.
-    """
-    if params.places.n_thrust == 0:
-        return entry
-    if not entry.rescaled:
-        fires = np.vstack([each.sample.commands > 0.0 for each in kept]).any(axis=0)
-        entry = partitioned(entry._replace(fired=np.where(fires, 1.0, 0.0)), params)._replace(fired=entry.fired)
-    return entry._replace(freed=True)
+    return (OVER if found.guarded else start._replace(under_pass=None)), found
 
 
 def _begun(start: Start, about: Array, number: int, params: JointParams) -> Pass:
     entry = start.entry
     assert entry is not None, "something is kept"
     root = compressed(incremented_root(entry.root, params), params.places.thrust) if start.incremented else entry.root
-    state = with_free_thrusts(entry._replace(root=root), start.kept, params)
-    return Pass(about.copy(), state, 0, 0.0, 0.0, number)
+    return Pass(about.copy(), entry._replace(root=root), 0, 0.0, 0.0, number)
 
 
 def _gone_on(start: Start, under_pass: Pass, params: JointParams) -> tuple[Pass, bool]:
