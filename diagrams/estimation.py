@@ -126,14 +126,14 @@ def _add_parts(builder: DiagramBuilder, scenario: Scenario, *, findings: bool) -
 
 def _add_cycle(builder: DiagramBuilder, scenario: Scenario) -> None:
     """A filter and its detector in one system, all ports of which but `predicted` are the diagram's."""
-    tracked = {sensor.name: len(sensor.columns) for sensor in scenario.vehicle_data.tracked}
+    seen = scenario.vehicle_data.tracked if scenario.estimation.filter == "pose" else params.trackers(scenario)
     estimator = builder.AddSystem(
         CycleEstimator(
             params.estimation_params(scenario),
             jets=params.jets(scenario),
             gyros=_packages(params.gyros(scenario)),
             accelerometers=_packages(params.accelerometers(scenario)),
-            tracked=tracked if scenario.estimation.filter == "pose" else {},
+            tracked={sensor.name: len(sensor.columns) for sensor in seen},
             weighs=params.weighs(scenario),
             known=params.known_parameters(scenario),
         ),

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.estimation.joint.cycle import Sample, initial
-from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, make_places
+from massprop_drake.maths.estimation.joint.layout import NO_ATTITUDE_SENSORS, JointParams, JointState, make_places
 from massprop_drake.maths.estimation.joint.prediction import RateRead
 from massprop_drake.maths.estimation.joint.quantized import DITHER, FLOOR
 from massprop_drake.maths.estimation.joint.ticks import on_ticks
@@ -56,6 +56,7 @@ def small_params(**changed: Any) -> JointParams:
         "guard_center": np.full(3, 0.03),
         "settled_after": 60.0,
         "second_order": True,
+        "trackers": NO_ATTITUDE_SENSORS,
     }
     settings |= changed
     variances = settings["variances"]

@@ -39,6 +39,7 @@ from massprop_drake.maths.estimation.filters.mass_filter import MassParams
 from massprop_drake.maths.estimation.filters.registry import FILTERS
 from massprop_drake.maths.estimation.filters.rotation_filter import RotationParams
 from massprop_drake.maths.estimation.filters.thesis import ThesisParams
+from massprop_drake.maths.estimation.joint.layout import AttitudeSensors
 from massprop_drake.maths.estimation.pose import setting as pose_setting
 from massprop_drake.maths.estimation.pose.setting import Around, Tracking, Valves
 from massprop_drake.maths.flight import FlightParams, PilotParams
@@ -109,6 +110,7 @@ def setup(scenario: Scenario) -> Setup:
         thrust=thrust_model(scenario),
         widest=initial_standard_deviation(vehicle.nominal.vector(), 1.0, vehicle.center_of_mass_floor),
         limits=convergence_limits(scenario),
+        trackers=_trackers(scenario),
         tracking=tracking(scenario) if scenario.estimation.filter == "pose" else None,
     )
 
@@ -305,6 +307,18 @@ def accelerometers(scenario: Scenario) -> tuple[Accelerometer, ...]:
     vehicle = scenario.vehicle_data
     preferred = scenario.sensors.accelerometer or vehicle.preferred_accelerometer
     return tuple(sorted(vehicle.accelerometers, key=lambda package: package.name != preferred))
+
+
+def trackers(scenario: Scenario) -> tuple[PoseSensor, ...]:
+    """The sensors of attitude that the joint filter reads."""
+    return () if scenario.estimation.filter == "pose" else scenario.vehicle_data.poses
+
+
+def _trackers(scenario: Scenario) -> AttitudeSensors:
+    found = trackers(scenario)
+    each = ((one.attitude_std or math.inf, one.time_std_s, one.outliers) for one in found)
+    attitude_std, time_std_s, outliers = np.array(list(each)).reshape(-1, 3).T
+    return AttitudeSensors(attitude_std**2, time_std_s**2, outliers.copy())
 
 
 def weighs(scenario: Scenario) -> bool:

@@ -1093,8 +1093,9 @@ def filter_of(data: Mapping[str, Any]) -> str:
 def _needs_pose_filter(vehicle: Any) -> bool:
     """Whether a vehicle, or its data that may not be validated yet, is one for `estimation.filter: pose`."""
     if isinstance(vehicle, Mapping):
-        tracked = vehicle.get("poses") or vehicle.get("velocities")
-        return bool(tracked) or vehicle.get("motion") == "planar"
+        poses = [pose for pose in vehicle.get("poses") or () if isinstance(pose, Mapping)]
+        located = bool(vehicle.get("velocities")) or any(pose.get("position_std") is not None for pose in poses)
+        return located or vehicle.get("motion") == "planar"
     return isinstance(vehicle, Vehicle) and vehicle.needs_pose_filter
 
 
@@ -1237,7 +1238,7 @@ def _of_the_plant(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldP
 def _not_followed(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
     """Finds a filter, or an engine, that does not go with a vehicle which is followed in a fixed frame, or is not."""
     named = scenario.estimation.filter
-    if vehicle.needs_pose_filter != (named == "pose"):
+    if vehicle.needs_pose_filter != (named == "pose") and not (vehicle.tracked and named == "pose"):
         needs = "which needs pose" if vehicle.needs_pose_filter else "which has no pose or velocity sensor; use joint"
         yield ("estimation", "filter"), f"{named} does not go with vehicle '{vehicle.name}', {needs}"
 

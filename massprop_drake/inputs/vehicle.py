@@ -590,7 +590,8 @@ class Vehicle(Model):
     @property
     def needs_pose_filter(self) -> bool:
         """Whether its sensors and motion need the estimator in a fixed frame, `estimation.filter` pose."""
-        return bool(self.tracked) or self.motion == "planar" or not self.gyros
+        located = bool(self.velocities) or any(pose.position_std is not None for pose in self.poses)
+        return located or self.motion == "planar" or not self.gyros
 
     @cached_property
     def designations(self) -> tuple[str, ...]:

@@ -29,6 +29,7 @@ from massprop_drake.inputs.record_map import (
 )
 from massprop_drake.inputs.units import factor, is_of
 from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.maths.attitude import propagated
 from massprop_drake.records.recording import Recording, Topic
 from massprop_drake.signals import AXES
 from massprop_drake.telemetry.reader import JITTER, WRENCH
@@ -170,7 +171,7 @@ def _require_of_the_vehicle(by: RecordMap, vehicle: Vehicle, source: str) -> Non
             problems.append(
                 f"{source}: sensors.{name}: is a {kinds[name]} of the vehicle, and the map has a {sensor.kind}"
             )
-        elif kind in ("gyro", "accelerometer") or vehicle.needs_pose_filter:
+        elif kind in ("gyro", "accelerometer") or kind in kinds.values() or vehicle.needs_pose_filter:
             known = [one for one, of in kinds.items() if of == kind]
             hint = suggestion(name, known) or f"; it has no {kind}"
             problems.append(f"{source}: sensors.{name}: vehicle '{vehicle.name}' has no {kind} of this name{hint}")
@@ -687,8 +688,9 @@ def table(record: Mapped, gyro: str | None) -> MappedTable:
     Of a vehicle that is followed in a fixed frame there is a row whenever anything was read or commanded, and every
     reading stands at its own time. Of others:
 
-    A reading that was not taken at the time of a row, within 5 % of the sample period, is missing in it. Accelerations
-    and increments are added up from row to row. Commands are the share of a row's interval for which a jet was open.
+    A reading that was not taken at the time of a row, within 5 % of the sample period, is missing in it. An attitude
+    goes to the row that is nearest in time, turned there by the rate. Accelerations and increments are added up from
+    row to row. Commands are the share of a row's interval for which a jet was open.
 
     Args:
         record: mapped.
@@ -704,7 +706,13 @@ def table(record: Mapped, gyro: str | None) -> MappedTable:
     time_s = record.rows.time_s[places]
     vehicle, notes = record.vehicle, list(record.notes)
     names, parts = ["time_s"], [time_s[:, None]]
+    trackers = {tracker.name for tracker in vehicle.poses}
     for name, channel in record.channels.items():
+        if name in trackers and channel.time_s.size:
+            rates = _at(record.channels[gyro], time_s, vehicle.sample_period_s)
+            names += [f"{name}_{part.replace('_', '')}" for part in COMPONENTS["attitude"]]
+            parts.append(_attitudes(channel, rates, time_s, vehicle.sample_period_s))
+            continue
         if channel.kind not in ("gyro", "accelerometer"):
             notes.append(
                 f"{channel.kind} '{name}' of the map is not estimated from: vehicle '{vehicle.name}' has no such sensor"
@@ -815,6 +823,28 @@ def _at(channel: Channel, time_s: Array, period_s: float) -> Array:
     nearest = np.where(closer, before, nearest)
     there = np.abs(channel.time_s[nearest] - time_s) <= JITTER * period_s
     return np.where(there[:, None], channel.values[nearest], np.nan)
+
+
+def _attitudes(channel: Channel, rates: Array, time_s: Array, period_s: float) -> Array:
+    """Attitudes at rows, each from the reading nearest to it, NaN where none was near, shape (n, 4).
+
+    Args:
+        channel: of a tracker.
+        rates: that gyros read at the rows, NaN where missing, rad/s, shape (n, 3).
+        time_s: of the rows, shape (n,).
+        period_s: sample period; half of it is near.
+    """
+    read, found = channel.values[:, -4:], np.full((time_s.size, 4), np.nan)
+    after = np.clip(np.searchsorted(time_s, channel.time_s), 1, max(time_s.size - 1, 1))
+    rows = np.where(channel.time_s - time_s[after - 1] < time_s[after] - channel.time_s, after - 1, after)
+    off_s = time_s[rows] - channel.time_s
+    for place in np.argsort(-np.abs(off_s), kind="stable").tolist():
+        row, away_s = rows[place], float(off_s[place])
+        if abs(away_s) <= _SAME_S:
+            found[row] = read[place]
+        elif abs(away_s) <= 0.5 * period_s * (1.0 + JITTER):
+            found[row] = propagated(read[place], rates[row], away_s)
+    return found
 
 
 def _mean_acceleration(channel: Channel, time_s: Array, vehicle: Vehicle, notes: list[str]) -> Array:

@@ -352,7 +352,8 @@ def looked_back(
                 diagnoses = [*scaled.found, *others]
         if apart is not None:
             diagnoses = [apart, *diagnoses] if apart.kind == "factor" else [*diagnoses, apart]
-        if resumed or jumped or not hindsight.possible(fit.at):
+        tracked = bool(params.trackers(scenario))  # whose readings it does not go over: they allow less
+        if resumed or jumped or tracked or not hindsight.possible(fit.at):
             return Hindsight(np.full(10, np.nan), tuple(diagnoses))
         start, drift = params.initial_covariance(scenario), _drift(scenario, fit.at)
         all_of_it = sum(one.time_s.size for one in chosen) == sum(one.time_s.size for one in parts)

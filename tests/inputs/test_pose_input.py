@@ -196,8 +196,7 @@ def test_a_weighed_mass_begins_with_the_scales_sigma_unless_the_scenario_says_ot
 
 def test_what_nothing_measures_is_not_free() -> None:
     stars = PoseSensor(name="stars", attitude_std=1e-3)
-    gyro = load_vehicle("free_flyer").gyros
-    made = _made(again(load_vehicle("tracked_flyer"), gyros=gyro, poses=(stars,)))
+    made = _made(again(load_vehicle("tracked_flyer"), poses=(stars,)))
     assert _free(made, made.pose.parts.position) == _free(made, made.pose.parts.velocity) == []
     assert (made.pose.mass_std, made.pose.unseen_std) == (0.0, pytest.approx(0.3, rel=1e-9))
     speed = VelocitySensor(name="v", noise_std=1e-3)

@@ -12,7 +12,8 @@ from record_probe import as_map, write_csv
 
 from massprop_drake import InputError, estimate, load_vehicle
 from massprop_drake.inputs.scenario import resolved
-from massprop_drake.inputs.vehicle import Gyro, Vehicle, VelocitySensor
+from massprop_drake.inputs.vehicle import Gyro, PoseSensor, Vehicle, VelocitySensor
+from massprop_drake.maths.attitude import from_rotation_vector
 from massprop_drake.records.mapping import MappedTable, mapped, table
 from massprop_drake.records.recording import open_recording
 
@@ -125,3 +126,42 @@ def test_a_mapped_record_is_estimated_from(flyer: Vehicle, tmp_path: Path) -> No
     used = run["rotation_used"][:, 0] == 1.0
     # of the first reading the filter begins, and every second row has none
     np.testing.assert_array_equal(np.flatnonzero(used), np.arange(2, len(used), 2))
+
+
+def test_an_attitude_goes_to_the_nearest_row_turned_there_by_the_rate(tmp_path: Path) -> None:
+    """A star tracker at its own times, beside a gyro whose samples are the rows."""
+    from scipy.io import savemat  # noqa: PLC0415
+
+    plain = load_vehicle("free_flyer")
+    vehicle = again(plain, poses=(PoseSensor(name="st", attitude_std=1e-4),))
+    period_s, count, rate = vehicle.sample_period_s, 40, np.array([0.2, -0.1, 0.3])
+    rows_s = period_s * np.arange(count)
+    read_s = 0.013 + 5.3 * period_s * np.arange(7)
+    turned = np.array([from_rotation_vector(rate * time_s) for time_s in read_s])
+    random = np.random.default_rng(3)
+    commands = (random.random((count, JETS)) < 0.2).astype(float)
+    velocity = np.linspace(0.0, 0.1, 3 * count).reshape(count, 3)
+    imu = {"t": rows_s, "w": np.tile(rate, (count, 1)), "v": velocity, "u": commands}
+    savemat(tmp_path / "log.mat", {"imu": imu, "stars": {"t": read_s, "q": turned}})
+    named = ", ".join(f"{jet}: 'u[{index}]'" for index, jet in enumerate(vehicle.designations))
+    by = (
+        "time: {column: t}\ntopic: imu\nsensors:\n"
+        "  gyro: {kind: gyro, columns: ['w[0]', 'w[1]', 'w[2]']}\n"
+        "  acc: {kind: accelerometer, gives: integral, unit: m/s, columns: ['v[0]', 'v[1]', 'v[2]']}\n"
+        "  st: {kind: attitude, topic: stars, quaternion: ['q[0]', 'q[1]', 'q[2]', 'q[3]'], order: wxyz}\n"
+        f"commands: {{columns: {{{named}}}}}\n"
+    )
+    given, recording = as_map(by), tmp_path / "log.mat"
+    made = table(mapped(open_recording(recording, given), given, vehicle, "map.yaml"), "gyro")
+    values = np.vstack([block.values for block in made.blocks(list(range(len(made.header))))])
+    found = dict(zip(made.header, values.T, strict=True))
+    there = np.flatnonzero(np.isfinite(found["st_qw"]))
+    np.testing.assert_array_equal(there, np.round(read_s / period_s).astype(int))
+    expected = np.array([from_rotation_vector(rate * time_s) for time_s in rows_s[there]])
+    read = np.column_stack([found[f"st_{part}"][there] for part in ("qw", "qx", "qy", "qz")])
+    np.testing.assert_allclose(read, expected, atol=1e-12)
+    assert not [note for note in made.notes if "not estimated from" in note]
+    wrong = as_map(by.replace("  st:", "  stars:"))
+    other = open_recording(recording, wrong)
+    with pytest.raises(InputError, match=r"sensors\.stars: vehicle 'free_flyer' has no pose of this name"):
+        mapped(other, wrong, vehicle, "map.yaml")

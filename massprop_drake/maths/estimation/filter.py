@@ -15,6 +15,7 @@ from massprop_drake.maths.arrays import FLAG, NUMBER, Layout
 from massprop_drake.maths.estimation.adaptation import Adaptation
 from massprop_drake.maths.estimation.detector import KnownForce
 from massprop_drake.maths.estimation.impulses import Impulses
+from massprop_drake.maths.estimation.joint.layout import AttitudeSensors
 from massprop_drake.maths.kernels import idiom
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
@@ -79,6 +80,7 @@ class Setup(NamedTuple):
         thrust: see `ThrustModel`.
         widest: 1-sigma of the ten parameters if nothing is known of them, shape (10,).
         limits: of convergence, see `mass_properties.converged`, shape (3,).
+        trackers: of attitude.
         tracking: of a vehicle that is followed in a fixed frame, see `pose.setting.Tracking`; None: it is not.
     """
 
@@ -95,6 +97,7 @@ class Setup(NamedTuple):
     thrust: ThrustModel
     widest: Array
     limits: Array
+    trackers: AttitudeSensors
     tracking: Any = None
 
 

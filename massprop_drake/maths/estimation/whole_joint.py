@@ -68,6 +68,8 @@ from massprop_drake.maths.estimation.joint.layout import (
     state_layout,
     unpack,
 )
+from massprop_drake.maths.estimation.joint.measurement import readings
+from massprop_drake.maths.estimation.joint.orientation import STILL
 from massprop_drake.maths.estimation.joint.sensitivity import LINK, Link, Traces, traced
 from massprop_drake.maths.estimation.joint.ticks import Clock, Stamped, on_ticks, on_time, started
 from massprop_drake.maths.estimation.whole import Samples, one_sample
@@ -238,7 +240,8 @@ def _watched(kept: Memory, desk: Desk, row: int, params: JointParams) -> tuple[M
     impulses = interval_impulses(command, kept.command, kept.level, rules.impulse_per_level, rules.lag, outside)
     rates, velocities = samples.rates[row].copy(), samples.velocities[row].copy()
     durations, commands = np.full(1, rules.period_s), command.reshape(1, -1)
-    sample = Sample(samples.time_s[row], durations, commands, outside, rates, velocities, on_ticks())
+    attitudes, frames = np.zeros((params.places.trackers, 3)), np.zeros((2, 4))
+    sample = Sample(samples.time_s[row], durations, commands, outside, rates, velocities, on_ticks(), attitudes, frames)
     done = cycled(kept.joint, sample, params.thresholds, np.zeros(0, dtype=np.bool_), params)
     after = done.state
     if done.incremented or not (np.isfinite(after.mean).all() and np.isfinite(after.root).all()):
@@ -294,6 +297,7 @@ def _usual(likelihoods: Array, oldest: float, cycle: float, newest: float) -> fl
 def _log(rows: Rows, row: int, impulses: Impulses, done: Cycled, params: JointParams) -> None:
     """Fills in what is logged of the filter."""
     expected, gyros = done.expected, 3 * params.places.gyros
+    accelerometers = 3 * params.places.accelerometers
     seen = Seen(
         done.innovation,
         done.innovation_std,
@@ -310,7 +314,7 @@ def _log(rows: Rows, row: int, impulses: Impulses, done: Cycled, params: JointPa
         (impulses.angular_impulse, impulses.linear_impulse, impulses.usable, impulses.firing),
     )
     fill(rows.rotation_report[row], rotation_report(done.estimate, done.covariance, seen, gyros))
-    fill(rows.mass_report[row], mass_report(done.estimate, done.covariance, seen, gyros))
+    fill(rows.mass_report[row], mass_report(done.estimate, done.covariance, seen, gyros, accelerometers))
     fill(rows.joint_report[row], (done.gyro_degrees, done.accelerometer_degrees, settled(done.state, params)))
 
 
@@ -369,18 +373,19 @@ def with_compiled(params: JointParams) -> JointParams:
 
 def _no_sample(places: Places) -> Sample:
     rates, velocities = np.zeros((places.gyros, 3)), np.zeros((places.accelerometers, 3))
-    return Sample(0.0, np.ones(1), np.zeros((1, places.jets)), np.zeros(6), rates, velocities, on_ticks())
+    attitudes, command = np.zeros((places.trackers, 3)), np.zeros((1, places.jets))
+    return Sample(0.0, np.ones(1), command, np.zeros(6), rates, velocities, on_ticks(), attitudes, STILL.copy())
 
 
 def _no_following(places: Places, sample: Sample) -> Following:
-    n, m = places.size, 3 * (places.gyros + places.accelerometers)
+    n, m = places.size, places.outputs
     rows, learned = np.zeros((3, n)), (np.zeros((0, 0)), np.zeros((n, 0)), np.zeros(n))
-    told = (np.zeros((m, n)), np.zeros((m, n)), np.zeros(m), np.zeros(m, dtype=np.bool_))
-    readings = (np.zeros(places.jets), sample.rates, sample.velocities)
+    told = (np.zeros((m, n)), np.zeros((m, n)), np.zeros(m), np.zeros(m, dtype=np.bool_), np.zeros(m))
+    given = (np.zeros(places.jets), readings(sample.rates, sample.velocities, sample.attitudes))
     stamp = Stamped(np.zeros(n), np.zeros(n), np.zeros(n), 1.0)
     nothing = Crossing(np.zeros((m, n)), np.zeros((n, m)), np.zeros(n), 0.0)
-    before = (np.zeros(n), rows, rows, 1.0, np.zeros((6, 6)), 1.0)
-    seen = Traces(*before, *told, *learned, *readings, nothing, stamp, 0.0, 0.0, 0.0)
+    before = (np.zeros(n), rows, rows, np.zeros((2, places.n_attitude, 3)), 1.0, np.zeros((6, 6)), 1.0)
+    seen = Traces(*before, *told, *learned, *given, nothing, stamp, 0.0, 0.0, 0.0)
     return Following(Since(*empty(places)[1:]), Roots(np.zeros((0, n, n)), np.arange(0)), seen, 0.0, 0.0)
 
 
@@ -404,8 +409,7 @@ def _no_desk(places: Places) -> Desk:
 
 
 def _link_layout(places: Places) -> Layout:
-    outputs = 3 * (places.gyros + places.accelerometers)
-    return LINK.sized(size=places.size, jets=places.jets, outputs=outputs)
+    return LINK.sized(size=places.size, jets=places.jets, outputs=places.outputs, attitude=places.n_attitude)
 
 
 # --------------------------------------------------------------------------------------- taken up and left
@@ -538,6 +542,7 @@ def covers(made: EstimationParams) -> bool:
         and made.detector is faults.DETECTOR
         and made.filter_params.joint.compiled is not None
         and made.filter_params.joint.places.accelerometers > 0
+        and made.filter_params.joint.places.trackers == 0
     )
 
 

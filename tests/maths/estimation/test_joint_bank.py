@@ -96,7 +96,7 @@ def test_residual_is_that_of_the_filters_own_prediction_from_the_snapshot(jitter
     flown = flight(ready(), PARAMS, jitter_s=jitter_s)
     bank = banked(flown)[-1]
     over, last = flown.links[-1], flown.samples[-1]
-    read = readings(last.rates, last.velocities)
+    read = readings(last.rates, last.velocities, last.attitudes)
     filters_own = np.abs(over.innovation).max()
     for index, cycle in enumerate(bank.cycles):
         onset = int(cycle)

@@ -15,7 +15,7 @@ from massprop_drake.maths.estimation.faults.priors import Priors, log_rate
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.cycle import relinearized, restart
 from massprop_drake.maths.estimation.joint.hypotheses import Kind, known_forces
-from massprop_drake.maths.estimation.joint.layout import RATE, VELOCITY, JointParams, JointState
+from massprop_drake.maths.estimation.joint.layout import RATE, JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import readings
 from massprop_drake.maths.estimation.joint.screen import Contender, Screen
 from massprop_drake.maths.estimation.joint.sensitivity import linked, traced
@@ -62,7 +62,7 @@ def begin_screening(
     least = middle % gap if middle < gap * (_ONSETS // 2) else middle - gap * (_ONSETS // 2)
     onsets = tuple(range(least, count, gap))[: _ONSETS + 1]
     gaps = tuple(gap if onset > 0 else 1 for onset in onsets)
-    read = readings(first.rates, first.velocities)
+    read = readings(first.rates, first.velocities, first.attitudes)
     return Screening(entry, about, entry, screens.begin((entry, 0), onsets, gaps, read, params, single=True))
 
 
@@ -72,7 +72,7 @@ def step_screening(screening: Screening, kept: Kept, params: JointParams) -> Scr
     if kept.anew:
         state, _ = restart(screening.state, sample, params)
         columns = screen.columns.copy()
-        columns[RATE.start : VELOCITY + 3 * params.places.accelerometers] = 0.0
+        columns[RATE.start : params.places.thrust] = 0.0
         scores = (*screen.scores, screen.scores[-1])
         return screening._replace(
             state=state, screen=screen._replace(cycle=screen.cycle + 1, columns=columns, scores=scores)

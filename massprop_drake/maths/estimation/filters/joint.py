@@ -33,8 +33,9 @@ from massprop_drake.maths.estimation.filter import (
 from massprop_drake.maths.estimation.joint import cycle, ticks
 from massprop_drake.maths.estimation.joint import start as starts
 from massprop_drake.maths.estimation.joint.covariance import in_order
-from massprop_drake.maths.estimation.joint.cycle import JointEvidence, Sample
+from massprop_drake.maths.estimation.joint.cycle import UNTRACKED, JointEvidence, Sample
 from massprop_drake.maths.estimation.joint.layout import (
+    RATE,
     JointParams,
     JointState,
     make_places,
@@ -43,10 +44,12 @@ from massprop_drake.maths.estimation.joint.layout import (
     state_layout,
     unpack,
 )
+from massprop_drake.maths.estimation.joint.measurement import rate_read
+from massprop_drake.maths.estimation.joint.orientation import STILL, UNTURNED, shared_attitude
 from massprop_drake.maths.estimation.joint.quantized import DITHER, FLOOR
 from massprop_drake.maths.estimation.joint.start import Kept, Start
 from massprop_drake.maths.estimation.joint.thrust_scale import reported
-from massprop_drake.maths.estimation.joint.ticks import CLOCK, Clock, Pace
+from massprop_drake.maths.estimation.joint.ticks import CLOCK, Clock, Elapsed, Pace
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array, triangular_rows
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, N_ROTATION
@@ -55,6 +58,7 @@ GROUP = "joint_estimator"  # its part of a saved state
 _DITHERED = 0.25  # of a quantum: noise from which on a reading dithers itself
 _ROUNDING = 1e-9  # of a level
 _BETWEEN = 0.01  # probability that a missing command between two equal ones was another
+_UNIT = 1e-6  # of the square of a quaternion's length
 
 # what is logged of every cycle besides the reports that all filters give
 # the NIS in the reports of all filters is that of three components; here it is scaled to that expectation
@@ -89,6 +93,7 @@ class JointFilterState(NamedTuple):
         estimate, covariance: what is reported of it: the ten parameters and the covariance of their errors, NaN for
             the mass reciprocal where it is not observed, shapes (10,) and (10, 10).
         start: what is kept of a start that is under way; neither packed nor saved.
+        frame: shared attitude, see `joint.orientation`, a quaternion, shape (4,).
     """
 
     joint: JointState
@@ -96,6 +101,7 @@ class JointFilterState(NamedTuple):
     estimate: Array
     covariance: Array
     start: Start = starts.OVER
+    frame: Array = UNTURNED
 
 
 class Measurement(NamedTuple):
@@ -118,7 +124,7 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
     block, thrust = options.joint, setup.thrust
     gyros, accelerometers = setup.gyros, setup.accelerometers
     n_jets, n_kinds = thrust.flows.shape[0], thrust.lag_uncertainty.shape[0]
-    counts = (n_jets, gyros.quanta.shape[0], accelerometers.quanta.shape[0])
+    counts = (n_jets, gyros.quanta.shape[0], accelerometers.quanta.shape[0], setup.trackers.variances.shape[0])
     thrust_sigmas = _chosen(block.thrust_uncertainty, thrust.uncertainty)
     lagging = np.array([bool((thrust.time_constants_s[thrust.kinds == kind] > 0.0).any()) for kind in range(n_kinds)])
     lag_sigmas = np.where(lagging, _chosen(block.lag_uncertainty, thrust.lag_uncertainty), 0.0)
@@ -129,6 +135,8 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
     biases = (gyro_prior.shape[0] > 0, acceleration_prior.shape[0] > 0)
     detects = options.detector.kind == "hypotheses" and counts[2] > 0
     slots = options.faults.slots if detects else 0  # forces of failed jets, as states
+    of_attitudes = np.repeat(setup.trackers.variances, 3)
+    of_trackers = np.zeros_like(of_attitudes)
     places = make_places(counts, lag_prior.shape[0], biases, thrust_prior.shape[0] > 0, slots, ticks=2)
     rest = np.zeros(places.n_scale + places.n_ticks + places.n_force)
     variances = np.concatenate((setup.gyro_variances, setup.accelerometer_variances))
@@ -154,11 +162,12 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
         tick_sigma=setup.period_s * np.array([ticks.JITTER, ticks.PERIOD]),
         arm=thrust.arm,
         accelerometer_positions=setup.accelerometer_positions,
-        variances=np.repeat(variances, 3),
-        quanta=np.repeat(np.concatenate((_steps(gyros), _steps(accelerometers))), 3),
-        cells=cells,
-        floors=noises**2 + (FLOOR * cells) ** 2,
-        dithered=(noises > DITHER * cells).astype(np.float64),
+        variances=np.concatenate((np.repeat(variances, 3), of_attitudes)),
+        quanta=np.append(np.repeat(np.concatenate((_steps(gyros), _steps(accelerometers))), 3), of_trackers),
+        cells=np.append(cells, of_trackers),
+        floors=np.append(noises**2 + (FLOOR * cells) ** 2, of_attitudes),
+        dithered=np.append((noises > DITHER * cells).astype(np.float64), of_trackers + 1.0),
+        trackers=setup.trackers,
         start=setup.estimate,
         start_root=_root(setup.covariance),
         increment_sigma=setup.widest,
@@ -293,7 +302,29 @@ def step(
         known = _with_report(after, clock, report.estimate.copy(), report.covariance.copy(), params)
     else:
         known = _reporting(after, clock, params)
-    return Measurement(known._replace(start=start), evidence)
+    return Measurement(known._replace(start=start, frame=sample.frames[1]), evidence)
+
+
+def _attitudes(
+    state: JointFilterState, over: Elapsed, read: tuple[Array, Array | None], params: JointParams
+) -> tuple[Array, Array]:
+    """Readings of the trackers, shape (n_trackers, 3), and the shared attitude before and after, shape (2, 4).
+
+    Args:
+        state: of the cycle before.
+        over: the interval since.
+        read: readings of the gyros, and of the trackers as in `Told.tracked`.
+        params: see `JointParams`.
+    """
+    trackers, (rates, tracked) = params.places.trackers, read
+    if trackers == 0:
+        return UNTRACKED, STILL
+    quaternions = np.full((trackers, 4), np.nan) if tracked is None else tracked.reshape(-1, 7)[:, 3:]
+    before = state.joint.mean[RATE]
+    shown = rate_read(rates, state.joint.mean, params).rate
+    rate, duration_s = 0.5 * (before + np.where(np.isnan(shown), before, shown)), float(over.durations_s.sum())
+    after, attitudes = shared_attitude(state.frame, rate, duration_s, quaternions)
+    return attitudes, np.stack((state.frame, after))
 
 
 class Cycle(NamedTuple):
@@ -318,7 +349,8 @@ def _made(
         clock = ticks.started(told.stamp_s, told.command)
         interval = ticks.Elapsed(np.array([pace.period_s]), told.command.reshape(1, -1), ticks.on_ticks(), False)
     outside = told.outside_wrench * float(interval.durations_s.sum())
-    sample = Sample(told.time_s, interval.durations_s, interval.commands, outside, *readings, interval.timing)
+    seen = _attitudes(state, interval, (readings[0], told.tracked), params.joint)
+    sample = Sample(told.time_s, interval.durations_s, interval.commands, outside, *readings, interval.timing, *seen)
     made = cycle.restart if interval.anew else cycle.step
     return Cycle(clock, sample, interval.anew, *made(before, sample, params.joint))
 
@@ -369,7 +401,9 @@ def done(measurement: Measurement, params: JointFilterParams) -> FilterStep:
     )
     if params.joint.places.accelerometers == 0:
         return FilterStep(after, rotation, None, own)
-    return FilterStep(after, rotation, mass_report(after.estimate, after.covariance, seen, gyros), own)
+    accelerometers = 3 * params.joint.places.accelerometers
+    mass = mass_report(after.estimate, after.covariance, seen, gyros, accelerometers)
+    return FilterStep(after, rotation, mass, own)
 
 
 class Seen(NamedTuple):
@@ -409,9 +443,9 @@ def rotation_report(estimate: Array, covariance: Array, seen: Seen, gyros: int) 
 
 
 @kernel
-def mass_report(estimate: Array, covariance: Array, seen: Seen, gyros: int) -> MassReport:
-    """What logs keep of a cycle's translation; arguments as those of `rotation_report`."""
-    used = seen.used[gyros:]
+def mass_report(estimate: Array, covariance: Array, seen: Seen, gyros: int, accelerometers: int) -> MassReport:
+    """What logs keep of a cycle's translation; arguments as those of `rotation_report`, both numbers of components."""
+    used = seen.used[gyros : gyros + accelerometers]
     return MassReport(
         float(estimate[MASS_RECIPROCAL]),
         float(covariance[MASS_RECIPROCAL, MASS_RECIPROCAL]),
@@ -425,7 +459,7 @@ def mass_report(estimate: Array, covariance: Array, seen: Seen, gyros: int) -> M
 
 def replaced(step: FilterStep, joint: JointState, params: JointFilterParams) -> FilterStep:
     """A cycle that goes on from another state: its estimates are reported; the innovations are what they were."""
-    after = _reporting(joint, step.state.clock, params)
+    after = _reporting(joint, step.state.clock, params)._replace(frame=step.state.frame)
     if step.state.start.under_way and not joint.guarded:  # it begins anew with what has been found
         after = after._replace(start=starts.BEGUN)
     return telling(step, after.estimate, after.covariance)._replace(
@@ -455,15 +489,17 @@ def _settled(state: JointFilterState, params: JointFilterParams) -> float:
 def packed(state: JointFilterState, params: JointFilterParams) -> Array:
     """A state as one vector."""
     places = params.joint.places
-    return np.concatenate((pack(state.joint, places), CLOCK.sized(jets=places.jets).pack(state.clock)))
+    frame = state.frame if places.trackers > 0 else state.frame[:0]
+    return np.concatenate((pack(state.joint, places), CLOCK.sized(jets=places.jets).pack(state.clock), frame))
 
 
 def unpacked(vector: Array, params: JointFilterParams) -> JointFilterState:
     """The inverse of `packed`."""
     places = params.joint.places
-    size = state_layout(places).size
-    clock = Clock(*CLOCK.sized(jets=places.jets).read(vector[size:]))
-    return _reporting(unpack(vector[:size], places), clock, params)
+    size, clocks = state_layout(places).size, CLOCK.sized(jets=places.jets)
+    clock, frame = Clock(*clocks.read(vector[size : size + clocks.size])), vector[size + clocks.size :]
+    known = _reporting(unpack(vector[:size], places), clock, params)
+    return known._replace(frame=frame) if places.trackers > 0 else known
 
 
 def saved(state: JointFilterState, params: JointFilterParams) -> Groups:
@@ -480,6 +516,8 @@ def restored(groups: Groups, params: JointFilterParams) -> JointFilterState:
     state = unpacked(groups[GROUP], params)
     joint, clock = state.joint, state.clock
     told = joint._replace(read=joint.read[~np.isnan(joint.read)])
+    if abs(float(state.frame @ state.frame) - 1.0) > _UNIT:
+        raise ValueError(f"{GROUP}: the shared attitude must be a unit quaternion")
     if not all(np.isfinite(part).all() for part in (*told, *clock[:-1])):
         raise ValueError(f"{GROUP}: only commands and readings may be missing")
     if not np.isin(joint.fresh, (0.0, 1.0)).all() or (np.isnan(joint.read) & (joint.fresh > 0.0)).any():

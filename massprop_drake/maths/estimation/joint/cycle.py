@@ -35,12 +35,15 @@ from massprop_drake.maths.estimation.joint.layout import (
     taken_in,
 )
 from massprop_drake.maths.estimation.joint.measurement import (
+    POOR,
     changed,
     counted,
     outputs,
     rate_read,
     readings,
+    told_by_trackers,
 )
+from massprop_drake.maths.estimation.joint.orientation import STILL
 from massprop_drake.maths.estimation.joint.prediction import (
     Drive,
     Prediction,
@@ -61,6 +64,7 @@ from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError,
 
 _WHAT = "the joint estimator's covariance"
 _UNREAD = 1e6  # sigmas of a reading that what was not read at the start may be off
+UNTRACKED = np.zeros((0, 3))  # readings of no tracker
 OWN_CHOICE = np.zeros(0, dtype=np.bool_)  # of the readings that count
 
 
@@ -77,6 +81,9 @@ class Sample(NamedTuple):
         velocities: readings of the accelerometer packages, NaN where missing, ft/s or m/s, shape
             (n_accelerometers, 3).
         timing: see `ticks.Timing`.
+        attitudes: readings of the trackers relative to the shared attitude, NaN where missing, see `orientation`, rad,
+            shape (n_trackers, 3).
+        frames: shared attitude before and after the interval, quaternions, shape (2, 4).
     """
 
     time_s: float
@@ -86,6 +93,8 @@ class Sample(NamedTuple):
     rates: Array
     velocities: Array
     timing: Timing
+    attitudes: Array = UNTRACKED
+    frames: Array = STILL
 
 
 class Expected(NamedTuple):
@@ -100,6 +109,7 @@ class Expected(NamedTuple):
         innovation: e of all components, NaN where missing, shape (m,).
         used: which components count, shape (m,).
         floors: variance of each prediction beyond the state's, shape (m,).
+        variances: of one reading of each component, shape (m,).
     """
 
     prediction: Prediction
@@ -110,6 +120,7 @@ class Expected(NamedTuple):
     innovation: Array
     used: np.ndarray
     floors: Array
+    variances: Array
 
 
 class Crossing(NamedTuple):
@@ -211,7 +222,6 @@ class JointEvidence(NamedTuple):
 def initial(params: JointParams) -> JointState:
     """The state before the first sample."""
     places = params.places
-    n_outputs = 3 * (places.gyros + places.accelerometers)
     mean, root = np.zeros(places.size), np.zeros((places.size, places.size))
     mean[:N_PROPERTIES] = params.start
     root[:N_PROPERTIES, :N_PROPERTIES] = params.start_root
@@ -227,8 +237,8 @@ def initial(params: JointParams) -> JointState:
         level_std=np.zeros(jets),
         spin=np.zeros(6),
         reference=np.zeros(3),
-        read=np.full(n_outputs, np.nan),
-        fresh=np.zeros(n_outputs),
+        read=np.full(places.outputs, np.nan),
+        fresh=np.zeros(places.outputs),
         fired=np.zeros(jets),
         slot_jet=np.full(places.n_force, -1.0),
         slot_sign=np.ones(places.n_force),
@@ -244,7 +254,7 @@ def initial(params: JointParams) -> JointState:
 
 
 def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
-    """The state after the first sample, or after a gap: rate and gathered velocity are what is read, and no more.
+    """The state after the first sample, or after a gap: rate, gathered velocity and attitude are what is read.
 
     They are uncorrelated with the rest, but that with a gyro bias the rate's error is that of the reading less the
     bias, and that the rate from which the turning of accelerometers is counted has the error of that rate: what they
@@ -252,7 +262,7 @@ def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
     """
     places = params.places
     mean = state.mean.copy()
-    first, last = RATE.start, VELOCITY + 3 * places.accelerometers
+    first, last = RATE.start, places.thrust
     root = np.zeros((places.size, places.size + last - first))
     root[:first, : places.size], root[last:, : places.size] = state.root[:first], state.root[last:]
     own = places.size - first  # a column for the reading of each of these rows
@@ -286,7 +296,16 @@ def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
         part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
         arm = params.accelerometer_positions[package] - mean[CENTER]
         root[part] += skew(arm) @ root[RATE]
-    read = readings(sample.rates, sample.velocities)
+    for axis in range(places.n_attitude):
+        row = places.attitude + axis
+        own_variances = params.trackers.variances * np.where(params.trackers.outliers > 0.0, POOR**2, 1.0)
+        there = ~np.isnan(sample.attitudes[:, axis])
+        mean[row], root[row, own + row] = 0.0, _UNREAD * np.sqrt(own_variances[0])
+        if there.any():
+            weights = 1.0 / own_variances[there]
+            mean[row] = weights @ sample.attitudes[there, axis] / weights.sum()
+            root[row, own + row] = np.sqrt(1.0 / weights.sum())
+    read = readings(sample.rates, sample.velocities, sample.attitudes)
     return state._replace(
         mean=mean,
         root=compressed(root, places.thrust),
@@ -302,7 +321,8 @@ def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
 @kernel
 def expect(state: JointState, acting: Drive, sample: Sample, params: JointParams) -> Expected:
     """Predicts the state and its outputs, and says which components count."""
-    prediction = predict(state, acting, rate_read(sample.rates, state.mean, params), params)
+    read = rate_read(sample.rates, state.mean, params)
+    prediction = predict(state, acting, read, params, sample.frames)
     root = propagated(state.root, prediction, params)
     about = (prediction.mean[:N_PROPERTIES], floors(state, params))
     return _expected(state, prediction, root, about, sample, params)
@@ -328,9 +348,12 @@ def _expected(
     values, jacobian = outputs(there, state.reference, spin, params)
     values = values + jacobian @ (prediction.mean - there)
     projected = sparse_product(jacobian, root)
-    read = readings(sample.rates, sample.velocities)
+    read = readings(sample.rates, sample.velocities, sample.attitudes)
+    variances = params.variances
+    if params.places.n_attitude > 0:
+        variances, least = told_by_trackers(read - values, projected, prediction.end, least, params)
     counts, least = counted(read, state.read, values, (projected**2).sum(axis=1), least, params)
-    return Expected(prediction, root, spin, jacobian, projected, read - values, counts, least)
+    return Expected(prediction, root, spin, jacobian, projected, read - values, counts, least, variances)
 
 
 @kernel
@@ -343,9 +366,11 @@ def _by_kind(values: Array, used: np.ndarray, nothing: float, params: JointParam
         nothing: in place of a sum of none.
         params: see `JointParams`.
     """
-    gyros, every = int(used[: 3 * params.places.gyros].sum()), values.shape[0]
+    places = params.places
+    gyros = int(used[: 3 * places.gyros].sum())
+    both = int(used[: 3 * (places.gyros + places.accelerometers)].sum())
     of_gyros = values[:gyros].sum() if gyros > 0 else nothing
-    return of_gyros, values[gyros:].sum() if every > gyros else nothing
+    return of_gyros, values[gyros:both].sum() if both > gyros else nothing
 
 
 @kernel
@@ -401,7 +426,9 @@ def crossed(
     """
     places, m = params.places, state.read.shape[0]
     rows, half_gain = np.zeros((m, places.size)), np.zeros((places.size, m))
-    chosen = (state.fresh > 0.0) & changed(readings(sample.rates, sample.velocities), state.read, params)
+    chosen = (state.fresh > 0.0) & changed(
+        readings(sample.rates, sample.velocities, sample.attitudes), state.read, params
+    )
     if not chosen.any():
         return taken_in(state), Crossing(rows, half_gain, np.zeros(places.size), 0.0)
     there = state.mean.copy()
@@ -511,7 +538,7 @@ def driven(state: JointState, sample: Sample, params: JointParams) -> Drive:
     if acting.anything.number == 0.0:
         return acting
     read = rate_read(sample.rates, state.mean, params)
-    prediction = predict(state, acting, read, params)
+    prediction = predict(state, acting, read, params, sample.frames)
     there = prediction.mean.copy()
     there[RATE] = prediction.end
     values, _ = outputs(there, state.reference, state.spin + prediction.spin, params)
@@ -622,7 +649,7 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, counts: np.ndar
     if counts.size > 0:
         expected = _counting(expected, counts & ~np.isnan(expected.innovation))
     innovation, incremented, likelier = expected.innovation, False, 0.0
-    deviation = np.sqrt((expected.projected**2).sum(axis=1) + params.variances)
+    deviation = np.sqrt((expected.projected**2).sum(axis=1) + expected.variances)
     told = _told(expected, params)
     gyro_nis, accelerometer_nis = _by_kind(told.nis, expected.used, np.nan, params)
     gyro_degrees, accelerometer_degrees = _by_kind(told.degrees, expected.used, 0.0, params)
@@ -700,7 +727,7 @@ def _anything(expected: Expected, acting: Drive, mean: Array, params: JointParam
     for package in range(places.accelerometers):
         part = jacobian[:, VELOCITY + 3 * package : VELOCITY + 3 * package + 3]
         wide += part @ (opened[3:] + turned[package] @ opened[:3])
-    wide = wide / np.sqrt(params.variances[counts]).reshape(-1, 1)
+    wide = wide / np.sqrt(expected.variances[counts]).reshape(-1, 1)
     every = _opened_degrees(wide)
     number = int(expected.used[: 3 * places.gyros].sum())
     gyros = _opened_degrees(np.ascontiguousarray(wide[:number])) if number > 0 else 0.0
@@ -739,7 +766,7 @@ def _learned(
         mean = mean + change.correction
     elif root.shape[1] > root.shape[0]:
         root = compressed(root, params.places.thrust)
-    read = readings(sample.rates, sample.velocities)
+    read = readings(sample.rates, sample.velocities, sample.attitudes)
     there = ~np.isnan(read)
     return JointState(
         mean,
@@ -812,18 +839,22 @@ def _relinearized(
     there = relearned(state, mean, state.root.copy())
     there.root[:N_PROPERTIES] = 0.0  # nothing of second order is left
     acting = driven(there, sample, params)
-    at = predict(there, acting, rate_read(sample.rates, mean, params), params)
+    at = predict(there, acting, rate_read(sample.rates, mean, params), params, sample.frames)
     away = state.mean - mean
     mean = at.mean + away
     mean[RATE] += at.rate_rows @ away
     for package in range(params.places.accelerometers):
         part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
         mean[part] += gathered_rows(at, package) @ away
+    if params.places.n_attitude > 0:
+        part = slice(params.places.attitude, params.places.attitude + 3)
+        mean[part] += at.attitude[0] @ away[RATE] + at.attitude[1] @ (away[RATE] + at.rate_rows @ away)
     prediction = Prediction(
         mean,
         at.rate_rows,
         at.velocity_rows,
         at.apart,
+        at.attitude,
         at.mass_factor,
         at.noise,
         at.drift,
@@ -901,6 +932,7 @@ def _counting(expected: Expected, used: np.ndarray) -> Expected:
         expected.innovation,
         used,
         expected.floors,
+        expected.variances,
     )
 
 
@@ -930,6 +962,7 @@ def _update_again(
         rate_rows,
         velocity_rows,
         before.apart,
+        before.attitude,
         before.mass_factor,
         before.noise,
         before.drift,

@@ -36,6 +36,7 @@ KICK = 0.6  # 1-sigma of an onset's place, in intervals between onsets: uniform 
 SHARES = (1.0, 0.17)  # of it in the first interval and in the second: a lag of a fifth of an interval takes that much
 _MOVED = 0.5  # steps by which a reading has moved that does not stand still
 BOW = 0.1  # of an impulse at an unknown time, 1 sigma: the angle that it turns by beyond what a steady one does
+UNTIMED = 1.0 / np.sqrt(12.0)  # of an interval, 1 sigma: when an impulse at an unknown time is given
 _LEFT = 1e-6  # of a force that builds up: less is not felt
 _RANGE = 4e4  # steps that a sensor's range has
 _STILL = 2.0  # a lie is as likely as not the same as the one before
@@ -231,10 +232,14 @@ def kicked(state: JointState, cause: Cause, kicks: Array, over: Link, params: Jo
         params: see `JointParams`.
     """
     impulses = smeared(over, params.places)[:, list(cause.jets)] * kicks
+    places = params.places
     bowed = np.zeros((state.root.shape[0], 3))
-    turned = BOW * over.duration_s * np.linalg.norm(state.mean[RATE]) * np.sqrt(np.sum(impulses[RATE] ** 2))
-    bowed[RATE] = turned * np.eye(3)
-    return state._replace(root=compressed(np.hstack((state.root, impulses, bowed)), params.places.thrust))
+    turns = np.zeros((state.root.shape[0], places.n_attitude))
+    changed = np.sqrt(np.sum(impulses[RATE] ** 2))
+    bowed[RATE] = BOW * over.duration_s * np.linalg.norm(state.mean[RATE]) * changed * np.eye(3)
+    attitude = slice(places.attitude, places.attitude + places.n_attitude)
+    turns[attitude] = UNTIMED * over.duration_s * changed * np.eye(places.n_attitude)
+    return state._replace(root=compressed(np.hstack((state.root, impulses, bowed, turns)), places.thrust))
 
 
 def torn(state: JointState, share: float, over: Link, params: JointParams) -> JointState:
@@ -317,12 +322,13 @@ def without_increments(params: JointParams) -> JointParams:
 
 def masked(sample: Sample, component: int) -> Sample:
     """A sample without one component."""
-    rates, velocities = sample.rates.copy(), sample.velocities.copy()
-    if component < rates.size:
-        rates.flat[component] = np.nan
-    else:
-        velocities.flat[component - rates.size] = np.nan
-    return sample._replace(rates=rates, velocities=velocities)
+    parts = [part.copy() for part in (sample.rates, sample.velocities, sample.attitudes)]
+    for part in parts:
+        if 0 <= component < part.size:
+            part.flat[component] = np.nan
+        component -= part.size
+    rates, velocities, attitudes = parts
+    return sample._replace(rates=rates, velocities=velocities, attitudes=attitudes)
 
 
 def misfits(report: Report, component: int, params: JointParams) -> bool:

@@ -2,14 +2,14 @@ r"""The joint estimator's state and parameters: what stands where, and how a sta
 
 The mean and the rows of the covariance's root are in this order,
 
-    J (6: xx, yy, zz, yz, xz, xy) | r (3) | mu | w (3) | c_s (3 per accelerometer)
+    J (6: xx, yy, zz, yz, xz, xy) | r (3) | mu | w (3) | c_s (3 per accelerometer) | psi (3, with a tracker)
     b (thrust error per jet) | lag error per kind | gyro bias (3 per package)
     | accelerometer bias (3 per package) | s | theta (2, of the ticks) | f (force of each slot of failed jets)
 
 with J the inverse inertia about the center of mass, r the center of mass in the vehicle frame, mu = 1/m, w the rate,
-and c_s the integral of F/m as accelerometer s has gathered it. What stands in the second and third line are
-parameters in units of their sigmas, of about unit prior variance, but for f, which is in lbf or N. A kind of parameter
-whose sigma is zero has no place.
+c_s the integral of F/m as accelerometer s has gathered it, and psi the attitude as `orientation` has it. What stands in
+the second and third line are parameters in units of their sigmas, of about unit prior variance, but for f, which is in
+lbf or N. A kind of parameter whose sigma is zero has no place.
 
 Nothing is scaled: the covariance is kept as a root that is made triangular by Householder reflections, and these treat
 every row of the root by its own size, so that a change of units changes no digit.
@@ -33,7 +33,9 @@ class Places(NamedTuple):
     """Where the parts of the state begin, and how many elements they have.
 
     Attributes:
-        jets, gyros, accelerometers: how many there are.
+        jets, gyros, accelerometers, trackers: how many there are.
+        outputs: components that are read.
+        attitude, n_attitude: of psi; three elements, or none without a tracker.
         thrust, n_thrust: of b; none or one per jet.
         lag, n_lag: of the lag's errors; none or one per kind of jet.
         gyro_bias, n_gyro_bias: none or three per package.
@@ -47,6 +49,10 @@ class Places(NamedTuple):
     jets: int
     gyros: int
     accelerometers: int
+    trackers: int
+    outputs: int
+    attitude: int
+    n_attitude: int
     thrust: int
     n_thrust: int
     lag: int
@@ -65,19 +71,19 @@ class Places(NamedTuple):
 
 
 def make_places(
-    counts: tuple[int, int, int], n_lag: int, biases: tuple[bool, bool], thrust: bool, forces: int, ticks: int = 0
+    counts: tuple[int, ...], n_lag: int, biases: tuple[bool, bool], thrust: bool, forces: int, ticks: int = 0
 ) -> Places:
     """The places of a vehicle's state.
 
     Args:
-        counts: numbers of jets, gyro packages and accelerometer packages.
+        counts: numbers of jets, gyro packages, accelerometer packages and, if there are any, trackers of attitude.
         n_lag: number of kinds of jets whose lag is estimated; 0: none.
         biases: whether the gyros and whether the accelerometers have biases to estimate.
         thrust: whether thrusts are uncertain.
         forces: number of slots for the forces of failed jets.
         ticks: 2 if ticks are estimated, else 0.
     """
-    jets, gyros, accelerometers = counts
+    jets, gyros, accelerometers, trackers = (*counts, 0)[:4]
     sizes = [
         jets if thrust else 0,
         n_lag,
@@ -87,11 +93,16 @@ def make_places(
         ticks,
         forces,
     ]
-    begins = np.cumsum([VELOCITY + 3 * accelerometers, *sizes]).tolist()
+    attitude, n_attitude = VELOCITY + 3 * accelerometers, 3 if trackers else 0
+    begins = np.cumsum([attitude + n_attitude, *sizes]).tolist()
     return Places(
         jets=jets,
         gyros=gyros,
         accelerometers=accelerometers,
+        trackers=trackers,
+        outputs=3 * (gyros + accelerometers + trackers),
+        attitude=attitude,
+        n_attitude=n_attitude,
         thrust=begins[0],
         n_thrust=sizes[0],
         lag=begins[1],
@@ -108,6 +119,23 @@ def make_places(
         n_force=sizes[6],
         size=begins[7],
     )
+
+
+class AttitudeSensors(NamedTuple):
+    """Sensors of attitude.
+
+    Attributes:
+        variances: of one reading about each axis, rad^2, shape (n_trackers,).
+        stamp_variances: of the stamps of these readings, s^2, shape (n_trackers,).
+        outliers: share of readings that are poor, shape (n_trackers,).
+    """
+
+    variances: Array
+    stamp_variances: Array
+    outliers: Array
+
+
+NO_ATTITUDE_SENSORS = AttitudeSensors(np.zeros(0), np.zeros(0), np.zeros(0))
 
 
 class JointParams(NamedTuple):
@@ -132,11 +160,12 @@ class JointParams(NamedTuple):
         tick_sigma: of offset and period error of the ticks, s, shape (2,).
         arm: size of the vehicle, ft or m: the jets' RMS distance from the center of mass.
         accelerometer_positions: vehicle frame, ft or m, shape (n_accelerometers, 3).
-        variances: of one reading of each component, gyros first, shape (n_outputs,).
+        variances: of one reading of each component, gyros first, trackers last, shape (n_outputs,).
         quanta: step of each component's reading, zero where it dithers itself (see `measurement`), shape (n_outputs,).
         cells: quantum of each component, zero: not quantized, shape (n_outputs,).
         floors: variance of each prediction beyond the state's, see `quantized`, shape (n_outputs,).
         dithered: 1 where each sample is news, 0 where a change of the reading is, shape (n_outputs,).
+        trackers: see `AttitudeSensors`.
         start: the ten parameters at the start, shape (10,).
         start_root: lower triangular root of their covariance at the start, shape (10, 10).
         increment_sigma: what an increment adds to their 1-sigma, in quadrature, shape (10,).
@@ -172,6 +201,7 @@ class JointParams(NamedTuple):
     cells: Array
     floors: Array
     dithered: Array
+    trackers: AttitudeSensors
     start: Array
     start_root: Array
     increment_sigma: Array
@@ -272,8 +302,9 @@ _STATE = Layout(
 
 def state_layout(places: Places) -> Layout:
     """The layout of a state packed into one vector."""
-    outputs = 3 * (places.gyros + places.accelerometers)
-    return _STATE.sized(size=places.size, jets=places.jets, outputs=outputs, forces=places.n_force, lags=places.n_lag)
+    return _STATE.sized(
+        size=places.size, jets=places.jets, outputs=places.outputs, forces=places.n_force, lags=places.n_lag
+    )
 
 
 def pack(state: JointState, places: Places) -> Array:

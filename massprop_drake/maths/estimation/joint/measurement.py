@@ -1,7 +1,8 @@
-r"""Readings of gyros and integrating accelerometers, and which of them count.
+r"""Readings of gyros, integrating accelerometers and trackers of attitude, and which of them count.
 
     gyro g            y = w + sigma_g b_g
     accelerometer s   y = c_s + O rho_s,    rho_s = p_s - r,    O = [(w - w_ref) x] + C
+    tracker           y = psi
 
 with C the integral of [w x]^2 dt since the last rebase, w_ref the rate then. Derivatives: 1 by c_s, -[rho_s x] by w,
 -O by r; C is taken as known.
@@ -27,18 +28,20 @@ from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array, skew
 
 _IDENTITY = np.eye(3)
+POOR = 10.0  # times as noisy as others is a poor reading of a tracker
 _OFF = 3.0  # sigmas by which a prediction lies outside a reading's cell
 
 
 @kernel
-def readings(rates: Array, velocities: Array) -> Array:
+def readings(rates: Array, velocities: Array, attitudes: Array) -> Array:
     """All components that are read, gyros first, shape (n_outputs,).
 
     Args:
         rates: of each gyro package, NaN where missing, rad/s, shape (n_gyros, 3).
         velocities: of each accelerometer package, shape (n_accelerometers, 3).
+        attitudes: of each tracker, see `orientation`, shape (n_trackers, 3).
     """
-    return np.concatenate((rates.ravel(), velocities.ravel()))
+    return np.concatenate((rates.ravel(), velocities.ravel(), attitudes.ravel()))
 
 
 @kernel
@@ -76,8 +79,7 @@ def rate_read(rates: Array, mean: Array, params: JointParams) -> RateRead:
 def outputs(mean: Array, reference: Array, spin: Array, params: JointParams) -> tuple[Array, Array]:
     """Predicted outputs of all components, shape (m,), and their derivative by the state, shape (m, size)."""
     places = params.places
-    n_outputs = 3 * (places.gyros + places.accelerometers)
-    values, jacobian = np.empty(n_outputs), np.zeros((n_outputs, places.size))
+    values, jacobian = np.empty(places.outputs), np.zeros((places.outputs, places.size))
     for package in range(places.gyros):
         rows = slice(3 * package, 3 * package + 3)
         values[rows] = mean[RATE]
@@ -97,6 +99,11 @@ def outputs(mean: Array, reference: Array, spin: Array, params: JointParams) -> 
             jacobian[rows, columns] = _IDENTITY
             jacobian[rows, RATE] = -skew(arm)
             jacobian[rows, CENTER] = -turn
+    for tracker in range(places.trackers):
+        begin = 3 * (places.gyros + places.accelerometers + tracker)
+        rows, columns = slice(begin, begin + 3), slice(places.attitude, places.attitude + 3)
+        values[rows] = mean[columns]
+        jacobian[rows, columns] = _IDENTITY
     return values, jacobian
 
 
@@ -130,6 +137,43 @@ def counted(
     off = np.abs(read - predicted) > half + _OFF * np.sqrt(variance + floors)
     fresh = (params.dithered > 0.0) | changed(read, before, params) | (np.sqrt(variance) > half)
     return ~np.isnan(read) & (fresh | off), np.where(off & ~fresh, params.variances, floors)
+
+
+@kernel
+def told_by_trackers(
+    innovation: Array, projected: Array, rate: Array, floors: Array, params: JointParams
+) -> tuple[Array, Array]:
+    """Variances of readings, and floors of their predictions, with those of trackers' readings, shape (m,) each.
+
+    A stamp that is off by dt turns a reading by the rate times dt. A reading that is likelier a poor one, by the share
+    of these, has the variance of one.
+
+    Args:
+        innovation: e of all components, NaN where missing, shape (m,).
+        projected: H times the root, shape (m, k).
+        rate: rad/s, shape (3,).
+        floors: see `quantized`, shape (m,).
+        params: see `JointParams`.
+    """
+    variances, floors = params.variances.copy(), floors.copy()
+    trackers, begin = params.trackers, params.places.outputs - 3 * params.places.trackers
+    for tracker in range(params.places.trackers):
+        rows = slice(begin + 3 * tracker, begin + 3 * tracker + 3)
+        variance = trackers.variances[tracker] + trackers.stamp_variances[tracker] * (rate @ rate)
+        share, error = trackers.outliers[tracker], innovation[rows] / np.sqrt(variance)
+        if share > 0.0 and not np.isnan(error).any():
+            spread = projected[rows] @ projected[rows].T / variance
+            fair = np.log(1.0 - share) + _log_density(error, spread + _IDENTITY)
+            if np.log(share) + _log_density(error, spread + POOR**2 * _IDENTITY) > fair:
+                variance *= POOR**2
+        variances[rows], floors[rows] = variance, variance
+    return variances, floors
+
+
+@kernel
+def _log_density(error: Array, covariance: Array) -> float:
+    """Gaussian log density of three components but for its constant, nats."""
+    return -0.5 * (np.log(np.linalg.det(covariance)) + error @ np.linalg.solve(covariance, error))
 
 
 def rebased(state: JointState, params: JointParams) -> JointState:

@@ -3,6 +3,7 @@ r"""Prediction of the joint state over one interval, exact in its length, and it
     w   <- w + h + b2 + g          h = J (a + lambda x r)
     c_s <- c_s + lambda mu + beta_s T
     mu  <- mu + mu^2 sum_j m'_j L_j
+    psi <- what the rate turns it to, see `orientation`
 
 with a and lambda the impulses about the vehicle origin of all jets, the sum of W_j L_j (1 + sigma_T b_j) with L_j the
 seconds of full thrust of `impulses`, of the forces of failed jets, and of known outside forces. While mu falls, c
@@ -66,6 +67,7 @@ from massprop_drake.maths.estimation.joint.layout import (
     JointParams,
     JointState,
 )
+from massprop_drake.maths.estimation.joint.orientation import STILL, turned
 from massprop_drake.maths.estimation.joint.ticks import Timing
 from massprop_drake.maths.estimation.joint.unknown import Directions, directions, indifferent, spread
 from massprop_drake.maths.kernels import idiom, kernel, numbers, picked
@@ -136,6 +138,8 @@ class Prediction(NamedTuple):
             shape (3, size).
         apart: derivatives by w0 and by w1 of what the turning adds to each c_s beyond that, shape
             (2, n_accelerometers, 3, 3).
+        attitude: derivatives by w0 and by w1 of psi, B0 and B1 of `orientation`; none without a tracker, shape
+            (2, n_attitude, 3).
         mass_factor: derivative of mu after by mu before.
         noise: covariance added to w and to every c_s alike, shape (6, 6).
         drift: variances added to the ten parameters, shape (10,).
@@ -150,6 +154,7 @@ class Prediction(NamedTuple):
     rate_rows: Array
     velocity_rows: Array
     apart: Array
+    attitude: Array
     mass_factor: float
     noise: Array
     drift: Array
@@ -315,7 +320,9 @@ def effective_seconds(state: JointState, firing: Firing, params: JointParams) ->
 
 
 @kernel
-def predict(state: JointState, acting: Drive, rate_read: RateRead, params: JointParams) -> Prediction:
+def predict(
+    state: JointState, acting: Drive, rate_read: RateRead, params: JointParams, frames: Array = STILL
+) -> Prediction:
     """The state over an interval, before its readings but for the rate in the dynamic coupling.
 
     Args:
@@ -323,6 +330,7 @@ def predict(state: JointState, acting: Drive, rate_read: RateRead, params: Joint
         acting: see `Drive`.
         rate_read: rate at the end of the interval as gyros show it.
         params: see `JointParams`.
+        frames: see `orientation.turned`.
     """
     mean, places, duration = state.mean, params.places, acting.firing.duration_s
     covariance = state.root[:N_PROPERTIES] @ state.root[:N_PROPERTIES].T
@@ -378,11 +386,13 @@ def predict(state: JointState, acting: Drive, rate_read: RateRead, params: Joint
             begin = places.acceleration_bias + 3 * package
             after[part] += duration * params.acceleration_bias_sigma * mean[begin : begin + 3]
     after[MASS] += reciprocal * reciprocal * flow
+    after, attitude = _with_attitude(state, after, acting, (frames, bowed[0], coupled), params)
     return Prediction(
         mean=after,
         rate_rows=rate_rows,
         velocity_rows=velocity_rows,
         apart=apart,
+        attitude=attitude,
         mass_factor=1.0 + 2.0 * reciprocal * flow,
         noise=noise,
         drift=propellant_drift(mean, flow, params.tank_fraction, params.arm),
@@ -392,6 +402,31 @@ def predict(state: JointState, acting: Drive, rate_read: RateRead, params: Joint
         duration_s=duration,
         coupled=coupled,
     )
+
+
+@kernel
+def _with_attitude(
+    state: JointState, after: Array, acting: Drive, over: tuple[Array, Array, bool], params: JointParams
+) -> tuple[Array, Array]:
+    """The predicted mean with its attitude, shape (size,), and derivatives of that, see `Prediction`.
+
+    Args:
+        state: before the interval.
+        after: the predicted mean but for its attitude, shape (size,).
+        acting: see `Drive`.
+        over: frames, see `orientation.turned`; mean of what the rate lies off the line, rad/s, if coupling counts; and
+            whether it does.
+        params: see `JointParams`.
+    """
+    if params.places.n_attitude == 0:
+        return after, np.zeros((2, 0, 3))
+    mean, (frames, bow, coupled) = state.mean, over
+    if not coupled:
+        bow = (_bows_of_thrust(state, acting, params) @ picked(mean, ELEMENT))[0]
+    own = slice(params.places.attitude, params.places.attitude + 3)
+    rates, result = np.stack((mean[RATE], after[RATE])), after.copy()
+    result[own], by_rates = turned(mean[own], frames, rates, bow, acting.firing.duration_s)
+    return result, by_rates
 
 
 @kernel
@@ -426,15 +461,21 @@ def _opening_products(mean: Array, firing: Firing, covariance: Array, params: Jo
 
 
 @kernel
+def _bows_of_thrust(state: JointState, acting: Drive, params: JointParams) -> Array:
+    """Angular impulses of the bows by thrust that builds up or tails off, see the module, shape (3, 3)."""
+    _, lagged = _thrust_factors(state, params)
+    return _moments(state.mean, (acting.firing.bow * lagged) @ params.wrenches)
+
+
+@kernel
 def _coupled(
     state: JointState, acting: Drive, change: Array, read: tuple[RateRead, Array], params: JointParams
 ) -> tuple[Coupling, Array, Array]:
     """Dynamic coupling with the rate as a reading corrects it, by its share; that rate; and the bows of the rate."""
-    mean, firing, duration = state.mean, acting.firing, acting.firing.duration_s
+    mean, duration = state.mean, acting.firing.duration_s
     inverse = picked(mean, ELEMENT)
     inertias = inverse, inverse_positive_definite(inverse, "inverse inertia")
-    _, lagged = _thrust_factors(state, params)
-    of_thrust = _moments(mean, (firing.bow * lagged) @ params.wrenches)
+    of_thrust = _bows_of_thrust(state, acting, params)
     line, start = mean[RATE] + change, mean[RATE]
     end = _corrected(line, read[0], read[1])
     bows = of_thrust + bows_of_coupling(inertias[1], start, end, duration)
@@ -632,6 +673,11 @@ def propagated(root: Array, prediction: Prediction, params: JointParams) -> Arra
         if places.n_acceleration_bias > 0:
             begin = places.acceleration_bias + 3 * package
             after[part] += prediction.duration_s * params.acceleration_bias_sigma * root[begin : begin + 3]
+    if places.n_attitude > 0:
+        part = slice(places.attitude, places.attitude + 3)
+        by_start, by_end = prediction.attitude[0], prediction.attitude[1]
+        after[part] += by_start @ root[RATE] + by_end @ after[RATE]
+        columns[part, :6] += by_end @ noise[:3]
     after[MASS] *= prediction.mass_factor
     for column in range(drifting.shape[0]):
         element = drifting[column]

@@ -38,7 +38,7 @@ class Link(NamedTuple):
     """A cycle, linearized.
 
     Attributes:
-        rate_rows, velocity_rows, mass_factor, duration_s: see `prediction.Prediction`.
+        rate_rows, velocity_rows, attitude, mass_factor, duration_s: see `prediction.Prediction`.
         noise: covariance added to w and c, shape (6, 6).
         bias_seconds: derivative of the change of c by the accelerometer's bias.
         jacobian: H, shape (m, size).
@@ -57,6 +57,7 @@ class Link(NamedTuple):
 
     rate_rows: Array
     velocity_rows: Array
+    attitude: Array
     mass_factor: float
     duration_s: float
     noise: Array
@@ -86,6 +87,7 @@ LINK = Layout(
     "link",
     rate_rows=(3, "size"),
     velocity_rows=(3, "size"),
+    attitude=(2, "attitude", 3),
     mass_factor=NUMBER,
     duration_s=NUMBER,
     noise=(6, 6),
@@ -117,11 +119,11 @@ class Traces(NamedTuple):
 
     Attributes:
         mean: of the state before the cycle, shape (size,).
-        rate_rows, velocity_rows, mass_factor, noise, duration_s: see `prediction.Prediction`.
-        jacobian, projected, innovation, used: see `cycle.Expected`.
+        rate_rows, velocity_rows, attitude, mass_factor, noise, duration_s: see `prediction.Prediction`.
+        jacobian, projected, innovation, used, variances: see `cycle.Expected`.
         upper, half_gain, correction: see `covariance.Update`; empty, or zero, where no component counted.
         amount: see `Link`.
-        rates, velocities: see `cycle.Sample`.
+        read: see `Link`.
         crossing: see `cycle.Crossing`.
         stamp: see `ticks.Stamped`.
         nis, degrees, log_likelihood: see `cycle.Report`.
@@ -130,6 +132,7 @@ class Traces(NamedTuple):
     mean: Array
     rate_rows: Array
     velocity_rows: Array
+    attitude: Array
     mass_factor: float
     noise: Array
     duration_s: float
@@ -137,12 +140,12 @@ class Traces(NamedTuple):
     projected: Array
     innovation: Array
     used: np.ndarray
+    variances: Array
     upper: Array
     half_gain: Array
     correction: Array
     amount: Array
-    rates: Array
-    velocities: Array
+    read: Array
     crossing: Crossing
     stamp: Stamped
     nis: float
@@ -178,6 +181,7 @@ def traced(mean: Array, course: Course, sample: Sample) -> Traces:
         mean,
         prediction.rate_rows,
         prediction.velocity_rows,
+        prediction.attitude,
         prediction.mass_factor,
         prediction.noise,
         prediction.duration_s,
@@ -185,12 +189,12 @@ def traced(mean: Array, course: Course, sample: Sample) -> Traces:
         expected.projected,
         expected.innovation,
         expected.used,
+        expected.variances,
         update.upper,
         update.half_gain,
         update.correction,
         course.acting.firing.amount,
-        sample.rates,
-        sample.velocities,
+        readings(sample.rates, sample.velocities, sample.attitudes),
         course.crossing,
         course.stamp,
         course.nis,
@@ -224,6 +228,7 @@ def linked(seen: Traces, params: JointParams) -> Link:
     return Link(
         rate_rows=seen.rate_rows,
         velocity_rows=seen.velocity_rows,
+        attitude=seen.attitude,
         mass_factor=seen.mass_factor,
         duration_s=seen.duration_s,
         noise=seen.noise,
@@ -231,7 +236,7 @@ def linked(seen: Traces, params: JointParams) -> Link:
         jacobian=seen.jacobian,
         gain=gain,
         innovation=seen.innovation,
-        covariance=seen.projected @ seen.projected.T + np.diag(params.variances),
+        covariance=seen.projected @ seen.projected.T + np.diag(seen.variances),
         used=seen.used.astype(np.float64),
         nis=seen.nis,
         degrees=seen.degrees,
@@ -239,7 +244,7 @@ def linked(seen: Traces, params: JointParams) -> Link:
         correction=seen.correction,
         effects=effects / params.thrusts.reshape(-1, 1),
         amount=seen.amount,
-        read=readings(seen.rates, seen.velocities),
+        read=seen.read,
         crossing_rows=seen.crossing.rows,
         crossing_half_gain=seen.crossing.half_gain,
         crossing_correction=seen.crossing.correction,
@@ -287,6 +292,11 @@ def carried(columns: Array, forcing: Array, over: Link, places: Places) -> Array
         if places.n_acceleration_bias > 0:
             begin = places.acceleration_bias + 3 * package
             after[part] += over.bias_seconds * columns[begin : begin + 3]
+    if places.n_attitude > 0:
+        by_start, by_end = over.attitude[0], over.attitude[1]
+        after[places.attitude : places.attitude + 3] += by_start @ np.ascontiguousarray(
+            columns[RATE]
+        ) + by_end @ np.ascontiguousarray(after[RATE])
     after[MASS] *= over.mass_factor
     return after
 
@@ -310,4 +320,6 @@ def smeared(over: Link, places: Places) -> Array:
     for package in range(places.accelerometers):
         part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
         columns[part] = over.duration_s * over.effects[:, 3:].T
+    if places.n_attitude > 0:  # the interval turns it by all of that from its beginning on
+        columns[places.attitude : places.attitude + 3] = -over.attitude[0] @ columns[RATE]
     return columns

@@ -1,0 +1,76 @@
+r"""The attitude among the joint estimator's states, and how an interval turns it.
+
+    R = exp([psi x]) R_s,    y = log(R_read R_s^T) = psi + noise,
+
+with R from body to fixed frame, psi in fixed axes, and R_s the attitude that gyros integrate from the last reading of
+a tracker on, the same for every hypothesis (`shared_attitude`). So psi is small, has no error of its own to be reset,
+and a tracker reads it as an accelerometer reads what it has gathered. With w(t) linear from w0 to w1 but for a bow,
+
+    psi <- log(exp([psi x]) R_s exp([W x]) R_s'^T),    W = T (w0 + w1)/2 + (mean of the bow) T + T^2/12 w0 x w1,
+    error of psi <- error of psi + B0 (error of w0) + B1 (error of w1),
+
+with B0 and B1 the integrals of R (1 - t/T) and of R t/T, to first order in the turn of the interval, to which each is
+T/2 times R after its mean turn, T (w0/3 + (w1 - w0)/12) and T (2 w0/3 + (w1 - w0)/4). In fixed axes an error of the
+attitude turns no further.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from massprop_drake.maths.attitude import (
+    conjugate,
+    from_rotation_vector,
+    multiply,
+    propagated,
+    rotation_matrix,
+    to_rotation_vector,
+)
+from massprop_drake.maths.kernels import kernel
+from massprop_drake.maths.linear_algebra import Array, cross
+
+UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])
+STILL = np.stack((UNTURNED, UNTURNED))  # shared attitude before and after an interval
+
+
+@kernel
+def turned(psi: Array, frames: Array, rates: Array, bow: Array, duration_s: float) -> tuple[Array, Array]:
+    """The attitude after an interval, shape (3,), and B0 and B1, shape (2, 3, 3).
+
+    Args:
+        psi: before, rad, shape (3,).
+        frames: shared attitude before and after, quaternions, shape (2, 4).
+        rates: w0 and w1, rad/s, body axes, shape (2, 3).
+        bow: mean of what the rate lies off the line, rad/s, shape (3,).
+        duration_s: T.
+    """
+    start = multiply(from_rotation_vector(psi), frames[0])
+    turn = duration_s * (0.5 * (rates[0] + rates[1]) + bow) + duration_s**2 / 12.0 * cross(rates[0], rates[1])
+    end = multiply(start, from_rotation_vector(turn))
+    by_rates = np.empty((2, 3, 3))
+    for place in range(2):
+        mean = (place + 1.0) / 3.0 * rates[0] + (2.0 * place + 1.0) / 12.0 * (rates[1] - rates[0])
+        until = multiply(start, from_rotation_vector(duration_s * mean))
+        by_rates[place] = 0.5 * duration_s * rotation_matrix(until)
+    return to_rotation_vector(multiply(end, conjugate(frames[1]))), by_rates
+
+
+def shared_attitude(frame: Array, rate: Array, duration_s: float, read: Array) -> tuple[Array, Array]:
+    """The shared attitude after an interval, shape (4,), and what trackers read relative to it, shape (n, 3).
+
+    Args:
+        frame: the shared attitude before, shape (4,).
+        rate: that gyros show, rad/s, shape (3,).
+        duration_s: of the interval.
+        read: quaternions, NaN where missing, shape (n, 4).
+    """
+    after, told = propagated(frame, rate, duration_s), np.full((read.shape[0], 3), np.nan)
+    there = [place for place in range(read.shape[0]) if not np.isnan(read[place]).any()]
+    unit = {place: read[place] / math.sqrt(float(read[place] @ read[place])) for place in there}
+    if there:
+        after = unit[there[0]]
+    for place in there:
+        told[place] = to_rotation_vector(multiply(unit[place], conjugate(after)))
+    return after, told
