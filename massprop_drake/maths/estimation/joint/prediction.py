@@ -338,8 +338,7 @@ def predict(
     seconds = effective_seconds(state, acting.firing, params)
     scale = 1.0 - params.thrust_sigma * mean[places.scale] if places.n_scale > 0 else 1.0
     impulse = seconds @ params.wrenches + scale * acting.outside
-    linear = impulse[3:]
-    moment = impulse[:3] + cross(linear, mean[CENTER])
+    linear, moment = impulse[3:], impulse[:3] + cross(impulse[3:], mean[CENTER])
     flow = float(seconds @ params.flows) if 0.0 < reciprocal < _MOST_LIGHT * params.nominal[MASS] else 0.0
 
     rate_rows, velocity_rows = error_rows(state, acting, params)
