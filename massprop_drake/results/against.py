@@ -373,6 +373,7 @@ def _called(scenario: Scenario, made: Model, at: Array) -> list[Called | None]:
     ]
     found += [(f"torque {letter} that nobody commands", torque, 1.0) for letter in AXES]
     found += [(f"drag about {letter}", drag, 1.0) for letter in AXES]
+    found += [(f"angular momentum {letter} of wheels", f"{names.torque}-s", 1.0) for letter in AXES]
     sensors = (*names.gyros, *names.accelerometers)
     found += [(f"scale of {name} {letter}", "%", 100.0) for name in sensors for letter in AXES]
     return [*named, *(Called(*one) for one in found), *[None] * (places.shift.stop - places.shift.start)]

@@ -159,7 +159,7 @@ def signals(points: list[Point], told: Array) -> Array:
 
 def model(lag_sigma_s: float = 0.0, thrust_sigma: float = 0.0) -> Model:
     """The small body as hindsight has it."""
-    sizes = [10, 6, 1, 3, 3, 3, 3, 3, 3, 9]
+    sizes = [10, 6, 1, 3, 3, 3, 3, 3, 3, 3, 9]
     sigma = np.concatenate([np.zeros(size) for size in sizes])
     sigma[:10], sigma[10:16], sigma[16] = np.abs(TRUTH) + 0.01, thrust_sigma, lag_sigma_s
     prior = np.zeros(sigma.size)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from massprop_drake.maths.estimation.joint.impulses import Firing, fire, time_constants
+from massprop_drake.maths.estimation.joint.impulses import LEAST_LAG, Firing, fire, time_constants
 
 LEVEL = np.array([0.0, 1.0, 0.3, 0.8])
 CONSTANTS = np.array([0.015, 0.05, 0.4, 0.0])
@@ -128,5 +128,5 @@ def test_pieces_of_one_command_are_the_whole() -> None:
 
 def test_time_constants_follow_their_kind_linearly_and_never_vanish() -> None:
     constants, slope = time_constants(np.array([0.01, 0.02]), np.array([1, 0]), 0.2, np.array([1.0, -10.0]))
-    np.testing.assert_allclose(constants, [0.01 * 0.05, 0.02 * 1.2])
+    np.testing.assert_allclose(constants, [0.01 * LEAST_LAG, 0.02 * 1.2])
     np.testing.assert_allclose(slope[1], 0.2 / 1.2)
