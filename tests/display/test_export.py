@@ -5,9 +5,9 @@ from __future__ import annotations
 import asyncio
 import dataclasses
 import json
+import socket
 import struct
 import sys
-import socket
 import threading
 from collections import defaultdict
 from collections.abc import Callable
