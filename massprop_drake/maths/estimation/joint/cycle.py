@@ -64,6 +64,7 @@ from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError,
 
 _WHAT = "the joint estimator's covariance"
 _UNREAD = 1e6  # sigmas of a reading that what was not read at the start may be off
+_DIGITS = 1e3  # 1-sigmas of readings: squared, it leaves ten digits of a NIS across directions as wide
 UNTRACKED = np.zeros((0, 3))  # readings of no tracker
 OWN_CHOICE = np.zeros(0, dtype=np.bool_)  # of the readings that count
 
@@ -655,8 +656,11 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, counts: np.ndar
     gyro_degrees, accelerometer_degrees = _by_kind(told.degrees, expected.used, 0.0, params)
     anything = _anything(expected, acting, state.mean, params)
     if acting.anything.number > 0.0:
-        gyro_nis, gyro_degrees = _tested(gyro_nis, gyro_degrees - anything[0])
-        accelerometer_nis, accelerometer_degrees = _tested(accelerometer_nis, accelerometer_degrees - anything[1])
+        spread = acting.anything.spread
+        gyro_nis, gyro_degrees = _tested(gyro_nis, gyro_degrees - anything[0], spread)
+        accelerometer_nis, accelerometer_degrees = _tested(
+            accelerometer_nis, accelerometer_degrees - anything[1], spread
+        )
     if commanded and not state.guarded:
         count = int(expected.used[: 3 * params.places.gyros].sum())
         if count > 0 and gyro_nis > thresholds[count - 1]:
@@ -742,9 +746,12 @@ def _opened_degrees(wide: Array) -> float:
 
 
 @kernel
-def _tested(nis: float, degrees: float) -> tuple[float, float]:
-    """A NIS and its expectation; none where less than half a component is left that can be tested."""
-    return (nis, degrees) if degrees > 0.5 or np.isnan(nis) else (np.nan, 0.0)
+def _tested(nis: float, degrees: float, spread: float) -> tuple[float, float]:
+    """A NIS and its expectation; none where less than half a component, or too few digits, are left to be tested.
+
+    Readings are compared across directions in which they may be off by `spread` of their own 1-sigmas.
+    """
+    return (nis, degrees) if (degrees > 0.5 and spread < _DIGITS) or np.isnan(nis) else (np.nan, 0.0)
 
 
 @kernel
