@@ -69,7 +69,7 @@ class Intervals(NamedTuple):
         return self._asdict()
 
     def in_words(self) -> str:
-        """What is guaranteed, or why nothing is, in a sentence."""
+        """Says in a sentence what is guaranteed, or why nothing is."""
         if self.reason is not None:
             return f"none: {self.reason}"
         before = "" if self.until_s is None else f" before {self.until_s:.2f} s"
@@ -153,7 +153,7 @@ def _cells(scenario: Scenario, made: Model) -> Cells:
 
 
 def _given(made: Model, cells: Cells, parts: Sequence[Stretch]) -> tuple[str, ...]:
-    """What is taken for bounded that is stated with a 1-sigma."""
+    """Names what is stated with a 1-sigma and is taken for bounded."""
     places = hindsight.columns(made)
     used = cells.quanta[made.gyros :] > 0.0
     biased = bool(cells.gyro_biases.any()) or bool(made.sigma[places.acceleration_bias].reshape(-1, 3)[used].any())

@@ -248,7 +248,7 @@ class Summary:
 
     @property
     def above_bound(self) -> str:
-        """How the 1-sigma compare with the least for rounding taken as noise; empty where that is not known."""
+        """Compares the 1-sigma with the least for rounding taken as noise; empty where that is not known."""
         deviations = self.standard_deviations.tolist()
         return bound_in_words(deviations, self.identifiability, SYMBOLS, failed=self.has_failed)
 

@@ -42,7 +42,7 @@ def off(run: Run) -> float:
 @pytest.mark.parametrize("number", [2, 5, 6])
 @pytest.mark.parametrize("factor", [0.0, 3.0])
 def test_a_lag_that_the_file_has_wrong_is_named_and_found(tmp_path: Path, number: int, factor: float) -> None:
-    """None where one is stated, or three times as much; the estimates do not suffer."""
+    """Tests lags of nothing or three times the stated one; the estimates do not suffer."""
     none = ("plant.thrust_transient=none", "joint.thrust_transient=vehicle")
     run = simulate(drawn(tmp_path, number, *(none if factor == 0.0 else (f"plant.lag_factor={factor}",))))
     (kind,) = run.scenario.vehicle_data.jet_kinds.values()

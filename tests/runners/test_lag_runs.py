@@ -20,7 +20,7 @@ FAILURES: dict[str, dict[str, Any]] = {
 
 @pytest.mark.parametrize(("factor", "mode"), [(0.0, "leak"), (2.0, "on"), (3.0, "on"), (3.0, "off")])
 def test_a_failure_is_named_at_any_lag(factor: float, mode: str) -> None:
-    """None of the stated lag, or up to three times as much; thrusts are off by 1 %, as stated."""
+    """Tests lags of nothing to three times the stated one; thrusts are off by 1 %, as stated."""
     lag = NONE if factor == 0.0 else (f"plant.lag_factor={factor}",)
     told = ("estimation.start=nominal", "joint={}", "plant.thrust_dispersion=0.01", "duration_s=30", "seed=3")
     failures = f"failures={json.dumps([{**FAILURES[mode], 'start_s': 24.3}])}"

@@ -1,4 +1,4 @@
-"""What the systems around the thesis's two filters have in common."""
+"""Parts that the systems around the thesis's two filters have in common."""
 
 from __future__ import annotations
 

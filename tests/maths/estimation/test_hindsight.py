@@ -311,7 +311,7 @@ def test_thrusts_that_are_stated_to_be_off_by_so_much_are_none_that_are_off_by_m
     ],
 )
 def test_what_is_wrong_is_named(seed: int, faulty: dict[str, Any], words: str) -> None:
-    """None of the lag that is stated, or three times as much, or wheels: no drag, and no jets."""
+    """Tests lags of nothing or three times the stated one, and wheels: no drag is named, and no jets."""
     model, _ = known(thrust=0.0)
     found, _ = diagnosed([flight(seed, **faulty).stretch], model.prior[:10], model, NAMES)
     told, said = re.split(NUMBER, words), re.split(NUMBER, found[0].reason)

@@ -111,7 +111,7 @@ LAG_S = 0.03
 
 
 class Point(NamedTuple):
-    """What makes a flight: the ten parameters, the rate at the beginning, the lag."""
+    """Unknowns of a flight: the ten parameters, the rate at the beginning, the lag."""
 
     properties: Array
     rate: Array

@@ -444,7 +444,7 @@ def rotation_report(estimate: Array, covariance: Array, seen: Seen, gyros: int) 
 
 @kernel
 def mass_report(estimate: Array, covariance: Array, seen: Seen, gyros: int, accelerometers: int) -> MassReport:
-    """What logs keep of a cycle's translation; arguments as those of `rotation_report`, both numbers of components."""
+    """Makes the row that logs keep of a cycle's translation; arguments as `rotation_report`, numbers of components."""
     used = seen.used[gyros : gyros + accelerometers]
     return MassReport(
         float(estimate[MASS_RECIPROCAL]),

@@ -534,7 +534,7 @@ def restart(state: JointState, sample: Sample, params: JointParams) -> tuple[Joi
 
 @kernel
 def driven(state: JointState, sample: Sample, params: JointParams) -> Drive:
-    """What acts over a sample's interval; of jets whose commands are not known what its readings show."""
+    """Drive of a sample's interval; jets whose commands are not known give in it what its readings show."""
     acting = drive(state, sample.durations_s, sample.commands, sample.outside, sample.timing, params)
     if acting.anything.number == 0.0:
         return acting
@@ -658,9 +658,8 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, counts: np.ndar
     if acting.anything.number > 0.0:
         spread = acting.anything.spread
         gyro_nis, gyro_degrees = _tested(gyro_nis, gyro_degrees - anything[0], spread)
-        accelerometer_nis, accelerometer_degrees = _tested(
-            accelerometer_nis, accelerometer_degrees - anything[1], spread
-        )
+        accelerometer_degrees -= anything[1]
+        accelerometer_nis, accelerometer_degrees = _tested(accelerometer_nis, accelerometer_degrees, spread)
     if commanded and not state.guarded:
         count = int(expected.used[: 3 * params.places.gyros].sum())
         if count > 0 and gyro_nis > thresholds[count - 1]:
@@ -709,7 +708,7 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, counts: np.ndar
 
 @kernel
 def _anything(expected: Expected, acting: Drive, mean: Array, params: JointParams) -> tuple[float, float, float]:
-    """What readings add that only says how long jets were open whose commands are not known, see `unknown`.
+    """Counts what of the readings says only how long jets were open whose commands are not known, see `unknown`.
 
     Args:
         expected: see `Expected`.
@@ -813,7 +812,7 @@ def gone_over(state: JointState, sample: Sample, about: Array, params: JointPara
     Returns:
         The state after it, the NIS of the components that counted, and its expectation.
     """
-    after, course, _ = _relinearized(state, sample, about, params)
+    after, course, _ = relinearized(state, sample, about, params)
     after, _ = reconsidered(after, params)
     return after, course.nis, course.degrees
 
@@ -833,13 +832,6 @@ def relinearized(
     Returns:
         The state after it, how it went, and NIS of the gyros with its expectation.
     """
-    return _relinearized(state, sample, about, params)
-
-
-@kernel
-def _relinearized(
-    state: JointState, sample: Sample, about: Array, params: JointParams
-) -> tuple[JointState, Course, tuple[float, float]]:
     state, crossing = crossed(state, about[:N_PROPERTIES], sample, params.floors, params)
     state, stamp = stamped(state, sample.timing, params)
     mean = _about(state.mean, about, params)

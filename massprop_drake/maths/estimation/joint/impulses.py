@@ -34,8 +34,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.kernels import either, kernel
-from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.estimation.joint.layout import CENTER, MASS
+from massprop_drake.maths.kernels import either, kernel, picked
+from massprop_drake.maths.linear_algebra import Array, skew
+from massprop_drake.maths.mass_properties import ELEMENT
 
 UNKNOWN_LEVEL = 0.5  # mean and 1-sigma of a level that is 0 or 1 and nobody knows which
 _SETTLED = 1e-5  # of an interval: an opening that no reading shows
@@ -73,6 +75,38 @@ class Firing(NamedTuple):
     by_tick: Array
     level_by_tick: Array
     commanded: bool
+
+
+@kernel
+def regiven(firing: Firing, amount: Array, level: Array) -> Firing:
+    """The firing with other amounts and levels at the end."""
+    return Firing(
+        firing.duration_s,
+        amount,
+        firing.amount_slope,
+        firing.bow,
+        firing.unknown,
+        firing.variance,
+        level,
+        firing.slope,
+        firing.level_std,
+        firing.by_level,
+        firing.by_tick,
+        firing.level_by_tick,
+        firing.commanded,
+    )
+
+
+@kernel
+def moments_of(wrenches: Array, mean: Array) -> Array:
+    """Torque about the estimated center of mass of each wrench about the vehicle origin, shape (n, 3)."""
+    return wrenches[:, :3] + wrenches[:, 3:] @ skew(mean[CENTER])
+
+
+@kernel
+def effects_of(wrenches: Array, mean: Array) -> Array:
+    """Change of w and c by each wrench about the vehicle origin over a second, shape (n, 6)."""
+    return np.hstack((moments_of(wrenches, mean) @ picked(mean, ELEMENT), mean[MASS] * wrenches[:, 3:]))
 
 
 @kernel

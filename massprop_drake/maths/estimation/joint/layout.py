@@ -326,6 +326,57 @@ def relearned(state: JointState, mean: Array, root: Array) -> JointState:
 @kernel
 def releveled(state: JointState, mean: Array, root: Array, level: Array, tick_slope: Array) -> JointState:
     """The state with another mean and root, and other levels, which depend otherwise on the ticks."""
+    return _remade(state, (mean, root, level, tick_slope), state.fresh, _standing(state), state.lag_open)
+
+
+@kernel
+def taken_in(state: JointState) -> JointState:
+    """The state with no reading left to be taken in."""
+    return _remade(state, _learned(state), np.zeros_like(state.fresh), _standing(state), state.lag_open)
+
+
+@kernel
+def flagged(state: JointState, guarded: bool, freed: bool, rescaled: bool, firing_count: float) -> JointState:
+    """The state with another standing of the guard, and of what follows from it."""
+    standing = (guarded, freed, rescaled, firing_count)
+    return _remade(state, _learned(state), state.fresh, standing, state.lag_open)
+
+
+@kernel
+def lag_opened(state: JointState, lag_open: Array) -> JointState:
+    """The state with the wide prior for the lags of other kinds of jets."""
+    return _remade(state, _learned(state), state.fresh, _standing(state), lag_open)
+
+
+@kernel
+def _learned(state: JointState) -> tuple[Array, Array, Array, Array]:
+    return state.mean, state.root, state.level, state.tick_slope
+
+
+@kernel
+def _standing(state: JointState) -> tuple[bool, bool, bool, float]:
+    return state.guarded, state.freed, state.rescaled, state.firing_count
+
+
+@kernel
+def _remade(
+    state: JointState,
+    learned: tuple[Array, Array, Array, Array],
+    fresh: Array,
+    standing: tuple[bool, bool, bool, float],
+    lag_open: Array,
+) -> JointState:
+    """The state with other fields; compiled code has no `_replace`.
+
+    Args:
+        state: to take the others from.
+        learned: mean, root, level and tick_slope.
+        fresh: see `JointState`.
+        standing: guarded, freed, rescaled and firing_count.
+        lag_open: see `JointState`.
+    """
+    mean, root, level, tick_slope = learned
+    guarded, freed, rescaled, firing_count = standing
     return JointState(
         mean,
         root,
@@ -336,63 +387,7 @@ def releveled(state: JointState, mean: Array, root: Array, level: Array, tick_sl
         state.spin,
         state.reference,
         state.read,
-        state.fresh,
-        state.fired,
-        state.slot_jet,
-        state.slot_sign,
-        state.slot_on_top,
-        state.time_s,
-        state.started,
-        state.guarded,
-        state.freed,
-        state.rescaled,
-        state.firing_count,
-        state.lag_open,
-    )
-
-
-@kernel
-def taken_in(state: JointState) -> JointState:
-    """The state with no reading left to be taken in."""
-    return JointState(
-        state.mean,
-        state.root,
-        state.level,
-        state.slope,
-        state.tick_slope,
-        state.level_std,
-        state.spin,
-        state.reference,
-        state.read,
-        np.zeros_like(state.fresh),
-        state.fired,
-        state.slot_jet,
-        state.slot_sign,
-        state.slot_on_top,
-        state.time_s,
-        state.started,
-        state.guarded,
-        state.freed,
-        state.rescaled,
-        state.firing_count,
-        state.lag_open,
-    )
-
-
-@kernel
-def flagged(state: JointState, guarded: bool, freed: bool, rescaled: bool, firing_count: float) -> JointState:
-    """The state with another standing of the guard, and of what follows from it."""
-    return JointState(
-        state.mean,
-        state.root,
-        state.level,
-        state.slope,
-        state.tick_slope,
-        state.level_std,
-        state.spin,
-        state.reference,
-        state.read,
-        state.fresh,
+        fresh,
         state.fired,
         state.slot_jet,
         state.slot_sign,
@@ -403,34 +398,6 @@ def flagged(state: JointState, guarded: bool, freed: bool, rescaled: bool, firin
         freed,
         rescaled,
         firing_count,
-        state.lag_open,
-    )
-
-
-@kernel
-def lag_opened(state: JointState, lag_open: Array) -> JointState:
-    """The state with the wide prior for the lags of other kinds of jets."""
-    return JointState(
-        state.mean,
-        state.root,
-        state.level,
-        state.slope,
-        state.tick_slope,
-        state.level_std,
-        state.spin,
-        state.reference,
-        state.read,
-        state.fresh,
-        state.fired,
-        state.slot_jet,
-        state.slot_sign,
-        state.slot_on_top,
-        state.time_s,
-        state.started,
-        state.guarded,
-        state.freed,
-        state.rescaled,
-        state.firing_count,
         lag_open,
     )
 

@@ -56,7 +56,7 @@ import numpy as np
 
 from massprop_drake.maths.estimation.filters.rotation_filter import angular_block, second_order_terms
 from massprop_drake.maths.estimation.joint.covariance import semidefinite_root
-from massprop_drake.maths.estimation.joint.impulses import Firing, fire, time_constants
+from massprop_drake.maths.estimation.joint.impulses import Firing, effects_of, fire, moments_of, regiven, time_constants
 from massprop_drake.maths.estimation.joint.layout import (
     CENTER,
     INERTIA,
@@ -208,21 +208,8 @@ def drive(
     begin = params.places.ticks
     away_s = state.mean[begin : begin + 2] * params.tick_sigma - timing.about_s
     later_s = timing.beyond_s + timing.shares * (away_s[0] + timing.numbers * away_s[1])  # the level is at the estimate
-    moved = Firing(
-        firing.duration_s,
-        firing.amount + later_s @ firing.by_tick,
-        firing.amount_slope,
-        firing.bow,
-        firing.unknown,
-        firing.variance,
-        firing.level + later_s @ firing.level_by_tick,
-        firing.slope,
-        firing.level_std,
-        firing.by_level,
-        firing.by_tick,
-        firing.level_by_tick,
-        firing.commanded,
-    )
+    amount, level = firing.amount + later_s @ firing.by_tick, firing.level + later_s @ firing.level_by_tick
+    moved = regiven(firing, amount, level)
     return Drive(moved, lag_slope, outside, timing.spreads, by_ticks, tick_slope, anything)
 
 
@@ -250,12 +237,6 @@ def _thrust_factors(state: JointState, params: JointParams) -> tuple[Array, Arra
 
 
 @kernel
-def _moments(mean: Array, wrenches: Array) -> Array:
-    """Torque about the estimated center of mass of each wrench about the vehicle origin, shape (n, 3)."""
-    return wrenches[:, :3] + wrenches[:, 3:] @ skew(mean[CENTER])
-
-
-@kernel
 def error_rows(state: JointState, acting: Drive, params: JointParams) -> tuple[Array, Array]:
     """Derivatives of the changes of w and of c by the parameters: thrust and lag errors, s, ticks, and forces.
 
@@ -267,7 +248,7 @@ def error_rows(state: JointState, acting: Drive, params: JointParams) -> tuple[A
     mean, places, firing = state.mean, params.places, acting.firing
     inverse, reciprocal = picked(mean, ELEMENT), mean[MASS]
     rate_rows, velocity_rows = np.zeros((3, places.size)), np.zeros((3, places.size))
-    rate_effect = _moments(mean, params.wrenches) @ inverse
+    rate_effect = moments_of(params.wrenches, mean) @ inverse
     velocity_effect = reciprocal * params.wrenches[:, 3:]
     _, lagged = _thrust_factors(state, params)
     if places.n_thrust > 0:
@@ -276,7 +257,7 @@ def error_rows(state: JointState, acting: Drive, params: JointParams) -> tuple[A
         rate_rows[:, columns] = (rate_effect * sigma).T
         velocity_rows[:, columns] = (velocity_effect * sigma).T
         outside = acting.outside.reshape(1, 6)
-        rate_rows[:, places.scale] = -params.thrust_sigma * (_moments(mean, outside) @ inverse)[0]
+        rate_rows[:, places.scale] = -params.thrust_sigma * (moments_of(outside, mean) @ inverse)[0]
         velocity_rows[:, places.scale] = -params.thrust_sigma * reciprocal * acting.outside[3:]
     if places.n_lag > 0:
         weight = firing.amount_slope * acting.lag_slope * lagged
@@ -463,7 +444,7 @@ def _opening_products(mean: Array, firing: Firing, covariance: Array, params: Jo
 def _bows_of_thrust(state: JointState, acting: Drive, params: JointParams) -> Array:
     """Angular impulses of the bows by thrust that builds up or tails off, see the module, shape (3, 3)."""
     _, lagged = _thrust_factors(state, params)
-    return _moments(state.mean, (acting.firing.bow * lagged) @ params.wrenches)
+    return moments_of((acting.firing.bow * lagged) @ params.wrenches, state.mean)
 
 
 @kernel
@@ -730,7 +711,7 @@ def _each_times(effects: Array, covariance: Array) -> Array:
 def _effects(mean: Array, wrenches: Array) -> Array:
     """N_j, the effect of errors of the ten parameters on w and c under wrenches for a second, shape (6, n, 10)."""
     inverse = picked(mean, ELEMENT)
-    moments, forces = _moments(mean, wrenches), wrenches[:, 3:]
+    moments, forces = moments_of(wrenches, mean), wrenches[:, 3:]
     effects = np.zeros((6, wrenches.shape[0], N_PROPERTIES))
     for row in range(3):
         for column in range(3):
@@ -746,13 +727,11 @@ def _white_noise(mean: Array, acting: Drive, params: JointParams) -> Array:
     noise, firing = spread(acting.anything), acting.firing
     variance = firing.variance + (params.repeatability * firing.amount) ** 2
     if variance.any():
-        rate_effect = _moments(mean, params.wrenches) @ picked(mean, ELEMENT)
-        effects = np.hstack((rate_effect, mean[MASS] * params.wrenches[:, 3:]))
+        effects = effects_of(params.wrenches, mean)
         noise += (effects * variance.reshape(-1, 1)).T @ effects
     if acting.spreads.any():
         seconds = firing.by_tick * np.sqrt(acting.spreads).reshape(2, 1)
-        wrenches = seconds @ params.wrenches
-        late = np.hstack((_moments(mean, wrenches) @ picked(mean, ELEMENT), mean[MASS] * wrenches[:, 3:]))
+        late = effects_of(seconds @ params.wrenches, mean)
         noise += late.T @ late
     noise[:3, :3] += params.rate_walk**2 * firing.duration_s * _IDENTITY
     noise[3:, 3:] += params.velocity_walk**2 * firing.duration_s * _IDENTITY

@@ -1,4 +1,4 @@
-r"""What jets whose commands are not known may have given over an interval: anything that they can.
+r"""Jets whose commands are not known may have given anything that they can over an interval.
 
 How long such a jet was open is an unknown that lasts: one that stays off, or on, gives the same in every interval. A
 prior by which each interval is a coin of its own would be off by the same sigma each time, and the filter would learn
@@ -21,11 +21,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.impulses import Firing
-from massprop_drake.maths.estimation.joint.layout import CENTER, MASS, JointParams
-from massprop_drake.maths.kernels import kernel, picked
-from massprop_drake.maths.linear_algebra import Array, skew
-from massprop_drake.maths.mass_properties import ELEMENT
+from massprop_drake.maths.estimation.joint.impulses import Firing, effects_of, regiven
+from massprop_drake.maths.estimation.joint.layout import JointParams
+from massprop_drake.maths.kernels import kernel
+from massprop_drake.maths.linear_algebra import Array
 
 _WIDE = 10.0  # times what the strongest jet gives in the interval: an opening's 1-sigma, by which none is told
 EXPECTED = -0.5 * (1.0 + math.log(2.0))  # nats, of a reading that is expected as well as it is read, over its best
@@ -61,7 +60,7 @@ def directions(mean: Array, firing: Firing, params: JointParams) -> Directions:
     if not firing.unknown.any():
         return Directions(0.0, 0.0, basis, dual)
     sigmas = _reading_sigmas(params)
-    effects = _effects(mean, params) / sigmas * firing.duration_s
+    effects = effects_of(params.wrenches, mean) / sigmas * firing.duration_s
     values, vectors = np.linalg.eigh(effects[firing.unknown].T @ effects[firing.unknown])
     count = 0
     for place in range(6):
@@ -113,24 +112,13 @@ def shown_by(error: Array, mean: Array, firing: Firing, anything: Directions, pa
     if np.isnan(error).any():
         return firing
     # D U (U^T D^T D U)^-1 U^T error, of the jets that are not known
-    along = (_effects(mean, params) @ anything.dual)[:, : int(anything.number)] * firing.unknown.reshape(-1, 1)
+    along = (effects_of(params.wrenches, mean) @ anything.dual)[:, : int(anything.number)] * firing.unknown.reshape(
+        -1, 1
+    )
     found = along @ np.linalg.solve(along.T @ along, (anything.dual.T @ error)[: int(anything.number)])
     amount = firing.amount + firing.unknown * found
-    return Firing(
-        firing.duration_s,
-        np.minimum(np.maximum(amount, np.minimum(firing.amount, 0.0)), np.maximum(firing.amount, firing.duration_s)),
-        firing.amount_slope,
-        firing.bow,
-        firing.unknown,
-        firing.variance,
-        firing.level,
-        firing.slope,
-        firing.level_std,
-        firing.by_level,
-        firing.by_tick,
-        firing.level_by_tick,
-        firing.commanded,
-    )
+    least, most = np.minimum(firing.amount, 0.0), np.maximum(firing.amount, firing.duration_s)
+    return regiven(firing, np.minimum(np.maximum(amount, least), most), firing.level)
 
 
 @kernel
@@ -145,10 +133,3 @@ def _reading_sigmas(params: JointParams) -> Array:
             if told > 0.0:
                 sigmas[begin + axis] = 1.0 / np.sqrt(told)
     return sigmas
-
-
-@kernel
-def _effects(mean: Array, params: JointParams) -> Array:
-    """Change of w and c by a second of each jet's full thrust, shape (n_jets, 6)."""
-    moments = params.wrenches[:, :3] + params.wrenches[:, 3:] @ skew(mean[CENTER])
-    return np.hstack((moments @ picked(mean, ELEMENT), mean[MASS] * params.wrenches[:, 3:]))
