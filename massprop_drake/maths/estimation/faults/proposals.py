@@ -19,6 +19,7 @@ from massprop_drake.maths.estimation.joint import bank as banks
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.bank import Bank
 from massprop_drake.maths.estimation.joint.cycle import JointEvidence, Sample
+from massprop_drake.maths.estimation.joint.guard import knows_rotation
 from massprop_drake.maths.estimation.joint.hypotheses import (
     DRIFT,
     JUMP_SHARES,
@@ -177,7 +178,7 @@ def watched(each: Hypothesis, evidence: JointEvidence, cycle: int, params: Joint
     run, sample = each.run, evidence.sample
     score = run.score.plus(told(evidence.report))
     done = run._replace(cycle=cycle, state=evidence.after, score=score)
-    if not evidence.after.guarded or each.push > 0.0:
+    if not _is_judged(evidence, params) or each.push > 0.0:
         return gone_on(each, done)._replace(watch=None)
     watch = each.watch or Watch(banks.empty(params.places), ())
     seen = traces(evidence.before, evidence.report, sample)
@@ -200,6 +201,12 @@ def watched(each: Hypothesis, evidence: JointEvidence, cycle: int, params: Joint
     tested = tested and not is_anything(course.acting.firing, course.acting.anything)
     watch = Watch(bank, records[-(cycle - oldest + 1) :], alarm, tested, statistic)
     return gone_on(each, done)._replace(watch=watch)
+
+
+def _is_judged(evidence: JointEvidence, params: JointParams) -> bool:
+    """Tests whether the covariance of a state says what its readings may be off by: of all, or of the rates."""
+    after = evidence.after
+    return after.guarded or (evidence.report.rotation_known and knows_rotation(after, params))
 
 
 def loss(each: Hypothesis) -> float:

@@ -63,6 +63,7 @@ class StartSearch(NamedTuple):
         fits: hypotheses that have passes.
         tried: causes, and causes with their onsets, that have had passes.
         final: whether the search goes over all samples up to the newest.
+        rotation_known: whether what jets do to the rates was known before the first kept sample.
     """
 
     under_way: bool = True
@@ -77,6 +78,7 @@ class StartSearch(NamedTuple):
     fits: tuple[Fit, ...] = ()
     tried: frozenset[object] = frozenset()
     final: bool = False
+    rotation_known: bool = False
 
     @property
     def beginning(self) -> JointState:
@@ -136,6 +138,8 @@ def followed(
         return search, ()
     if search.until == 0 and len(search.kept) >= LONGEST:
         return OVER, ()
+    if report.rotation_known and not (search.rotation_known or search.contradicted):
+        search = BEGUN._replace(rotation_known=True)
     search = _with_sample(search, before, Kept(sample, report.course is None))
     if not search.contradicted and (report.contradicted or report.incremented):
         wide = compressed(incremented_root(search.beginning.root, params), params.places.thrust)

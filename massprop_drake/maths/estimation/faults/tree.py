@@ -156,6 +156,7 @@ def _stepped(
                 elif each.watch is not None or (place < _WATCHED and each.weight > hypotheses[0].weight - _LIKELY):
                     before = readied(each, over, joint)
                     after, report = step(before, sample, joint)
+                    report = report._replace(rotation_known=evidence.report.rotation_known)
                     found.append(watched(each, JointEvidence(before, after, report, sample, False), cycle, joint))
                 else:
                     found.append(moved(each, sample, over, joint))

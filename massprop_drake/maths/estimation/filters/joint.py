@@ -34,6 +34,8 @@ from massprop_drake.maths.estimation.joint import cycle, ticks
 from massprop_drake.maths.estimation.joint import start as starts
 from massprop_drake.maths.estimation.joint.covariance import in_order
 from massprop_drake.maths.estimation.joint.cycle import UNTRACKED, JointEvidence, Sample
+from massprop_drake.maths.estimation.joint.guard import knows_rotation
+from massprop_drake.maths.estimation.joint.hypotheses import without_increments
 from massprop_drake.maths.estimation.joint.layout import (
     RATE,
     JointParams,
@@ -288,15 +290,18 @@ def step(
         NotPositiveDefiniteError: see `cycle.step`.
     """
     before = state.joint
-    made = _made(state, (rates, velocities), told, params)
+    steady = params
+    if state.start.rotation and knows_rotation(before, params.joint):  # what contradicts it is for the detector
+        steady = params._replace(joint=without_increments(params.joint))
+    made = _made(state, (rates, velocities), told, steady)
     if before.guarded and np.isnan(told.command).any():
-        likely = told._replace(command=_bridged(state.clock, told, params))
+        likely = told._replace(command=_bridged(state.clock, told, steady))
         if not np.array_equal(likely.command, told.command, equal_nan=True):
-            other = _made(state, (rates, velocities), likely, params)
+            other = _made(state, (rates, velocities), likely, steady)
             made = other if _is_likelier(other, made) else made
     clock, sample, anew, own, report = made
     start, after = starts.followed(state.start, before, (own, report), Kept(sample, anew), params.joint)
-    report = report._replace(starting=start.under_way, contradicted=start.contradicted)
+    report = report._replace(starting=start.under_way, contradicted=start.contradicted, rotation_known=start.rotation)
     evidence = JointEvidence(before, after, report, sample, anew)
     if after.mean is own.mean:
         known = _with_report(after, clock, report.estimate.copy(), report.covariance.copy(), params)
@@ -461,7 +466,7 @@ def replaced(step: FilterStep, joint: JointState, params: JointFilterParams) -> 
     """A cycle that goes on from another state: its estimates are reported; the innovations are what they were."""
     after = _reporting(joint, step.state.clock, params)._replace(frame=step.state.frame)
     if step.state.start.under_way and not joint.guarded:  # it begins anew with what has been found
-        after = after._replace(start=starts.BEGUN)
+        after = after._replace(start=starts.BEGUN_KNOWN if step.state.start.rotation else starts.BEGUN)
     return telling(step, after.estimate, after.covariance)._replace(
         state=after, own=step.own._replace(settled=_settled(after, params))
     )

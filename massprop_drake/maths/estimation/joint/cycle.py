@@ -182,6 +182,7 @@ class Report(NamedTuple):
         course: see `Course`; None at the first sample.
         starting, contradicted: whether a start is kept to be gone over again, and whether it has just ended since that
             does not explain the readings, see `start`.
+        rotation_known: whether hypotheses may be judged by the rates before all has converged, see `start`.
     """
 
     estimate: Array
@@ -201,6 +202,7 @@ class Report(NamedTuple):
     course: Course | None
     starting: bool = False
     contradicted: bool = False
+    rotation_known: bool = False
 
 
 class JointEvidence(NamedTuple):

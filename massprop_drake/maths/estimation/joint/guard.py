@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.layout import CENTER, JointParams, JointState, flagged
+from massprop_drake.maths.estimation.joint.impulses import effects_of
+from massprop_drake.maths.estimation.joint.layout import CENTER, N_PROPERTIES, JointParams, JointState, flagged
+from massprop_drake.maths.estimation.joint.prediction import parameter_effects
 from massprop_drake.maths.estimation.joint.thrust_scale import partitioned, reported
 from massprop_drake.maths.kernels import kernel
 
@@ -39,6 +41,18 @@ def guarded(state: JointState, commanded: bool, params: JointParams) -> JointSta
     if params.places.n_thrust > 0 and not state.rescaled:
         state = partitioned(state, params)
     return flagged(state, True, True, state.rescaled, 1.0 if commanded else 0.0)
+
+
+def knows_rotation(state: JointState, params: JointParams) -> bool:
+    """Tests whether the effects of all jets on each rate are known as well as the guard asks of the inertia.
+
+    With e the largest relative 1-sigma of a rate's row, products of errors are a share e of the row's own 1-sigma, in
+    one sample as in a hundred: the covariance of such a row says what its readings may be off by.
+    """
+    effects = parameter_effects(state.mean, params.wrenches)[:3] @ state.root[:N_PROPERTIES]
+    sigma = np.sqrt(np.sum(effects**2, axis=2)).max(axis=1, initial=0.0)
+    largest = np.abs(effects_of(params.wrenches, state.mean)[:, :3]).max(axis=0, initial=0.0)
+    return bool((sigma < params.guard_relative[:3] * largest).all())
 
 
 def unguarded(state: JointState) -> JointState:

@@ -687,7 +687,7 @@ def _thrust_products(state: JointState, acting: Drive, covariance: Array, params
     mean, places = state.mean, params.places
     jets = np.flatnonzero(np.abs(acting.firing.amount) > _FIRES * acting.firing.duration_s)
     shares = params.thrust_sigma * acting.firing.amount[jets]
-    effects = _effects(mean, params.wrenches[jets]) * shares.reshape(-1, 1)
+    effects = parameter_effects(mean, params.wrenches[jets]) * shares.reshape(-1, 1)
     thrusts = state.root[places.thrust + jets]
     crossed = state.root[:N_PROPERTIES] @ thrusts.T
     flat = effects.reshape(6, -1)
@@ -708,7 +708,7 @@ def _each_times(effects: Array, covariance: Array) -> Array:
 
 
 @kernel
-def _effects(mean: Array, wrenches: Array) -> Array:
+def parameter_effects(mean: Array, wrenches: Array) -> Array:
     """N_j, the effect of errors of the ten parameters on w and c under wrenches for a second, shape (6, n, 10)."""
     inverse = picked(mean, ELEMENT)
     moments, forces = moments_of(wrenches, mean), wrenches[:, 3:]

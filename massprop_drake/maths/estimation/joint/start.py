@@ -35,7 +35,7 @@ from massprop_drake.maths.estimation.joint.cycle import (
     incremented_root,
     restart,
 )
-from massprop_drake.maths.estimation.joint.guard import guarded, unguarded
+from massprop_drake.maths.estimation.joint.guard import guarded, knows_rotation, unguarded
 from massprop_drake.maths.estimation.joint.lag_prior import begun_as
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams, JointState, Places
 from massprop_drake.maths.linear_algebra import Array
@@ -82,7 +82,9 @@ class Start(NamedTuple):
         kept: samples since.
         incremented: whether the covariance has been, since then.
         under_pass: None: the guard has not held.
-        contradicted: whether it has just ended since its passes do not explain the readings.
+        contradicted: whether passes have just arrived that do not explain the readings.
+        tried: whether passes have arrived since rotation was known first.
+        rotation: whether what jets do to the rates is known, and passes have explained the readings.
     """
 
     under_way: bool = False
@@ -91,9 +93,12 @@ class Start(NamedTuple):
     incremented: bool = False
     under_pass: Pass | None = None
     contradicted: bool = False
+    tried: bool = False
+    rotation: bool = False
 
 
 BEGUN, OVER, CONTRADICTED = Start(under_way=True), Start(), Start(contradicted=True)
+BEGUN_KNOWN = Start(under_way=True, tried=True, rotation=True)
 
 
 def followed(
@@ -115,24 +120,29 @@ def followed(
     if not before.started or not (acts or start.kept):
         return start, after
     if len(start.kept) >= LONGEST:
-        return OVER, after
+        return BEGUN_KNOWN if start.rotation else OVER, after
     start = start._replace(
         entry=before if start.entry is None else start.entry,
         kept=(*start.kept, latest),
         incremented=start.incremented or report.incremented,
+        contradicted=False,
     )
     under_pass = start.under_pass
     if under_pass is None:
-        if not after.guarded:
+        if not (after.guarded or (not start.tried and knows_rotation(after, params))):
             return start, after
         under_pass = _begun(start, after, 1, params)
     under_pass, arrived = _gone_on(start, under_pass, params)
     if not arrived:
         return start._replace(under_pass=under_pass), unguarded(after)
     if not _explains(under_pass):
-        return CONTRADICTED, after
+        if after.guarded or start.tried:
+            return CONTRADICTED, after
+        return start._replace(under_pass=None, contradicted=True, tried=True), after
     found = guarded(under_pass.state, acts, params)
-    return (OVER if found.guarded else start._replace(under_pass=None)), found
+    if found.guarded:
+        return OVER, found
+    return (BEGUN_KNOWN if knows_rotation(found, params) else start._replace(under_pass=None)), found
 
 
 def _begun(start: Start, end: JointState, number: int, params: JointParams) -> Pass:
