@@ -10,6 +10,8 @@ hypothesis, from the state before the first with what an increment adds:
 Screenings begin at the nominal vehicle, or where passes end that explain all without a failure. They are repeated about
 the end of the likeliest passes, until they propose nobody new. The first order only proposes. Hypotheses near the
 likeliest are then brought to the newest sample.
+
+Once the start has been gone over since what jets do to the rates is known, samples are kept anew from there.
 """
 
 from __future__ import annotations

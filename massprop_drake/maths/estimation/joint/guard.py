@@ -1,4 +1,4 @@
-"""When the estimates are good enough to act on, and when the start is over."""
+"""Conditions for estimates to be acted on, for rates to be judged by, and for the start to be over."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from massprop_drake.maths.estimation.joint.thrust_scale import partitioned, repo
 from massprop_drake.maths.kernels import kernel
 
 _SCALED = (0, 1, 2, 9)  # judged relative to their own size
+_SECOND_ORDER = 0.1  # sigmas by which products of errors may shift a prediction: 0.005 nats
 
 
 @kernel
@@ -44,15 +45,16 @@ def guarded(state: JointState, commanded: bool, params: JointParams) -> JointSta
 
 
 def knows_rotation(state: JointState, params: JointParams) -> bool:
-    """Tests whether the effects of all jets on each rate are known as well as the guard asks of the inertia.
+    """Tests whether the covariance of a state says by how much predicted rates may be off.
 
-    With e the largest relative 1-sigma of a rate's row, products of errors are a share e of the row's own 1-sigma, in
-    one sample as in a hundred: the covariance of such a row says what its readings may be off by.
+    Rates are products of what is unknown: inverse inertia, and torque about the center of mass. With e the relative
+    1-sigma of what the jets do to a rate, these products are off by e of the rate's own 1-sigma, in one sample as in a
+    hundred. So linear statistics hold as far as e is small, however little is known of the mass.
     """
     effects = parameter_effects(state.mean, params.wrenches)[:3] @ state.root[:N_PROPERTIES]
     sigma = np.sqrt(np.sum(effects**2, axis=2)).max(axis=1, initial=0.0)
     largest = np.abs(effects_of(params.wrenches, state.mean)[:, :3]).max(axis=0, initial=0.0)
-    return bool((sigma < params.guard_relative[:3] * largest).all())
+    return bool((sigma < _SECOND_ORDER * largest).all())
 
 
 def unguarded(state: JointState) -> JointState:
