@@ -21,13 +21,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.covariance import compressed
+from massprop_drake.maths.estimation.joint.covariance import compressed, semidefinite_root
 from massprop_drake.maths.estimation.joint.cycle import Report, Sample, crossed, floors, step
 from massprop_drake.maths.estimation.joint.guard import unguarded
 from massprop_drake.maths.estimation.joint.layout import CENTER, MASS, N_PROPERTIES, RATE, JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import rebased
-from massprop_drake.maths.estimation.joint.prediction import lag_of
-from massprop_drake.maths.estimation.joint.sensitivity import Link, smeared
+from massprop_drake.maths.estimation.joint.prediction import lag_of, parameter_effects
+from massprop_drake.maths.estimation.joint.sensitivity import Link, impulse_columns, smeared
 from massprop_drake.maths.linear_algebra import Array
 
 JUMP_SHARES = (0.3, 0.06)  # of the vehicle's mass (1 sigma): a payload, large or small
@@ -224,6 +224,8 @@ def opened(
 def kicked(state: JointState, cause: Cause, kicks: Array, over: Link, params: JointParams) -> JointState:
     """The state with what failed jets may have given besides over an interval, uncertain.
 
+    What an impulse does is as uncertain as the parameters: the products of their errors count as noise.
+
     Args:
         state: before the interval.
         cause: see `Cause`.
@@ -231,15 +233,19 @@ def kicked(state: JointState, cause: Cause, kicks: Array, over: Link, params: Jo
         over: the interval, of any filter that is near.
         params: see `JointParams`.
     """
-    impulses = smeared(over, params.places)[:, list(cause.jets)] * kicks
-    places = params.places
+    places, jets = params.places, list(cause.jets)
+    impulses = smeared(over, places)[:, jets] * kicks
+    share = (kicks * over.duration_s / params.thrusts[jets]).reshape(-1, 1)
+    effects = parameter_effects(state.mean, params.wrenches[jets]) * share
+    uncertain = (effects @ state.root[:N_PROPERTIES]).reshape(6, -1)
+    products = impulse_columns(semidefinite_root(uncertain @ uncertain.T), over, places)
     bowed = np.zeros((state.root.shape[0], 3))
     turns = np.zeros((state.root.shape[0], places.n_attitude))
     changed = np.sqrt(np.sum(impulses[RATE] ** 2))
     bowed[RATE] = BOW * over.duration_s * np.linalg.norm(state.mean[RATE]) * changed * np.eye(3)
     attitude = slice(places.attitude, places.attitude + places.n_attitude)
     turns[attitude] = UNTIMED * over.duration_s * changed * np.eye(places.n_attitude)
-    return state._replace(root=compressed(np.hstack((state.root, impulses, bowed, turns)), places.thrust))
+    return state._replace(root=compressed(np.hstack((state.root, impulses, products, bowed, turns)), places.thrust))
 
 
 def torn(state: JointState, share: float, over: Link, params: JointParams) -> JointState:

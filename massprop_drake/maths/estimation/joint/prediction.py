@@ -423,6 +423,10 @@ def _second_order(
             noise += product_noise
         if acting.anything.number > 0.0:
             noise += _opening_products(state.mean, acting.firing, covariance, params)
+        if (state.slot_jet >= 0).any():
+            product_mean, product_noise = _force_products(state, acting.firing, covariance, params)
+            bias += product_mean
+            noise += product_noise
     return bias, noise
 
 
@@ -435,7 +439,7 @@ def _opening_products(mean: Array, firing: Firing, covariance: Array, params: Jo
     error = 0.0
     for i in range(3):
         error = max(error, np.sqrt(covariance[i, i]) / max(abs(mean[i]), _TINY))
-    effects = _effects(mean, params.wrenches[np.flatnonzero(firing.unknown)])
+    effects = parameter_effects(mean, params.wrenches[np.flatnonzero(firing.unknown)])
     flat = effects.reshape(6, -1) * (min(error, 1.0) * firing.duration_s) ** 2
     return _each_times(effects, covariance).reshape(6, -1) @ flat.T
 
@@ -695,6 +699,24 @@ def _thrust_products(state: JointState, acting: Drive, covariance: Array, params
     variances = np.sum(thrusts * thrusts, axis=1).reshape(-1, 1)
     product_noise = (variances * _each_times(effects, covariance)).reshape(6, -1) @ flat.T
     return product_mean, product_noise
+
+
+@kernel
+def _force_products(state: JointState, firing: Firing, covariance: Array, params: JointParams) -> tuple[Array, Array]:
+    """Mean, shape (6,), and covariance, shape (6, 6), of errors of failed jets' forces times those of the parameters.
+
+    A jet that has just failed may give anything: what it does to the rates is then as uncertain as what every jet does.
+    """
+    slots = np.flatnonzero(state.slot_jet >= 0)
+    jets = state.slot_jet[slots].astype(np.intp)
+    seconds = np.array([_slot_weight(state, slot, firing) for slot in slots]) / params.thrusts[jets]
+    effects = parameter_effects(state.mean, params.wrenches[jets]) * seconds.reshape(-1, 1)
+    forces = state.root[params.places.force + slots]
+    crossed = forces @ state.root[:N_PROPERTIES].T
+    flat = effects.reshape(6, -1)
+    variances = np.sum(forces * forces, axis=1).reshape(-1, 1)
+    product_noise = (variances * _each_times(effects, covariance)).reshape(6, -1) @ flat.T
+    return flat @ crossed.ravel(), product_noise
 
 
 def _flat_times(effects, covariance):  # type: ignore[no-untyped-def] # compiled alone

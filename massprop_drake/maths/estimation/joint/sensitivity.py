@@ -315,11 +315,22 @@ def corrected(columns: Array, shown: Array, over: Link) -> Array:
 
 def smeared(over: Link, places: Places) -> Array:
     """The error by an impulse of each jet's unit force over a whole interval, shape (size, n_jets)."""
-    columns = np.zeros((places.size, over.effects.shape[0]))
-    columns[RATE] = over.duration_s * over.effects[:, :3].T
+    return impulse_columns(over.duration_s * over.effects.T, over, places)
+
+
+def impulse_columns(columns: Array, over: Link, places: Places) -> Array:
+    """The error at the end of an interval by changes of w and c from its beginning on, shape (size, n).
+
+    Args:
+        columns: changes, rad/s and ft/s or m/s, shape (6, n).
+        over: the interval.
+        places: see `Places`.
+    """
+    result = np.zeros((places.size, columns.shape[1]))
+    result[RATE] = columns[:3]
     for package in range(places.accelerometers):
         part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
-        columns[part] = over.duration_s * over.effects[:, 3:].T
-    if places.n_attitude > 0:  # the interval turns it by all of that from its beginning on
-        columns[places.attitude : places.attitude + 3] = -over.attitude[0] @ columns[RATE]
-    return columns
+        result[part] = columns[3:]
+    if places.n_attitude > 0:
+        result[places.attitude : places.attitude + 3] = -over.attitude[0] @ columns[:3]
+    return result
