@@ -10,6 +10,7 @@ import numpy as np
 from massprop_drake.maths.estimation.faults.priors import Params, force_correction, log_possible
 from massprop_drake.maths.estimation.joint.bank import OLDEST
 from massprop_drake.maths.estimation.joint.cycle import Sample, restart
+from massprop_drake.maths.estimation.joint.guard import unguarded
 from massprop_drake.maths.estimation.joint.hypotheses import (
     NO_SCORE,
     Cause,
@@ -186,14 +187,21 @@ def behind(each: Hypothesis, other: Hypothesis) -> float:
     return other.trail[-1 - since] + other.prior - each.run.score.likelihood - each.prior
 
 
-def moved(each: Hypothesis, sample: Sample, over: Link, params: JointParams) -> Hypothesis:
+def moved(each: Hypothesis, sample: Sample, over: Link, params: JointParams, *, starting: bool) -> Hypothesis:
     """The hypothesis after one more cycle.
+
+    Args:
+        each: before it.
+        sample: of the cycle.
+        over: the cycle of any filter that is near.
+        params: without increments.
+        starting: whether the filter's start is under way: hypotheses that are compared converge together.
 
     Raises:
         NotPositiveDefiniteError: see `joint.cycle.step`.
     """
-    erratic = shares(each, over.duration_s)
-    return gone_on(each, stepped(each.run, sample, over, erratic, each.push, params))
+    run = stepped(each.run, sample, over, shares(each, over.duration_s), each.push, params)
+    return gone_on(each, run._replace(state=unguarded(run.state)) if starting else run)
 
 
 def split(each: Hypothesis, sample: Sample) -> tuple[Hypothesis, ...]:

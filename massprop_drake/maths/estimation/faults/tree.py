@@ -45,6 +45,7 @@ from massprop_drake.maths.estimation.faults.report import History
 from massprop_drake.maths.estimation.faults.search import Found
 from massprop_drake.maths.estimation.joint import bank as banks
 from massprop_drake.maths.estimation.joint.cycle import JointEvidence, Sample, step
+from massprop_drake.maths.estimation.joint.guard import unguarded
 from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Kind, Runner
 from massprop_drake.maths.estimation.joint.layout import JointState
 from massprop_drake.maths.estimation.joint.sensitivity import Link
@@ -119,7 +120,7 @@ def advance(tree: Tree, evidence: JointEvidence, params: Params) -> Tree:
     stepped = _stepped(tree.hypotheses, evidence, cycle, params, over)
     tree = tree._replace(hypotheses=tuple(_surprised(stepped, before.weight, cycle, params)))
     tree = _reviewed(_proposed(tree, params), params)
-    tree = _replayed(tree, params)
+    tree = _replayed(tree, params, starting=report.starting)
     return _forked(_pruned(tree, evidence.sample.time_s, params), before)
 
 
@@ -145,21 +146,22 @@ def _stepped(
     hypotheses: tuple[Hypothesis, ...], evidence: JointEvidence, cycle: int, params: Params, over: Link
 ) -> list[Hypothesis]:
     """Every hypothesis after one more sample; the leader as its filter has gone, unless its cycle is special."""
-    joint, sample, found = params.joint, evidence.sample, []
+    joint, sample, starting, found = params.joint, evidence.sample, evidence.report.starting, []
     for place, whole in enumerate(hypotheses):
         for each in split(whole, sample):
             try:
                 if special(each, over.duration_s, joint):
-                    found.append(moved(each, sample, over, joint)._replace(watch=None))
+                    found.append(moved(each, sample, over, joint, starting=starting)._replace(watch=None))
                 elif place == 0 and each.run.state is whole.run.state:
                     found.append(watched(each, evidence, cycle, joint))
                 elif each.watch is not None or (place < _WATCHED and each.weight > hypotheses[0].weight - _LIKELY):
                     before = readied(each, over, joint)
                     after, report = step(before, sample, joint)
+                    after = unguarded(after) if starting else after
                     report = report._replace(rotation_known=evidence.report.rotation_known)
                     found.append(watched(each, JointEvidence(before, after, report, sample, False), cycle, joint))
                 else:
-                    found.append(moved(each, sample, over, joint))
+                    found.append(moved(each, sample, over, joint, starting=starting))
             except NotPositiveDefiniteError:
                 if place == 0:
                     raise
@@ -361,7 +363,7 @@ def _redrawn(
     return kept
 
 
-def _replayed(tree: Tree, params: Params) -> Tree:
+def _replayed(tree: Tree, params: Params, *, starting: bool) -> Tree:
     """The tree with its proposals as far as the budget lets them go; those that have arrived are hypotheses.
 
     One that falls behind the likeliest on its way is as little worth following as a hypothesis that does.
@@ -380,7 +382,7 @@ def _replayed(tree: Tree, params: Params) -> Tree:
                 if child.run.age > 0:
                     child, *twins = split(child, sample)
                     queue[:0] = [birth._replace(child=twin) for twin in twins]
-                child = moved(child, sample, over, params.joint)
+                child = moved(child, sample, over, params.joint, starting=starting)
                 left -= 1
         except (NotPositiveDefiniteError, np.linalg.LinAlgError):
             continue

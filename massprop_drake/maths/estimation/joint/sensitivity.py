@@ -18,20 +18,12 @@ import numpy as np
 
 from massprop_drake.maths.arrays import NUMBER, Layout
 from massprop_drake.maths.estimation.joint.cycle import Course, Crossing, Report, Sample
-from massprop_drake.maths.estimation.joint.layout import (
-    CENTER,
-    MASS,
-    RATE,
-    VELOCITY,
-    JointParams,
-    JointState,
-    Places,
-)
+from massprop_drake.maths.estimation.joint.impulses import effects_of
+from massprop_drake.maths.estimation.joint.layout import MASS, RATE, VELOCITY, JointParams, JointState, Places
 from massprop_drake.maths.estimation.joint.measurement import readings
 from massprop_drake.maths.estimation.joint.ticks import Stamped
-from massprop_drake.maths.kernels import kernel, picked
-from massprop_drake.maths.linear_algebra import Array, skew
-from massprop_drake.maths.mass_properties import ELEMENT
+from massprop_drake.maths.kernels import kernel
+from massprop_drake.maths.linear_algebra import Array
 
 
 class Link(NamedTuple):
@@ -222,9 +214,6 @@ def linked(seen: Traces, params: JointParams) -> Link:
         columns = np.linalg.solve(seen.upper, seen.half_gain.T)
         for place in range(counts.shape[0]):
             gain[:, counts[place]] = columns[place]
-    mean = seen.mean
-    moments = params.wrenches[:, :3] + params.wrenches[:, 3:] @ skew(mean[CENTER])
-    effects = np.hstack((moments @ picked(mean, ELEMENT), mean[MASS] * params.wrenches[:, 3:]))
     return Link(
         rate_rows=seen.rate_rows,
         velocity_rows=seen.velocity_rows,
@@ -242,7 +231,7 @@ def linked(seen: Traces, params: JointParams) -> Link:
         degrees=seen.degrees,
         log_likelihood=seen.log_likelihood,
         correction=seen.correction,
-        effects=effects / params.thrusts.reshape(-1, 1),
+        effects=effects_of(params.wrenches, seen.mean) / params.thrusts.reshape(-1, 1),
         amount=seen.amount,
         read=seen.read,
         crossing_rows=seen.crossing.rows,
