@@ -57,7 +57,7 @@ def with_one_cycle(
     )
     child = child._replace(run=child.run._replace(kicks=leader.run.kicks))
     for sample, over in tree.samples[child.run.cycle - tree.cycle :]:
-        child = moved(child, sample, over, params.joint)
+        child = moved(child, sample, over, params.joint, starting=False)
     child = weighed(child, params)
     others = tuple(each for each in tree.hypotheses if each is not leader)
     tree = tree._replace(hypotheses=tuple(sorted((child, *others), key=lambda each: -each.weight)))
@@ -81,7 +81,7 @@ def alternatives(
             continue
         assert birth.than == leader.events
         for sample, over in tree.samples[child.run.cycle - tree.cycle :]:
-            child = moved(child, sample, over, params.joint)
+            child = moved(child, sample, over, params.joint, starting=False)
         favor = np.log(thrusts[list(cause.jets)] / thrusts.max()).sum() - np.log(thrusts[3] / thrusts.max())
         own = child.run.score.likelihood + child.prior - leader.run.score.likelihood - leader.prior
         yield birth.ahead - favor, own

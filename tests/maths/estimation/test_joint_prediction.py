@@ -57,6 +57,7 @@ def test_the_rate_at_the_end_is_the_mean_of_prediction_and_reading_by_their_vari
 
 def test_an_error_of_the_rate_times_that_of_the_center_of_mass_is_noise_on_what_accelerometers_gather() -> None:
     state = some_state(PARAMS)
+    state = state._replace(slot_jet=np.full_like(state.slot_jet, -1))
     acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, SAMPLE.outside, on_ticks(), PARAMS)
     read = read_as(state.mean[10:13] + np.array([0.003, -0.001, 0.002]), PARAMS)._replace(variance=np.full(3, 1e-4))
     first = predict(state, acting, read, PARAMS)

@@ -16,7 +16,7 @@ from massprop_drake.maths.estimation.cycle import EstimationParams
 from massprop_drake.runners import cycles, loop, recorded
 
 CASES: dict[str, tuple[str, list[str]]] = {
-    "thrust errors": ("dispersed_thrust", ["duration_s=14"]),
+    "thrust errors": ("dispersed_thrust", ["duration_s=14", "seed=2"]),
     "a jet that sticks": (
         "orbiter_maneuver",
         ["duration_s=11", "failures=[{kind: stuck_on, jet: R4R, start_s: 8}]"],
