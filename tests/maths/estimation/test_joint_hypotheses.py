@@ -29,6 +29,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     torn,
     without_increments,
 )
+from massprop_drake.maths.estimation.joint.impulses import effects_of
 from massprop_drake.maths.estimation.joint.layout import RATE, JointParams, JointState
 from massprop_drake.maths.estimation.joint.sensitivity import carried, corrected, link, smeared
 from massprop_drake.maths.linear_algebra import Array
@@ -255,6 +256,30 @@ def test_what_the_jets_hypothesis_opens_with(flown: Flight) -> None:
     covariance = anew.root @ anew.root.T
     assert covariance[row, row] == pytest.approx(PARAMS.thrusts[4] ** 2)
     np.testing.assert_allclose(np.delete(covariance[row], row), 0.0, atol=1e-12)
+
+
+def test_an_impulse_does_what_is_as_uncertain_as_the_parameters(flown: Flight) -> None:
+    """Against drawn parameters and impulses."""
+    state, over, kick = flown.states[2], flown.links[2], 0.4
+    cause = Cause(Kind.JETS, (4,), (1,), (0,))
+    root = state.root.copy()
+    root[:10] = 0.0
+    root[:10, :10] = np.diag(0.02 * np.abs(state.mean[:10]))
+    state = state._replace(root=root)
+    first = kicked(state, cause, np.array([kick]), over, PARAMS)
+    second = kicked(state, cause, np.array([kick]), over, PARAMS._replace(second_order=True))
+    added = (second.root @ second.root.T - first.root @ first.root.T)[10:16, 10:16]
+    random = np.random.default_rng(4)
+    errors = random.standard_normal((20_000, root.shape[1])) @ root[:10].T
+    seconds = random.normal(scale=kick, size=20_000) * over.duration_s / PARAMS.thrusts[4]
+    wrench = PARAMS.wrenches[4:5]
+    given = effects_of(wrench, state.mean)[0]
+    draws = seconds[:, None] * [effects_of(wrench, state.mean[:10] + one)[0] - given for one in errors]
+    moves = draws.std(axis=0) > 0.0
+    assert moves.sum() > 3
+    sigma = draws.std(axis=0)[moves]
+    found = added[np.ix_(moves, moves)] / np.outer(sigma, sigma)
+    np.testing.assert_allclose(found, np.corrcoef(draws[:, moves].T), atol=0.05)
 
 
 def test_a_force_that_drifts_walks_in_its_own_slot(flown: Flight) -> None:

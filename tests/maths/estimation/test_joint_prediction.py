@@ -18,7 +18,7 @@ from joint_probe import (
     unread,
 )
 
-from massprop_drake.maths.estimation.joint.impulses import Firing
+from massprop_drake.maths.estimation.joint.impulses import Firing, effects_of
 from massprop_drake.maths.estimation.joint.layout import JointState
 from massprop_drake.maths.estimation.joint.prediction import (
     RateRead,
@@ -274,6 +274,42 @@ def test_products_with_thrust_errors_have_the_mean_of_their_correlation() -> Non
     bias = (predict(state, acting, UNREAD, params).mean - predict(state, acting, UNREAD, PARAMS).mean)[10:16]
     draws = sampled(state, acting.firing, 20_000)
     np.testing.assert_allclose(bias, draws.mean(axis=0), atol=4 * draws.std(axis=0).max() / np.sqrt(20_000))
+
+
+@pytest.mark.parametrize("correlated", [False, True])
+def test_products_with_errors_of_failed_jets_forces_have_their_moments(correlated: bool) -> None:
+    """Against drawn forces and parameters, of a leak and of a jet that gives too little."""
+    params = small_params()
+    plain, forces = some_state(params), slice(PLACES.force, PLACES.force + 2)
+    mean, root = plain.mean.copy(), plain.root.copy()
+    mean[10:], root[10:] = 0.0, 0.0
+    mean[6:9] = params.accelerometer_positions.mean(axis=0)  # so that turning adds nothing to what they gather
+    root[:10] *= 1e2
+    known = plain._replace(
+        mean=mean,
+        root=root,
+        slot_jet=np.array([2.0, 4.0]),
+        slot_sign=np.array([1.0, -1.0]),
+        slot_on_top=np.array([1.0, 0.0]),
+    )
+    unknown, first = root.copy(), 0 if correlated else 10
+    unknown[forces, first : first + 3] = [[0.2, 0.1, -0.1], [0.1, 0.3, 0.5]]
+    acting = drive(known, SAMPLE.durations_s, SAMPLE.commands, np.zeros(6), on_ticks(), params)
+    seconds = np.array([PERIOD, -acting.firing.amount[4]]) / params.thrusts[[2, 4]]
+    assert seconds[1] < 0.0
+    drawn = np.random.default_rng(3).standard_normal((40_000, root.shape[1]))
+    errors, off = drawn @ unknown[:10].T, drawn @ unknown[forces].T * seconds
+    wrenches = params.wrenches[[2, 4]]
+    given = effects_of(wrenches, known.mean)
+    changed = np.array([effects_of(wrenches, known.mean[:10] + one) - given for one in errors])
+    draws = np.einsum("nk,nkc->nc", off, changed)
+    sigma = draws.std(axis=0)
+    read = read_as(np.zeros(3), params)._replace(variance=np.full(3, 1e-14))  # what is left of the rate is noise, too
+    without, found = (predict(known._replace(root=each), acting, read, params) for each in (root, unknown))
+    added = (found.noise - without.noise) / np.outer(sigma, sigma)
+    np.testing.assert_allclose((found.mean - without.mean)[10:16] / sigma, draws.mean(axis=0) / sigma, atol=0.03)
+    if not correlated:  # whose squares the noise leaves out
+        np.testing.assert_allclose(added, np.cov(draws.T) / np.outer(sigma, sigma), atol=0.05)
 
 
 def test_covariance_goes_over_by_the_jacobian_and_noise() -> None:

@@ -235,17 +235,23 @@ def kicked(state: JointState, cause: Cause, kicks: Array, over: Link, params: Jo
     """
     places, jets = params.places, list(cause.jets)
     impulses = smeared(over, places)[:, jets] * kicks
-    share = (kicks * over.duration_s / params.thrusts[jets]).reshape(-1, 1)
-    effects = parameter_effects(state.mean, params.wrenches[jets]) * share
-    uncertain = (effects @ state.root[:N_PROPERTIES]).reshape(6, -1)
-    products = impulse_columns(semidefinite_root(uncertain @ uncertain.T), over, places)
+    products = np.zeros((6, 6))
+    if params.second_order:
+        share = (kicks * over.duration_s / params.thrusts[jets]).reshape(-1, 1)
+        effects = parameter_effects(state.mean, params.wrenches[jets]) * share
+        uncertain = (effects @ state.root[:N_PROPERTIES]).reshape(6, -1)
+        products = semidefinite_root(uncertain @ uncertain.T)
     bowed = np.zeros((state.root.shape[0], 3))
     turns = np.zeros((state.root.shape[0], places.n_attitude))
     changed = np.sqrt(np.sum(impulses[RATE] ** 2))
     bowed[RATE] = BOW * over.duration_s * np.linalg.norm(state.mean[RATE]) * changed * np.eye(3)
     attitude = slice(places.attitude, places.attitude + places.n_attitude)
     turns[attitude] = UNTIMED * over.duration_s * changed * np.eye(places.n_attitude)
-    return state._replace(root=compressed(np.hstack((state.root, impulses, products, bowed, turns)), places.thrust))
+    return state._replace(
+        root=compressed(
+            np.hstack((state.root, impulses, impulse_columns(products, over, places), bowed, turns)), places.thrust
+        )
+    )
 
 
 def torn(state: JointState, share: float, over: Link, params: JointParams) -> JointState:
