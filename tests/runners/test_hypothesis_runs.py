@@ -204,7 +204,7 @@ def test_a_group_whose_likeliest_was_wrong_is_settled_by_what_comes() -> None:
         "plant.thrust_dispersion=0.01",
         "plant.lag_factor=0.9523809523809523",
     ]
-    given = [*told, "joint.thrust_uncertainty=0.01", "seed=991037", "duration_s=53", LOOP]
+    given = [*told, "joint.thrust_uncertainty=0.01", "seed=991037", "duration_s=54", LOOP]
     run = simulate(load_scenario("payload_docking", given))
     said = sorted((each.kind, each.jets) for each in run.results.events)
     assert said == [("failed", ("F3D",)), ("failed", ("F3U",))]

@@ -11,7 +11,7 @@ Screenings begin at the nominal vehicle, or where passes end that explain all wi
 the end of the likeliest passes, until they propose nobody new. The first order only proposes. Hypotheses near the
 likeliest are then brought to the newest sample.
 
-Once the start has been gone over since what jets do to the rates is known, samples are kept anew from there.
+Samples are kept anew from when on rotation is known: what they show is judged from there.
 """
 
 from __future__ import annotations

@@ -14,8 +14,8 @@ in place of the readings' prediction, x* the ten parameters, lags and gyros' bia
 sample errs by the second order of what is left of x - x*, not of what was known when it was taken. Passes are repeated
 until they end where they began, to a third of their sigma: the method of Gauss and Newton, by the filter. What the
 passes end with is the filter's state, if the guard holds there, too; if not, the filter goes on from there, and they
-are made again when it does. Where rotation alone is known, keeping begins anew: from then on hypotheses are judged by
-the rates, and no increment takes a failed jet for what the vehicle is like.
+are made again when it does. From when on rotation is known hypotheses are judged by the rates, and no increment takes
+a failed jet for what the vehicle is like; where one is named, keeping begins anew.
 
 An increment on the way says that the start was stated too well: the passes then begin with what it adds. A cycle makes
 `STEPS` of their steps; until they have arrived the estimates have not converged. If they do not explain the readings,
@@ -143,7 +143,8 @@ def followed(
     found = guarded(under_pass.state, acts, params)
     if found.guarded:
         return OVER, found
-    return (BEGUN_KNOWN if knows_rotation(found, params) else start._replace(under_pass=None)), found
+    rotation = knows_rotation(found, params)
+    return start._replace(under_pass=None, tried=start.tried or rotation, rotation=rotation), found
 
 
 def _begun(start: Start, end: JointState, number: int, params: JointParams) -> Pass:
