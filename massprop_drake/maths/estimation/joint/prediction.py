@@ -709,7 +709,7 @@ def _force_products(state: JointState, firing: Firing, covariance: Array, params
     """
     slots = np.flatnonzero(state.slot_jet >= 0)
     jets = state.slot_jet[slots].astype(np.intp)
-    seconds = np.array([_slot_weight(state, slot, firing) for slot in slots]) / params.thrusts[jets]
+    seconds = np.array([_slot_weight(state, int(slot), firing) for slot in slots]) / params.thrusts[jets]
     effects = parameter_effects(state.mean, params.wrenches[jets]) * seconds.reshape(-1, 1)
     forces = state.root[params.places.force + slots]
     crossed = forces @ state.root[:N_PROPERTIES].T
