@@ -56,7 +56,7 @@ def known_vehicle(params: JointParams) -> JointState:
     root = np.zeros_like(state.root)
     root[range(10), range(10)] = 1e-3 * np.abs(TRUTH)
     root[range(10, params.places.force), range(10, params.places.force)] = 1e-4
-    return state._replace(root=root, started=True, guarded=True, freed=True, firing_count=100.0)
+    return state._replace(root=root, started=True, guarded=True, firing_count=100.0)
 
 
 def fail(jet: int, force: float, sign: int = 1, on_top: int = 0) -> Change:

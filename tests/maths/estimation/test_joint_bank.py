@@ -57,7 +57,7 @@ def flight(first: JointState, params: JointParams, cycles: int = CYCLES, jitter_
 
 def ready(seed: int = 0) -> JointState:
     """A settled state with small errors."""
-    state = some_state(PARAMS, seed)._replace(guarded=True, freed=True, firing_count=100.0)
+    state = some_state(PARAMS, seed)._replace(guarded=True, firing_count=100.0)
     return state._replace(root=np.linalg.cholesky(0.01 * state.root @ state.root.T))
 
 

@@ -134,7 +134,7 @@ def test_how_errors_go_over_to_the_attitude_agrees_with_central_differences() ->
 
 
 def test_columns_beside_the_filter_are_carried_as_its_own_errors() -> None:
-    state = some_state(PARAMS)._replace(guarded=True, freed=True, time_s=0.0)
+    state = some_state(PARAMS)._replace(guarded=True, time_s=0.0)
     sample = some_sample(PARAMS, rates=np.zeros((2, 3)), velocities=np.zeros((2, 3)), attitudes=UNSEEN, frames=FRAMES)
     _, report = step(state, sample, PARAMS)
     over = link(state, report, sample, PARAMS)
@@ -200,7 +200,7 @@ def flown(seed: int, params: JointParams, *, tracked: bool) -> tuple[JointState,
     mean = np.zeros(places.size)
     mean[:10] = params.start + params.start_root @ rng.standard_normal(10)
     mean[places.thrust : places.scale] = rng.standard_normal(places.scale - places.thrust)
-    truth = truth._replace(mean=mean, started=True, freed=True)
+    truth = truth._replace(mean=mean, started=True)
     attitude = frame = from_rotation_vector(rng.standard_normal(3))
     for row in range(ROWS):
         commands = (rng.uniform(size=(1, 6)) < 0.4).astype(float) if row else np.zeros((1, 6))
@@ -224,7 +224,7 @@ def flown(seed: int, params: JointParams, *, tracked: bool) -> tuple[JointState,
             attitudes=told_of,
             frames=np.stack((before, frame)),
         )
-        state, _ = step(state, sample, params) if row else (begun(state, sample, params)._replace(freed=True), None)
+        state, _ = step(state, sample, params) if row else (begun(state, sample, params), None)
     estimated = multiply(from_rotation_vector(state.mean[ATTITUDE]), frame)
     off = to_rotation_vector(multiply(attitude, conjugate(estimated)))
     return state, truth.mean - state.mean, off

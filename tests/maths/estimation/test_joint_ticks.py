@@ -239,7 +239,7 @@ def test_a_stamp_leaves_what_it_says_nothing_of() -> None:
 
 
 def test_a_stamp_moves_levels_with_the_ticks() -> None:
-    state = some_state(PARAMS)._replace(freed=True)
+    state = some_state(PARAMS)
     state.root[THETA] *= 1e4
     after, told = stamped(state, _timing(late_s=5e-4, number=3.0), PARAMS)
     moved = SIGMA * (after.mean - state.mean)[THETA]
@@ -252,7 +252,7 @@ def test_a_stamp_moves_levels_with_the_ticks() -> None:
 
 @pytest.mark.parametrize("anew", [False, True])
 def test_an_error_goes_through_a_stamp_as_two_filters_differ(anew: bool) -> None:
-    state, timing = some_state(PARAMS)._replace(freed=True), _timing(late_s=5e-4, number=3.0)._replace(anew=anew)
+    state, timing = some_state(PARAMS), _timing(late_s=5e-4, number=3.0)._replace(anew=anew)
     state.root[THETA] *= 1e4
     error = np.random.default_rng(0).standard_normal(PLACES.size)
     after, told = stamped(state, timing, PARAMS)

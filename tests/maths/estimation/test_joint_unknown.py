@@ -14,7 +14,7 @@ from massprop_drake.maths.estimation.joint.unknown import indifferent, is_anythi
 from massprop_drake.maths.linear_algebra import Array
 
 PARAMS = small_params(time_constants_s=np.zeros(6))
-STATE = some_state(PARAMS)._replace(guarded=True, freed=True, slot_jet=np.full(2, -1.0))
+STATE = some_state(PARAMS)._replace(guarded=True, slot_jet=np.full(2, -1.0))
 COMMANDS = np.array([[1.0, 0, 1, 0, 0, 1]])
 
 

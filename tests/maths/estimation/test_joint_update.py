@@ -25,31 +25,27 @@ def close(found: Array, expected: Array, atol: float = 1e-11) -> None:
     np.testing.assert_allclose(found / np.outer(scale, scale), expected / np.outer(scale, scale), atol=atol)
 
 
-def test_update_is_josephs_and_considered_states_get_no_gain() -> None:
+def test_update_is_josephs() -> None:
     n, m = 7, 3
     root = np.tril(RNG.standard_normal((n, n)))
     jacobian, variances, innovation = RNG.standard_normal((m, n)), np.array([0.1, 0.2, 0.3]), RNG.standard_normal(m)
-    mask = np.array([1.0, 1, 0, 1, 1, 0, 1])
     before = root @ root.T
     total = jacobian @ before @ jacobian.T + np.diag(variances)
-    for gained in (np.ones(n), mask):
-        gain = before @ jacobian.T @ np.linalg.inv(total) * gained[:, None]
-        rest = np.eye(n) - gain @ jacobian
-        expected = rest @ before @ rest.T + gain @ np.diag(variances) @ gain.T
-        found = updated(root, jacobian @ root, variances, innovation, gained, 0)
-        close(found.root @ found.root.T, expected)
-        np.testing.assert_allclose(found.correction, gain @ innovation, rtol=1e-10, atol=1e-13)
-        np.testing.assert_allclose(found.upper.T @ found.upper, total, rtol=1e-10)
-        np.testing.assert_allclose(found.half_gain @ np.linalg.inv(found.upper.T), gain, rtol=1e-9, atol=1e-12)
-        assert not np.triu(found.root, 1).any()
-    assert not found.correction[mask == 0.0].any()
-    close((found.root @ found.root.T)[2:3, 2:3], before[2:3, 2:3])
+    gain = before @ jacobian.T @ np.linalg.inv(total)
+    rest = np.eye(n) - gain @ jacobian
+    expected = rest @ before @ rest.T + gain @ np.diag(variances) @ gain.T
+    found = updated(root, jacobian @ root, variances, innovation, 0)
+    close(found.root @ found.root.T, expected)
+    np.testing.assert_allclose(found.correction, gain @ innovation, rtol=1e-10, atol=1e-13)
+    np.testing.assert_allclose(found.upper.T @ found.upper, total, rtol=1e-10)
+    np.testing.assert_allclose(found.half_gain @ np.linalg.inv(found.upper.T), gain, rtol=1e-9, atol=1e-12)
+    assert not np.triu(found.root, 1).any()
 
 
 def test_update_by_what_is_known_a_million_million_times_better() -> None:
     """A covariance would have no digit left: the ratio of variances is 1e24."""
     jacobian = np.array([[1.0, 1.0], [1.0, 1.0]])
-    found = updated(np.eye(2), jacobian, np.full(2, 1e-24), np.zeros(2), np.ones(2), 0)
+    found = updated(np.eye(2), jacobian, np.full(2, 1e-24), np.zeros(2), 0)
     covariance = found.root @ found.root.T
     total = np.array([1.0, 1.0]) @ found.root
     assert total @ total == pytest.approx(0.5e-24, rel=1e-2)
@@ -156,9 +152,13 @@ def test_partition_keeps_the_distribution_of_what_is_observed() -> None:
     mean[PLACES.thrust : PLACES.thrust + 6] = mean[PLACES.scale] = 0.0
     root[PLACES.scale] = 0.0
     root[PLACES.thrust : PLACES.thrust + 6] *= 1e3
-    state = state._replace(mean=mean, root=compressed(root, PLACES.thrust), fired=np.array([1.0, 0, 2, 3, 0, 1]))
-    after = partitioned(state, params)
-    assert after.rescaled
+    state, amount = (
+        state._replace(mean=mean, root=compressed(root, PLACES.thrust)),
+        np.array([0.1, 0, 0.2, 0.3, 0, 0.1]),
+    )
+    assert partitioned(state, np.zeros(6), params) is state  # nothing has fired
+    after = partitioned(state, amount, params)
+    assert partitioned(after, np.ones(6), params) is after  # once for all
     results = []
     for each in (state, after):
         sample = some_sample(params)
@@ -188,21 +188,19 @@ def test_partition_keeps_the_distribution_of_what_is_observed() -> None:
     assert not prediction.rate_rows[:, PLACES.scale].any()
 
 
-def test_guard_latches_frees_thrusts_once_and_lets_go_at_a_jump() -> None:
-    state = some_state(PARAMS)._replace(fired=np.ones(6))
+def test_guard_latches_and_lets_go_at_a_jump() -> None:
+    state = some_state(PARAMS)
     poor = state._replace(root=1e3 * state.root)
     assert not converged(poor, PARAMS)
     assert not guarded(poor, True, PARAMS).guarded
-    assert not guarded(poor, True, PARAMS).freed
     first = guarded(state, True, PARAMS)
-    assert (first.guarded, first.freed, first.rescaled, first.firing_count) == (True, True, True, 1.0)
+    assert (first.guarded, first.firing_count) == (True, 1.0)
     assert guarded(first, False, PARAMS).firing_count == 1.0
     worse = guarded(first._replace(root=1e3 * first.root), True, PARAMS)
     assert worse.guarded
     assert worse.firing_count == 2.0
-    again = guarded(unguarded(worse)._replace(root=first.root), True, PARAMS)
-    assert again.freed
-    np.testing.assert_array_equal(again.root, first.root)  # the scale is partitioned off once for all
+    assert not unguarded(worse).guarded
+    assert unguarded(worse).firing_count == 0.0
     # what a vehicle cannot show is not judged
     unjudged = PARAMS._replace(guard_relative=np.full(4, np.inf), guard_center=np.full(3, np.inf))
     assert converged(poor, unjudged)

@@ -20,7 +20,6 @@ from massprop_drake.maths.estimation.joint.layout import MASS, N_PROPERTIES, Joi
 from massprop_drake.maths.estimation.joint.screen import Contender
 from massprop_drake.maths.estimation.joint.sensitivity import linked, traced
 from massprop_drake.maths.estimation.joint.start import Kept, stays
-from massprop_drake.maths.estimation.joint.thrust_scale import partitioned
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
 
 _MOST = 6  # passes; three as a rule
@@ -65,24 +64,6 @@ class Fit(NamedTuple):
     def reached(self) -> float:
         """Log likelihood at the end of the pass before, nats."""
         return self.earlier[-1].likelihood if self.earlier else -math.inf
-
-
-def with_free_thrusts(entry: JointState, kept: tuple[Kept, ...], params: JointParams) -> JointState:
-    """The state at entry with thrust errors estimated, their common scale taken off.
-
-    A start considers them only, since its products of errors would mislead them. Passes leave no such products.
-
-    Args:
-        entry: state before the first kept sample.
-        kept: samples; the scale is that of the jets which fire in them.
-        params: see `JointParams`.
-    """
-    if params.places.n_thrust == 0:
-        return entry
-    if not entry.rescaled:
-        fires = np.vstack([each.sample.commands > 0.0 for each in kept]).any(axis=0)
-        entry = partitioned(entry._replace(fired=np.where(fires, 1.0, 0.0)), params)._replace(fired=entry.fired)
-    return entry._replace(freed=True)
 
 
 def begin_fit(contender: Contender, log_prior: float, about: Array, entry: JointState, params: JointParams) -> Fit:

@@ -177,7 +177,7 @@ def _acts(sample: Sample) -> bool:
 
 
 def _begun(search: StartSearch, priors: Priors, params: JointParams) -> StartSearch:
-    entry = passes.with_free_thrusts(search.beginning, search.kept, params)
+    entry = search.beginning
     about = passes.linearization(entry, entry, params)
     nothing = passes.begin_fit(_NOTHING, math.log(priors.start), about, entry, params)
     return search._replace(entry=entry, until=len(search.kept), rounds=0, screening=None, fits=(nothing,))

@@ -534,8 +534,8 @@ def restored(groups: Groups, params: JointFilterParams) -> JointFilterState:
     levels = joint.level[:0] if clock.off else joint.level  # off its tick, beyond for an interval
     if not (_within(levels, 0.0, 1.0) and _within(clock.earlier[~np.isnan(clock.earlier)], 0.0, 1.0)):
         raise ValueError(f"{GROUP}: commands and levels must be fractions of 0 to 1")
-    if (joint.fired < -_ROUNDING).any() or joint.firing_count < 0.0:
-        raise ValueError(f"{GROUP}: times and counts must be zero or positive")
+    if joint.firing_count < 0.0:
+        raise ValueError(f"{GROUP}: counts must be zero or positive")
     if not np.isin(joint.lag_open, (0.0, 1.0)).all():
         raise ValueError(f"{GROUP}: lag_open must be 0 or 1")
     jets = joint.slot_jet

@@ -69,7 +69,7 @@ def step(state: JointState, sample: Sample, mean: Array, used: np.ndarray, param
         _, jacobian = outputs(mean, state.reference, spin, params)
         projected = jacobian[counts] @ root
         nothing = np.zeros(counts.shape[0])
-        root = updated(root, projected, params.variances[counts], nothing, np.ones(root.shape[0]), first).root
+        root = updated(root, projected, params.variances[counts], nothing, first).root
     else:
         root = compressed(root, first)
     firing = acting.firing

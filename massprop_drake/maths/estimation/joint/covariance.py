@@ -10,8 +10,7 @@ The update is Joseph's form in terms of the root. With Y = H P H^T + R and the r
 
     [ (H S)^T ; R^1/2 ] = [ Q1 ; Q2 ] U,    U^T U = Y,    K = S Q1 U^-T,
 
-the optimal root is [ S - (S Q1) Q1^T, (S Q1) Q2^T ]; rows of K that are set to zero (Schmidt: considered, not
-estimated) are rows of S Q1 that are set to zero.
+and the root after it is [ S - (S Q1) Q1^T, (S Q1) Q2^T ].
 """
 
 from __future__ import annotations
@@ -100,7 +99,7 @@ def innovation_root(outputs: Array, variances: Array) -> tuple[Array, Array, Arr
 
 
 @kernel
-def updated(root: Array, outputs: Array, variances: Array, innovation: Array, gained: Array, first: int) -> Update:
+def updated(root: Array, outputs: Array, variances: Array, innovation: Array, first: int) -> Update:
     """The update by one measurement of several components, in Joseph's form.
 
     Args:
@@ -108,18 +107,17 @@ def updated(root: Array, outputs: Array, variances: Array, innovation: Array, ga
         outputs: H times the root, shape (m, k).
         variances: of the measurement noise, positive, shape (m,).
         innovation: e, shape (m,).
-        gained: 1 where a state is estimated, 0 where its error is only considered, shape (n,).
         first: see `compressed`.
     """
-    wide = widely_updated(root, outputs, variances, innovation, gained)
+    wide = widely_updated(root, outputs, variances, innovation)
     return Update(wide.correction, compressed(wide.root, first), wide.half_gain, wide.upper)
 
 
 @kernel
-def widely_updated(root: Array, outputs: Array, variances: Array, innovation: Array, gained: Array) -> Update:
+def widely_updated(root: Array, outputs: Array, variances: Array, innovation: Array) -> Update:
     """`updated`, but that the root stays as it comes, shape (n, k + m)."""
     q1, q2, u = innovation_root(outputs, variances)
     whitened = np.linalg.solve(u.T, innovation)
-    gain = (root @ q1) * gained.reshape(-1, 1)
+    gain = root @ q1
     after = np.hstack((root - gain @ q1.T, gain @ q2.T))
     return Update(gain @ whitened, after, gain, u)

@@ -3,7 +3,7 @@
 Order: what the readings before tell that have just changed; what the jets did, with the lag estimated before
 (`prediction.drive`); prediction; which components count; while the start lasts and the gyros contradict the prediction,
 lags are no longer taken as stated if that explains it, else the covariance is incremented, and the prediction made
-again; update, twice while thrust errors are only considered; the prior of lags; the guard. A hypothesis is the same
+again; update; the prior of lags; the guard. A hypothesis is the same
 with another state: one with a force in a slot, or rebased and with a larger covariance.
 """
 
@@ -29,7 +29,6 @@ from massprop_drake.maths.estimation.joint.layout import (
     VELOCITY,
     JointParams,
     JointState,
-    gained,
     relearned,
     releveled,
     taken_in,
@@ -48,7 +47,6 @@ from massprop_drake.maths.estimation.joint.prediction import (
     Drive,
     Prediction,
     drive,
-    error_rows,
     gathered_rows,
     lag_of,
     predict,
@@ -56,9 +54,9 @@ from massprop_drake.maths.estimation.joint.prediction import (
     turned_by,
 )
 from massprop_drake.maths.estimation.joint.quantized import Sites, sites
-from massprop_drake.maths.estimation.joint.thrust_scale import reported
+from massprop_drake.maths.estimation.joint.thrust_scale import partitioned, reported
 from massprop_drake.maths.estimation.joint.ticks import Stamped, Timing, stamped
-from massprop_drake.maths.estimation.joint.unknown import EXPECTED, indifferent, shown_by
+from massprop_drake.maths.estimation.joint.unknown import EXPECTED, shown_by
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError, skew, sparse_product
 
@@ -242,15 +240,12 @@ def initial(params: JointParams) -> JointState:
         reference=np.zeros(3),
         read=np.full(places.outputs, np.nan),
         fresh=np.zeros(places.outputs),
-        fired=np.zeros(jets),
         slot_jet=np.full(places.n_force, -1.0),
         slot_sign=np.ones(places.n_force),
         slot_on_top=np.zeros(places.n_force),
         time_s=0.0,
         started=False,
         guarded=False,
-        freed=False,
-        rescaled=False,
         firing_count=0.0,
         lag_open=np.zeros(places.n_lag),
     )
@@ -408,10 +403,10 @@ def _told(expected: Expected, params: JointParams) -> Sites:
 
 
 @kernel
-def _update(expected: Expected, root: Array, mask: Array, params: JointParams) -> tuple[Update, Sites]:
+def _update(expected: Expected, root: Array, params: JointParams) -> tuple[Update, Sites]:
     projected = sparse_product(expected.jacobian[np.flatnonzero(expected.used)], root)
     told = _sites(expected.used, projected, expected.innovation, (params.cells, expected.floors))
-    return updated(root, projected, told.variance, told.innovation, mask, params.places.thrust), told
+    return updated(root, projected, told.variance, told.innovation, params.places.thrust), told
 
 
 @kernel
@@ -441,7 +436,7 @@ def crossed(
     counts = np.flatnonzero(chosen)
     projected = sparse_product(jacobian[counts], state.root)
     told = _sites(chosen, projected, state.read - values, (params.cells, least))
-    change = widely_updated(state.root, projected, told.variance, told.innovation, gained(state, params))
+    change = widely_updated(state.root, projected, told.variance, told.innovation)
     whitened = np.linalg.solve(change.upper.T, jacobian[counts])
     for place in range(counts.shape[0]):
         rows[counts[place]], half_gain[:, counts[place]] = whitened[place], change.half_gain[:, place]
@@ -646,7 +641,7 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, counts: np.ndar
     state, crossing = crossed(state, state.mean[:N_PROPERTIES], sample, least, params)
     state, stamp = stamped(state, sample.timing, params)
     acting = driven(state, sample, params)
-    firing = acting.firing
+    state, firing = partitioned(state, acting.firing.amount, params), acting.firing
     commanded = firing.commanded or bool(np.any(sample.outside != 0.0))
     expected = expect(state, acting, sample, params)
     if counts.size > 0:
@@ -678,9 +673,7 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, counts: np.ndar
 
     change = nothing_learned(expected.root)
     if expected.used.any():
-        change, told = _update(expected, expected.root, gained(state, params), params)
-        if params.places.n_thrust > 0 and not state.freed and params.second_order:
-            change, told = _update_again(state, acting, expected, change, params)
+        change, told = _update(expected, expected.root, params)
     after = _learned(state, sample, acting, expected, change, params)
     if state.guarded:  # before, second orders may be taken for what a lag does
         after, likelier = reconsidered(after, params)
@@ -787,15 +780,12 @@ def _learned(
         state.reference,
         np.where(there, read, state.read),
         np.where(there & ~expected.used, 1.0, 0.0),
-        state.fired + np.maximum(firing.amount, 0.0),
         state.slot_jet,
         state.slot_sign,
         state.slot_on_top,
         sample.time_s,
         state.started,
         state.guarded,
-        state.freed,
-        state.rescaled,
         state.firing_count,
         state.lag_open,
     )
@@ -837,9 +827,10 @@ def relinearized(
     state, crossing = crossed(state, about[:N_PROPERTIES], sample, params.floors, params)
     state, stamp = stamped(state, sample.timing, params)
     mean = _about(state.mean, about, params)
+    acting = driven(relearned(state, mean, state.root), sample, params)
+    state = partitioned(state, acting.firing.amount, params)
     there = relearned(state, mean, state.root.copy())
     there.root[:N_PROPERTIES] = 0.0  # nothing of second order is left
-    acting = driven(there, sample, params)
     at = predict(there, acting, rate_read(sample.rates, mean, params), params, sample.frames)
     away = state.mean - mean
     mean = at.mean + away
@@ -872,7 +863,7 @@ def relinearized(
         _sites(np.zeros_like(expected.used), root[:0], expected.innovation, (params.cells, params.floors)),
     )
     if expected.used.any():
-        change, told = _update(expected, root, gained(state, params), params)
+        change, told = _update(expected, root, params)
     after = _learned(state, sample, acting, expected, change, params)
     after = releveled(after, after.mean, after.root, _level_about(state, after, acting, params), acting.tick_slope)
     anything = _anything(expected, acting, there.mean, params)
@@ -944,37 +935,6 @@ def incremented_root(root: Array, params: JointParams) -> Array:
     for element in range(N_PROPERTIES):
         columns[element, element] = params.increment_sigma[element]
     return np.hstack((root, columns))
-
-
-@kernel
-def _update_again(
-    state: JointState, acting: Drive, expected: Expected, first: Update, params: JointParams
-) -> tuple[Update, Sites]:
-    """The update with the effects of parameters taken at the estimate that the first one gave."""
-    mean = state.mean.copy()
-    mean[:N_PROPERTIES] = expected.prediction.mean[:N_PROPERTIES] + first.correction[:N_PROPERTIES]
-    rate_rows, velocity_rows = error_rows(relearned(state, mean, state.root), acting, params)
-    begin = params.places.thrust
-    before = expected.prediction
-    rate_rows, velocity_rows = indifferent(rate_rows, velocity_rows, acting.anything)
-    rate_rows[:, :begin], velocity_rows[:, :begin] = before.rate_rows[:, :begin], before.velocity_rows[:, :begin]
-    predicted = Prediction(
-        before.mean,
-        rate_rows,
-        velocity_rows,
-        before.apart,
-        before.attitude,
-        before.mass_factor,
-        before.noise,
-        before.drift,
-        before.turned,
-        before.spin,
-        before.end,
-        before.duration_s,
-        before.coupled,
-    )
-    again = propagated(state.root, predicted, params)
-    return _update(expected, again, gained(state, params), params)
 
 
 @kernel

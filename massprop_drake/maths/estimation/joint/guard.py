@@ -7,7 +7,7 @@ import numpy as np
 from massprop_drake.maths.estimation.joint.impulses import effects_of
 from massprop_drake.maths.estimation.joint.layout import CENTER, N_PROPERTIES, JointParams, JointState, flagged
 from massprop_drake.maths.estimation.joint.prediction import parameter_effects
-from massprop_drake.maths.estimation.joint.thrust_scale import partitioned, reported
+from massprop_drake.maths.estimation.joint.thrust_scale import reported
 from massprop_drake.maths.kernels import kernel
 
 _SCALED = (0, 1, 2, 9)  # judged relative to their own size
@@ -28,7 +28,7 @@ def converged(state: JointState, params: JointParams) -> bool:
 
 @kernel
 def guarded(state: JointState, commanded: bool, params: JointParams) -> JointState:
-    """The state after the guard: it latches; when it first holds, thrust errors are freed, their scale taken off.
+    """The state after the guard, which latches.
 
     Args:
         state: after the update.
@@ -36,12 +36,10 @@ def guarded(state: JointState, commanded: bool, params: JointParams) -> JointSta
         params: see `JointParams`.
     """
     if state.guarded:
-        return flagged(state, True, state.freed, state.rescaled, state.firing_count + 1.0) if commanded else state
+        return flagged(state, True, state.firing_count + 1.0) if commanded else state
     if not converged(state, params):
         return state
-    if params.places.n_thrust > 0 and not state.rescaled:
-        state = partitioned(state, params)
-    return flagged(state, True, True, state.rescaled, 1.0 if commanded else 0.0)
+    return flagged(state, True, 1.0 if commanded else 0.0)
 
 
 def knows_rotation(state: JointState, params: JointParams) -> bool:
@@ -58,5 +56,5 @@ def knows_rotation(state: JointState, params: JointParams) -> bool:
 
 
 def unguarded(state: JointState) -> JointState:
-    """The state after a jump of the mass properties: guard, count and the freeing of thrust errors begin anew."""
-    return state._replace(guarded=False, freed=False, firing_count=0.0)
+    """The state after a jump of the mass properties: guard and count begin anew."""
+    return state._replace(guarded=False, firing_count=0.0)

@@ -237,7 +237,6 @@ class JointState(NamedTuple):
         reference: rate at the last rebase, rad/s, shape (3,).
         read: last reading of each component, shape (n_outputs,).
         fresh: 1 where that is of the last sample and has not been taken in, shape (n_outputs,).
-        fired: seconds that each jet has given its full thrust, shape (n_jets,).
         slot_jet: index of the jet in each slot of a failure force, -1: empty, shape (n_force,).
         slot_sign: 1: the jet gives more than it is told to, -1: less, shape (n_force,).
         slot_on_top: of a jet that gives more, 1: on top of what it is told to, as a leak; 0: only where it is not told
@@ -245,8 +244,6 @@ class JointState(NamedTuple):
         time_s: of the last sample.
         started: whether a sample has been taken.
         guarded: whether the convergence guard holds.
-        freed: whether thrust errors are estimated, and no longer considered.
-        rescaled: whether the common thrust scale has been partitioned off, once for all.
         firing_count: samples with a jet commanded since the guard holds.
         lag_open: 1 for each kind of jets whose lag has the wide prior, see `lag_prior`; 0: as stated, shape (n_lag,).
     """
@@ -261,15 +258,12 @@ class JointState(NamedTuple):
     reference: Array
     read: Array
     fresh: Array
-    fired: Array
     slot_jet: Array
     slot_sign: Array
     slot_on_top: Array
     time_s: float
     started: bool
     guarded: bool
-    freed: bool
-    rescaled: bool
     firing_count: float
     lag_open: Array
 
@@ -286,15 +280,12 @@ _STATE = Layout(
     reference=3,
     read="outputs",
     fresh="outputs",
-    fired="jets",
     slot_jet="forces",
     slot_sign="forces",
     slot_on_top="forces",
     time_s=NUMBER,
     started=FLAG,
     guarded=FLAG,
-    freed=FLAG,
-    rescaled=FLAG,
     firing_count=NUMBER,
     lag_open="lags",
 )
@@ -336,10 +327,9 @@ def taken_in(state: JointState) -> JointState:
 
 
 @kernel
-def flagged(state: JointState, guarded: bool, freed: bool, rescaled: bool, firing_count: float) -> JointState:
-    """The state with another standing of the guard, and of what follows from it."""
-    standing = (guarded, freed, rescaled, firing_count)
-    return _remade(state, _learned(state), state.fresh, standing, state.lag_open)
+def flagged(state: JointState, guarded: bool, firing_count: float) -> JointState:
+    """The state with another standing of the guard."""
+    return _remade(state, _learned(state), state.fresh, (guarded, firing_count), state.lag_open)
 
 
 @kernel
@@ -354,8 +344,8 @@ def _learned(state: JointState) -> tuple[Array, Array, Array, Array]:
 
 
 @kernel
-def _standing(state: JointState) -> tuple[bool, bool, bool, float]:
-    return state.guarded, state.freed, state.rescaled, state.firing_count
+def _standing(state: JointState) -> tuple[bool, float]:
+    return state.guarded, state.firing_count
 
 
 @kernel
@@ -363,7 +353,7 @@ def _remade(
     state: JointState,
     learned: tuple[Array, Array, Array, Array],
     fresh: Array,
-    standing: tuple[bool, bool, bool, float],
+    standing: tuple[bool, float],
     lag_open: Array,
 ) -> JointState:
     """The state with other fields; compiled code has no `_replace`.
@@ -372,11 +362,11 @@ def _remade(
         state: to take the others from.
         learned: mean, root, level and tick_slope.
         fresh: see `JointState`.
-        standing: guarded, freed, rescaled and firing_count.
+        standing: guarded and firing_count.
         lag_open: see `JointState`.
     """
     mean, root, level, tick_slope = learned
-    guarded, freed, rescaled, firing_count = standing
+    guarded, firing_count = standing
     return JointState(
         mean,
         root,
@@ -388,29 +378,15 @@ def _remade(
         state.reference,
         state.read,
         fresh,
-        state.fired,
         state.slot_jet,
         state.slot_sign,
         state.slot_on_top,
         state.time_s,
         state.started,
         guarded,
-        freed,
-        rescaled,
         firing_count,
         lag_open,
     )
-
-
-@kernel
-def gained(state: JointState, params: JointParams) -> Array:
-    """1 for what is estimated, 0 for what is only considered: thrust errors and their scale before they are freed."""
-    places = params.places
-    mask = np.ones(places.size)
-    if not state.freed:
-        mask[places.thrust : places.thrust + places.n_thrust] = 0.0
-        mask[places.scale : places.scale + places.n_scale] = 0.0
-    return mask
 
 
 @kernel

@@ -70,8 +70,6 @@ def _as_known_now(earlier: JointState, now: JointState, params: JointParams) -> 
     """The state before, with p as known now; root in the columns of the present one's and then of the rest."""
     places, size = params.places, params.places.size
     mean, root = earlier.mean.copy(), np.hstack((np.zeros_like(earlier.root), earlier.root))
-    if earlier.rescaled != now.rescaled:  # in other variables: taken as independent, which counts the scale twice
-        return earlier._replace(root=root)
     shared = slice(places.thrust, places.force)
     by_shared = earlier.root[:N_PROPERTIES] @ np.linalg.pinv(earlier.root[shared], rcond=_EXACT)
     mean[:N_PROPERTIES] += by_shared @ (now.mean[shared] - earlier.mean[shared])

@@ -1,15 +1,16 @@
-r"""The common scale of all thrusts, partitioned off when thrust errors are freed.
+r"""The common scale of all thrusts, taken off when jets first fire.
 
 More thrust of every jet by the same share and as much more inertia and mass change no reading: b_j -> b_j + e,
 J -> J (1 - sigma_T e), mu -> mu (1 - sigma_T e). Linearized at successive estimates, a filter that estimates all b
 breaks that symmetry and believes it sees the scale. In other variables it cannot: with s the mean of b over the jets
-that have fired so far,
+that fire first,
 
     b' = b - s,    J' = J (1 + sigma_T s),    mu' = mu (1 + sigma_T s),    f' = f (1 - sigma_T s),
 
 all readings follow from J', mu', b' and f' (forces of failures) to first order, and s is inert: a state with its
 covariances, which nothing but known outside forces shows. At the change no thrust error has been estimated, b^ = 0,
-so only errors are mapped. What is reported is J = J' (1 - sigma_T s) and mu likewise, f = f' (1 + sigma_T s).
+so only errors are mapped; before, s has none. What is reported is J = J' (1 - sigma_T s) and mu likewise,
+f = f' (1 + sigma_T s).
 """
 
 from __future__ import annotations
@@ -23,7 +24,6 @@ from massprop_drake.maths.estimation.joint.layout import (
     N_PROPERTIES,
     JointParams,
     JointState,
-    flagged,
     relearned,
 )
 from massprop_drake.maths.kernels import kernel
@@ -31,30 +31,34 @@ from massprop_drake.maths.linear_algebra import Array
 
 
 @kernel
-def partitioned(state: JointState, params: JointParams) -> JointState:
-    """The state in the variables b', J', mu', f' and s."""
-    places = params.places
-    fired = state.fired > 0.0
-    if not fired.any():
+def partitioned(state: JointState, amount: Array, params: JointParams) -> JointState:
+    """The state in the variables b', J', mu', f' and s, from the first interval in which jets fire on.
+
+    Args:
+        state: before an interval.
+        amount: seconds for which each jet fires in it, shape (n_jets,).
+        params: see `JointParams`.
+    """
+    places, fires = params.places, amount > 0.0
+    if places.n_scale == 0 or not fires.any() or state.root[places.scale].any():
         return state
     root = state.root.copy()
     thrusts = slice(places.thrust, places.thrust + places.n_thrust)
-    common = fired.astype(np.float64) @ root[thrusts] / float(fired.sum())
+    common = fires.astype(np.float64) @ root[thrusts] / float(fires.sum())
     root[places.scale] = common
     root[thrusts] -= common
     root[INERTIA] += np.outer(params.thrust_sigma * state.mean[INERTIA], common)
     root[MASS] += params.thrust_sigma * state.mean[MASS] * common
     for slot in range(places.n_force):
         root[places.force + slot] -= params.thrust_sigma * state.mean[places.force + slot] * common
-    rescaled = relearned(state, state.mean, compressed(root, places.thrust))
-    return flagged(rescaled, state.guarded, state.freed, True, state.firing_count)
+    return relearned(state, state.mean, compressed(root, places.thrust))
 
 
 @kernel
 def reported(state: JointState, params: JointParams) -> tuple[Array, Array]:
     """The ten parameters with the scale in them, shape (10,), and the rows of their errors, shape (10, size)."""
     properties, rows = state.mean[:N_PROPERTIES].copy(), state.root[:N_PROPERTIES].copy()
-    if params.places.n_scale > 0 and state.rescaled:
+    if params.places.n_scale > 0:
         factor = 1.0 - params.thrust_sigma * state.mean[params.places.scale]
         of_scale = params.thrust_sigma * state.root[params.places.scale]
         for element in range(N_PROPERTIES):
@@ -74,7 +78,7 @@ def reported_force(state: JointState, slot: int, params: JointParams) -> tuple[f
     """
     row = params.places.force + slot
     force, root = float(state.mean[row]), state.root[row]
-    if params.places.n_scale > 0 and state.rescaled:
+    if params.places.n_scale > 0:
         factor = 1.0 + params.thrust_sigma * float(state.mean[params.places.scale])
         root = factor * root + force * params.thrust_sigma * state.root[params.places.scale]
         force *= factor

@@ -40,7 +40,7 @@ import numpy as np
 
 from massprop_drake.maths.arrays import FLAG, NUMBER, Layout
 from massprop_drake.maths.estimation.joint.covariance import updated
-from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, gained, releveled
+from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, releveled
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
 
@@ -363,7 +363,7 @@ def stamped(state: JointState, timing: Timing, params: JointParams) -> tuple[Joi
     wide = np.hstack((root, columns))
     row[offset], row[period] = params.tick_sigma[0], params.tick_sigma[1] * number
     variance, innovation = np.full(1, timing.jitter), np.full(1, timing.late_s - row @ mean)
-    change = updated(wide, (row @ wide).reshape(1, -1), variance, innovation, gained(state, params), places.thrust)
+    change = updated(wide, (row @ wide).reshape(1, -1), variance, innovation, places.thrust)
     correction = change.correction
     moved_s = params.tick_sigma * correction[offset : period + 1]
     after = releveled(state, mean + correction, change.root, state.level + moved_s @ tick_slope, tick_slope)
