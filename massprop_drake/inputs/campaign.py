@@ -31,7 +31,7 @@ class Limits(Model):
     """What one case may take before it counts as failed to run."""
 
     time_s: Real = described(600.0, "of wall time", "s", gt=0.0)
-    memory_mb: Real = described(2000.0, "of resident memory", "MB", ge=200.0)
+    memory_mb: Real = described(4000.0, "of resident memory; compiling kernels takes 2200", "MB", ge=200.0)
 
 
 class Gate(Model):

@@ -50,6 +50,17 @@ def test_what_is_restored_is_what_was_saved(row: int) -> None:
     np.testing.assert_array_equal(saved(again, told, PLACES), vector)
 
 
+def test_what_is_impossible_by_now_is_not_saved() -> None:
+    """It may be there still, for the proposals that its bank may make."""
+    tree, verdicts = FLOWN.trees[SEVERAL[4]], FLOWN.verdicts[SEVERAL[4]]
+    first, *others = tree.hypotheses
+    vector = saved(
+        tree._replace(hypotheses=(first, *(each._replace(weight=-np.inf) for each in others))), verdicts, PLACES
+    )
+    assert len(others) > 1
+    assert [one.key for one in restored(vector, PLACES)[0].hypotheses] == [first.key]
+
+
 LEAK = flight(PARAMS, COMMANDS, changes={30: fail(3, 0.02 * THRUSTS[3], 1, 1)})
 DOUBTED = [row for row in range(33, 45) if len(LEAK.trees[row].hypotheses) > 2]  # all that is likely has been born
 

@@ -104,6 +104,16 @@ def test_what_becomes_less_likely_than_not_is_withdrawn(weight: float, withdrawn
     assert [one.word for one in again] == [Word.FAILED] * withdrawn
 
 
+def test_nothing_is_withdrawn_while_what_waits_may_have_the_jet() -> None:
+    verdicts, _ = declared(tree_of(LEAKS, NOTHING), 2)
+    unlikely = tree_of(LEAKS._replace(weight=-20.0), NOTHING._replace(weight=0.0))
+    other = hypothesis(0.0, (3, 1, 0.3), (5, 1, 0.3))
+    for child, count in ((other, 0), (hypothesis(0.0, (5, 1, 0.3)), 1)):
+        waits = unlikely._replace(births=(Birth(child, 4.0, NOTHING.events, 1.0),))
+        assert len(declared(waits, 1, verdicts)[1]) == count
+    assert declared(unlikely, 1, verdicts)[0].ways == frozenset()
+
+
 def test_nothing_is_declared_while_a_rival_waits_without_the_jet() -> None:
     rival = hypothesis(0.0, (5, 1, 0.3))
     waits = tree_of(LEAKS, NOTHING, births=(Birth(rival, -4.0, LEAKS.events, 1.0),))

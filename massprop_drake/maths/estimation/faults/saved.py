@@ -5,6 +5,7 @@ Banks of onsets begin anew after a restart, and proposals that wait are made aga
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
 import numpy as np
@@ -125,8 +126,9 @@ class _Reader:
 def saved(tree: Tree, verdicts: Verdicts, places: Places) -> Array:
     """Hypotheses and declarations as one vector, see `restored`."""
     to = _Writer(places)
-    to.put(tree.cycle, len(tree.hypotheses))
-    for each in tree.hypotheses:
+    possible = [each for each in tree.hypotheses if math.isfinite(each.weight)]  # others are kept for their banks alone
+    to.put(tree.cycle, len(possible))
+    for each in possible:
         run = each.run
         to.put(each.prior, each.push, each.weight, run.onset, run.cycle, float(run.lying), run.share, run.lie)
         to.put(each.jumped, *run.score)

@@ -24,6 +24,7 @@ from massprop_drake.maths.estimation.faults.events import (
     moved,
     readied,
     regained,
+    shares,
     special,
     split,
     weighed,
@@ -46,8 +47,8 @@ from massprop_drake.maths.estimation.faults.search import Found
 from massprop_drake.maths.estimation.joint import bank as banks
 from massprop_drake.maths.estimation.joint.cycle import JointEvidence, Sample, step
 from massprop_drake.maths.estimation.joint.guard import unguarded
-from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Kind, Runner
-from massprop_drake.maths.estimation.joint.layout import JointState
+from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Kind, Runner, prepared
+from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.sensitivity import Link
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 
@@ -151,7 +152,10 @@ def _stepped(
         for each in split(whole, sample):
             try:
                 if special(each, over.duration_s, joint):
-                    found.append(moved(each, sample, over, joint, starting=starting)._replace(watch=None))
+                    if each.run.lying or each.run.age == 0:
+                        found.append(moved(each, sample, over, joint, starting=starting)._replace(watch=None))
+                    else:
+                        found.append(_kicked(each, evidence, cycle, over, joint))
                 elif place == 0 and each.run.state is whole.run.state:
                     found.append(watched(each, evidence, cycle, joint))
                 elif each.watch is not None or (place < _WATCHED and each.weight > hypotheses[0].weight - _LIKELY):
@@ -166,6 +170,20 @@ def _stepped(
                 if place == 0:
                     raise
     return [weighed(each._replace(before=each.weight), params) for each in found]
+
+
+def _kicked(each: Hypothesis, evidence: JointEvidence, cycle: int, over: Link, params: JointParams) -> Hypothesis:
+    """A hypothesis whose newest failure may still give an impulse besides, after one more sample, with its watch.
+
+    What else fails meanwhile is proposed from its own state.
+    """
+    sample, starting = evidence.sample, evidence.report.starting
+    before, likelihood = prepared(each.run, sample, over, shares(each, over.duration_s), each.push, params)
+    after, report = step(before, sample, params)
+    report = report._replace(rotation_known=evidence.report.rotation_known)
+    run = each.run._replace(score=each.run.score.plus(NO_SCORE._replace(likelihood=likelihood)))
+    own = JointEvidence(before, unguarded(after) if starting else after, report, sample, False)
+    return watched(each._replace(run=run), own, cycle, params)
 
 
 def _surprised(hypotheses: list[Hypothesis], best: float, cycle: int, params: Params) -> list[Hypothesis]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -150,7 +151,7 @@ def judged(verdicts: Verdicts, tree: Tree, params: Params) -> tuple[Verdicts, tu
         return Verdicts(others=verdicts.others), ()
     joint, now_s = params.joint, tree.leader.run.state.time_s
     jets, others = of_jets(tree, joint), of_others(tree)
-    verdicts, said = _withdrawn(verdicts, jets, now_s)
+    verdicts, said = _withdrawn(verdicts, jets, tree)
     open_to = {way: share for way, share in jets.items() if way not in verdicts.ways}
     new = open_to | {part: share for part, share in others.items() if part not in verdicts.others}
     for part, share in new.items():
@@ -179,15 +180,18 @@ def unheard(part: Part | frozenset[Way], tree: Tree) -> float:
         part: a part; or jets, of which one is enough.
         tree: see `Tree`.
     """
-    leads = leads_of(tree)
-    total = sum(
-        math.exp(min(birth.lead(leads) + birth.doubt, 0.0)) for birth in tree.births if not _has(part, birth.child)
-    )
+    total, leads = _waiting(tree, lambda child: not _has(part, child)), leads_of(tree)
     for each in draws_that_count(tree):
         draws = (each.watch.alarm if each.watch else None, each.review if is_likely(each, tree) else None)
         total += sum(math.exp(min(one.rest.lead(leads), 0.0)) for one in draws if one and one.rest)
         total += float(each.watch is not None and each.watch.alarm is not None and each.watch.alarm.drawn < 0)
     return total / (1.0 + total)
+
+
+def _waiting(tree: Tree, counts: Callable[[Hypothesis], bool]) -> float:
+    """Odds, to first order, of proposals of some kind that wait."""
+    leads = leads_of(tree)
+    return sum(math.exp(min(birth.lead(leads) + birth.doubt, 0.0)) for birth in tree.births if counts(birth.child))
 
 
 def _has(part: Part | frozenset[Way], each: Hypothesis) -> bool:
@@ -203,13 +207,26 @@ def _is_settled(tree: Tree) -> bool:
     return watch is not None and watch.alarm is None and not tree.births
 
 
-def _withdrawn(verdicts: Verdicts, jets: dict[Way, float], now_s: float) -> tuple[Verdicts, list[Declaration]]:
-    """Declarations that are taken back: what was declared has become unlikely."""
-    gone = [one for one in verdicts.jets if jets.get(one.way, 0.0) < 0.5]
+def _withdrawn(verdicts: Verdicts, jets: dict[Way, float], tree: Tree) -> tuple[Verdicts, list[Declaration]]:
+    """Declarations that are taken back: what was declared has become unlikely, whatever of what waits comes true."""
+    gone = [one for one in verdicts.jets if _at_most(one.way, jets.get(one.way, 0.0), tree) < 0.5]
+    now_s = tree.leader.run.state.time_s
     said: list[Declaration] = [
         JetsDeclared(Word.WITHDRAWN, (one.way[0],), (one.way[1],), (0.0,), (one.sigma,), now_s) for one in gone
     ]
     return verdicts._replace(jets=tuple(one for one in verdicts.jets if one not in gone)), said
+
+
+def _at_most(way: Way, share: float, tree: Tree) -> float:
+    """Probability that a jet has failed, if all that waits and says so comes true.
+
+    Args:
+        way: the failure.
+        share: its probability among what has been heard.
+        tree: see `Tree`.
+    """
+    waiting = _waiting(tree, lambda child: _has(way, child)) if share < 0.5 else 0.0
+    return (share + waiting) / (1.0 + waiting)
 
 
 def _declared(part: Part, verdicts: Verdicts, tree: Tree, params: JointParams) -> tuple[Verdicts, list[Declaration]]:
