@@ -38,7 +38,8 @@ def test_what_is_restored_is_what_was_saved(row: int) -> None:
     again, told = restored(vector, PLACES)
     assert again.cycle == tree.cycle
     assert (told.jets, told.others, told.groups) == (verdicts.jets, verdicts.others, verdicts.groups)
-    for one, other in zip(again.hypotheses, tree.hypotheses, strict=True):
+    possible = [each for each in tree.hypotheses if np.isfinite(each.weight)]
+    for one, other in zip(again.hypotheses, possible, strict=True):
         assert one.key == other.key
         assert (one.events, one.prior, one.weight, one.decided) == (
             other.events,

@@ -17,7 +17,7 @@ from massprop_drake.maths.estimation.faults.declarations import (
     Unexplained,
     Word,
 )
-from massprop_drake.maths.estimation.faults.events import ANEW, Event, Hypothesis, Part, Way
+from massprop_drake.maths.estimation.faults.events import ANEW, Event, Hypothesis, Part, Way, special
 from massprop_drake.maths.estimation.faults.priors import Params, Priors
 from massprop_drake.maths.estimation.faults.proposals import INTERMITTENT_AFTER
 from massprop_drake.maths.estimation.faults.report import Odds, certain
@@ -161,7 +161,7 @@ def judged(verdicts: Verdicts, tree: Tree, params: Params) -> tuple[Verdicts, tu
             said += more
     verdicts, more = _grouped(verdicts, open_to, (tree, now_s), params)
     said += more
-    if _is_settled(tree):
+    if tree.samples and _is_settled(tree, joint):
         verdicts, more = _known_now(verdicts, tree, joint)
         said += more
     return verdicts, tuple(said)
@@ -201,10 +201,11 @@ def _has(part: Part | frozenset[Way], each: Hypothesis) -> bool:
     return part in each.ways or part in each.parts
 
 
-def _is_settled(tree: Tree) -> bool:
-    """Whether the likeliest history explains its readings, and nothing waits that might do so instead."""
-    watch = tree.leader.watch
-    return watch is not None and watch.alarm is None and not tree.births
+def _is_settled(tree: Tree, params: JointParams) -> bool:
+    """Whether the likeliest history explains its readings, its impulses over, and nothing waits that might do so."""
+    watch, (_, over) = tree.leader.watch, tree.samples[-1]
+    explains = watch is not None and watch.alarm is None and not special(tree.leader, over.duration_s, params)
+    return explains and not tree.births
 
 
 def _withdrawn(verdicts: Verdicts, jets: dict[Way, float], tree: Tree) -> tuple[Verdicts, list[Declaration]]:
