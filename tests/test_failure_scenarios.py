@@ -67,6 +67,13 @@ def worst_diagonal_percent(run: Run) -> float:
     return float(np.abs(np.diag(matrix)).max())
 
 
+@pytest.mark.parametrize("name", ["stuck_off_11", "payload_release", "two_failures"])
+def test_what_a_detector_of_the_thesis_sees_late_is_no_fault_of_the_record(name: str) -> None:
+    """It states when it has seen a failure or a jump, up to a second after it: nothing else is wrong before."""
+    consistency = flown(name, "seed=1").summary["consistency"]
+    assert (consistency["verdict"], consistency["diagnoses"]) == ("consistent", [])
+
+
 # ------------------------------------------------------------------------------------- jet 29 stuck on
 
 SEEDS = ("seed=0", "seed=1", "seed=2")

@@ -75,3 +75,17 @@ def test_commands_that_are_logged_a_sample_off_are_named(tmp_path: Path, number:
         reasons = estimate(tmp_path / "log.csv", scenario).summary["consistency"]["reasons"]
         period_ms = 1e3 * scenario.vehicle_data.sample_period_s
         assert reasons[0].startswith(f"delay wrong: commands act {period_ms:.3g} ms {words} than they are logged")
+
+
+def test_one_row_at_the_end_that_is_off_is_no_delay(tmp_path: Path) -> None:
+    scenario = drawn(tmp_path, 2)
+    simulate(scenario).save(tmp_path / "run", pictures=False, report=False)
+    with (tmp_path / "run" / "telemetry.csv").open(encoding="utf-8", newline="") as file:
+        header, *rows = csv.reader(file)
+    for place in [place for place, name in enumerate(header) if name.startswith("gyro")]:
+        rows[-1][place] = repr(float(rows[-1][place]) + 0.1)
+    with (tmp_path / "log.csv").open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file).writerows([header, *rows])
+    silent = scenario.model_copy(update={"detector": scenario.detector.model_copy(update={"kind": "off"})})
+    consistency = estimate(tmp_path / "log.csv", silent).summary["consistency"]
+    assert "delay" not in [one["kind"] for one in consistency["diagnoses"]]
