@@ -159,11 +159,7 @@ def _stepped(
                 elif place == 0 and each.run.state is whole.run.state:
                     found.append(watched(each, evidence, cycle, joint))
                 elif each.watch is not None or (place < _WATCHED and each.weight > hypotheses[0].weight - _LIKELY):
-                    before = readied(each, over, joint)
-                    after, report = step(before, sample, joint)
-                    after = unguarded(after) if starting else after
-                    report = report._replace(rotation_known=evidence.report.rotation_known)
-                    found.append(watched(each, JointEvidence(before, after, report, sample, False), cycle, joint))
+                    found.append(_watched_from(readied(each, over, joint), each, evidence, cycle, joint))
                 else:
                     found.append(moved(each, sample, over, joint, starting=starting))
             except NotPositiveDefiniteError:
@@ -177,13 +173,28 @@ def _kicked(each: Hypothesis, evidence: JointEvidence, cycle: int, over: Link, p
 
     What else fails meanwhile is proposed from its own state.
     """
-    sample, starting = evidence.sample, evidence.report.starting
-    before, likelihood = prepared(each.run, sample, over, shares(each, over.duration_s), each.push, params)
-    after, report = step(before, sample, params)
-    report = report._replace(rotation_known=evidence.report.rotation_known)
+    erratic = shares(each, over.duration_s)
+    before, likelihood = prepared(each.run, evidence.sample, over, erratic, each.push, params)
     run = each.run._replace(score=each.run.score.plus(NO_SCORE._replace(likelihood=likelihood)))
-    own = JointEvidence(before, unguarded(after) if starting else after, report, sample, False)
-    return watched(each._replace(run=run), own, cycle, params)
+    return _watched_from(before, each._replace(run=run), evidence, cycle, params)
+
+
+def _watched_from(
+    before: JointState, each: Hypothesis, evidence: JointEvidence, cycle: int, params: JointParams
+) -> Hypothesis:
+    """A hypothesis after a cycle that its own filter makes from some state, with its watch.
+
+    Args:
+        before: that state.
+        each: the hypothesis before the cycle.
+        evidence: of the leader's cycle.
+        cycle: its number.
+        params: without increments.
+    """
+    after, report = step(before, evidence.sample, params)
+    after = unguarded(after) if evidence.report.starting else after
+    report = report._replace(rotation_known=evidence.report.rotation_known)
+    return watched(each, JointEvidence(before, after, report, evidence.sample, False), cycle, params)
 
 
 def _surprised(hypotheses: list[Hypothesis], best: float, cycle: int, params: Params) -> list[Hypothesis]:

@@ -161,7 +161,7 @@ def judged(verdicts: Verdicts, tree: Tree, params: Params) -> tuple[Verdicts, tu
             said += more
     verdicts, more = _grouped(verdicts, open_to, (tree, now_s), params)
     said += more
-    if tree.samples and _is_settled(tree, joint):
+    if _is_settled(tree, joint):
         verdicts, more = _known_now(verdicts, tree, joint)
         said += more
     return verdicts, tuple(said)
@@ -202,10 +202,12 @@ def _has(part: Part | frozenset[Way], each: Hypothesis) -> bool:
 
 
 def _is_settled(tree: Tree, params: JointParams) -> bool:
-    """Whether the likeliest history explains its readings, its impulses over, and nothing waits that might do so."""
-    watch, (_, over) = tree.leader.watch, tree.samples[-1]
-    explains = watch is not None and watch.alarm is None and not special(tree.leader, over.duration_s, params)
-    return explains and not tree.births
+    """Tests whether the likeliest history explains its readings, with no impulse left and no proposal waiting."""
+    watch = tree.leader.watch
+    if watch is None or watch.alarm is not None or tree.births or not tree.samples:
+        return False
+    _, over = tree.samples[-1]
+    return not special(tree.leader, over.duration_s, params)
 
 
 def _withdrawn(verdicts: Verdicts, jets: dict[Way, float], tree: Tree) -> tuple[Verdicts, list[Declaration]]:

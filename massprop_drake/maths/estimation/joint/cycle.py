@@ -62,7 +62,7 @@ from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError,
 
 _WHAT = "the joint estimator's covariance"
 _UNREAD = 1e6  # sigmas of a reading that what was not read at the start may be off
-_DIGITS = 1e3  # 1-sigmas of readings: squared, it leaves ten digits of a NIS across directions as wide
+_DIGITS = 1e3  # arithmetic: 1-sigmas of readings, of whose square a NIS across so wide directions has ten digits left
 UNTRACKED = np.zeros((0, 3))  # readings of no tracker
 OWN_CHOICE = np.zeros(0, dtype=np.bool_)  # of the readings that count
 

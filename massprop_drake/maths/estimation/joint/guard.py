@@ -11,7 +11,7 @@ from massprop_drake.maths.estimation.joint.thrust_scale import reported
 from massprop_drake.maths.kernels import kernel
 
 _SCALED = (0, 1, 2, 9)  # judged relative to their own size
-_SECOND_ORDER = 0.1  # sigmas by which products of errors may shift a prediction: 0.005 nats
+_SECOND_ORDER = 0.1  # probability: sigmas by which products of errors may shift a prediction, 0.005 nats
 
 
 @kernel
@@ -56,5 +56,5 @@ def knows_rotation(state: JointState, params: JointParams) -> bool:
 
 
 def unguarded(state: JointState) -> JointState:
-    """The state after a jump of the mass properties: guard and count begin anew."""
+    """The state with guard and count begun anew: after a jump of the mass properties, and in a start under way."""
     return state._replace(guarded=False, firing_count=0.0)

@@ -247,11 +247,8 @@ def kicked(state: JointState, cause: Cause, kicks: Array, over: Link, params: Jo
     bowed[RATE] = BOW * over.duration_s * np.linalg.norm(state.mean[RATE]) * changed * np.eye(3)
     attitude = slice(places.attitude, places.attitude + places.n_attitude)
     turns[attitude] = UNTIMED * over.duration_s * changed * np.eye(places.n_attitude)
-    return state._replace(
-        root=compressed(
-            np.hstack((state.root, impulses, impulse_columns(products, over, places), bowed, turns)), places.thrust
-        )
-    )
+    wide = np.hstack((state.root, impulses, impulse_columns(products, over, places), bowed, turns))
+    return state._replace(root=compressed(wide, places.thrust))
 
 
 def torn(state: JointState, share: float, over: Link, params: JointParams) -> JointState:

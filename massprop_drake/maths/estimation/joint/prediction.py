@@ -692,13 +692,7 @@ def _thrust_products(state: JointState, acting: Drive, covariance: Array, params
     jets = np.flatnonzero(np.abs(acting.firing.amount) > _FIRES * acting.firing.duration_s)
     shares = params.thrust_sigma * acting.firing.amount[jets]
     effects = parameter_effects(mean, params.wrenches[jets]) * shares.reshape(-1, 1)
-    thrusts = state.root[places.thrust + jets]
-    crossed = state.root[:N_PROPERTIES] @ thrusts.T
-    flat = effects.reshape(6, -1)
-    product_mean = flat @ np.ascontiguousarray(crossed.T).ravel()
-    variances = np.sum(thrusts * thrusts, axis=1).reshape(-1, 1)
-    product_noise = (variances * _each_times(effects, covariance)).reshape(6, -1) @ flat.T
-    return product_mean, product_noise
+    return _products(state.root[places.thrust + jets], effects, state, covariance)
 
 
 @kernel
@@ -711,12 +705,24 @@ def _force_products(state: JointState, firing: Firing, covariance: Array, params
     jets = state.slot_jet[slots].astype(np.intp)
     seconds = np.array([_slot_weight(state, int(slot), firing) for slot in slots]) / params.thrusts[jets]
     effects = parameter_effects(state.mean, params.wrenches[jets]) * seconds.reshape(-1, 1)
-    forces = state.root[params.places.force + slots]
-    crossed = forces @ state.root[:N_PROPERTIES].T
+    return _products(state.root[params.places.force + slots], effects, state, covariance)
+
+
+@kernel
+def _products(rows: Array, effects: Array, state: JointState, covariance: Array) -> tuple[Array, Array]:
+    """Mean, shape (6,), and covariance, shape (6, 6), of errors of what jets give times those of the ten parameters.
+
+    Args:
+        rows: of the covariance's root, of what each jet gives, shape (n, size).
+        effects: of errors of the parameters under a unit of that, shape (6, n, 10).
+        state: before the interval.
+        covariance: of the ten parameters.
+    """
+    crossed = state.root[:N_PROPERTIES] @ rows.T
     flat = effects.reshape(6, -1)
-    variances = np.sum(forces * forces, axis=1).reshape(-1, 1)
-    product_noise = (variances * _each_times(effects, covariance)).reshape(6, -1) @ flat.T
-    return flat @ crossed.ravel(), product_noise
+    product_mean = flat @ np.ascontiguousarray(crossed.T).ravel()
+    variances = np.sum(rows * rows, axis=1).reshape(-1, 1)
+    return product_mean, (variances * _each_times(effects, covariance)).reshape(6, -1) @ flat.T
 
 
 def _flat_times(effects, covariance):  # type: ignore[no-untyped-def] # compiled alone

@@ -112,9 +112,8 @@ def shown_by(error: Array, mean: Array, firing: Firing, anything: Directions, pa
     if np.isnan(error).any():
         return firing
     # D U (U^T D^T D U)^-1 U^T error, of the jets that are not known
-    along = (effects_of(params.wrenches, mean) @ anything.dual)[:, : int(anything.number)] * firing.unknown.reshape(
-        -1, 1
-    )
+    along = (effects_of(params.wrenches, mean) @ anything.dual)[:, : int(anything.number)]
+    along = along * firing.unknown.reshape(-1, 1)
     found = along @ np.linalg.solve(along.T @ along, (anything.dual.T @ error)[: int(anything.number)])
     amount = firing.amount + firing.unknown * found
     least, most = np.minimum(firing.amount, 0.0), np.maximum(firing.amount, firing.duration_s)
