@@ -321,9 +321,14 @@ def ranked(
     best = max(other.weight for other in among)
     entry, than = level - best, None
     known_one = _known_one(each, [found[index].cause for index in order], alarm.states[0].time_s, among)
-    if known_one is not None:  # first orders are compared among each other: what they neglect is much the same
-        if off * top > _HOPELESS:  # and what is left of that is more than what matters
+    if off * top > _HOPELESS:  # what first orders neglect is more than what matters
+        if known_one is not None:
             return [], UNTOLD
+        if alike := _alike(each, [found[index] for index in order], alarm, among):
+            place, other, ahead = alike
+            children = _children(each, found[order[place]], priors[order[place]], alarm, params)
+            return [Birth(child, ahead + less, other.events, _NEAR) for child, less in children], None
+    if known_one is not None:  # first orders are compared among each other: what they neglect is much the same
         place, other = known_one
         entry, than = other.weight - best - worth[order[place]], other.events
     behind = 0.0 if known_one is None else known_one[1].weight - best
@@ -367,12 +372,43 @@ def _known_one(
     for other in among:
         if other.weight < best - _NEAR or len(other.events) != n + 1 or other.events[:n] != each.events:
             continue
+        if other.origin is not None and other.origin.parent.key != each.key:  # a force that walks, there or here
+            continue
         cause, onset_s, _ = other.events[n]
         if onset_s < since_s:
             continue
         same = [place for place, one in enumerate(causes) if one.kind == cause.kind and one.failures == cause.failures]
         found += [(place, other) for place in same[:1]]
     return max(found, key=lambda one: one[1].weight, default=None)
+
+
+def _alike(
+    each: Hypothesis, found: Sequence[Contender], alarm: Alarm, among: Sequence[Hypothesis]
+) -> tuple[int, Hypothesis, float] | None:
+    """Place of a proposal of which another parent has a likely child already, that, and how far it is ahead; or None.
+
+    What happens next is as probable whatever has happened before: it is ahead by as much as its parent was, nats.
+
+    Args:
+        each: hypothesis of which they are children.
+        found: proposals, likeliest first.
+        alarm: see `Alarm`.
+        among: all hypotheses that there are.
+    """
+    first, since_s = alarm.screen.onsets[0], alarm.states[0].time_s
+    best = max(other.weight for other in among)
+    for other in sorted(among, key=lambda other: -other.weight):
+        if other.origin is None or other.weight < best - _NEAR or other.events[-1].onset_s < since_s:
+            continue
+        parent: Hypothesis = other.origin.parent
+        since, cause = parent.run.cycle - first, other.events[-1].cause
+        same = [
+            at for at, one in enumerate(found) if (one.cause.kind, one.cause.failures) == (cause.kind, cause.failures)
+        ]
+        if same and 0 <= since < len(parent.trail):
+            before = alarm.scores[0].likelihood + each.prior
+            return same[0], other, before - parent.trail[-1 - since] - parent.prior
+    return None
 
 
 def born_key(child: Hypothesis) -> object:

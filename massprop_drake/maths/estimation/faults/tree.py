@@ -219,7 +219,7 @@ def _proposed(tree: Tree, params: Params) -> Tree:
     """The tree with proposals of every alarm that is due to be drawn from, and of pushes that may have ended."""
     births, hypotheses, more, left = list(tree.births), [], [], _DRAWS
     sample, over = tree.samples[-1]
-    now_s = sample.time_s
+    now_s, leader = sample.time_s, max(tree.hypotheses, key=lambda each: each.weight)
     for each in tree.hypotheses:
         age = each.run.age
         if each.push > 0.0 and age > 0 and _due(age, age - 1):
@@ -229,6 +229,12 @@ def _proposed(tree: Tree, params: Params) -> Tree:
             hypotheses.append(each)
             continue
         age, until_s, origin = tree.cycle - alarm.cycle, each.root_until_s, (each.key, alarm.cycle)
+        if each.weight < leader.weight - _BEHIND and alarm.drawn >= 0:
+            told = alarm.rest is None or (alarm.rest == UNTOLD and not reviews.may_be(leader))
+            if told or _is_calm(leader, tree):  # no more comes of it, or a review looks further
+                births = births if told else _without(births, origin)
+                hypotheses.append(each._replace(watch=None, root_until_s=-math.inf))
+                continue
         if alarm.drawn < 0:
             until_s = max(until_s, now_s + _ROOT_S)
         if _is_reviewed(each, tree):
