@@ -94,6 +94,28 @@ def test_a_failure_beside_a_known_one_is_named(params: Params) -> None:
     assert [one.word for _, one in flown.said if isinstance(one, JetsDeclared)] == [Word.FAILED] * 2
 
 
+def test_what_fails_next_leaves_parents_as_far_apart_as_they_were() -> None:
+    """A jet is stuck on while it is open whether one leaks or another is lost: both histories go on with it."""
+    changes = {ONSET: fail(1, 0.01 * THRUSTS[1], 1, 1), ONSET + 9: fail(3, THRUSTS[3], 1, 1)}
+    flown = flight(ROUNDED, commands_of(43, idle=(1, 3)), changes=changes)
+
+    def weight(after: int, ways: set[tuple[int, int]]) -> float:
+        return max(float(each.weight) for each in flown.trees[after].hypotheses if each.ways == ways)
+
+    before = weight(ONSET + 8, {(4, -1)}) - weight(ONSET + 8, {(1, 1)})
+    now = weight(-1, {(4, -1), (3, 1)}) - weight(-1, {(1, 1), (3, 1)})
+    assert -10.0 < before < 0.0
+    assert now == pytest.approx(before, abs=1.0)
+
+
+@PARAMETERS
+def test_what_was_likely_before_a_failure_is_let_go(params: Params) -> None:
+    """Once a review of what is likely now looks for what may have happened instead."""
+    flown = flight(params, COMMANDS, changes={ONSET: fail(3, THRUSTS[3], 1, 0)})
+    assert any(not each.events for each in flown.trees[ONSET + 1].hypotheses)
+    assert min(each.weight for each in flown.tree.hypotheses) > flown.tree.leader.weight - 30.0
+
+
 @PARAMETERS
 def test_a_payload_is_a_jump_and_no_jet(params: Params) -> None:
     flown = flight(params, COMMANDS, changes={ONSET: dock(params.joint, 0.3)})

@@ -32,6 +32,7 @@ from massprop_drake.maths.estimation.faults.events import (
 from massprop_drake.maths.estimation.faults.priors import Params
 from massprop_drake.maths.estimation.faults.proposals import (
     UNTOLD,
+    Alarm,
     Birth,
     Leads,
     born_key,
@@ -229,15 +230,14 @@ def _proposed(tree: Tree, params: Params) -> Tree:
             hypotheses.append(each)
             continue
         age, until_s, origin = tree.cycle - alarm.cycle, each.root_until_s, (each.key, alarm.cycle)
-        if each.weight < leader.weight - _BEHIND and alarm.drawn >= 0:
-            told = alarm.rest is None or (alarm.rest == UNTOLD and not reviews.may_be(leader))
-            if told or _is_calm(leader, tree):  # no more comes of it, or a review looks further
-                births = births if told else _without(births, origin)
-                hypotheses.append(each._replace(watch=None, root_until_s=-math.inf))
-                continue
+        reviewed = _is_reviewed(each, tree)
+        if each.weight < leader.weight - _BEHIND and (reviewed or _is_told(alarm, leader, tree)):
+            births = births if not reviewed and alarm.rest in (None, UNTOLD) else _without(births, origin)
+            hypotheses.append(each._replace(watch=None, root_until_s=-math.inf))
+            continue
         if alarm.drawn < 0:
             until_s = max(until_s, now_s + _ROOT_S)
-        if _is_reviewed(each, tree):
+        if reviewed:
             births, alarm = _without(births, origin), alarm._replace(rest=None)
         elif left > 0 and _due(age, alarm.drawn):
             left -= 1
@@ -249,6 +249,12 @@ def _proposed(tree: Tree, params: Params) -> Tree:
             births, alarm = _without(births, origin), None
         hypotheses.append(each._replace(watch=each.watch._replace(alarm=alarm), root_until_s=until_s))
     return tree._replace(hypotheses=(*hypotheses, *more), births=tuple(births))
+
+
+def _is_told(alarm: Alarm, leader: Hypothesis, tree: Tree) -> bool:
+    """Tests whether an alarm has been drawn from and tells no more: nothing is left, or a review looks further."""
+    untold = alarm.rest == UNTOLD and not reviews.may_be(leader)
+    return alarm.drawn >= 0 and (alarm.rest is None or untold or _is_calm(leader, tree))
 
 
 def _is_reviewed(each: Hypothesis, tree: Tree) -> bool:
