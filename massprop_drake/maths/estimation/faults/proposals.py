@@ -328,6 +328,8 @@ def ranked(
             place, other, ahead = alike
             children = _children(each, found[order[place]], priors[order[place]], alarm, params)
             return [Birth(child, ahead + less, other.events, _NEAR) for child, less in children], None
+    if off > 0.0 and off * top < _NEARER:  # what first orders neglect is little
+        known_one = None
     if known_one is not None:  # first orders are compared among each other: what they neglect is much the same
         place, other = known_one
         entry, than = other.weight - best - worth[order[place]], other.events

@@ -294,7 +294,7 @@ def _due(age: int, drawn: int) -> bool:
 def draws_that_count(tree: Tree) -> tuple[Hypothesis, ...]:
     """Hypotheses of whose draws something may be left: not those that are far behind one that has been reviewed."""
     leader = tree.leader
-    if reviews.may_be(leader) and (leader.review is None or leader.review.drawn < 0):
+    if leader.review is None or leader.review.drawn < 0:
         return tree.hypotheses
     return tuple(each for each in tree.hypotheses if each.weight > leader.weight - _BEHIND)
 
