@@ -166,7 +166,10 @@ def _stepped(
             except NotPositiveDefiniteError:
                 if place == 0:
                     raise
-    return [weighed(each._replace(before=each.weight), params) for each in found]
+    found = [weighed(each._replace(before=each.weight), params) for each in found]
+    if all(each.weight == -math.inf for each in found):  # something more has happened, of which forces tell nothing
+        return [each._replace(weight=each.run.score.likelihood + each.prior) for each in found]
+    return found
 
 
 def _kicked(each: Hypothesis, evidence: JointEvidence, cycle: int, over: Link, params: JointParams) -> Hypothesis:
