@@ -327,7 +327,7 @@ def ranked(
         if alike := _alike(each, [found[index] for index in order], alarm, among):
             place, other, ahead = alike
             children = _children(each, found[order[place]], priors[order[place]], alarm, params)
-            return [Birth(child, ahead + less, other.events, _NEAR) for child, less in children], None
+            return [Birth(child, ahead + less, other.events, _NEAR) for child, less in children], UNTOLD
     if off > 0.0 and off * top < _NEARER:  # what first orders neglect is little
         known_one = None
     if known_one is not None:  # first orders are compared among each other: what they neglect is much the same

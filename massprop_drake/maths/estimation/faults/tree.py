@@ -235,7 +235,7 @@ def _proposed(tree: Tree, params: Params) -> Tree:
         age, until_s, origin = tree.cycle - alarm.cycle, each.root_until_s, (each.key, alarm.cycle)
         reviewed = _is_reviewed(each, tree)
         if each.weight < leader.weight - _BEHIND and (reviewed or _is_told(alarm, leader, tree)):
-            births = births if not reviewed and alarm.rest in (None, UNTOLD) else _without(births, origin)
+            births = births if not reviewed and alarm.rest == UNTOLD else _without(births, origin)
             hypotheses.append(each._replace(watch=None, root_until_s=-math.inf))
             continue
         if alarm.drawn < 0:
@@ -255,9 +255,9 @@ def _proposed(tree: Tree, params: Params) -> Tree:
 
 
 def _is_told(alarm: Alarm, leader: Hypothesis, tree: Tree) -> bool:
-    """Tests whether an alarm has been drawn from and tells no more: nothing is left, or a review looks further."""
+    """Tests whether draws of an alarm tell no more: by first orders nothing, or a review looks further."""
     untold = alarm.rest == UNTOLD and not reviews.may_be(leader)
-    return alarm.drawn >= 0 and (alarm.rest is None or untold or _is_calm(leader, tree))
+    return alarm.drawn >= 0 and (untold or _is_calm(leader, tree))
 
 
 def _is_reviewed(each: Hypothesis, tree: Tree) -> bool:
