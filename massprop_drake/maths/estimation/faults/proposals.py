@@ -320,11 +320,12 @@ def ranked(
     top = max((worth[index] for index in (*singles, *pairs)), default=0.0)
     best = max(other.weight for other in among)
     entry, than = level - best, None
-    known_one = _known_one(each, [found[index].cause for index in order], alarm.states[0].time_s, among)
+    causes = [found[index].cause for index in order]
+    known_one = _known_one(each, causes, alarm.states[0].time_s, among)
     if off * top > _HOPELESS:  # what first orders neglect is more than what matters
         if known_one is not None:
             return [], UNTOLD
-        if alike := _alike(each, [found[index] for index in order], alarm, among):
+        if alike := _alike(each, causes, alarm, among):
             place, other, ahead = alike
             children = _children(each, found[order[place]], priors[order[place]], alarm, params)
             return [Birth(child, ahead + less, other.events, _NEAR) for child, less in children], UNTOLD
@@ -379,13 +380,20 @@ def _known_one(
         cause, onset_s, _ = other.events[n]
         if onset_s < since_s:
             continue
-        same = [place for place, one in enumerate(causes) if one.kind == cause.kind and one.failures == cause.failures]
-        found += [(place, other) for place in same[:1]]
+        if (place := _place_of(cause, causes)) is not None:
+            found.append((place, other))
     return max(found, key=lambda one: one[1].weight, default=None)
 
 
+def _place_of(cause: Cause, causes: list[Cause]) -> int | None:
+    """First place among causes of the same failures as one, however their forces are taken; None: there is none."""
+    return next(
+        (at for at, one in enumerate(causes) if one.kind == cause.kind and one.failures == cause.failures), None
+    )
+
+
 def _alike(
-    each: Hypothesis, found: Sequence[Contender], alarm: Alarm, among: Sequence[Hypothesis]
+    each: Hypothesis, causes: list[Cause], alarm: Alarm, among: Sequence[Hypothesis]
 ) -> tuple[int, Hypothesis, float] | None:
     """Place of a proposal of which another parent has a likely child already, that, and how far it is ahead; or None.
 
@@ -393,7 +401,7 @@ def _alike(
 
     Args:
         each: hypothesis of which they are children.
-        found: proposals, likeliest first.
+        causes: of the proposals, likeliest first.
         alarm: see `Alarm`.
         among: all hypotheses that there are.
     """
@@ -404,12 +412,10 @@ def _alike(
             continue
         parent: Hypothesis = other.origin.parent
         since, cause = parent.run.cycle - first, other.events[-1].cause
-        same = [
-            at for at, one in enumerate(found) if (one.cause.kind, one.cause.failures) == (cause.kind, cause.failures)
-        ]
-        if same and 0 <= since < len(parent.trail):
+        place = _place_of(cause, causes)
+        if place is not None and 0 <= since < len(parent.trail):
             before = alarm.scores[0].likelihood + each.prior
-            return same[0], other, before - parent.trail[-1 - since] - parent.prior
+            return place, other, before - parent.trail[-1 - since] - parent.prior
     return None
 
 
