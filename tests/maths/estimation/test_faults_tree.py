@@ -116,6 +116,15 @@ def test_what_was_likely_before_a_failure_is_let_go(params: Params) -> None:
     assert min(each.weight for each in flown.tree.hypotheses) > flown.tree.leader.weight - 30.0
 
 
+def test_what_is_likely_no_more_keeps_the_alarm_that_made_it_so() -> None:
+    """Every crossing of a reading moves its state once more, long after what has happened."""
+    flown = flight(ROUNDED, commands_of(50, idle=(3,)), changes={ONSET: fail(0, 0.05 * THRUSTS[0], 1, 1)})
+    nothing = (each for tree in flown.trees for each in tree.hypotheses if not each.events and each.watch)
+    alarms = [each.watch.alarm for each in nothing if each.watch.alarm]
+    assert len(alarms) > 4
+    assert {alarm.cycle for alarm in alarms} == {ONSET + 1}
+
+
 @PARAMETERS
 def test_a_payload_is_a_jump_and_no_jet(params: Params) -> None:
     flown = flight(params, COMMANDS, changes={ONSET: dock(params.joint, 0.3)})

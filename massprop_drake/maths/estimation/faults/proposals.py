@@ -166,7 +166,7 @@ class Watch(NamedTuple):
     statistic: float = 0.0
 
 
-def watched(each: Hypothesis, evidence: JointEvidence, cycle: int, params: JointParams) -> Hypothesis:
+def watched(each: Hypothesis, evidence: JointEvidence, cycle: int, params: JointParams, *, likely: bool) -> Hypothesis:
     """The hypothesis after a cycle that its filter has made by itself, with its watch.
 
     Args:
@@ -174,6 +174,8 @@ def watched(each: Hypothesis, evidence: JointEvidence, cycle: int, params: Joint
         evidence: of it.
         cycle: its number.
         params: without increments.
+        likely: whether something new may have happened to it: one that its readings have left far behind has an alarm
+            of what has, and what moves its state since is no onset.
     """
     run, sample = each.run, evidence.sample
     score = run.score.plus(told(evidence.report))
@@ -193,7 +195,7 @@ def watched(each: Hypothesis, evidence: JointEvidence, cycle: int, params: Joint
         alarm = alarm._replace(screen=screens.screened(alarm.screen, over, params))
     if found is not None and banks.alarming(statistic, float(found.total.max())):
         index = banks.onset_of(found.total, _SHARE)
-        if alarm is None or watch.bank.cycles[index] > alarm.cycle:  # something new
+        if alarm is None or (likely and watch.bank.cycles[index] > alarm.cycle):  # something new
             alarm = _alarm(watch.bank, records, index, cycle, params)
     oldest = int(bank.cycles[0]) if alarm is None else min(int(bank.cycles[0]), alarm.screen.began)
     course = evidence.report.course

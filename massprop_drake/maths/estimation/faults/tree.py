@@ -149,18 +149,21 @@ def _stepped(
 ) -> list[Hypothesis]:
     """Every hypothesis after one more sample; the leader as its filter has gone, unless its cycle is special."""
     joint, sample, starting, found = params.joint, evidence.sample, evidence.report.starting, []
+    best = hypotheses[0].weight
     for place, whole in enumerate(hypotheses):
+        likely = whole.weight > best - _LIKELY
         for each in split(whole, sample):
             try:
                 if special(each, over.duration_s, joint):
                     if each.run.lying or each.run.age == 0:
                         found.append(moved(each, sample, over, joint, starting=starting)._replace(watch=None))
                     else:
-                        found.append(_kicked(each, evidence, cycle, over, joint))
+                        found.append(_kicked(each, evidence, cycle, over, joint, likely=likely))
                 elif place == 0 and each.run.state is whole.run.state:
-                    found.append(watched(each, evidence, cycle, joint))
-                elif each.watch is not None or (place < _WATCHED and each.weight > hypotheses[0].weight - _LIKELY):
-                    found.append(_watched_from(readied(each, over, joint), each, evidence, cycle, joint))
+                    found.append(watched(each, evidence, cycle, joint, likely=likely))
+                elif each.watch is not None or (place < _WATCHED and likely):
+                    before = readied(each, over, joint)
+                    found.append(_watched_from(before, each, evidence, cycle, joint, likely=likely))
                 else:
                     found.append(moved(each, sample, over, joint, starting=starting))
             except NotPositiveDefiniteError:
@@ -172,7 +175,9 @@ def _stepped(
     return found
 
 
-def _kicked(each: Hypothesis, evidence: JointEvidence, cycle: int, over: Link, params: JointParams) -> Hypothesis:
+def _kicked(
+    each: Hypothesis, evidence: JointEvidence, cycle: int, over: Link, params: JointParams, *, likely: bool
+) -> Hypothesis:
     """A hypothesis whose newest failure may still give an impulse besides, after one more sample, with its watch.
 
     What else fails meanwhile is proposed from its own state.
@@ -180,11 +185,11 @@ def _kicked(each: Hypothesis, evidence: JointEvidence, cycle: int, over: Link, p
     erratic = shares(each, over.duration_s)
     before, likelihood = prepared(each.run, evidence.sample, over, erratic, each.push, params)
     run = each.run._replace(score=each.run.score.plus(NO_SCORE._replace(likelihood=likelihood)))
-    return _watched_from(before, each._replace(run=run), evidence, cycle, params)
+    return _watched_from(before, each._replace(run=run), evidence, cycle, params, likely=likely)
 
 
 def _watched_from(
-    before: JointState, each: Hypothesis, evidence: JointEvidence, cycle: int, params: JointParams
+    before: JointState, each: Hypothesis, evidence: JointEvidence, cycle: int, params: JointParams, *, likely: bool
 ) -> Hypothesis:
     """A hypothesis after a cycle that its own filter makes from some state, with its watch.
 
@@ -194,11 +199,12 @@ def _watched_from(
         evidence: of the leader's cycle.
         cycle: its number.
         params: without increments.
+        likely: see `watched`.
     """
     after, report = step(before, evidence.sample, params)
     after = unguarded(after) if evidence.report.starting else after
     report = report._replace(rotation_known=evidence.report.rotation_known)
-    return watched(each, JointEvidence(before, after, report, evidence.sample, False), cycle, params)
+    return watched(each, JointEvidence(before, after, report, evidence.sample, False), cycle, params, likely=likely)
 
 
 def _surprised(hypotheses: list[Hypothesis], best: float, cycle: int, params: Params) -> list[Hypothesis]:
