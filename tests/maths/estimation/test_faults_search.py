@@ -147,6 +147,20 @@ def test_a_contradiction_by_chance_is_put_down_to_the_start() -> None:
     assert nees(found[0], run, time_s, own.joint) < 29.6
 
 
+def test_a_jet_that_fails_while_the_start_is_searched_is_searched_for_at_once() -> None:
+    """What the search has found explains the samples that it began with, and not those that came since."""
+    settings = ("estimation.start=zero", "duration_s=10", "failures=[{kind: stuck_on, jet: R2D, start_s: 3.6}]")
+    run, own = flight(settings), params_of(settings)
+    evidence = [
+        each._replace(report=each.report._replace(contradicted=number == 25 or each.report.contradicted))
+        for number, each in enumerate(cycles(run, own))
+    ]
+    found, time_s = searched(iter(evidence), own.joint)
+    assert probabilities(found, own.joint)[frozenset({(36, 1)})] > 0.999
+    assert found[0].onset_s == pytest.approx(3.6)
+    assert nees(found[0], run, time_s, own.joint) < 29.6
+
+
 def test_nothing_is_searched_where_nothing_contradicts(leaking: Run, params: JointParams) -> None:
     search = BEGUN
     for each in cycles(leaking, params_of(LEAK)):

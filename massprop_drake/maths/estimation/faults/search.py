@@ -11,6 +11,9 @@ Screenings begin at the nominal vehicle, or where passes end that explain all wi
 the end of the likeliest passes, until they propose nobody new. The first order only proposes. Hypotheses near the
 likeliest are then brought to the newest sample.
 
+Where none of them explains what came since, something has happened meanwhile, and all are gone over anew at once. Where
+none explains what the search began with, more samples are waited for.
+
 Samples are kept anew from when on rotation is known: what they show is judged from there.
 """
 
@@ -159,7 +162,7 @@ def followed(
         return search, ()
     near = _near(search, priors, params)
     if not near or near[0].score.misfit >= _MISFIT:
-        return _given_up(search), ()
+        return _anew(search, sample.time_s), ()
     return BEGUN, tuple(_found(each, search, params) for each in near)
 
 
@@ -185,7 +188,11 @@ def _begun(search: StartSearch, priors: Priors, params: JointParams) -> StartSea
 
 def _given_up(search: StartSearch) -> StartSearch:
     """The search that has come to nothing: it begins again with twice as much."""
-    due_s = 2.0 * search.kept[-1].sample.time_s - search.beginning.time_s
+    return _anew(search, 2.0 * search.kept[-1].sample.time_s - search.beginning.time_s)
+
+
+def _anew(search: StartSearch, due_s: float) -> StartSearch:
+    """The search that begins again at some time, s."""
     return StartSearch(True, search.entry, search.kept, search.acted, True, due_s)
 
 
