@@ -139,7 +139,7 @@ def stretches(scenario: Scenario, signals: Spool) -> Iterator[Stretch]:
     wanted = ["time_s", "command", *(name for name in ("gap", "outside_wrench") if name in signals)]
     flows, period_s = scenario.vehicle_data.mass_flows, scenario.vehicle_data.sample_period_s
     felt = _felt(scenario)
-    before, used, since = np.zeros(flows.size), 0.0, -1 if "gap" in signals else -1 - felt
+    before, used, since = np.zeros((felt, flows.size)), 0.0, -1 if "gap" in signals else -1 - felt
     for block in _windows(signals, *wanted, *(package.name for package in packages)):
         time_s, commands = block["time_s"], block["command"]
         known = np.nan_to_num(commands)
@@ -161,7 +161,7 @@ def stretches(scenario: Scenario, signals: Spool) -> Iterator[Stretch]:
         for first, last in _runs(counts - last_unknown > felt):
             if last - first > 1:
                 yield _rows_of(whole, slice(first, last + 1))
-        before = known[-2] if time_s.size > 1 else before
+        before = _with_rows(before, known[:-1])
 
 
 def _felt(scenario: Scenario) -> int:
@@ -258,9 +258,13 @@ def _until(part: Stretch, time_s: float) -> Stretch:
 
 
 def _rows_of(part: Stretch, rows: slice) -> Stretch:
-    before = part.commands[rows.start - 1] if rows.start else part.before
     cut = {name: value[rows] for name, value in part._asdict().items() if name != "before"}
-    return part._replace(**cut, before=before)
+    return part._replace(**cut, before=_with_rows(part.before, part.commands[: rows.start]))
+
+
+def _with_rows(before: Array, later: Array) -> Array:
+    """What was commanded before, so many rows on."""
+    return np.concatenate((before, later))[-before.shape[0] :]
 
 
 def _seen(part: Stretch, made: Model) -> Iterator[Stretch]:
@@ -486,7 +490,7 @@ def _commanded_later(part: Stretch, rows: int) -> Stretch:
     cut = _rows_of(part, _kept_of(part, rows))
     if rows > 0:
         return cut._replace(commands=part.commands[:-1], before=part.before)
-    return cut._replace(commands=part.commands[1:], before=part.commands[0])
+    return cut._replace(commands=part.commands[1:], before=_with_rows(part.before, part.commands[:1]))
 
 
 def _kept_of(part: Stretch, rows: int) -> slice:

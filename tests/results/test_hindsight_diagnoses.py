@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from massprop_drake import Run, load_scenario
+from massprop_drake import Run, load_scenario, simulate
 from massprop_drake.results.consistency import Diagnosis, Tally, judged
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.events import EventRecord
@@ -98,6 +98,30 @@ def test_what_jets_gave_in_a_gap_is_waited_for(sample_run: Run) -> None:
 
     assert spans(gap=gap) == [(2, 200), (203, 299), (303, size - 1)]
     assert spans() == [(0, 200), (203, size - 1)]
+
+
+def test_what_a_jet_has_just_given_is_known_where_a_stretch_is_cut() -> None:
+    """A vehicle that turns fast is looked at in short pieces, and some begin before thrust has built up or died out."""
+    together = (
+        ("M1", "M3"),
+        ("M2", "M4"),
+        ("M2", "M4"),
+        ("M1", "M3"),
+        ("M1", "M2"),
+        ("M3", "M4"),
+        ("M3", "M4"),
+        ("M1", "M2"),
+    )
+    schedule = [
+        f"{{jet: {jet}, start_s: {begin_s:.1f}, end_s: {begin_s + 0.3:.1f}}}"
+        for number, jets in enumerate(2 * together)
+        for jet in jets
+        for begin_s in (0.5 + 0.7 * number,)
+    ]
+    settings = ("vehicle=servicer", "duration_s=12", "plant.initial_rate=[0.5, 0.1, -0.1]", "detector.kind=off")
+    told = ("estimation={filter: joint, start: nominal}", f"jet_schedule=[{', '.join(schedule)}]")
+    run = simulate(load_scenario("jet_pulses", [*settings, *told]))
+    assert run.results.consistency.diagnoses == ()
 
 
 def test_a_wrong_sign_is_named(sample_run: Run) -> None:

@@ -195,7 +195,7 @@ class Stretch(NamedTuple):
         time_s: stamps, shape (m,).
         readings: of all packages, gyros first, NaN where missing, shape (m, n_packages, 3).
         commands: from each row on, shape (m, n_jets); the last row's is not used.
-        before: up to the first row, shape (n_jets,).
+        before: the same of rows before, of which the first had been commanded for long, shape (b, n_jets), b > 0.
         outside: known torque about the vehicle origin and force from each row on, shape (m, 6).
         used_after: propellant that is used from each row to the end of the flight, slug or kg, shape (m,).
     """
@@ -316,7 +316,7 @@ class _Read(NamedTuple):
 
 def _read(stretch: Stretch, model: Model) -> _Read:
     told = (stretch.commands[:-1] != 0.0).any(axis=0)
-    on = np.flatnonzero(told | (stretch.before != 0.0))
+    on = np.flatnonzero(told | (stretch.before != 0.0).any(axis=0))
     rates = _by_columns(stretch.readings[:, : model.gyros].swapaxes(0, 1))
     there = np.asarray(~np.isnan(rates).all(axis=0))
     there[~there.any(axis=1)] = True
@@ -347,10 +347,12 @@ def _course(read: _Read, lag_error: Array, model: Model) -> _Course:
     given, lag_error = model.time_constants_s[on], lag_error[on]
     constants = np.where(given > 0.0, np.maximum(given + lag_error, LEAST_LAG * given), 0.0)
     lagged, left = constants > 0.0, lingering(constants / period)
-    level, slope = np.zeros((2, m, on.size))
-    level[0], level[1:] = read.stretch.before[on], commands
+    before = read.stretch.before[:, on]
+    level = np.concatenate((before, commands))
+    slope = np.zeros_like(level)
     if lagged.any():
         model.compute.lag(level, slope, left.remaining, left.by_logarithm)
+    level, slope = level[-m:], slope[-m:]
     off = level[:-1] - commands
     amount = read.lengths_s[:, None] * commands + off * (period * left.mean)
     share = period / np.where(lagged, constants, 1.0)

@@ -108,7 +108,7 @@ def flight(
         time_s=time_s,
         readings=readings + noise,
         commands=np.vstack((commands, np.zeros(6))),
-        before=np.zeros(6),
+        before=np.zeros((1, 6)),
         outside=np.zeros((ROWS + 1, 6)),
         used_after=-used,
     )
@@ -175,7 +175,7 @@ def pieces(stretch: Stretch, *ends: int) -> tuple[Stretch, ...]:
     """A stretch cut at rows that each piece has in common with the next."""
     told = []
     for first, last in pairwise((0, *ends, ROWS)):
-        before = stretch.commands[first - 1] if first else stretch.before
+        before = stretch.commands[first - 1 : first] if first else stretch.before
         rows = {name: value[first : last + 1] for name, value in stretch._asdict().items() if name != "before"}
         told.append(Stretch(before=before, **rows))
     return tuple(told)
@@ -184,7 +184,7 @@ def pieces(stretch: Stretch, *ends: int) -> tuple[Stretch, ...]:
 def test_what_is_used_between_pieces_drifts_as_well() -> None:
     stretch, drift = flight(1).stretch, propellant_drift(TRUTH, 1.0, 10.0, PARAMS.arm)
     one, lost, last = pieces(stretch, 40, 97)
-    idle = last._replace(commands=np.zeros_like(last.commands), before=np.zeros(6))
+    idle = last._replace(commands=np.zeros_like(last.commands), before=np.zeros((1, 6)))
     alone, both = least_of((one,), 10.0), least_of((one, idle), 10.0)
     used = one.used_after[-1] - last.used_after[-1]
     known = used * drift > 0.01 * alone**2  # of others the last rows say as much
@@ -406,6 +406,16 @@ def test_rates_that_are_missing_while_jets_fire_lie_on_no_straight_line(monkeypa
     fit = hindsight.fitted([stretch], model.prior, model)
     assert fit.normal.per_reading < 1.2  # 12 with straight lines
     assert (fit.normal.by_package[:, 0] < 1.2 * fit.normal.by_package[:, 1]).all()
+
+
+def test_a_piece_of_a_stretch_is_explained_as_the_whole_is() -> None:
+    """Given what was commanded before for as long as it is felt."""
+    whole, (model, _) = flight(1).stretch, known()
+    at = model.prior.copy()
+    for first in range(20, 40):
+        rows = {name: value[first : first + 30] for name, value in whole._asdict().items() if name != "before"}
+        piece = Stretch(before=whole.commands[first - 8 : first], **rows)
+        assert hindsight.normal(piece, at, model).per_reading < 2.0
 
 
 def test_levels_lag_as_they_do_interval_by_interval() -> None:

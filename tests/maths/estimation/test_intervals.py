@@ -184,7 +184,7 @@ def stretch(readings: Array, told: Array) -> Stretch:
     known = np.vstack((told, np.zeros((1, 6))))
     nothing = np.zeros((ROWS + 1, 6))
     time_s = PERIOD * np.arange(ROWS + 1)
-    return Stretch(time_s, readings.reshape(-1, 2, 3), known, np.zeros(6), nothing, np.zeros(ROWS + 1))
+    return Stretch(time_s, readings.reshape(-1, 2, 3), known, np.zeros((1, 6)), nothing, np.zeros(ROWS + 1))
 
 
 def quantized(values: Array, phase: Array) -> Array:
