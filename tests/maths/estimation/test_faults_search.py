@@ -11,9 +11,10 @@ from massprop_drake import Run, load_scenario, simulate
 from massprop_drake.inputs import params as inputs
 from massprop_drake.maths.estimation.faults import passes
 from massprop_drake.maths.estimation.faults.passes import begin_fit, begin_pass, linearization, step_fit
-from massprop_drake.maths.estimation.faults.priors import Priors, force_correction
+from massprop_drake.maths.estimation.faults.priors import Params, Priors, force_correction
 from massprop_drake.maths.estimation.faults.screening import begin_screening, rank_jets, refine, step_screening
 from massprop_drake.maths.estimation.faults.search import BEGUN, OVER, Found, StartSearch, followed
+from massprop_drake.maths.estimation.faults.tree import Tree, begun_with
 from massprop_drake.maths.estimation.filter import Told
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams
@@ -133,6 +134,16 @@ def test_a_leak_is_found_through_a_gap_in_telemetry(leaking: Run) -> None:
     assert probabilities(found, own.joint)[LEAK_ON_TOP.key] > 0.999
     force, sigma = force_of(found[0], own.joint)
     assert force == pytest.approx(50.0, abs=4.0 * sigma)
+
+
+def test_readings_of_the_start_count_under_what_is_found(leaking: Run, params: JointParams) -> None:
+    """They have been judged by a filter that knew of no failure."""
+    found, time_s = searched(cycles(leaking, params_of(LEAK)), params)
+    failures, rates = np.ones(2 * params.places.jets), np.ones(params.places.jets)
+    history = begun_with(found, Tree(), Params(params, Priors(), failures, rates)).history
+    assert history is not None
+    assert history.since_s < 1.48 < time_s
+    assert history.score.nis == pytest.approx(history.score.degrees, rel=0.3)
 
 
 def test_a_contradiction_by_chance_is_put_down_to_the_start() -> None:

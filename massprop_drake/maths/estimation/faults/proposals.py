@@ -207,8 +207,10 @@ def watched(each: Hypothesis, evidence: JointEvidence, cycle: int, params: Joint
 
 def _is_judged(evidence: JointEvidence, params: JointParams) -> bool:
     """Tests whether the covariance of a state says what its readings may be off by: of all, or of the rates."""
-    after = evidence.after
-    return after.guarded or (evidence.report.rotation_known and knows_rotation(after, params))
+    after, course = evidence.after, evidence.report.course
+    if after.guarded or not evidence.report.rotation_known or course is None:
+        return after.guarded
+    return knows_rotation(after, params, course.acting.firing.amount > 0.0)
 
 
 def loss(each: Hypothesis) -> float:

@@ -108,6 +108,7 @@ class Found(NamedTuple):
         state: after the newest sample.
         cause: one jet, or nothing: the start was stated too well.
         onset_s: time of the last sample before the failure, s.
+        since_s: time of the first kept sample, s.
         score: of all kept samples, from the same entry for all.
         log_prior: without what the force is worth (`priors.force_correction`), nats.
     """
@@ -115,6 +116,7 @@ class Found(NamedTuple):
     state: JointState
     cause: Cause
     onset_s: float
+    since_s: float
     score: Score
     log_prior: float
 
@@ -301,6 +303,7 @@ def _near(search: StartSearch, priors: Priors, params: JointParams) -> tuple[Fit
 
 def _found(fit: Fit, search: StartSearch, params: JointParams) -> Found:
     onset, state = fit.contender.onset, guarded(fit.state, _acts(search.kept[-1].sample), params)
-    onset_s = search.kept[onset - 1].sample.time_s if onset > 0 else search.beginning.time_s
+    since_s = search.beginning.time_s
+    onset_s = search.kept[onset - 1].sample.time_s if onset > 0 else since_s
     state = state if state.guarded else unguarded(state)
-    return Found(state, fit.contender.cause, onset_s, fit.score, fit.log_prior)
+    return Found(state, fit.contender.cause, onset_s, since_s, fit.score, fit.log_prior)

@@ -291,7 +291,8 @@ def step(
     """
     before = state.joint
     steady = params
-    if state.start.rotation and knows_rotation(before, params.joint):  # what contradicts it is for the detector
+    acting = told.command != 0.0  # or not known
+    if state.start.rotation and knows_rotation(before, params.joint, acting):  # what contradicts is for the detector
         steady = params._replace(joint=without_increments(params.joint))
     made = _made(state, (rates, velocities), told, steady)
     if before.guarded and np.isnan(told.command).any():

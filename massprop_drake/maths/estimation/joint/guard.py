@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.joint.impulses import effects_of
 from massprop_drake.maths.estimation.joint.layout import CENTER, N_PROPERTIES, JointParams, JointState, flagged
@@ -42,14 +43,21 @@ def guarded(state: JointState, commanded: bool, params: JointParams) -> JointSta
     return flagged(state, True, 1.0 if commanded else 0.0)
 
 
-def knows_rotation(state: JointState, params: JointParams) -> bool:
+def knows_rotation(state: JointState, params: JointParams, acting: NDArray[np.bool_] | None = None) -> bool:
     """Tests whether the covariance of a state says by how much predicted rates may be off.
 
     Rates are products of what is unknown: inverse inertia, and torque about the center of mass. With e the relative
     1-sigma of what the jets do to a rate, these products are off by e of the rate's own 1-sigma, in one sample as in a
-    hundred. So linear statistics hold as far as e is small, however little is known of the mass.
+    hundred. So linear statistics hold as far as e is small, however little is known of the mass, and of axes about
+    which nothing turns the vehicle.
+
+    Args:
+        state: the state.
+        params: see `JointParams`.
+        acting: which jets turn the vehicle, shape (n_jets,); None: any may.
     """
-    effects = parameter_effects(state.mean, params.wrenches)[:3] @ state.root[:N_PROPERTIES]
+    wrenches = params.wrenches if acting is None else params.wrenches[acting]
+    effects = parameter_effects(state.mean, wrenches)[:3] @ state.root[:N_PROPERTIES]
     sigma = np.sqrt(np.sum(effects**2, axis=2)).max(axis=1, initial=0.0)
     largest = np.abs(effects_of(params.wrenches, state.mean)[:, :3]).max(axis=0, initial=0.0)
     return bool((sigma < _SECOND_ORDER * largest).all())

@@ -121,7 +121,8 @@ def followed(
     if not before.started or not (acts or start.kept):
         return start, after
     if len(start.kept) >= LONGEST:
-        return BEGUN_KNOWN if start.rotation else OVER, after
+        acted = np.any([(each.sample.commands != 0.0).any(axis=0) for each in start.kept], axis=0)
+        return BEGUN_KNOWN if start.rotation or (acted.any() and knows_rotation(after, params, acted)) else OVER, after
     start = start._replace(
         entry=before if start.entry is None else start.entry,
         kept=(*start.kept, latest),
