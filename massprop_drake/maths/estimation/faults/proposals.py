@@ -174,8 +174,8 @@ def watched(each: Hypothesis, evidence: JointEvidence, cycle: int, params: Joint
         evidence: of it.
         cycle: its number.
         params: without increments.
-        likely: whether something new may have happened to it: one that its readings have left far behind has an alarm
-            of what has, and what moves its state since is no onset.
+        likely: whether its readings were explained before the cycle, so that something new may happen to it; else its
+            alarm is of what has happened, and what moves its state since is no onset.
     """
     run, sample = each.run, evidence.sample
     score = run.score.plus(told(evidence.report))
