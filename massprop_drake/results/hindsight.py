@@ -263,8 +263,9 @@ def _rows_of(part: Stretch, rows: slice) -> Stretch:
 
 
 def _with_rows(before: Array, later: Array) -> Array:
-    """What was commanded before, so many rows on."""
-    return np.concatenate((before, later))[-before.shape[0] :]
+    """Appends rows to the commands before a stretch; the oldest go, and as many stay."""
+    rows = before.shape[0]
+    return np.concatenate((before, later[-rows:]))[-rows:]
 
 
 def _seen(part: Stretch, made: Model) -> Iterator[Stretch]:

@@ -159,7 +159,7 @@ def test_a_contradiction_by_chance_is_put_down_to_the_start() -> None:
 
 
 def test_a_jet_that_fails_while_the_start_is_searched_is_searched_for_at_once() -> None:
-    """What the search has found explains the samples that it began with, and not those that came since."""
+    """Its first hypotheses explain the samples that it began with, and not those that came since."""
     settings = ("estimation.start=zero", "duration_s=10", "failures=[{kind: stuck_on, jet: R2D, start_s: 3.6}]")
     run, own = flight(settings), params_of(settings)
     evidence = [

@@ -409,7 +409,7 @@ def test_rates_that_are_missing_while_jets_fire_lie_on_no_straight_line(monkeypa
 
 
 def test_a_piece_of_a_stretch_is_explained_as_the_whole_is() -> None:
-    """Given what was commanded before for as long as it is felt."""
+    """Commands before it count for as long as they are felt."""
     whole, (model, _) = flight(1).stretch, known()
     at = model.prior.copy()
     for first in range(20, 40):

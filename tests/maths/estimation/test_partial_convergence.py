@@ -82,7 +82,7 @@ TOGETHER = [
 def test_failures_are_named_though_nothing_has_turned_the_vehicle_about_one_axis(
     failure: dict[str, object] | None,
 ) -> None:
-    """Not for so long that its start is over; also one that turns it about that axis."""
+    """Its start is over without it; a jet that turns it about that axis is named as well."""
     pulses = [
         {"jet": jet, "start_s": round(0.5 + 0.6 * number, 2), "end_s": round(0.8 + 0.6 * number, 2)}
         for number in range(36)

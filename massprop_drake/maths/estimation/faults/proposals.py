@@ -207,10 +207,10 @@ def watched(each: Hypothesis, evidence: JointEvidence, cycle: int, params: Joint
 
 def _is_judged(evidence: JointEvidence, params: JointParams) -> bool:
     """Tests whether the covariance of a state says what its readings may be off by: of all, or of the rates."""
-    after, course = evidence.after, evidence.report.course
-    if after.guarded or not evidence.report.rotation_known or course is None:
-        return after.guarded
-    return knows_rotation(after, params, course.acting.firing.amount > 0.0)
+    after, report = evidence.after, evidence.report
+    assert report.course is not None, "the first sample is no cycle"
+    acting = report.course.acting.firing.amount > 0.0
+    return after.guarded or (report.rotation_known and knows_rotation(after, params, acting))
 
 
 def loss(each: Hypothesis) -> float:

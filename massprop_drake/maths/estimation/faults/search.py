@@ -108,7 +108,7 @@ class Found(NamedTuple):
         state: after the newest sample.
         cause: one jet, or nothing: the start was stated too well.
         onset_s: time of the last sample before the failure, s.
-        since_s: time of the first kept sample, s.
+        since_s: time of the state from which the kept samples are gone over, s.
         score: of all kept samples, from the same entry for all.
         log_prior: without what the force is worth (`priors.force_correction`), nats.
     """
@@ -194,7 +194,7 @@ def _given_up(search: StartSearch) -> StartSearch:
 
 
 def _anew(search: StartSearch, due_s: float) -> StartSearch:
-    """The search that begins again at some time, s."""
+    """Begins the search again at some time, s, with all kept samples."""
     return StartSearch(True, search.entry, search.kept, search.acted, True, due_s)
 
 

@@ -141,9 +141,9 @@ def begun_with(found: Sequence[Found], tree: Tree, params: Params) -> Tree:
         events = () if one.cause.kind == Kind.NOTHING else (Event(one.cause, one.onset_s, NO_SCORE),)
         start = begun(one.state, cycle, params.joint)
         hypotheses.append(weighed(start._replace(run=run, events=events, prior=one.log_prior), params))
-    likely = max(zip(hypotheses, found, strict=True), key=lambda pair: pair[0].weight)[1]
-    history = History(likely.since_s, likely.score)
-    return Tree(cycle, tuple(sorted(hypotheses, key=lambda each: -each.weight)), history=history)
+    ordered = sorted(zip(hypotheses, found, strict=True), key=lambda pair: -pair[0].weight)
+    _, likeliest = ordered[0]
+    return Tree(cycle, tuple(each for each, _ in ordered), history=History(likeliest.since_s, likeliest.score))
 
 
 def _stepped(
