@@ -119,10 +119,11 @@ def _step_times(run: Run) -> list[float]:
     gyros = {one.name: np.array(run[one.name]) for one in vehicle.gyros}
     packages = {one.name: np.array(run[one.name]) for one in vehicle.accelerometers}
     commands = np.array(run["command"])
+    onsets_s = run["command_onset"] if "command_onset" in run.signals else None
     for row, time_s in enumerate(run.time_s.tolist()):
         rates, velocities = ({name: values[row] for name, values in of.items()} for of in (gyros, packages))
         began = time.thread_time()
-        estimator.step(time_s, rates, velocities, commands[row])
+        estimator.step(time_s, rates, velocities, commands[row], onsets_s=None if onsets_s is None else onsets_s[row])
         spent.append(time.thread_time() - began)
     return spent
 

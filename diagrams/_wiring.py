@@ -9,6 +9,8 @@ from pydrake.systems.framework import DiagramBuilder, System
 
 from massprop_drake.inputs.scenario import Scenario
 
+ONSETS = ("command_onset", "held_command_onset")  # ports beside those of commands, where jets open within a sample
+
 
 class Diagram(framework.Diagram):  # type: ignore[misc]
     """A diagram that says what it is."""
@@ -41,6 +43,8 @@ def connect_estimation(
         if estimation.HasInputPort(name):
             builder.Connect(vehicle.GetOutputPort(name), estimation.GetInputPort(name))
     builder.Connect(commander.GetOutputPort("held_command"), estimation.GetInputPort("jet_commands"))
+    if commander.HasOutputPort("held_command_onset") and estimation.HasInputPort("held_command_onset"):
+        builder.Connect(commander.GetOutputPort("held_command_onset"), estimation.GetInputPort("held_command_onset"))
 
 
 def export_outputs(builder: DiagramBuilder, systems: Iterable[System], *, but: Container[str] = ()) -> None:

@@ -136,6 +136,7 @@ def _add_cycle(builder: DiagramBuilder, scenario: Scenario) -> None:
             tracked={sensor.name: len(sensor.columns) for sensor in seen},
             weighs=params.weighs(scenario),
             known=params.known_parameters(scenario),
+            within=scenario.vehicle_data.has_on_times,
         ),
     )
     for index in map(InputPortIndex, range(estimator.num_input_ports())):

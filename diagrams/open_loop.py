@@ -8,7 +8,7 @@ from __future__ import annotations
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from massprop_drake.diagrams import estimation, vehicle
-from massprop_drake.diagrams._wiring import built, connect_estimation, export_outputs
+from massprop_drake.diagrams._wiring import ONSETS, built, connect_estimation, export_outputs
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.systems.autopilot.jet_schedule import JetSchedule
@@ -25,14 +25,17 @@ def build(scenario: Scenario, *, findings: bool = False) -> Diagram:
     the same names.
     """
     builder = DiagramBuilder()
+    commands, onsets_s = params.commands(scenario)
+    within = params.pieces(scenario) > 1
     schedule = builder.AddNamedSystem(
-        "jet_schedule", JetSchedule(params.commands(scenario), period_s=scenario.vehicle_data.sample_period_s)
+        "jet_schedule",
+        JetSchedule(commands, period_s=scenario.vehicle_data.sample_period_s, onsets_s=onsets_s if within else None),
     )
     body = builder.AddNamedSystem("vehicle", vehicle.build(scenario))
     estimators = builder.AddNamedSystem("estimation", estimation.build(scenario, findings=findings))
 
-    builder.Connect(schedule.GetOutputPort("command"), body.GetInputPort("command"))
-    builder.Connect(schedule.GetOutputPort("held_command"), body.GetInputPort("held_command"))
+    for name in ("command", "held_command", *(ONSETS if within else ())):
+        builder.Connect(schedule.GetOutputPort(name), body.GetInputPort(name))
     connect_estimation(builder, body, schedule, estimators, scenario)
     if scenario.estimation.filter == "pose":  # a jet may act before its command, as the clocks have it
         builder.Connect(schedule.GetOutputPort("command"), estimators.GetInputPort("command"))

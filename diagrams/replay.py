@@ -8,7 +8,7 @@ from __future__ import annotations
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from massprop_drake.diagrams import estimation
-from massprop_drake.diagrams._wiring import built, export_outputs
+from massprop_drake.diagrams._wiring import ONSETS, built, export_outputs
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.systems.estimation.telemetry_source import TelemetrySource
 
@@ -37,10 +37,12 @@ def build(scenario: Scenario, *, first_row: int = 0, findings: bool = False) -> 
             period_s=vehicle.sample_period_s,
             first_row=first_row,
             tracked=tracked,
+            within=vehicle.has_on_times,
         ),
     )
 
-    for name in (*vehicle.sensor_names(), *tracked, "jet_commands", "outside_wrench", "record_time", "command"):
+    told = ("jet_commands", "outside_wrench", "record_time", "command", *(ONSETS if vehicle.has_on_times else ()))
+    for name in (*vehicle.sensor_names(), *tracked, *told):
         if estimators.HasInputPort(name):
             builder.Connect(source.GetOutputPort(name), estimators.GetInputPort(name))
 

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
-from massprop_drake.diagrams._wiring import built, export_outputs
+from massprop_drake.diagrams._wiring import ONSETS, built, export_outputs
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import PlantBlock, Scenario
 from massprop_drake.inputs.vehicle import Accelerometer, PoseSensor, SensorPackage, VelocitySensor
@@ -46,6 +46,7 @@ def build(scenario: Scenario, body: System | None = None, trackers: Sequence[Sys
 
     Ports:
         command (in, n_jets), held_command (in, n_jets): see `ReactionJets`.
+        command_onset (in, n_jets), held_command_onset (in, n_jets): see `ReactionJets`; where they open within samples.
         closed (in, n_jets), held_closed (in, n_jets): see `ReactionJets`; may stay unconnected.
         <gyro> (out, 3): measured rate, rad/s, body axes, for each package.
         <accelerometer> (out, 3): integrated specific force, ft/s or m/s, body axes, for each package.
@@ -55,7 +56,7 @@ def build(scenario: Scenario, body: System | None = None, trackers: Sequence[Sys
         thrust (out, n_jets): mean force over the coming sample, see `ReactionJets`.
         joint_positions (out, n): of a multibody plant that has joints, see `MultibodyVehicle`.
     """
-    vehicle = scenario.vehicle_data
+    vehicle, pieces = scenario.vehicle_data, params.pieces(scenario)
     period = vehicle.sample_period_s
     builder = DiagramBuilder()
 
@@ -69,6 +70,7 @@ def build(scenario: Scenario, body: System | None = None, trackers: Sequence[Sys
             failures=params.stated_failures(scenario),
             thrusts=np.array([jet.thrust for jet in vehicle.jets]),
             planar=vehicle.motion == "planar",
+            pieces=pieces,
             seed=scenario.seed,
             compiled=scenario.execution.compiled,
         ),
@@ -83,7 +85,14 @@ def build(scenario: Scenario, body: System | None = None, trackers: Sequence[Sys
     else:
         n_lags = len(jets.lag_time_constants_s) if stepped else 0
         disturbance = builder.AddSystem(
-            Disturbance(model_of_disturbance, period_s=period, stepped=stepped, n_lags=n_lags, seed=scenario.seed)
+            Disturbance(
+                model_of_disturbance,
+                period_s=period,
+                stepped=stepped,
+                n_lags=n_lags,
+                pieces=pieces if stepped else 1,
+                seed=scenario.seed,
+            )
         )
         builder.Connect(jets.GetOutputPort(wrench), disturbance.GetInputPort("jets"))
         builder.Connect(body.GetOutputPort("structure"), disturbance.GetInputPort("structure"))
@@ -91,7 +100,7 @@ def build(scenario: Scenario, body: System | None = None, trackers: Sequence[Sys
         pushed.append(disturbance)
     if vehicle.motion == "planar":
         builder.Connect(body.GetOutputPort("structure"), jets.GetInputPort("structure"))
-    for name in ("command", "held_command", "closed", "held_closed"):
+    for name in ("command", "held_command", *(ONSETS if pieces > 1 else ()), "closed", "held_closed"):
         builder.ExportInput(jets.GetInputPort(name), name)
 
     sensors: list[System] = []
@@ -147,6 +156,7 @@ def _body(scenario: Scenario, lag_time_constants_s: tuple[float, ...]) -> System
         params.undrawn_properties(scenario),
         time_step=params.time_step(scenario),
         lag_time_constants_s=lag_time_constants_s,
+        pieces=params.pieces(scenario),
         initial_rate=np.array(scenario.plant.initial_rate),
         jumps=params.mass_jumps(scenario),
         period_s=scenario.vehicle_data.sample_period_s,

@@ -49,6 +49,7 @@ SIGNALS = {
         Signal("velocity", "velocity of the center of mass", "{length}/s", AXES),
         Signal("truth", "true mass properties", _MIXED, NAMES),
         Signal("command", "commanded fraction", "-", ()),
+        Signal("command_onset", "how long after the beginning of the coming sample each jet opens", "s", ()),
         Signal("thrust", "thrust, mean over the coming sample", "{force}", ()),
         Signal("torque", "torque about the center of mass", "{length}-{force}", AXES),
         Signal("force", "force", "{force}", AXES),

@@ -9,19 +9,28 @@ import numpy as np
 from scipy.stats import chi2
 
 from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.maths.estimation.joint import ticks
 from massprop_drake.maths.estimation.joint.cycle import Sample, initial
 from massprop_drake.maths.estimation.joint.layout import NO_ATTITUDE_SENSORS, JointParams, JointState, make_places
 from massprop_drake.maths.estimation.joint.prediction import RateRead
 from massprop_drake.maths.estimation.joint.quantized import DITHER, FLOOR
-from massprop_drake.maths.estimation.joint.ticks import on_ticks
+from massprop_drake.maths.estimation.joint.ticks import Clock, Commanded, Elapsed, Pace, on_ticks
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import initial_standard_deviation, six_elements
+from massprop_drake.maths.vehicle.on_times import levels_alone
 
 PERIOD = 0.1  # s
 INVERSE = np.linalg.inv(np.array([[2.0, 0.1, -0.2], [0.1, 3.0, 0.3], [-0.2, 0.3, 4.0]]))
 TRUTH = np.concatenate([six_elements(INVERSE), [0.05, -0.03, 0.02, 0.1]])
 _POSITIONS = np.array([[1.0, 0.2, 0], [-1, 0, 0.3], [0, 1, -0.1], [0.2, -1, 0], [0, 0.1, 1], [0.3, 0, -1]])
 _FORCES = np.array([[0, 1.0, 0.2], [0.1, 0, 1], [1, 0, 0.1], [0.2, 0.3, -1], [-1, 0.2, 0], [0.4, -1, 0]])
+
+
+def elapsed(clock: Clock, stamp_s: float, levels: tuple[Array, Array | None], pace: Pace) -> tuple[Clock, Elapsed]:
+    """`ticks.elapsed` of commands that are levels."""
+    before, coming = (None if one is None else Commanded(one, levels_alone(one.size)) for one in levels)
+    assert before is not None
+    return ticks.elapsed(clock, stamp_s, (before, coming), pace)
 
 
 def small_params(**changed: Any) -> JointParams:

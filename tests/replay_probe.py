@@ -56,7 +56,7 @@ def replayed(telemetry: Path, scenario: Scenario) -> Opinion:
     for number, rows in enumerate(reader):
         readings = {**rows.readings, **_by_sensor(rows, vehicle)}
         own = source.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-        last = source.extend(own, rows.time_s, readings, rows.commands, rows.outside_wrench)
+        last = source.extend(own, rows.time_s, readings, rows.commands, rows.outside_wrench, rows.onsets_s)
         if number == 0:
             simulator.Initialize()
         simulator.AdvanceTo((last + _AHEAD) * period_s)

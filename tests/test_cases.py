@@ -339,7 +339,6 @@ def test_unknown_commands_at_other_sample_periods(period_s: float, tmp_path: Pat
     np.testing.assert_array_less(np.abs(off), 3.0 * ten(run.summary["standard_deviations"]))
 
 
-@pytest.mark.xfail(reason="a jet on for part of a sample is taken to be on for all of it, or for none", strict=True)
 def test_a_pulse_shorter_than_the_sample_period_lasts_as_long_as_it_says(tmp_path: Path) -> None:
     """15: pulses of 35 ms at a period of 100 ms, one from a sample's time on, one within a sample."""
     pulses = [("T1", 0.5, 0.535), ("T7", 1.02, 1.055), ("T9", 1.5, 2.0)]

@@ -172,7 +172,24 @@ def _maneuver(random: Random, span: str, ends_s: float) -> list[dict[str, Any]]:
     return windows
 
 
-def vehicle(random: Random, number: int, *, happens: str, span: str = "late") -> Flight:
+def _pulses(random: Random, ship: Drawn, ends_s: float) -> list[dict[str, Any]]:
+    """Draws pulses of two to four jets at a time, most of a tenth of a sample to a whole one, from any time on."""
+    names, period_s = [one["designation"] for one in ship.vehicle["jets"]], ship.vehicle["sample_period_s"]
+    told: list[dict[str, Any]] = []
+    free, now_s = dict.fromkeys(names, -1), 1.0  # the last sample in which a jet is on
+    while now_s < ends_s - 1.0:
+        for name in random.choice(names, int(random.integers(2, 5)), replace=False).tolist():
+            start_s = now_s + period_s * float(random.choice([0.0, random.uniform(0.0, 1.0)]))
+            samples = random.uniform(0.1, 1.0) if random.random() < 0.7 else random.uniform(1.0, 10.0)
+            end_s = start_s + period_s * float(samples)
+            if int(start_s / period_s) > free[name]:
+                told.append({"jet": name, "start_s": start_s, "end_s": end_s})
+                free[name] = int(end_s / period_s)
+        now_s += period_s * float(random.uniform(3.0, 10.0))
+    return told
+
+
+def vehicle(random: Random, number: int, *, happens: str, span: str = "late", within: bool = False) -> Flight:
     """Draws a flight of a drawn vehicle.
 
     Args:
@@ -180,6 +197,7 @@ def vehicle(random: Random, number: int, *, happens: str, span: str = "late") ->
         number: of the flight and of its vehicle.
         happens: "healthy", "stuck_on", "stuck_off", "leak" (2 to 30 %), "dock", "release" or "off_then_dock".
         span: when: "late", "early" (first 15 s) or "before_translation" (turns known, nothing translated yet).
+        within: whether jets open and close within samples, by pulses and without an autopilot.
     """
     ship = draw_vehicle(np.random.default_rng([number]))
     true = perturbed(
@@ -191,11 +209,14 @@ def vehicle(random: Random, number: int, *, happens: str, span: str = "late") ->
     )
     first_s, last_s, ends_s = _SPANS[span]
     failures, jumps = _happens(random, happens, ship, true, float(random.uniform(first_s, last_s)))
+    flown: dict[str, Any] = {"maneuver": _maneuver(random, span, ends_s), "autopilot": ship.autopilot}
+    if within:
+        ship.vehicle["jet_kinds"]["thruster"]["minimum_on_time_s"] = 0.05 * ship.vehicle["sample_period_s"]
+        flown = {"jet_schedule": _pulses(random, ship, ends_s)}
     scenario = {
         "name": "drawn",
         "duration_s": ends_s,
-        "maneuver": _maneuver(random, span, ends_s),
-        "autopilot": ship.autopilot,
+        **flown,
         "failures": failures,
         "jumps": jumps,
         "execution": {"engine": "loop"},

@@ -54,6 +54,7 @@ from massprop_drake.maths.vehicle import true_failures as failures
 from massprop_drake.maths.vehicle.cycle import VehicleParams, truth
 from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, deviation_before, kept_share
 from massprop_drake.maths.vehicle.joint_moves import Move
+from massprop_drake.maths.vehicle.on_times import most_pieces, shares
 from massprop_drake.maths.vehicle.reaction_jets import drawn_factors, jets_params, true_wrenches
 from massprop_drake.maths.vehicle.rigid_body import (
     RATE,
@@ -111,6 +112,7 @@ def setup(scenario: Scenario) -> Setup:
         widest=initial_standard_deviation(vehicle.nominal.vector(), 1.0, vehicle.center_of_mass_floor),
         limits=convergence_limits(scenario),
         trackers=_trackers(scenario),
+        opens_at=vehicle.jet_commands.at if vehicle.has_on_times else None,
         tracking=tracking(scenario) if scenario.estimation.filter == "pose" else None,
     )
 
@@ -549,18 +551,33 @@ def nominal_wrenches(scenario: Scenario) -> Array:
     return np.column_stack([vehicle.wrenches, flows])
 
 
-def commands(scenario: Scenario) -> Array:
-    """The prescribed jet schedule, a row per sample: 1 where a pulse is on, shape (n_samples, n_jets).
+def commands(scenario: Scenario) -> tuple[Array, Array | None]:
+    """The prescribed jet schedule, a row per sample: commands and onsets, see `maths.vehicle.on_times`.
 
-    A pulse is on at t_k with start <= t_k < end, to within a billionth of the sample period.
+    Of a vehicle whose jets switch with samples a pulse is on at t_k with start <= t_k < end, to within a billionth of
+    the sample period, and there are no onsets (None). Both tables are of shape (n_samples, n_jets).
     """
-    vehicle = scenario.vehicle_data
+    vehicle, count = scenario.vehicle_data, sample_count(scenario)
     period = vehicle.sample_period_s
-    table = np.zeros((sample_count(scenario), len(vehicle.jets)))
+    table, onset_s = np.zeros((count, len(vehicle.jets))), np.full((count, len(vehicle.jets)), np.nan)
     for pulse in scenario.jet_schedule:
-        first, last = (math.ceil(time / period - 1e-9) for time in (pulse.start_s, pulse.end_s))
-        table[first:last, vehicle.jet_index(pulse.jet)] = 1.0
-    return table
+        jet = vehicle.jet_index(pulse.jet)
+        if vehicle.has_on_times:
+            for sample, since_s, share in shares(pulse.start_s, pulse.end_s, period, count):
+                table[sample, jet], onset_s[sample, jet] = share, since_s
+        else:
+            first, last = (math.ceil(time / period - 1e-9) for time in (pulse.start_s, pulse.end_s))
+            table[first:last, jet] = 1.0
+    return table, onset_s if vehicle.has_on_times else None
+
+
+def pieces(scenario: Scenario) -> int:
+    """The most that a sample of the true jets has, as they open and close within it; 1: they switch with samples."""
+    if not (scenario.vehicle_data.has_on_times and scenario.jet_schedule):
+        return 1
+    table, onset_s = commands(scenario)
+    assert onset_s is not None
+    return most_pieces(table, onset_s, scenario.vehicle_data.sample_period_s)
 
 
 def sample_count(scenario: Scenario) -> int:

@@ -352,6 +352,7 @@ def of_scenario(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
         yield from _disturbed(scenario, vehicle)
         yield from _leaks(scenario, vehicle)
         yield from _late(scenario)
+        yield from _short(scenario, vehicle)
         yield from _noise(scenario, vehicle)
         samples = scenario.duration_s / vehicle.sample_period_s
         problem = f"is {samples:.3g} samples of {vehicle.sample_period_s:g} s; expected {_MOST_SAMPLES:g} at the most"
@@ -439,6 +440,23 @@ def _late(scenario: Scenario) -> Iterator[Finding]:
             yield Finding(
                 (field, late[0], key), problem if len(starts) > 1 else problem.replace(" do ", " does "), False
             )
+
+
+def _short(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
+    """Pulses of less than a sample, where jets switch with samples, last for a whole one, or for none."""
+    period_s = vehicle.sample_period_s
+    short = [
+        index
+        for index, pulse in enumerate(scenario.jet_schedule)
+        if pulse.end_s - pulse.start_s < period_s * (1.0 - 1e-9)
+    ]
+    if short and not vehicle.has_on_times:
+        whose = f"{len(short)} of {len(scenario.jet_schedule)} pulses are" if len(short) > 1 else "is"
+        problem = (
+            f"{whose} shorter than a sample, {period_s:g} s, and its jets switch with samples: a pulse lasts "
+            "for a whole one or for none; jet_commands: {as: on_time} in the vehicle's file lets it last as it says"
+        )
+        yield Finding(("jet_schedule", short[0]), problem, False)
 
 
 def _noise(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:

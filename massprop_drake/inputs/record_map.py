@@ -334,6 +334,9 @@ class CommandMap(_Sampled):
     acts: Literal["from_row", "until_row"] = described(
         "from_row", "until_row: a row's command was in force until the row, since the row before"
     )
+    at: Literal["start", "center", "end"] | None = described(
+        None, "of on-times: where in a sample they lie; null: as the vehicle's jet_commands say"
+    )
     missing: Literal["unknown", "off"] = described("unknown", "what an empty value, or NaN, means")
     on_change: Flag = described(False, "whether commands are logged only when they change, and hold until then")
 
@@ -344,7 +347,14 @@ class CommandMap(_Sampled):
             raise ValueError(f"give one of columns, mask and listed, got {' and '.join(given) or 'none'}")
         if self.on == self.off:
             raise ValueError(f"on and off must differ, got {self.off:g}")
+        if self.at is not None and not self.is_timed:
+            raise ValueError("at goes with on-times, `unit: ms` or another of time")
         return self
+
+    @property
+    def is_timed(self) -> bool:
+        """Whether commands are on-times."""
+        return self.columns is not None and self.threshold is None and is_of(self.unit, "time")
 
     @property
     def jets(self) -> list[str] | None:

@@ -41,6 +41,7 @@ from massprop_drake.maths.estimation.faults.priors import Priors
 from massprop_drake.maths.linear_algebra import is_covariance
 from massprop_drake.maths.mass_properties import Spread, could_be_inertia, initial_standard_deviation, joined
 from massprop_drake.maths.vehicle.joint_moves import peak_rate
+from massprop_drake.maths.vehicle.on_times import samples_of
 
 Array = NDArray[np.float64]
 
@@ -1065,7 +1066,8 @@ class Scenario(Model):
     @property
     def simulation_doubts(self) -> list[plausible.Finding]:
         """Those of them that bear on a simulation: a run may be cut short before the last of its commands."""
-        return [found for found in self.doubts if found.path[0] not in ("maneuver", "jet_schedule")]
+        late = {(field, "start_s") for field in ("maneuver", "jet_schedule")}
+        return [found for found in self.doubts if (found.path[0], found.path[-1]) not in late]
 
     @property
     def estimation_doubts(self) -> list[plausible.Finding]:
@@ -1160,6 +1162,7 @@ def check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[Fi
         require("jet", pulse.jet, vehicle.designations, "jet_schedule", index, "jet")
     for index, failure in enumerate(scenario.failures):
         require("jet", failure.jet, vehicle.designations, "failures", index, "jet")
+    problems.extend(_open_twice(scenario, vehicle))
     problems.extend(_impossible_jumps(scenario, vehicle))
     faulty: list[str] = []
     for index, errors in enumerate(scenario.sensors.errors):
@@ -1241,6 +1244,25 @@ def _not_followed(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldP
     if vehicle.needs_pose_filter != (named == "pose") and not (vehicle.tracked and named == "pose"):
         needs = "which needs pose" if vehicle.needs_pose_filter else "which has no pose or velocity sensor; use joint"
         yield ("estimation", "filter"), f"{named} does not go with vehicle '{vehicle.name}', {needs}"
+
+
+def _open_twice(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
+    """Finds pulses that open a jet a second time in a sample: a command says of one time when it is open."""
+    if not vehicle.has_on_times:
+        return
+    period_s, before = vehicle.sample_period_s, dict[tuple[str, int], int]()
+    for index, pulse in enumerate(scenario.jet_schedule):
+        first, end = samples_of(pulse.start_s, pulse.end_s, period_s)
+        for sample in {first, end - 1} if end > first else ():
+            if (pulse.jet, sample) in before:
+                other = f"jet_schedule[{before[pulse.jet, sample]}]"
+                yield (
+                    ("jet_schedule", index),
+                    f"opens {pulse.jet} a second time in the sample from {moment(sample * period_s)} s on, beside "
+                    f"{other}; a jet opens once in a sample of {period_s:g} s",
+                )
+                break
+            before[pulse.jet, sample] = index
 
 
 def _impossible_jumps(scenario: Scenario, vehicle: Vehicle) -> list[tuple[FieldPath, str]]:

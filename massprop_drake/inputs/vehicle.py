@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, create_model, field_validator, model_validator
 
 from massprop_drake.errors import InputError, suggestion
 from massprop_drake.inputs import plausible
@@ -47,7 +47,8 @@ _RESERVED = {
     *("reaction_jets", "rigid_body", "disturbance", "noise_source", "noise_seed"),
     *("body_state", "structure", "mass_properties"),
     *("telemetry_source", "record_time"),
-    *("closed", "held_closed", "command", "held_command", "jet_commands", "impulses", "turning", "evidence"),
+    *("closed", "held_closed", "command", "held_command", "held_command_onset", "jet_commands"),
+    *("impulses", "turning", "evidence"),
     *("outside_wrench", "mean_level", "predicted", "published", "replacement"),
     *("estimate", "covariance", "innovation", "innovation_covariance", "status", "adaptation", "reconfiguration"),
 }
@@ -162,6 +163,27 @@ class JetKind(Model):
     )
     pulse_scatter: Real = described(
         0.0, "1-sigma of a whole pulse's impulse, relative, one error from opening to closing", "-", ge=0.0, le=1.0
+    )
+
+
+_MEANING: dict[str, Any] = {  # a word of Python, which a class cannot have as the name of a field
+    "as": (
+        Literal["level", "on_time"] | None,
+        described(
+            None,
+            "level: a share of the thrust, all through the sample; on_time: full thrust for a share of the sample; "
+            "null: on_time where a kind of jet can be on for less than a sample, by minimum_on_time_s, else level",
+        ),
+    )
+}
+_Meaning: Any = create_model("_Meaning", __base__=Model, **_MEANING)
+
+
+class JetCommands(_Meaning):  # type: ignore[misc] # made at run time
+    """The meaning of a jet's command that is neither 0 nor 1."""
+
+    at: Literal["start", "center", "end"] = described(
+        "start", "where in the sample an on-time lies of which no onset is told"
     )
 
 
@@ -504,6 +526,7 @@ class Vehicle(Model):
     accelerometers: tuple[Accelerometer, ...] = described((), "integrating-accelerometer packages")
     preferred_accelerometer: Text | None = described(None, "the package used where one is enough; null: the first")
     jet_kinds: dict[Name, JetKind] = described(..., "kinds of jets by name", min_length=1)
+    jet_commands: JetCommands = described(JetCommands(), "what a command of a jet says that is neither 0 nor 1")
     jets: tuple[Jet, ...] = described(..., "reaction-control jets", min_length=1, max_length=_MOST_JETS)
     shape: tuple[Solid, ...] = described((), "solids that draw it in the 3-D replay; empty: a box between the jets")
 
@@ -592,6 +615,14 @@ class Vehicle(Model):
         """Whether its sensors and motion need the estimator in a fixed frame, `estimation.filter` pose."""
         located = bool(self.velocities) or any(pose.position_std is not None for pose in self.poses)
         return located or self.motion == "planar" or not self.gyros
+
+    @property
+    def has_on_times(self) -> bool:
+        """Whether jets open and close within a sample, see `maths.vehicle.on_times`."""
+        stated = getattr(self.jet_commands, "as")
+        if stated is not None:
+            return bool(stated == "on_time")
+        return any(0.0 < kind.minimum_on_time_s < self.sample_period_s for kind in self.jet_kinds.values())
 
     @cached_property
     def designations(self) -> tuple[str, ...]:

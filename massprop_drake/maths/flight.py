@@ -23,6 +23,7 @@ from massprop_drake.maths.linear_algebra import Array, nonzero
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, converged
 from massprop_drake.maths.vehicle import cycle
 from massprop_drake.maths.vehicle.cycle import Ahead, Truth, VehicleState
+from massprop_drake.maths.vehicle.on_times import levels_alone
 from massprop_drake.maths.vehicle.rigid_body import N_STATE, STRUCTURE
 from massprop_drake.maths.vehicle.sensing import unsaturated
 
@@ -76,13 +77,14 @@ class FlightState(NamedTuple):
     Attributes:
         vehicle: see `VehicleState`.
         pilot: see `PilotMemory`.
-        command: fraction commanded over the sample that ends, shape (n_jets,).
+        command, onset: of the sample that ends, see `on_times`, shape (n_jets,) each.
         delivered: velocity change that it gives by the autopilot's mass properties, ft/s or m/s, shape (3,).
     """
 
     vehicle: VehicleState
     pilot: PilotMemory
     command: Array
+    onset: Array
     delivered: Array
 
 
@@ -90,16 +92,17 @@ class Rows(NamedTuple):
     """What is logged, a row per sample; `hand_controllers`, and `command` where it is prescribed, are given.
 
     Attributes:
-        body_state, structure, command, thrust, hand_controllers, attitude_error, request, selection_counts,
+        body_state, structure, command, onset, thrust, hand_controllers, attitude_error, request, selection_counts,
         out_of_use: ports of these names.
         readings: of all packages, shape (n, n_packages, 3).
         rates, velocities: those that the estimators use, NaN where saturated, shape (n, s, 3) each.
-        told: fraction commanded over the sample that ends, shape (n, n_jets).
+        told, told_onset: command and onset of the sample that ends, shape (n, n_jets) each.
     """
 
     body_state: Array
     structure: Array
     command: Array
+    onset: Array
     thrust: Array
     hand_controllers: Array
     attitude_error: Array
@@ -110,6 +113,7 @@ class Rows(NamedTuple):
     rates: Array
     velocities: Array
     told: Array
+    told_onset: Array
 
 
 class Desk(NamedTuple):
@@ -157,9 +161,10 @@ def rows(count: int, sizes: tuple[int, int], params: FlightParams) -> Rows:
     readings, rates, velocities = (np.zeros((count, number, 3)) for number in used)
     body, structure = np.zeros((count, N_STATE)), np.zeros((count, STRUCTURE.size))
     command, thrust, out_of_use, told = (np.zeros((count, jets)) for _ in range(4))
+    onset, told_onset = (np.full((count, jets), np.nan) for _ in range(2))
     controllers, error, request, counts = (np.zeros((count, size)) for size in (6, 3, 8, 4))
     of_pilot = (controllers, error, request, counts, out_of_use)
-    return Rows(body, structure, command, thrust, *of_pilot, readings, rates, velocities, told)
+    return Rows(body, structure, command, onset, thrust, *of_pilot, readings, rates, velocities, told, told_onset)
 
 
 class FlightBlock(NamedTuple):
@@ -179,7 +184,8 @@ class Together(NamedTuple):
 
 def initial_state(vehicle: VehicleState) -> FlightState:
     """Before the first sample."""
-    return FlightState(vehicle, initial_memory(), np.zeros(vehicle.level.size), np.zeros(3))
+    jets = vehicle.level.size
+    return FlightState(vehicle, initial_memory(), np.zeros(jets), levels_alone(jets), np.zeros(3))
 
 
 @kernel
@@ -263,7 +269,7 @@ def _sensed(state: FlightState, row: int, rows: Rows, coming: Ahead, params: Fli
     rows.body_state[row] = vehicle.body
     rows.structure[row] = vehicle.structure
     rows.readings[row] = readings
-    rows.told[row] = state.command
+    rows.told[row], rows.told_onset[row] = state.command, state.onset
     for place in range(params.gyros.size):
         package = params.gyros[place]
         rows.rates[row, place] = unsaturated(readings[package], truth.packages.limits[package])
@@ -279,7 +285,7 @@ def _sensed(state: FlightState, row: int, rows: Rows, coming: Ahead, params: Fli
         vehicle.deviation,
         memories,
     )
-    return FlightState(after, state.pilot, state.command, state.delivered)
+    return FlightState(after, state.pilot, state.command, state.onset, state.delivered)
 
 
 @kernel
@@ -300,7 +306,7 @@ def _piloted(state: FlightState, row: int, rows: Rows, desk: Desk, params: Fligh
     if declared:
         desk.remaining[:] = 0.0
     selects = must_select(desk.remaining, request, desk.refused, nonzero(desk.wrench), declared)
-    return FlightState(state.vehicle, memory, state.command, state.delivered), selects
+    return FlightState(state.vehicle, memory, state.command, state.onset, state.delivered), selects
 
 
 @kernel
@@ -321,7 +327,8 @@ def _stepped(
         desk.remaining[:] = np.maximum(desk.remaining - 1.0, 0.0)
     else:
         command = rows.command[row].copy()
+    onset = rows.onset[row].copy()
     closed = desk.asked.closed if params.closes else np.zeros(command.size)
-    after, thrust = cycle.step(vehicle, (command, closed), sample, (coming, row), params.truth)
+    after, thrust = cycle.step(vehicle, (command, onset, closed), sample, (coming, row), params.truth)
     rows.thrust[row] = thrust
-    return FlightState(after, state.pilot, command, delivered)
+    return FlightState(after, state.pilot, command, onset, delivered)

@@ -30,9 +30,10 @@ from massprop_drake.inputs.record_map import (
 from massprop_drake.inputs.units import factor, is_of
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.attitude import propagated
+from massprop_drake.maths.vehicle.on_times import onsets
 from massprop_drake.records.recording import Recording, Topic
 from massprop_drake.signals import AXES
-from massprop_drake.telemetry.reader import JITTER, WRENCH
+from massprop_drake.telemetry.reader import JITTER, WRENCH, onset_columns
 from massprop_drake.telemetry.tables import LARGEST, Block, Loss, Ragged, require_meaningful
 
 Array = NDArray[np.float64]
@@ -729,9 +730,10 @@ def table(record: Mapped, gyro: str | None) -> MappedTable:
             )
         names += [f"{name}{suffix}_{axis}" for axis in AXES]
         parts.append(values)
-    names += [f"jet_{jet}" for jet in vehicle.designations]
     fractions = _fractions(record, time_s)
-    parts.append(fractions)
+    told = _told(record, time_s, fractions)
+    names += told
+    parts += told.values()
     notes += _about_commands(record, time_s, fractions)
     _add_known(record, time_s, names, parts)
     values = np.hstack(parts)
@@ -918,6 +920,40 @@ def _fractions(record: Mapped, time_s: Array) -> Array:
     return np.where(np.abs(shares - whole) < _TOLERANCE, whole, shares)
 
 
+def _told(record: Mapped, time_s: Array, fractions: Array) -> dict[str, Array]:
+    """Columns of commands by name, shape (n, 1) each: fractions, and when jets open that switch within rows."""
+    vehicle, part = record.vehicle, record.by.commands
+    period_s, opening = vehicle.sample_period_s, None
+    told = {f"jet_{jet}": share for jet, share in zip(vehicle.designations, fractions.T, strict=True)}
+    if part.is_timed and ((fractions > 0.0) & (fractions < 1.0)).any():
+        opening = onsets(fractions, part.at or vehicle.jet_commands.at, period_s)
+    elif _switches_within(record, fractions):
+        opening = _onsets(record.commands, time_s, fractions, period_s)
+    if opening is not None:
+        told |= dict(zip(onset_columns(vehicle), opening.T, strict=True))
+    return {name: values[:, None] for name, values in told.items()}
+
+
+def _switches_within(record: Mapped, fractions: Array) -> bool:
+    """Whether jets that are open or closed switch within rows."""
+    values = record.commands.values
+    whole = np.isin(values, (0.0, 1.0)) | np.isnan(values)
+    return bool(whole.all() and ((fractions > 0.0) & (fractions < 1.0)).any())
+
+
+def _onsets(held: Held, time_s: Array, fractions: Array, period_s: float) -> Array:
+    """How long after each row each jet opens, s, shape (n, n_jets): so that on the average it is open when it was."""
+    ends_s = np.append(time_s[1:], time_s[-1] + period_s)
+    found = np.full_like(fractions, np.nan)
+    for row, jet in np.argwhere((fractions > 0.0) & (fractions < 1.0)).tolist():
+        begin_s, end_s = np.clip((held.begin_s, held.end_s), time_s[row], ends_s[row])
+        on_s = (end_s - begin_s) * (held.values[:, jet] > 0.0)
+        middle_s = float(on_s @ (0.5 * (begin_s + end_s))) / float(on_s.sum()) - time_s[row]
+        length_s = fractions[row, jet] * period_s
+        found[row, jet] = min(max(middle_s - 0.5 * length_s, 0.0), period_s - length_s)
+    return found
+
+
 def _about_commands(record: Mapped, time_s: Array, fractions: Array) -> list[str]:
     """What is to be known of the commands."""
     found = []
@@ -932,12 +968,11 @@ def _about_commands(record: Mapped, time_s: Array, fractions: Array) -> list[str
             f"commands are logged every {every:.4g} s, and '{record.rows.name}' every {record.rows.interval_s:.4g} s: "
             "what happened in between is not in the log; ask for more by SDLOG_PROFILE"
         )
-    whole = np.isin(held.values, (0.0, 1.0)) | np.isnan(held.values)
-    share = (fractions > 0.0) & (fractions < 1.0)
-    if whole.all() and share.any():
+    if _switches_within(record, fractions):
+        rows = int(((fractions > 0.0) & (fractions < 1.0)).any(axis=1).sum())
         found.append(
-            f"in {int(share.any(axis=1).sum())} of {time_s.size} rows a jet switches within the row: what counts there "
-            "is for how long it was open, not when"
+            f"in {rows} of {time_s.size} rows a jet switches within the row: one that opens more than once there is "
+            "taken to be open for as long in one piece"
         )
     unknown = np.isnan(fractions[:-1]).any(axis=1) if len(fractions) > 1 else np.zeros(0, dtype=bool)
     if unknown.any():

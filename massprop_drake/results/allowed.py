@@ -17,6 +17,7 @@ from massprop_drake.maths.estimation import hindsight, intervals
 from massprop_drake.maths.estimation.hindsight import Model, Stretch
 from massprop_drake.maths.estimation.intervals import Cells, Confined, Solve
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, ELEMENT, MASS_RECIPROCAL
+from massprop_drake.maths.vehicle.on_times import opens_within
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.events import EventRecord
 from massprop_drake.results.hindsight import believed, model
@@ -109,6 +110,8 @@ def allowed_intervals(
         return _none("there are too few readings", until_s)
     if not on_ticks:
         return _none("time stamps scatter about the ticks at which commands switch", until_s)
+    if any(_opens_within(part) for part in chosen):
+        return _none("jets open and close within samples", until_s)
     cells = _cells(scenario, made)
     begin = made.prior.copy()
     if hindsight.possible(estimate):  # NaN is not
@@ -121,6 +124,11 @@ def allowed_intervals(
         except ArithmeticError as error:
             return _none(str(error), until_s)
     return _told(allowed, _given(made, cells, chosen), until_s)
+
+
+def _opens_within(part: Stretch) -> bool:
+    """Whether jets open or close within a sample of a stretch."""
+    return part.onsets_s is not None and any(map(opens_within, part.commands[:-1], part.onsets_s[:-1]))
 
 
 def _unconfined(scenario: Scenario) -> str | None:

@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 
 _ROWS = 1024  # of a stretch
 _ADDED = 0.3  # of a reading's noise: what coupling may add to it over a stretch
+_BEFORE = ("before", "before_onsets_s")  # of a stretch, what is of rows before it
 _SHORTEST = 16  # rows of a stretch
 _STRETCHES = 32  # of so many rows, at the most, evenly spread
 _LINGERS = 1e-4  # of full thrust: less is not felt
@@ -136,10 +137,12 @@ def stretches(scenario: Scenario, signals: Spool) -> Iterator[Stretch]:
         signals: with `time_s`, commands and readings.
     """
     packages = (*params.gyros(scenario), *params.accelerometers(scenario))
-    wanted = ["time_s", "command", *(name for name in ("gap", "outside_wrench") if name in signals)]
+    optional = ("gap", "outside_wrench", "command_onset")
+    wanted = ["time_s", "command", *(name for name in optional if name in signals)]
     flows, period_s = scenario.vehicle_data.mass_flows, scenario.vehicle_data.sample_period_s
     felt = _felt(scenario)
     before, used, since = np.zeros((felt, flows.size)), 0.0, -1 if "gap" in signals else -1 - felt
+    opened = np.full((felt, flows.size), np.nan)  # onsets of these
     for block in _windows(signals, *wanted, *(package.name for package in packages)):
         time_s, commands = block["time_s"], block["command"]
         known = np.nan_to_num(commands)
@@ -150,7 +153,9 @@ def stretches(scenario: Scenario, signals: Spool) -> Iterator[Stretch]:
             saturated = ~(np.abs(readings[:, number]) < package.limit).all(axis=1)
             readings[saturated, number] = np.nan
         outside = block["outside_wrench"] if "outside_wrench" in block else np.zeros((time_s.size, 6))
-        whole = Stretch(time_s, readings, known, before, outside, -spent)
+        onsets_s = block.get("command_onset")
+        opening = (None, None) if onsets_s is None else (onsets_s, opened)
+        whole = Stretch(time_s, readings, known, before, outside, -spent, *opening)
         unknown = np.asarray(np.isnan(commands[:-1]).any(axis=1))
         if "gap" in block:
             gap = block["gap"][:, 0] != 0.0
@@ -162,6 +167,7 @@ def stretches(scenario: Scenario, signals: Spool) -> Iterator[Stretch]:
             if last - first > 1:
                 yield _rows_of(whole, slice(first, last + 1))
         before = _with_rows(before, known[:-1])
+        opened = opened if onsets_s is None else _with_rows(opened, onsets_s[:-1])
 
 
 def _felt(scenario: Scenario) -> int:
@@ -258,8 +264,16 @@ def _until(part: Stretch, time_s: float) -> Stretch:
 
 
 def _rows_of(part: Stretch, rows: slice) -> Stretch:
-    cut = {name: value[rows] for name, value in part._asdict().items() if name != "before"}
-    return part._replace(**cut, before=_with_rows(part.before, part.commands[: rows.start]))
+    own = {name: value for name, value in part._asdict().items() if name not in _BEFORE and value is not None}
+    return _preceded(part._replace(**{name: value[rows] for name, value in own.items()}), part, slice(rows.start))
+
+
+def _preceded(cut: Stretch, part: Stretch, rows: slice) -> Stretch:
+    """A stretch cut from another one, before which come further rows of that."""
+    cut = cut._replace(before=_with_rows(part.before, part.commands[rows]))
+    if part.onsets_s is None or part.before_onsets_s is None:
+        return cut
+    return cut._replace(before_onsets_s=_with_rows(part.before_onsets_s, part.onsets_s[rows]))
 
 
 def _with_rows(before: Array, later: Array) -> Array:
@@ -488,10 +502,9 @@ def _explains(after: Fit, before: Fit) -> bool:
 
 def _commanded_later(part: Stretch, rows: int) -> Stretch:
     """A stretch whose commands act one row later (1), or earlier (-1), than its record says."""
-    cut = _rows_of(part, _kept_of(part, rows))
-    if rows > 0:
-        return cut._replace(commands=part.commands[:-1], before=part.before)
-    return cut._replace(commands=part.commands[1:], before=_with_rows(part.before, part.commands[:1]))
+    cut, told = _rows_of(part, _kept_of(part, rows)), slice(0, -1) if rows > 0 else slice(1, None)
+    opening = None if part.onsets_s is None else part.onsets_s[told]
+    return _preceded(cut._replace(commands=part.commands[told], onsets_s=opening), part, slice(0 if rows > 0 else 1))
 
 
 def _kept_of(part: Stretch, rows: int) -> slice:

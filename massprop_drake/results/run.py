@@ -400,7 +400,7 @@ class Run:
         sensors = self.scenario.vehicle_data.sensor_names()
         tracked = [sensor.name for sensor in self.scenario.vehicle_data.tracked]
         recorded = "gap" in self.signals
-        optional = [name for name in ("gap", "outside_wrench") if name in self.signals]
+        optional = [name for name in ("gap", "outside_wrench", "command_onset") if name in self.signals]
         left = self._n_rows
         for block in blocks(self._rows, "time_s", "command", *sensors, *tracked, *optional):
             left -= block["time_s"].size
@@ -409,7 +409,8 @@ class Run:
                 commands = np.vstack([commands[:-1], np.full(commands.shape[1], np.nan)])  # none beyond the end
             there = block["gap"][:, 0] == 0.0 if recorded else np.ones(len(commands), dtype=bool)
             followed = np.hstack([block[name] for name in tracked]) if tracked else None
-            yield telemetry.Rows(block["time_s"], readings, commands, block.get("outside_wrench"), there, followed)
+            more = block.get("outside_wrench"), there, followed, block.get("command_onset")
+            yield telemetry.Rows(block["time_s"], readings, commands, *more)
 
     def _write_history(self, path: Path) -> None:
         described = {name: {"unit": self.units[name], "components": self.components[name]} for name in self.units}

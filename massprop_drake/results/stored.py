@@ -121,6 +121,7 @@ class EstimatorState(Model):
     made_with: MadeWith | None = None
     time_s: Real | None
     command: tuple[Fraction | None, ...]
+    command_onset: tuple[Annotated[Real, Field(ge=0.0)] | None, ...] | None = None  # None: jets switch with samples
     outside_wrench: tuple[Real, Real, Real, Real, Real, Real] = (0.0,) * 6
     states: dict[str, list[list[Real | None]]]
 
@@ -205,7 +206,7 @@ def require_made_with(state: EstimatorState, scenario: Scenario, source: str) ->
             f"{source}: is of vehicle '{made.vehicle}' with the digest {made.vehicle_sha256[:12]}, and "
             f"'{vehicle.name}' here has {digest(vehicle)[:12]}; go on with the vehicle of that run"
         )
-    if len(state.command) != n_jets:
+    if len(state.command) != n_jets or len(state.command_onset or state.command) != n_jets:
         raise InputError(
             f"{source}: is of a vehicle with {len(state.command)} jets, and '{vehicle.name}' has {n_jets}; go on with "
             "the vehicle of that run"

@@ -61,7 +61,9 @@ def beside(record: Run, folder: str | Path, *, spool_folder: Path | None = None)
     stored = signals.names if isinstance(signals, Spool) else list(signals)
     every = signals if isinstance(signals, Spool) else {"time_s": record.time_s, **signals}
     for block in blocks(every, *dict.fromkeys(("time_s", *stored))):
-        read = twin.flown(block["command"], {name: block[name] for name in names}, block["time_s"])
+        opening = block["command_onset"] if "command_onset" in block else np.full_like(block["command"], np.nan)
+        told = block["command"], opening
+        read = twin.flown(told, {name: block[name] for name in names}, block["time_s"])
         spool.append({**block, **{AGAINST + name: values for name, values in read.items()}})
     standing = [entry.onset_s for entry in record.results.detections if entry.withdrawn_s is None]
     onset_s = min(standing, default=None)
@@ -179,11 +181,12 @@ class _Twin:
         self._follows = False  # whether it has begun with a rate of the record
         self._offsets: dict[str, Array] = {}
 
-    def flown(self, commands: Array, readings: Mapping[str, Array], time_s: Array) -> dict[str, Array]:
+    def flown(self, commands: tuple[Array, Array], readings: Mapping[str, Array], time_s: Array) -> dict[str, Array]:
         """What the sensors of the simulation read in a block of rows, shape (n, 3) each; NaN before it has begun.
 
         Args:
-            commands: from each row on, NaN where not known, shape (n, n_jets).
+            commands: from each row on, NaN where not known, and their onsets, see `maths.vehicle.on_times`, shape
+                (n, n_jets) each.
             readings: of the record, by package.
             time_s: of the rows.
 
@@ -192,7 +195,7 @@ class _Twin:
         """
         read = {name: np.full((time_s.size, 3), np.nan) for name in self._names}
         coming = cycle.ahead(self._sample, time_s.size, self._true)
-        for row, command in enumerate(commands):
+        for row, (command, onset_s) in enumerate(zip(*commands, strict=True)):
             here = {name: values[row] for name, values in readings.items()}
             if not self._follows:
                 self._begin(here)
@@ -203,7 +206,7 @@ class _Twin:
             try:
                 if coming.jumps[row]:
                     self._state = cycle.jumped(self._state, self._sample, self._true)
-                told = (np.nan_to_num(command), self._open)
+                told = (np.nan_to_num(command), onset_s, self._open)
                 after, _ = cycle.step(self._state, told, self._sample, (coming, row), self._truth)
             except (OutOfMassError, SpunUpError) as error:
                 raise InputError(

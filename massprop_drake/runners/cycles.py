@@ -35,12 +35,15 @@ class RecordRows(NamedTuple):
         stamps_s: by the record's clock, s, shape (n,); None: as in `samples`.
         coming: fraction commanded from each row on, NaN where not known, shape (n, n_jets); None: never known.
         tracked: readings in a fixed frame, see `filter.Told`, shape (n, columns); None: the vehicle has none.
+        onsets_s: of the commands of `samples`, and after the last row of those of `coming`, see
+            `maths.vehicle.on_times`, shape (n + 1, n_jets); None: not told.
     """
 
     samples: Samples
     stamps_s: Array | None = None
     coming: Array | None = None
     tracked: Array | None = None
+    onsets_s: Array | None = None
 
 
 class Cycles(Protocol):
@@ -149,7 +152,8 @@ def _sample(record: RecordRows, row: int) -> Sample:
         None if part is None else part[row] for part in (record.stamps_s, record.coming, record.tracked)
     )
     stamped = None if stamp_s is None else float(stamp_s)
-    return Sample(float(time_s), rates, velocities, command, outside, stamped, coming, tracked)
+    onsets_s = (None, None) if record.onsets_s is None else record.onsets_s[row : row + 2]
+    return Sample(float(time_s), rates, velocities, command, outside, stamped, coming, tracked, *onsets_s)
 
 
 class Watched(Stepped):
@@ -163,7 +167,7 @@ class Watched(Stepped):
 
     def __init__(self, made: EstimationParams, state: EstimationState, *, compiled: bool):
         super().__init__(made, state)
-        self._watch = whole_joint.Quiet(made, compiled=compiled)
+        self._watch, self._apart = whole_joint.Quiet(made, compiled=compiled), False
         self._watch.take_up(state)
 
     def state(self) -> EstimationState:
@@ -173,6 +177,10 @@ class Watched(Stepped):
     def begin(self, record: RecordRows, log: EstimationLog) -> None:
         """Takes rows that cycles are to go through, and the log whose rows they fill in."""
         super().begin(record, log)
+        self._apart = record.onsets_s is not None  # the kernel's jets switch with samples
+        if self._apart and self._watch.on:
+            self._state = self._watch.state()
+            self._watch.on = False
         samples = _writable(record.samples)
         stamps_s = samples.time_s if record.stamps_s is None else np.require(record.stamps_s, requirements=["C", "W"])
         rows = whole_joint.Rows(*(log.rows[name] for name in whole_joint.Rows._fields))
@@ -186,7 +194,8 @@ class Watched(Stepped):
                 continue
             self._one(_sample(self._record, self._next), self._next)
             self._next += 1
-            self._watch.take_up(self._state)
+            if not self._apart:
+                self._watch.take_up(self._state)
 
     def _watch_on(self, until: int) -> None:
         """Goes on as far as nothing happens."""

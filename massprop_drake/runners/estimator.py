@@ -22,6 +22,7 @@ from massprop_drake.maths.estimation.faults.report import named
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.maths.mass_properties import converged_rows
 from massprop_drake.maths.possible_inertia import nearest_possible
+from massprop_drake.maths.vehicle.on_times import levels_alone, onsets
 from massprop_drake.maths.vehicle.sensing import unsaturated
 from massprop_drake.results.stored import FORMAT, EstimatorState, FilterState, made_with, require_made_with
 from massprop_drake.results.summary import null_for_nan
@@ -31,6 +32,8 @@ from massprop_drake.signals import AXES
 from massprop_drake.telemetry.tables import LARGEST
 
 Array = NDArray[np.float64]
+
+_ROUNDING = 1e-6  # of a sample: by which a jet may close after its end
 
 
 class Detection(NamedTuple):
@@ -164,7 +167,7 @@ class Estimator:
         self._begin(cycle.initial_state(self._params))
         self._published: tuple[Array, Array] | None = None  # where they are not those of the state
         self._command = np.zeros(len(vehicle.jets))  # of the interval that starts at the last sample
-        self._outside = np.zeros(6)
+        self._outside, self._onset_s = np.zeros(6), levels_alone(len(vehicle.jets))  # likewise
         self._time_s = -math.inf
 
     def __repr__(self) -> str:
@@ -174,7 +177,7 @@ class Estimator:
 
     def __getstate__(self) -> dict[str, Any]:
         """All that the next cycle depends on, for `pickle` and `copy`; the rest follows from the scenario."""
-        kept = ("_scenario", "_published", "_command", "_outside", "_time_s")
+        kept = ("_scenario", "_published", "_command", "_onset_s", "_outside", "_time_s")
         return {**{name: self.__dict__[name] for name in kept}, "_kept": self._state}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -222,6 +225,7 @@ class Estimator:
             "made_with": self._made_with,
             "time_s": self._time_s if math.isfinite(self._time_s) else None,
             "command": null_for_nan(self._command),
+            **({"command_onset": null_for_nan(self._onset_s)} if np.isfinite(self._onset_s).any() else {}),
             "outside_wrench": null_for_nan(self._outside),
             "states": kept(self._state, self._params),
         }
@@ -242,6 +246,8 @@ class Estimator:
         self._begin(restored(kept.states, self._params, "state"))
         self._published = None
         self._command = np.array(kept.command, dtype=float)
+        none = levels_alone(self._command.size)
+        self._onset_s = none if kept.command_onset is None else np.array(kept.command_onset, dtype=float)
         self._outside = np.array(kept.outside_wrench)
         self._time_s = -math.inf if kept.time_s is None else kept.time_s
 
@@ -253,6 +259,8 @@ class Estimator:
         commands: ArrayLike,
         outside_wrench: ArrayLike | None = None,
         tracked: Mapping[str, ArrayLike] | None = None,
+        *,
+        onsets_s: ArrayLike | None = None,
     ) -> EstimatorStep:
         """Takes in the readings of one sample, and the commands that act from now on.
 
@@ -269,6 +277,9 @@ class Estimator:
                 that interval, shape (6,); None: none.
             tracked: by name of each sensor in a fixed frame that was read: of a pose, position and quaternion from
                 body to fixed frame, scalar first, shape (7,); of a velocity, shape (3,). NaN where missing.
+            onsets_s: how long after this sample each jet opens that is on for less than an interval, s, see
+                `maths.vehicle.on_times`, NaN: its command is a level, shape (n_jets,); None: as the vehicle's
+                `jet_commands` say.
 
         Raises:
             ValueError: when time is no number or goes backwards, a shape is wrong, a reading is infinite, a fraction
@@ -285,15 +296,29 @@ class Estimator:
         coming = _numbers(commands, self._command.shape, "commands")
         if ((coming < 0.0) | (coming > 1.0)).any():
             raise ValueError("commands must be fractions from 0 to 1")
+        opening = self._opening(coming, onsets_s)
         outside = np.zeros(6) if outside_wrench is None else _numbers(outside_wrench, (6,), "outside_wrench")
         if not np.isfinite(outside).all():
             raise ValueError("outside_wrench must be finite")
 
         seen = _seen(tracked, self._vehicle)
-        sample = cycle.Sample(time_s, rates, velocities, self._command, self._outside, time_s, coming, seen)
-        done = self._one(sample)
-        self._command, self._outside, self._time_s = coming, outside, time_s
+        told = (self._command, self._outside, time_s, coming, seen, self._onset_s, opening)
+        done = self._one(cycle.Sample(time_s, rates, velocities, *told))
+        self._command, self._outside, self._time_s, self._onset_s = coming, outside, time_s, opening
         return self._told(time_s, done)
+
+    def _opening(self, commands: Array, onsets_s: ArrayLike | None) -> Array:
+        """Onsets of commands, NaN where these are levels, shape (n_jets,)."""
+        vehicle = self._vehicle
+        if onsets_s is None:
+            if not vehicle.has_on_times:
+                return levels_alone(commands.size)
+            return onsets(commands, vehicle.jet_commands.at, vehicle.sample_period_s)
+        given, period_s = _numbers(onsets_s, commands.shape, "onsets_s"), vehicle.sample_period_s
+        late = (given < 0.0) | (given + commands * period_s > period_s * (1.0 + _ROUNDING))
+        if (late & (commands > 0.0)).any():
+            raise ValueError(f"onsets_s: a jet must open and close within the sample period of {period_s:g} s")
+        return given
 
     def _one(self, sample: cycle.Sample) -> _Cycle:
         """A cycle."""

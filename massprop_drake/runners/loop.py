@@ -34,6 +34,7 @@ from massprop_drake.maths.kernels import chosen, held, released, shared
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.maths.mass_properties import converged
 from massprop_drake.maths.vehicle import cycle as vehicle_cycle
+from massprop_drake.maths.vehicle.on_times import levels_alone
 from massprop_drake.maths.vehicle.rigid_body import QUATERNION, RATE, STRUCTURE, OutOfMassError, SpunUpError
 from massprop_drake.runners.cycles import ESTIMATOR, Cycles, RecordRows, Whole, cycles
 from massprop_drake.runners.logs import EstimationLog
@@ -97,7 +98,11 @@ class Loop:
         vehicle, self._compiled = scenario.vehicle_data, scenario.execution.compiled
         self._scenario, self._period_s = scenario, vehicle.sample_period_s
         self._true = params.vehicle_params(scenario)
-        self._schedule = params.commands(scenario) if scenario.jet_schedule else None
+        self._schedule: Array | None = None
+        self._onsets_s: Array | None = None  # of the schedule, where jets open within samples
+        if scenario.jet_schedule:
+            self._schedule, onsets_s = params.commands(scenario)
+            self._onsets_s = onsets_s if params.pieces(scenario) > 1 else None
         self._windows = params.windows(scenario)
         self._made = params.flight_params(scenario, self._true)
         self._fly = chosen(flight.fly, self._compiled)
@@ -198,6 +203,8 @@ class Loop:
         if self._schedule is not None:
             given = self._schedule[first : first + size]
             rows.command[: len(given)] = given
+            if self._onsets_s is not None:
+                rows.onset[: len(given)] = self._onsets_s[first : first + size]
         else:
             rows.hand_controllers[:] = hand_controller_rows(self._windows, times_s)
         ahead = vehicle_cycle.ahead(first, size, self._true)
@@ -205,7 +212,12 @@ class Loop:
         flown: Any = FlightBlock(rows, ahead, self._desk)
         samples = Samples(times_s, rows.rates, rows.velocities, rows.told, np.zeros((size, 6)))
         coming = None if self._schedule is None else rows.command
-        self._known.begin(RecordRows(samples, coming=coming, tracked=tracked if tracked.size else None), log)
+        onsets_s = None
+        if self._onsets_s is not None:
+            state = None if not self._blocks else self._blocks[-1].rows.onset[-1]
+            before = levels_alone(rows.onset.shape[1]) if state is None else state
+            onsets_s = np.vstack((before, rows.onset))
+        self._known.begin(RecordRows(samples, None, coming, tracked if tracked.size else None, onsets_s), log)
         self._reached[[ROW, PHASE, SAMPLE]] = 0, SENSING, first
         if self._whole is not None:
             flown = Together(flown, self._whole.block)
@@ -227,7 +239,8 @@ class Loop:
         """The logged ports of the vehicle and the autopilot."""
         rows = block.rows
         logged = ("body_state", "structure", "command", "thrust", *(() if self._selection is None else _PILOTED))
-        readings = {name: rows.readings[:, place] for place, name in enumerate(self._names)}
+        readings = {} if self._onsets_s is None else {"command_onset": rows.onset}
+        readings |= {name: rows.readings[:, place] for place, name in enumerate(self._names)}
         return {**{name: getattr(rows, name) for name in logged}, **readings, **self._trackers.ports(block.tracked)}
 
     def moment(self) -> Moment:

@@ -22,6 +22,7 @@ from massprop_drake.inputs.vehicle import SensorPackage, Vehicle
 from massprop_drake.maths.estimation import cycle
 from massprop_drake.maths.estimation.whole import Samples
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
+from massprop_drake.maths.vehicle.on_times import levels_alone
 from massprop_drake.records import mapping
 from massprop_drake.records.recording import open_recording, require_table
 from massprop_drake.results import followed
@@ -176,6 +177,7 @@ class _Estimation:
         self._known = cycles(scenario, self._params, begin)
         n_jets = len(self._vehicle.jets)
         self._command, self._outside = np.zeros(n_jets), np.zeros(6)  # of the interval before the next row
+        self._onset_s = levels_alone(n_jets)  # likewise
         self._at_any_time = scenario.estimation.filter == "pose"
         self._gyros, self._accelerometers = params.gyros(scenario), params.accelerometers(scenario)
         self._intake = Intake(scenario, folder, earlier)
@@ -185,10 +187,13 @@ class _Estimation:
         self._fired = np.zeros(n_jets)
         self._quality = QualityReport(scenario)
 
-    def take(self, rows: Rows, before: tuple[Array, Array]) -> tuple[list[EventRecord], list[DetectionRecord]]:
+    def take(
+        self, rows: Rows, before: tuple[Array, Array, Array | None]
+    ) -> tuple[list[EventRecord], list[DetectionRecord]]:
         """Takes in rows; what was said in them, and the detections that they bring."""
         if not self._intake.spool.n_rows:
-            self._command, self._outside = before
+            self._command, self._outside, onset_s = before
+            self._onset_s = self._onset_s if onset_s is None else onset_s
             self._on_before = before[0] > 0.0
             self._quality.begin(before[0])
         log, coming, outside = self._begun(rows)
@@ -213,7 +218,8 @@ class _Estimation:
         if self._at_any_time:
             time_s = rows.time_s
         samples = Samples(time_s, rates, velocities, coming[:-1], outside[:-1])
-        self._known.begin(RecordRows(samples, rows.time_s, coming[1:], rows.tracked), log)
+        onsets_s = None if rows.onsets_s is None else np.vstack((self._onset_s, rows.onsets_s))
+        self._known.begin(RecordRows(samples, rows.time_s, coming[1:], rows.tracked, onsets_s), log)
         return log, coming, outside
 
     def _taken_in(
@@ -224,6 +230,8 @@ class _Estimation:
         if not count:
             return [], []
         self._command, self._outside = coming[count], outside[count]
+        if rows.onsets_s is not None:
+            self._onset_s = rows.onsets_s[count - 1]
         self._next_row += count
         signals = self._signals(rows, logs)
         self._count(rows, signals)
@@ -233,6 +241,8 @@ class _Estimation:
     def _signals(self, rows: Rows, logs: Mapping[str, Array]) -> dict[str, Array]:
         """The rows and what the estimators made of them, in the record's own time."""
         signals: dict[str, Array] = {"time_s": rows.time_s, "command": rows.commands}
+        if rows.onsets_s is not None:
+            signals["command_onset"] = rows.onsets_s
         signals["gap"] = np.where(rows.recorded, 0.0, 1.0)[:, None]
         if rows.outside_wrench is not None:
             signals["outside_wrench"] = rows.outside_wrench
@@ -345,8 +355,10 @@ class _Estimation:
     def _state_of(self, reader: Reader) -> dict[str, Any]:
         """State to go on from at the end."""
         states = kept(self._known.state(), self._params)
+        opening = {"command_onset": null_for_nan(self._onset_s)} if np.isfinite(self._onset_s).any() else {}
         return {
             **self._intake.state(self._next_row - 1, states, self._intake.spool.last("command")),
+            **opening,
             "outside_wrench": null_for_nan(self._intake.last("outside_wrench", np.zeros(6))),
             "velocity": {name: null_for_nan(value) for name, value in reader.velocity.items()},
         }
@@ -412,4 +424,5 @@ def _continuation(state: FilterState) -> Continuation:
         command=np.array(state.command, dtype=float),
         outside_wrench=np.array(state.outside_wrench),
         velocity={name: np.array(value) for name, value in state.velocity.items()},
+        onset_s=None if state.command_onset is None else np.array(state.command_onset, dtype=float),
     )

@@ -254,7 +254,8 @@ def _signals(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
     """The logged ports taken apart into named signals."""
     vehicle = scenario.vehicle_data
     signals = {"time_s": logs["time_s"]} | _of_the_truth(scenario, logs)
-    for name in ("command", JOINTS, "hand_controllers", "attitude_error", "request", "selection_counts", "out_of_use"):
+    of_autopilot = ("hand_controllers", "attitude_error", "request", "selection_counts", "out_of_use")
+    for name in ("command", "command_onset", JOINTS, *of_autopilot):
         if name in logs:
             signals[name] = logs[name]
     signals |= estimation_signals(scenario, logs)

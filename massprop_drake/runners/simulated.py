@@ -234,7 +234,7 @@ class Simulated:
     def _found(self, scenario: Scenario, feeding: Mapping[str, OutputPort]) -> dict[str, OutputPort]:
         """The output ports that a run keeps, by name, but those of the truth."""
         seen = [sensor.name for sensor in scenario.vehicle_data.tracked]
-        wanted = ("command", JOINTS, *_AUTOPILOT, *ESTIMATION, *_UNLOGGED, *self._sensors, *seen)
+        wanted = ("command", "command_onset", JOINTS, *_AUTOPILOT, *ESTIMATION, *_UNLOGGED, *self._sensors, *seen)
         found = {name: port for name in wanted if (port := self._named(name) or feeding.get(name)) is not None}
         if self._named("command") is None and "jet_commands" in feeding:
             found.pop("command", None)

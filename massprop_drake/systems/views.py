@@ -86,7 +86,10 @@ _PLAIN: dict[str, tuple[Names, ...]] = {
     "hand_controllers": (tuple(f"{hand}_{axis}" for hand in ("rhc", "thc") for axis in AXES),),
     "request": ((*(f"{change}_{axis}" for change in ("dw", "dv") for axis in AXES), "time_limit", "urgency"),),
     **dict.fromkeys(
-        ("command", "held_command", "jet_commands", "mean_level", "closed", "held_closed", "out_of_use", "failed_jets"),
+        (
+            *("command", "held_command", "command_onset", "held_command_onset", "jet_commands"),
+            *("mean_level", "closed", "held_closed", "out_of_use", "failed_jets"),
+        ),
         ((JETS,),),
     ),
     "fault_probability": ((JETS, "none", "unknown"),),

@@ -11,7 +11,7 @@ import difflib
 import math
 import re
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
@@ -22,6 +22,7 @@ from massprop_drake.errors import InputError, moment
 from massprop_drake.inputs import factors
 from massprop_drake.inputs.scenario import Scenario, filter_of, resolved, set_field
 from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.maths.vehicle.on_times import onsets
 from massprop_drake.signals import AXES
 from massprop_drake.telemetry.command_scales import CommandTally, hint_about
 from massprop_drake.telemetry.tables import Block, CsvTable, Loss, Table, completeness, open_table
@@ -48,6 +49,23 @@ def columns(vehicle: Vehicle) -> list[str]:
     """Lists the column names in order: time, three axes per sensor package, each jet."""
     sensors = [f"{name}_{axis}" for name in vehicle.sensor_names() for axis in AXES]
     return ["time_s", *sensors, *vehicle.tracked_columns, *(f"jet_{jet}" for jet in vehicle.designations)]
+
+
+def on_time_columns(vehicle: Vehicle) -> list[str]:
+    """Lists the columns of on-times, a jet each."""
+    return [f"on_{jet}_s" for jet in vehicle.designations]
+
+
+def _jet_columns(vehicle: Vehicle, present: Set[str]) -> list[str]:
+    """The column of each jet's command: its fraction, or its on-time where a table has that alone."""
+    names = zip(vehicle.designations, on_time_columns(vehicle), strict=True)
+    fractions = ((f"jet_{jet}", timed) for jet, timed in names)
+    return [timed if fraction not in present and timed in present else fraction for fraction, timed in fractions]
+
+
+def onset_columns(vehicle: Vehicle) -> list[str]:
+    """Lists the columns of onsets, a jet each."""
+    return [f"onset_{jet}_s" for jet in vehicle.designations]
 
 
 def scenario_name(telemetry: str | Path) -> str:
@@ -95,6 +113,8 @@ class Rows(NamedTuple):
             commands, shape (n,).
         tracked: readings of the sensors in a fixed frame, as `Vehicle.tracked_columns` names them, NaN where missing,
             shape (n, columns); None: the vehicle has none.
+        onsets_s: of the commands, see `maths.vehicle.on_times`, NaN where not told, shape (n, n_jets); None: jets
+            switch with samples.
     """
 
     time_s: Array
@@ -103,13 +123,14 @@ class Rows(NamedTuple):
     outside_wrench: Array | None
     recorded: Flags
     tracked: Array | None = None
+    onsets_s: Array | None = None
 
     def first(self, count: int) -> Rows:
         """The first of them."""
         readings = {name: values[:count] for name, values in self.readings.items()}
-        others = (None if part is None else part[:count] for part in (self.outside_wrench, self.tracked))
-        outside, tracked = others
-        return Rows(self.time_s[:count], readings, self.commands[:count], outside, self.recorded[:count], tracked)
+        optional = (self.outside_wrench, self.tracked, self.onsets_s)
+        outside, *others = (None if part is None else part[:count] for part in optional)
+        return Rows(self.time_s[:count], readings, self.commands[:count], outside, self.recorded[:count], *others)
 
 
 # ---------------------------------------------------------------------------------------- writing
@@ -129,11 +150,13 @@ def write_csv(path: Path, vehicle: Vehicle, rows: Iterable[Rows]) -> None:
         for block in rows:
             outside = [] if block.outside_wrench is None else [block.outside_wrench]
             if not heading:
-                writer.writerow([*columns(vehicle), *(WRENCH if outside else ())])
+                opening = [] if block.onsets_s is None else onset_columns(vehicle)
+                writer.writerow([*columns(vehicle), *opening, *(WRENCH if outside else ())])
                 heading = True
             sensors = [block.readings[name] for name in vehicle.sensor_names()]
             tracked = [] if block.tracked is None else [block.tracked]
-            parts = [block.time_s, *sensors, *tracked, block.commands, *outside]
+            onsets = [] if block.onsets_s is None else [block.onsets_s]
+            parts = [block.time_s, *sensors, *tracked, block.commands, *onsets, *outside]
             table = np.column_stack(parts)[block.recorded]
             writer.writerows([_cell(value) for value in row] for row in table.tolist())
 
@@ -189,12 +212,14 @@ class Continuation(NamedTuple):
         command: of that row, NaN where unknown, shape (n_jets,).
         outside_wrench: of that row, shape (6,).
         velocity: integral of each acceleration so far, by package, shape (3,) each.
+        onset_s: of the command, NaN where not told, shape (n_jets,); None: jets switch with samples.
     """
 
     time_s: float
     command: Array
     outside_wrench: Array
     velocity: Mapping[str, Array]
+    onset_s: Array | None = None
 
 
 class Reader:
@@ -213,7 +238,7 @@ class Reader:
 
     Attributes:
         record: what has been found so far.
-        before: command and outside wrench of the row before the first, with `after`.
+        before: command, outside wrench and onsets of the row before the first, with `after`.
         velocity: integral of each acceleration so far, by package.
         jitter: of the sample period, by so much rows may be early or late; more is a gap; set before rows are read.
 
@@ -250,7 +275,9 @@ class Reader:
         self._after = after
         self._awaiting = after is not None
         n_jets = len(vehicle.jets)
-        self.before = (np.zeros(n_jets), np.zeros(6)) if after is None else (after.command, after.outside_wrench)
+        self.before: tuple[Array, Array, Array | None] = np.zeros(n_jets), np.zeros(6), None
+        if after is not None:
+            self.before = after.command, after.outside_wrench, after.onset_s
         start = {} if after is None else after.velocity
         self.velocity = {name: np.array(start.get(name, np.zeros(3))) for name in self._accelerations}
         self._last_s = math.nan if after is None else after.time_s
@@ -289,7 +316,7 @@ class Reader:
         """Decides which columns of the table to read, and where each lies among them."""
         vehicle, header = self._vehicle, self._table.header
         present = set(header)
-        jets = [f"jet_{designation}" for designation in vehicle.designations]
+        jets = _jet_columns(vehicle, present)
         own = [f"{gyro}_{axis}" for axis in AXES] if gyro is not None else []
         problems = self._missing_columns(["time_s", *own, *jets], present)
         self._wanted: list[int] = []
@@ -338,6 +365,10 @@ class Reader:
         self._outside = [WRENCH.index(name) for name in outside]
         self._outside_places = place(outside)
         self._command_places = place(jets)
+        self._timed = np.array([name in on_time_columns(vehicle) for name in jets])
+        opening = onset_columns(vehicle)
+        self._opening = [jet for jet, name in enumerate(opening) if name in present]
+        self._opening_places = place(opening[jet] for jet in self._opening)
         known = [name for name in [*columns(vehicle), *WRENCH] if name not in present]
         self.record.unknown = {name: _close(name, known) for name in dict.fromkeys(header) if name and name not in used}
 
@@ -384,7 +415,8 @@ class Reader:
             raise InputError(f"{self.source}: has no usable row{later}; expected a row per sample")
 
     def _check_commands(self, block: Block) -> None:
-        commands = block.values[:, self._command_places]
+        self._check_on_times(block)
+        commands = np.where(self._timed, np.nan, block.values[:, self._command_places])
         self._tally.add(commands)
         wrong = (commands < -_FRACTION_TOLERANCE) | (commands > 1.0 + _FRACTION_TOLERANCE)
         if not wrong.any():
@@ -396,6 +428,41 @@ class Reader:
             f"{self.source}, {self._table.place} {block.lines[row]}, column jet_{self._vehicle.designations[jet]}: "
             f"{value:g} is no fraction of 0 to 1{hint}"
         )
+
+    def _check_on_times(self, block: Block) -> None:
+        """Makes sure that jets are on and open within the sample, where on-times or onsets are told."""
+        period_s, given = self._period_s, block.values[:, self._command_places]
+        wrong = self._timed & ((given < 0.0) | (given > period_s * (1.0 + JITTER)))
+        if wrong.any():
+            row, jet = np.argwhere(wrong)[0]
+            raise InputError(
+                f"{self.source}, {self._table.place} {block.lines[row]}, column "
+                f"{on_time_columns(self._vehicle)[jet]}: {given[row, jet]:g} s is no on-time of 0 to {period_s:g} s, "
+                "the sample period"
+            )
+        on_s = np.where(self._timed, given, given * period_s)[:, self._opening]
+        opens_s = block.values[:, self._opening_places]
+        late = ((opens_s < 0.0) | (opens_s + on_s > period_s * (1.0 + _ROUNDING))) & (on_s > 0.0) & (on_s <= period_s)
+        if late.any():
+            row, place = np.argwhere(late)[0]
+            column = onset_columns(self._vehicle)[self._opening[place]]
+            raise InputError(
+                f"{self.source}, {self._table.place} {block.lines[row]}, column {column}: opens after "
+                f"{opens_s[row, place]:g} s for {on_s[row, place]:g} s, which is not within the sample of "
+                f"{period_s:g} s"
+            )
+
+    def _told(self, values: Array) -> tuple[Array, Array | None]:
+        """Commands of rows of the table, as fractions, and their onsets; None: jets switch with samples."""
+        commands = values[:, self._command_places]
+        commands = np.where(self._timed, np.minimum(commands / self._period_s, 1.0), commands)
+        vehicle = self._vehicle
+        if not (vehicle.has_on_times or self._timed.any() or self._opening):
+            return commands, None
+        onsets_s = onsets(commands, vehicle.jet_commands.at, self._period_s)
+        given = values[:, self._opening_places]
+        onsets_s[:, self._opening] = np.where(np.isnan(given), onsets_s[:, self._opening], given)
+        return commands, onsets_s
 
     def _ordered(self, block: Block) -> Rows | None:
         """Keeps the rows of a block that advance in time, and inserts a row at each gap."""
@@ -479,11 +546,12 @@ class Reader:
         taken.append(index)
         self._last_s = time
 
-    def _boundary(self, block: Block, index: int) -> tuple[Array, Array]:
+    def _boundary(self, block: Block, index: int) -> tuple[Array, Array, Array | None]:
         values = block.values[index]
         wrench = np.zeros(6)
         wrench[self._outside] = np.nan_to_num(values[self._outside_places])
-        return np.clip(values[self._command_places], 0.0, 1.0), wrench
+        commands, onsets_s = self._told(values[None])
+        return np.clip(commands[0], 0.0, 1.0), wrench, None if onsets_s is None else onsets_s[0]
 
     def _count_steps(self, steps: Array, sum_s: float) -> None:
         record = self.record
@@ -541,12 +609,13 @@ class Reader:
         if self._outside:
             outside = np.zeros((taken.size, 6))
             outside[:, self._outside] = np.nan_to_num(values[:, self._outside_places])
-        commands = np.clip(values[:, self._command_places], 0.0, 1.0)
+        commands, onsets_s = self._told(values)
+        commands = np.clip(commands, 0.0, 1.0)
         tracked = None
         if self._vehicle.tracked:
             tracked = np.full((taken.size, len(self._vehicle.tracked_columns)), np.nan)
             tracked[:, self._tracked] = values[:, self._tracked_places]
-        return Rows(times, readings, commands, outside, recorded, tracked)
+        return Rows(times, readings, commands, outside, recorded, tracked, onsets_s)
 
     def _steps(self, times: Array) -> Array:
         """Length of the sample that ends with each row, s, shape (n, 1): the period, or what has passed."""

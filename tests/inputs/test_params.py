@@ -39,7 +39,8 @@ def test_the_last_sample_is_at_or_just_before_the_end(duration_s: float, samples
 
 def test_a_pulse_is_commanded_at_the_samples_from_its_start_until_before_its_end() -> None:
     # 0.56 s is sample 7, 0.8 s sample 10; 0.1 s lies between samples 1 and 2, 0.3 s between 3 and 4
-    table = params.commands(_pulses(("R4R", 0.56, 0.8), ("F1F", 0.1, 0.3), ("L4L", 1.9, 99.0)))
+    table, onsets_s = params.commands(_pulses(("R4R", 0.56, 0.8), ("F1F", 0.1, 0.3), ("L4L", 1.9, 99.0)))
+    assert onsets_s is None
     assert table.shape == (25, 44)
     assert set(np.unique(table)) == {0.0, 1.0}
     designations = load_scenario("sample_maneuver").vehicle_data.designations
@@ -51,7 +52,7 @@ def test_pulses_at_any_multiple_of_the_period_begin_and_end_on_their_samples(sam
     for sample in range(625):
         start_s, end_s = (float(f"{8 * k / 100:.2f}") for k in (sample, sample + 1))
         pulse = JetPulse(jet="R4R", start_s=start_s, end_s=end_s)
-        table = params.commands(sample_maneuver.model_copy(update={"jet_schedule": (pulse,)}))
+        table, _ = params.commands(sample_maneuver.model_copy(update={"jet_schedule": (pulse,)}))
         assert np.flatnonzero(table.any(axis=1)).tolist() == [sample]
 
 

@@ -243,6 +243,14 @@ def test_what_is_hardly_meant_in_a_scenario_is_doubted(override: str, words: str
     assert any(words in str(doubt) for doubt in doubts), list(map(str, doubts))
 
 
+def test_pulses_that_do_not_last_as_they_say_are_told_of() -> None:
+    told = "jet_schedule=[{jet: R4R, start_s: 0, end_s: 1}, {jet: F1F, start_s: 1.01, end_s: 1.04}]"
+    case = load_scenario("jet_pulses", [told])
+    assert "jet_schedule[1]: is shorter than a sample, 0.08 s" in str(case.simulation_doubts[0])
+    quick = load_scenario("jet_pulses", [told, "vehicle.jet_commands={as: on_time}"])
+    assert quick.simulation_doubts == []
+
+
 def test_doubts_in_a_scenarios_vehicle_are_its_own_too(toy_data: dict[str, Any]) -> None:
     toy_data["jets"][1]["thrust"] = 20.0
     case = resolved({"vehicle": toy_data, "failures": [{"kind": "stuck_on", "jet": "J1", "start_s": 99.0}]})

@@ -21,7 +21,7 @@ from record_probe import (
 
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.vehicle import load_vehicle
-from massprop_drake.records.mapping import Mapped, mapped, preview, table
+from massprop_drake.records.mapping import Mapped, MappedTable, mapped, preview, table
 from massprop_drake.records.recording import open_recording
 
 GYRO = "{kind: gyro, columns: [wx, wy, wz]"
@@ -481,6 +481,9 @@ def test_commands_logged_when_they_change(one: Flight, tmp_path: Path) -> None:
     np.testing.assert_allclose(found[f"jet_{one.jets[0]}"], by_hand, atol=1e-9)
     held = made_of(tmp_path / "log.mat", text, one.vehicle)
     assert "in 1 of 60 rows a jet switches within the row" in held.notes[0]
+    onset_s = column(held, f"onset_{one.jets[0]}_s")
+    assert onset_s[10] == pytest.approx(0.0125, abs=1e-9)
+    assert np.isnan(np.delete(onset_s, 10)).all()
     apart = made_of(tmp_path / "log.mat", text.replace("on_change: true", "on_change: false"), one.vehicle)
     assert apart.notes[0].startswith("commands are logged every 0.5 s, and a sample is 0.05 s")
 
@@ -531,3 +534,22 @@ def test_the_table_names_lines_of_the_file(one: Flight, log: Callable[..., Path]
     made = table(mapped(open_recording(log(), by), by, one.vehicle), "gyro")
     assert (made.place, next(made.blocks([0])).lines[0]) == ("line", 2)
     assert made.done == 1.0
+
+
+def column(rows: MappedTable, name: str) -> np.ndarray:
+    (block,) = rows.blocks([rows.header.index(name)])
+    return block.values[:, 0]
+
+
+def test_on_times_lie_in_a_sample_where_map_or_vehicle_say(one: Flight, log: Callable[..., Path]) -> None:
+    on_ms = {f"u{index + 1}": 50.0 * one.commands[:, index] for index in range(len(one.jets))}
+    text = usual_map(one).replace("commands: {", "commands: {unit: ms, at: end, ")
+    assert not any(name.startswith("onset_") for name in made_of(log(**on_ms), text, one.vehicle).header)  # all or none
+    on_ms["u1"] = np.full(len(one.time_s), 20.0)
+    found = made_of(log(**on_ms), text, one.vehicle)
+    np.testing.assert_allclose(column(found, "jet_T1")[:-1], 0.4, rtol=1e-12)
+    np.testing.assert_allclose(column(found, "onset_T1_s")[:-1], 0.03, rtol=1e-12)
+    plain = made_of(log(**on_ms), text.replace("at: end, ", ""), one.vehicle)
+    np.testing.assert_array_equal(column(plain, "onset_T1_s")[:-1], 0.0)
+    shares = usual_map(one).replace("commands: {", "commands: {at: end, ")
+    assert "at goes with on-times" in refused(lambda: made_of(log(), shares, one.vehicle))

@@ -102,7 +102,8 @@ def test_parts_that_are_wired_by_hand_are_found(scenario: Scenario, bundled: Run
 def plant(scenario: Scenario) -> Diagram:
     """Jets, body and sensors that fly a schedule, with ports of names that a run does not know."""
     parts = DiagramBuilder()
-    schedule = parts.AddSystem(JetSchedule(params.commands(scenario), period_s=scenario.vehicle_data.sample_period_s))
+    commands, _ = params.commands(scenario)
+    schedule = parts.AddSystem(JetSchedule(commands, period_s=scenario.vehicle_data.sample_period_s))
     body = parts.AddNamedSystem("body", vehicle.build(scenario))
     for name in ("command", "held_command"):
         parts.Connect(schedule.GetOutputPort(name), body.GetInputPort(name))

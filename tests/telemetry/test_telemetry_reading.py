@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pose_probe import again
 from telemetry_probe import PERIOD_S, Log, toy_vehicle
 
 from massprop_drake import InputError
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle import JetCommands, Vehicle
 from massprop_drake.telemetry.reader import (
     AT_STAMPS,
     WRENCH,
@@ -534,3 +535,70 @@ def test_check_without_a_vehicle_looks_at_the_structure(log: Log, tmp_path: Path
 )
 def test_a_name_is_made_of_the_files(telemetry: str, name: str) -> None:
     assert scenario_name(telemetry) == name
+
+
+# ------------------------------------------------------------------------------------- on-times
+
+
+def told(log: Log, vehicle: Vehicle, value: float, *, as_time: bool = False, onset_s: float | None = None) -> Log:
+    """The log whose first jet has one command in all rows, or on-time, and one onset."""
+    jet = vehicle.designations[0]
+    for row in range(60):
+        log.set(row, f"jet_{jet}", repr(value))
+    if as_time:
+        log.header[log.column(f"jet_{jet}")] = f"on_{jet}_s"
+    if onset_s is not None:
+        log.add(f"onset_{jet}_s", [repr(onset_s)] * 60)
+    return log
+
+
+def test_on_times_in_seconds_are_shares_of_a_sample(log: Log, toy: Vehicle, tmp_path: Path) -> None:
+    path = told(log, toy, 0.25 * PERIOD_S, as_time=True).write(tmp_path / "log.csv")
+    (rows,) = list(Reader(path, toy, gyro="gyro"))
+    np.testing.assert_allclose(rows.commands[:, 0], 0.25, rtol=1e-12)
+    assert rows.onsets_s is not None
+    np.testing.assert_array_equal(rows.onsets_s[:, 0], 0.0)  # as the vehicle says: at the start
+    late = again(toy, jet_commands=JetCommands(at="end"))
+    (rows,) = list(Reader(path, late, gyro="gyro"))
+    np.testing.assert_allclose(rows.onsets_s[:, 0], 0.75 * PERIOD_S, rtol=1e-12)
+
+
+def test_onsets_are_read_and_written(log: Log, toy: Vehicle, tmp_path: Path) -> None:
+    onset_s = 0.1 * PERIOD_S
+    path = told(log, toy, 0.5, onset_s=onset_s).write(tmp_path / "log.csv")
+    (rows,) = list(Reader(path, toy, gyro="gyro"))
+    assert rows.onsets_s is not None
+    np.testing.assert_array_equal(rows.onsets_s[:, 0], onset_s)
+    write_csv(tmp_path / "again.csv", toy, [rows])
+    (second,) = list(Reader(tmp_path / "again.csv", toy, gyro="gyro"))
+    np.testing.assert_array_equal(second.onsets_s, rows.onsets_s)
+    np.testing.assert_array_equal(second.commands, rows.commands)
+
+
+def test_jets_that_switch_with_samples_have_no_onsets(log: Log, toy: Vehicle, tmp_path: Path) -> None:
+    (rows,) = list(Reader(log.write(tmp_path / "log.csv"), toy, gyro="gyro"))
+    assert rows.onsets_s is None
+    quick = again(toy, jet_commands=JetCommands.model_validate({"as": "on_time"}))
+    (rows,) = list(Reader(tmp_path / "log.csv", quick, gyro="gyro"))
+    assert rows.onsets_s is not None
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "message"),
+    [
+        ("on", 1.2, r"log\.csv, line 2, column on_.*_s: 0\.\d+ s is no on-time of 0 to .* s, the sample period"),
+        ("on", -0.1, "is no on-time of 0 to"),
+        ("onset", 0.6, r"line 2, column onset_.*_s: opens after .* s for .* s, which is not within the sample of"),
+        ("onset", -0.1, "which is not within the sample"),
+    ],
+)
+def test_times_that_are_not_within_a_sample_are_refused(
+    column: str, value: float, message: str, log: Log, toy: Vehicle, tmp_path: Path
+) -> None:
+    if column == "on":
+        told(log, toy, value * PERIOD_S, as_time=True)
+    else:
+        told(log, toy, 0.5, onset_s=value * PERIOD_S)
+    path = log.write(tmp_path / "log.csv")
+    with pytest.raises(InputError, match=message):
+        list(Reader(path, toy, gyro="gyro"))

@@ -19,6 +19,7 @@ from massprop_drake.maths.estimation.joint.layout import AttitudeSensors
 from massprop_drake.maths.kernels import idiom
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
+from massprop_drake.maths.vehicle.on_times import Place
 
 Groups = Mapping[str, Array]  # a state as vectors, by the part of the diagram that holds each
 
@@ -81,6 +82,8 @@ class Setup(NamedTuple):
         widest: 1-sigma of the ten parameters if nothing is known of them, shape (10,).
         limits: of convergence, see `mass_properties.converged`, shape (3,).
         trackers: of attitude.
+        opens_at: where in a sample an on-time lies of which no onset is told, see `maths.vehicle.on_times`; None:
+            commands are levels.
         tracking: of a vehicle that is followed in a fixed frame, see `pose.setting.Tracking`; None: it is not.
     """
 
@@ -98,6 +101,7 @@ class Setup(NamedTuple):
     widest: Array
     limits: Array
     trackers: AttitudeSensors
+    opens_at: Place | None = None
     tracking: Any = None
 
 
@@ -113,6 +117,8 @@ class Told(NamedTuple):
             shape (6,).
         tracked: readings in a fixed frame: of each pose sensor position and quaternion from body to fixed frame, of
             each velocity sensor the velocity, NaN where missing, shape (7 n_poses + 3 n_velocities,); None: none.
+        onset_s, coming_onset_s: of `command` and `coming`, see `maths.vehicle.on_times`, shape (n_jets,) each; None:
+            not told.
     """
 
     time_s: float
@@ -121,6 +127,8 @@ class Told(NamedTuple):
     coming: Array | None
     outside_wrench: Array
     tracked: Array | None = None
+    onset_s: Array | None = None
+    coming_onset_s: Array | None = None
 
 
 class Interval(NamedTuple):

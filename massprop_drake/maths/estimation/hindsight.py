@@ -32,11 +32,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.maths.estimation.joint.impulses import LEAST_LAG, lingering
+from massprop_drake.maths.estimation.joint.impulses import LEAST_LAG, Lingering, fire, lingering
 from massprop_drake.maths.estimation.joint.prediction import PARABOLA
 from massprop_drake.maths.kernels import chosen, idiom, kernel, listed
 from massprop_drake.maths.linear_algebra import Array, crosses, is_positive_definite
 from massprop_drake.maths.mass_properties import ELEMENT
+from massprop_drake.maths.vehicle.on_times import opens_within, pieces
 
 _N = 10  # mass properties
 _CENTER, _MASS = slice(6, 9), 9
@@ -198,6 +199,8 @@ class Stretch(NamedTuple):
         before: the same of rows before, of which the first had been commanded for long, shape (b, n_jets), b > 0.
         outside: known torque about the vehicle origin and force from each row on, shape (m, 6).
         used_after: propellant that is used from each row to the end of the flight, slug or kg, shape (m,).
+        onsets_s, before_onsets_s: of these commands, see `maths.vehicle.on_times`, shapes (m, n_jets) and (b, n_jets);
+            None: jets switch with samples.
     """
 
     time_s: Array
@@ -206,6 +209,8 @@ class Stretch(NamedTuple):
     before: Array
     outside: Array
     used_after: Array
+    onsets_s: Array | None = None
+    before_onsets_s: Array | None = None
 
 
 class Normal(NamedTuple):
@@ -339,6 +344,7 @@ class _Course(NamedTuple):
     lacking: Array  # how far each level is off at the beginning, (m - 1, j): times
     shape: Array  # it is the bow, see `Firing`, s, (3, j)
     level: Array  # at each stamp, (m, j), where one is late
+    bent: Array | None  # bow besides, of jets that open or close within a sample, s, (3, m - 1, j)
 
 
 def _course(read: _Read, lag_error: Array, model: Model) -> _Course:
@@ -349,22 +355,80 @@ def _course(read: _Read, lag_error: Array, model: Model) -> _Course:
     lagged, left = constants > 0.0, lingering(constants / period)
     before = read.stretch.before[:, on]
     level = np.concatenate((before, commands))
-    slope = np.zeros_like(level)
+    slope, pulses = np.zeros_like(level), _pulses(read, constants, left, period)
+    if pulses is not None:
+        level = level + pulses.tends
     if lagged.any():
         model.compute.lag(level, slope, left.remaining, left.by_logarithm)
+    if pulses is not None:
+        slope += pulses.slope
     level, slope = level[-m:], slope[-m:]
     off = level[:-1] - commands
     amount = read.lengths_s[:, None] * commands + off * (period * left.mean)
     share = period / np.where(lagged, constants, 1.0)
     by_lag = off * (share * (left.mean - left.remaining)) + slope[:-1] * (share * left.mean)
+    if pulses is not None:
+        amount = amount + pulses.amount
+        by_lag = by_lag + pulses.by_logarithm / np.where(lagged, constants, 1.0)
     if not lagged.all():
-        by_lag = np.where(lagged, by_lag, off)
-        amount = amount + np.where(lagged, 0.0, off * lag_error)
+        lost = level[:-1] - level[1:]
+        by_lag = np.where(lagged, by_lag, lost)
+        amount = amount + np.where(lagged, 0.0, lost * lag_error)
     if late.any():
         told = read.stretch.commands[:, on]
         sided = np.where((late > 0.0)[:, None] & (np.arange(m) < m - 1)[:, None], told, level)
         level = np.where(lagged, level, np.nan_to_num(sided))
-    return _Course(read, amount, by_lag, off, period * left.bow, level)
+    bent = None if pulses is None else pulses.bow
+    return _Course(read, amount, by_lag, off, period * left.bow, level, bent)
+
+
+class _Pulses(NamedTuple):
+    """What jets that open or close within samples do otherwise than if their commands were levels.
+
+    The lag is linear: what a sample begins with dies away beside what its command does to jets that were shut. So
+    impulses and bows differ by those of shut jets, and levels go on as if another level had been commanded.
+    """
+
+    tends: Array  # what that level is above the command, (b + m - 1, j)
+    slope: Array  # what derivatives of levels by ln tau are besides, likewise
+    amount: Array  # of impulses, s, (m - 1, j)
+    by_logarithm: Array  # derivative of these by ln tau
+    bow: Array  # see `Firing`, s, (3, m - 1, j)
+
+
+def _pulses(read: _Read, constants: Array, left: Lingering, period_s: float) -> _Pulses | None:
+    """Those of a stretch; None: it has none.
+
+    Args:
+        read: what the stretch shows.
+        constants: time constant of each jet, s, shape (j,).
+        left: what these leave over an interval.
+        period_s: length of an interval.
+    """
+    stretch, on = read.stretch, read.on
+    if stretch.onsets_s is None or stretch.before_onsets_s is None:
+        return None
+    commands = np.concatenate((stretch.before[:, on], read.commands))
+    onsets_s = np.concatenate((stretch.before_onsets_s[:, on], stretch.onsets_s[:-1, on]))
+    rows = [row for row in range(len(commands)) if opens_within(commands[row], onsets_s[row])]
+    if not rows:
+        return None
+    tends, late, amount, by_logarithm = (np.zeros_like(commands) for _ in range(4))
+    bow, shut, no_ticks = np.zeros((3, *commands.shape)), np.zeros((3, on.size)), np.zeros((0, 2))
+    for row in rows:
+        own = pieces(commands[row], onsets_s[row], period_s, (0.0, period_s))
+        pulse = fire((shut[0], shut[1], shut[2]), constants, *own, no_ticks)
+        whole = np.array([period_s]), commands[row : row + 1]
+        level = fire((shut[0], shut[1], shut[2]), constants, *whole, no_ticks)
+        tends[row] = (pulse.level - level.level) / (1.0 - left.remaining)
+        late[row] = pulse.slope - level.slope + tends[row] * left.by_logarithm
+        amount[row] = pulse.amount - level.amount
+        by_logarithm[row] = pulse.amount_slope - level.amount_slope
+        bow[:, row] = pulse.bow - level.bow
+    late[0] = 0.0
+    _summed(late, left.remaining)
+    since = stretch.before.shape[0]
+    return _Pulses(tends, late, amount[since:], by_logarithm[since:], bow[:, since:])
 
 
 def _ticks(time_s: Array, period_s: float) -> tuple[float, Array]:
@@ -594,7 +658,10 @@ def _expected(at: Array, course: _Course, model: Model) -> _Expected:
     acting = wrenches @ course.level.T if read.late_s.any() else None
     late = None if acting is None else read.late_s * acting
     bow = (wrenches * course.shape[:, None]).reshape(18, read.on.size) @ course.lacking.T
-    sums = _Sums(impulse, bow.reshape(3, 6, impulse.shape[1]), late, acting)
+    bow = bow.reshape(3, 6, impulse.shape[1])
+    if course.bent is not None:
+        bow = bow + np.einsum("ij,kmj->kim", wrenches, course.bent)
+    sums = _Sums(impulse, bow, late, acting)
     mass = 1.0 / at[_MASS] + stretch.used_after
     lightness = 2.0 / (mass[:-1] + mass[1:])
     velocity = _since(sums.impulse[3:] * lightness)

@@ -543,6 +543,7 @@ def covers(made: EstimationParams) -> bool:
         and made.filter_params.joint.compiled is not None
         and made.filter_params.joint.places.accelerometers > 0
         and made.filter_params.joint.places.trackers == 0
+        and made.filter_params.opens_at is None
     )
 
 

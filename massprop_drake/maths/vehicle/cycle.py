@@ -17,6 +17,7 @@ from massprop_drake.maths.linear_algebra import Array, nonzero
 from massprop_drake.maths.noise import normal_sample
 from massprop_drake.maths.vehicle import reaction_jets, rigid_body, true_failures
 from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, about_origin, next_deviation
+from massprop_drake.maths.vehicle.on_times import opens_within
 from massprop_drake.maths.vehicle.reaction_jets import JetsParams, Thrusters
 from massprop_drake.maths.vehicle.rigid_body import (
     MASS,
@@ -314,13 +315,14 @@ def _errors(index: int, params: Truth) -> SensorErrors:
 
 @kernel
 def step(
-    state: VehicleState, told: tuple[Array, Array], sample: int, luck: tuple[Ahead, int], params: Truth
+    state: VehicleState, told: tuple[Array, Array, Array], sample: int, luck: tuple[Ahead, int], params: Truth
 ) -> tuple[VehicleState, Array]:
     """The vehicle from one sample to the next, with the memories given, and the mean force of each jet over it.
 
     Args:
         state: at the sample.
-        told: fraction commanded over it, 0 to 1, and 1 for each jet whose manifold is closed, shape (n_jets,) each.
+        told: fraction commanded over it, 0 to 1, onset, see `on_times`, and 1 for each jet whose manifold is closed,
+            shape (n_jets,) each.
         sample: its number.
         luck: what is to come, and which row of it is the sample's.
         params: see `Truth`.
@@ -330,7 +332,9 @@ def step(
         SpunUpError: when the vehicle makes more than a turn in it.
     """
     jets, (coming, row) = params.jets, luck
-    command, closed = told
+    command, onset_s, closed = told
+    if opens_within(command, onset_s):
+        return _step_by_pieces(state, told, sample, luck, params)
     target = command
     if params.failures.jets.size:
         target = true_failures.failed(
@@ -349,6 +353,30 @@ def step(
     body[MASS] = since_start(body[MASS], params.mass)
     after = VehicleState(body, state.structure, state.constants, level, target, deviation, state.memories)
     return after, reaction_jets.mean_force(level, target, jets)
+
+
+@kernel
+def _step_by_pieces(
+    state: VehicleState, told: tuple[Array, Array, Array], sample: int, luck: tuple[Ahead, int], params: Truth
+) -> tuple[VehicleState, Array]:
+    """`step` over a sample in which jets open or close; levels are kept as they are at its end."""
+    jets, (coming, row) = params.jets, luck
+    level = state.level if jets.lag.instantaneous else reaction_jets.level_now(state.level, state.target, jets)
+    when, failing = (sample * params.period_s, params.period_s), (params.failures, coming.strikes[row])
+    over = reaction_jets.level_course(level, told, when, failing, jets.time_constants_s)
+    deviation, pushed = state.deviation, np.zeros(6)
+    if params.pushed:
+        deviation = next_deviation(deviation, coming.push[row], params.push)
+        pushed = about_origin(params.push.mean + deviation, state.structure[_CENTER])
+    body = state.body
+    for piece in range(over.lengths_s.size):
+        profile = reaction_jets.wrench_profile(over.begins[piece], over.targets[piece], jets)
+        profile[0, :6] += pushed
+        constants_s = jets.class_constants_s
+        body = rigid_body.step(body, profile[0], profile[1:], constants_s, over.lengths_s[piece], state.constants)
+    body[MASS] = since_start(body[MASS], params.mass)
+    after = VehicleState(body, state.structure, state.constants, over.end, over.end, deviation, state.memories)
+    return after, jets.forces * over.mean
 
 
 def jumped(state: VehicleState, sample: int, params: VehicleParams) -> VehicleState:

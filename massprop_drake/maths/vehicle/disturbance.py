@@ -67,14 +67,17 @@ def about_origin(disturbance: Array, center_of_mass: Array) -> Array:
     return np.concatenate((torque + cross(center_of_mass, force), force))
 
 
-def disturbed(wrench: Array, disturbance: Array, center_of_mass: Array) -> Array:
-    """A wrench, or a profile that begins with the steady one, and a disturbance with it.
+def disturbed(wrench: Array, disturbance: Array, center_of_mass: Array, pieces: int = 1) -> Array:
+    """A wrench, or a profile, and a disturbance with it.
 
     Args:
-        wrench: torque about the vehicle origin, force, and what follows, shape (6 + any,).
+        wrench: torque about the vehicle origin, force, and what follows, shape (6 + any,); or the profile of a sample
+            of several pieces, see `reaction_jets.profile_by_pieces`.
         disturbance: torque about the center of mass, force, shape (6,).
         center_of_mass: in the vehicle frame, ft or m, shape (3,).
+        pieces: of the profile.
     """
     total = wrench.copy()
-    total[:6] += about_origin(disturbance, center_of_mass)
+    first = 0 if pieces == 1 else 1  # a piece begins with its length
+    total.reshape(pieces, -1)[:, first : first + 6] += about_origin(disturbance, center_of_mass)
     return total

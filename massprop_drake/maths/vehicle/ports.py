@@ -139,10 +139,12 @@ class Motion(NamedTuple):
     Attributes:
         constants_s: time constants of the profile's dying parts, s, shape (n,).
         duration_s: s.
+        pieces: the most that a step has.
     """
 
     constants_s: Array
     duration_s: float
+    pieces: int = 1
 
 
 @kernel
@@ -151,12 +153,20 @@ def stepped(body: Array, profile: Array, constants: Any, held: Any) -> Array:
 
     Args:
         body: before it.
-        profile: of the wrench, row by row.
+        profile: of the wrench, row by row; of a step of pieces, of each its length and this.
         constants: holder of `rigid_body.Body`.
         held: holder of `Motion`.
 
     Raises:
         OutOfMassError, SpunUpError: see `rigid_body.step`.
     """
-    motion, rows = held.value, profile.reshape((-1, N_WRENCH))
-    return rigid_body.step(body, rows[0], rows[1:], motion.constants_s, motion.duration_s, constants.value)
+    motion = held.value
+    if motion.pieces == 1:
+        rows = profile.reshape((-1, N_WRENCH))
+        return rigid_body.step(body, rows[0], rows[1:], motion.constants_s, motion.duration_s, constants.value)
+    parts = profile.reshape((motion.pieces, -1))
+    for piece in range(motion.pieces):
+        if parts[piece, 0] > 0.0:
+            rows = parts[piece, 1:].reshape((-1, N_WRENCH))
+            body = rigid_body.step(body, rows[0], rows[1:], motion.constants_s, parts[piece, 0], constants.value)
+    return body

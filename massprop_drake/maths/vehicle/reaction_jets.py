@@ -6,15 +6,19 @@ Within a sample each jet's level goes from where it was toward its target with i
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from massprop_drake.maths.kernels import kernel, value_of
 from massprop_drake.maths.linear_algebra import Array, crosses
 from massprop_drake.maths.noise import Seed, normal_sample
+from massprop_drake.maths.vehicle.on_times import pieces
+from massprop_drake.maths.vehicle.rigid_body import N_WRENCH
 from massprop_drake.maths.vehicle.thrust import LagFactors, lag_factors, level_after, mean_level
-from massprop_drake.maths.vehicle.true_failures import Failure, delivered
+from massprop_drake.maths.vehicle.true_failures import Failure, FailureTable, delivered, failed
 
 _TORQUE, _FORCE, _UP = slice(0, 3), slice(3, 6), 5  # in a jet's wrench
 _LEAST_FACTOR = 0.01  # above zero: a failed jet's force is a multiple of its thrust
@@ -135,6 +139,7 @@ class Thrusters(NamedTuple):
 
     Attributes:
         wrenches, forces: see `JetsParams`.
+        time_constants_s: of each jet, s, shape (n_jets,).
         lag: see `LagFactors`.
         class_wrenches: see `LagClasses`, shape (n_classes, n_jets, 7).
         class_constants_s: time constant of each class, s, shape (n_classes,).
@@ -142,6 +147,7 @@ class Thrusters(NamedTuple):
 
     wrenches: Array
     forces: Array
+    time_constants_s: Array
     lag: LagFactors
     class_wrenches: Array
     class_constants_s: Array
@@ -150,7 +156,8 @@ class Thrusters(NamedTuple):
 def thrusters(params: JetsParams) -> Thrusters:
     """The arrays of the jets."""
     constants, wrenches = params.classes
-    return Thrusters(params.wrenches, params.forces, params.lag, wrenches, np.array(constants, dtype=float))
+    constants_s = np.array(constants, dtype=float)
+    return Thrusters(params.wrenches, params.forces, params.time_constants_s, params.lag, wrenches, constants_s)
 
 
 @kernel
@@ -185,4 +192,85 @@ def wrench_profile(level: Array, coming: Array, jets: Thrusters) -> Array:
         difference = level - coming
         for index in range(jets.class_constants_s.size):
             profile[1 + index] = difference @ jets.class_wrenches[index]
+    return profile
+
+
+class LevelCourse(NamedTuple):
+    """Levels over a sample whose jets open or close within it, piece by piece.
+
+    Attributes:
+        lengths_s: of the pieces, s, shape (k,).
+        begins: level of each jet at the beginning of each, shape (k, n_jets).
+        targets: what it tends to, likewise.
+        end: level at the end of the sample, shape (n_jets,).
+        mean: over the sample, shape (n_jets,).
+    """
+
+    lengths_s: Array
+    begins: Array
+    targets: Array
+    end: Array
+    mean: Array
+
+
+@kernel
+def level_course(
+    level: Array,
+    told: tuple[Array, Array, Array],
+    when: tuple[float, float],
+    failing: tuple[FailureTable, NDArray[np.bool_]],
+    time_constants_s: Array,
+) -> LevelCourse:
+    """The course of each level over a sample.
+
+    Args:
+        level: at its beginning, shape (n_jets,).
+        told: command and onset, see `on_times`, and 1 for each jet whose manifold is closed, shape (n_jets,) each.
+        when: it begins, and its length, s.
+        failing: failures, and which of them strike, see `true_failures.struck`.
+        time_constants_s: of each jet, s, shape (n_jets,).
+    """
+    (command, onset_s, closed), (since_s, period_s), (failures, strikes) = told, when, failing
+    lengths, targets = pieces(command, onset_s, period_s, (0.0, period_s))
+    begins, mean = np.empty_like(targets), np.zeros_like(level)
+    for piece in range(lengths.size):
+        length_s = lengths[piece]
+        if failures.jets.size:
+            targets[piece] = failed(targets[piece], since_s, length_s, strikes, failures)
+        targets[piece] *= 1.0 - closed
+        begins[piece] = level
+        after = np.empty_like(level)
+        for jet in range(level.size):
+            tau_s, lacking = time_constants_s[jet], level[jet] - targets[piece, jet]
+            left = math.exp(-length_s / tau_s) if tau_s > 0.0 else 0.0
+            after[jet] = targets[piece, jet] + lacking * left
+            mean[jet] += (targets[piece, jet] * length_s + tau_s * (lacking - lacking * left)) / period_s
+        level = after
+        since_s += length_s
+    return LevelCourse(lengths, begins, targets, level, mean)
+
+
+def profile_size(n_lags: int, pieces: int = 1) -> int:
+    """Size of a wrench profile: 7 (1 + n_lags), of a sample of several pieces one more for each piece."""
+    return N_WRENCH * (1 + n_lags) if pieces == 1 else pieces * (1 + N_WRENCH * (1 + n_lags))
+
+
+def profile_by_pieces(course: LevelCourse, jets: Thrusters, pieces: int) -> Array:
+    """The wrench profile of a sample of several pieces, of each its length and its profile, shape (pieces, any).
+
+    Args:
+        course: of the levels.
+        jets: see `Thrusters`.
+        pieces: the largest number that there can be; further ones have no length.
+
+    Raises:
+        ValueError: when there are more.
+    """
+    count = course.lengths_s.size
+    if count > pieces:
+        raise ValueError(f"jets open and close at {count - 1} times in a sample, where {pieces - 1} were foreseen")
+    profile = np.zeros((pieces, profile_size(jets.class_constants_s.size, pieces) // pieces))
+    profile[:count, 0] = course.lengths_s
+    for piece in range(count):
+        profile[piece, 1:] = wrench_profile(course.begins[piece], course.targets[piece], jets).ravel()
     return profile

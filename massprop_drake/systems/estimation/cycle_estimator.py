@@ -67,6 +67,9 @@ class CycleEstimator(LeafSystem):
         record_time (in, 1): when the readings were taken, s. Unconnected: now.
         command (in, n_jets): fraction commanded from now on, which matters where readings are taken after their tick.
             Unconnected: not known.
+        held_command_onset (in, n_jets), command_onset (in, n_jets), where jets open within a sample: how long after the
+            beginning of the interval that ends now, and of the coming one, each jet opens, s, see
+            `maths.vehicle.on_times`. Unconnected: as the vehicle's `jet_commands` say.
         estimate (out, 10), standard_deviation (out, 10), covariance (out, 100), converged (out, 1): of the ten
             parameters after this sample, NaN for what has no sigma; see `ConvergenceMonitor`.
         predicted (out, 10): the ten parameters before this sample. No feedthrough.
@@ -97,6 +100,7 @@ class CycleEstimator(LeafSystem):
         tracked: size of the reading of each sensor in a fixed frame, by its name, in the vehicle's order.
         weighs: whether anything read shows the mass, so that there is a `mass_report`.
         known: the ten parameters that are known beforehand, see `maths.mass_properties.converged_rows`.
+        within: whether jets open within a sample.
     """
 
     def __init__(
@@ -109,6 +113,7 @@ class CycleEstimator(LeafSystem):
         tracked: Mapping[str, int],
         weighs: bool,
         known: NDArray[np.bool_],
+        within: bool = False,
     ):
         super().__init__()
         self.set_name("estimator")
@@ -120,6 +125,8 @@ class CycleEstimator(LeafSystem):
         self._outside = self.DeclareVectorInputPort("outside_wrench", 6)
         self._stamp = self.DeclareVectorInputPort("record_time", 1)
         self._coming = self.DeclareVectorInputPort("command", n_jets)
+        names = ("held_command_onset", "command_onset") if within else ()
+        self._onsets = [self.DeclareVectorInputPort(name, n_jets) for name in names]
         start = Memory(cycle.initial_state(params), None, -math.inf)
         self._memory = self.DeclareAbstractState(Value[object](start))
         read = {self.xa_ticket(), self.time_ticket(), self.all_input_ports_ticket()}
@@ -186,6 +193,7 @@ class CycleEstimator(LeafSystem):
             None if stamp is None else float(stamp[0]),
             given(self._coming),
             np.concatenate([read(port) for port in self._tracked]) if self._tracked else None,
+            *map(given, self._onsets),
         )
 
     def _cycled(self, context: Any) -> Memory:

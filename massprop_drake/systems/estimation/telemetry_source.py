@@ -24,6 +24,7 @@ class ServedRows(NamedTuple):
         readings: by sensor, shape (n + 1, its size).
         commands: of the interval that starts at each row, shape (n + 1, n_jets).
         outside_wrench: of that interval, shape (n + 1, 6).
+        onsets_s: of the commands, see `maths.vehicle.on_times`, NaN: levels, shape (n + 1, n_jets).
     """
 
     first: int
@@ -31,6 +32,7 @@ class ServedRows(NamedTuple):
     readings: Mapping[str, Array]
     commands: Array
     outside_wrench: Array
+    onsets_s: Array
 
     @property
     def next(self) -> int:
@@ -54,6 +56,8 @@ class TelemetrySource(LeafSystem):
         outside_wrench (out, 6): known outside torque about the vehicle origin (3), lbf-ft or N-m, and force
             (3), lbf or N, body axes, mean over the interval that ends now.
         record_time (out, 1): time of row k in the record, s.
+        held_command_onset (out, n_jets), command_onset (out, n_jets), where jets open within a sample: how long after
+            the beginning of its interval each jet opens, s, for the command of row k - 1 and of row k.
 
     State: none. Row k is a pure function of k, k = round(t/T): what is served at a time never changes, though a
     context holds some rows alone.
@@ -75,6 +79,7 @@ class TelemetrySource(LeafSystem):
         period_s: sample period T, s.
         first_row: number of the record's first row.
         tracked: sensors in a fixed frame, and sizes of their readings; None: there are none.
+        within: whether jets open within a sample.
     """
 
     def __init__(
@@ -85,13 +90,15 @@ class TelemetrySource(LeafSystem):
         period_s: float,
         first_row: int = 0,
         tracked: Mapping[str, int] | None = None,
+        within: bool = False,
     ):
         super().__init__()
         self.set_name("telemetry_source")
         self._period_s = period_s
         sizes = dict.fromkeys(sensors, 3) | dict(tracked or {})
         before = {name: np.full((1, size), np.nan) for name, size in sizes.items()}
-        none = ServedRows(first_row, np.full(1, np.nan), before, np.zeros((1, n_jets)), np.zeros((1, 6)))
+        off, levels = np.zeros((1, n_jets)), np.full((1, n_jets), np.nan)
+        none = ServedRows(first_row, np.full(1, np.nan), before, off, np.zeros((1, 6)), levels)
         self._rows = self.DeclareAbstractParameter(Value[object](none))
         for name, size in sizes.items():
             self._declare(name, size, lambda rows, k, name=name: rows.readings[name][k])  # type: ignore[misc]
@@ -99,6 +106,9 @@ class TelemetrySource(LeafSystem):
         self._declare("command", n_jets, lambda rows, k: rows.commands[k])
         self._declare("outside_wrench", 6, lambda rows, k: rows.outside_wrench[k - 1])
         self._declare("record_time", 1, lambda rows, k: rows.time_s[k : k + 1])
+        if within:
+            self._declare("held_command_onset", n_jets, lambda rows, k: rows.onsets_s[k - 1])
+            self._declare("command_onset", n_jets, lambda rows, k: rows.onsets_s[k])
 
     def _declare(self, name: str, size: int, served: Callable[[ServedRows, int], Array]) -> None:
         def calc(context: Any, output: Any) -> None:
@@ -112,20 +122,23 @@ class TelemetrySource(LeafSystem):
         return rows
 
     def _hold(self, context: Any, rows: ServedRows) -> None:
-        for array in (rows.time_s, *rows.readings.values(), rows.commands, rows.outside_wrench):
+        for array in (rows.time_s, *rows.readings.values(), rows.commands, rows.outside_wrench, rows.onsets_s):
             array.flags.writeable = False
         context.get_mutable_abstract_parameter(self._rows).set_value(rows)
 
-    def begin(self, context: Any, command: Array, outside_wrench: Array) -> None:
+    def begin(self, context: Any, command: Array, outside_wrench: Array, onset_s: Array | None = None) -> None:
         """Sets what the row before the first one commanded; before any row has been given.
 
         Args:
             context: of the source.
             command: shape (n_jets,).
             outside_wrench: shape (6,).
+            onset_s: of the command, shape (n_jets,); None: it is a level.
         """
+        onset = np.full(np.shape(command), np.nan) if onset_s is None else onset_s
+        commands, outside, onsets_s = (np.array([part]) for part in (command, outside_wrench, onset))
         rows = self._held(context)
-        self._hold(context, rows._replace(commands=np.array([command]), outside_wrench=np.array([outside_wrench])))
+        self._hold(context, rows._replace(commands=commands, outside_wrench=outside, onsets_s=onsets_s))
 
     def extend(
         self,
@@ -134,6 +147,7 @@ class TelemetrySource(LeafSystem):
         readings: Mapping[str, Array],
         commands: Array,
         outside_wrench: Array | None,
+        onsets_s: Array | None = None,
     ) -> int:
         """Gives a context the next rows, in place of those before them but for the last.
 
@@ -143,6 +157,7 @@ class TelemetrySource(LeafSystem):
             readings: by sensor, shape (n, its size).
             commands: of the interval that starts at each row, shape (n, n_jets).
             outside_wrench: of that interval, shape (n, 6); None: zero.
+            onsets_s: of the commands, shape (n, n_jets); None: these are levels.
 
         Returns:
             The number of the last row.
@@ -150,12 +165,15 @@ class TelemetrySource(LeafSystem):
         held = self._held(context)
         if outside_wrench is None:
             outside_wrench = np.zeros((time_s.size, 6))
+        if onsets_s is None:
+            onsets_s = np.full(commands.shape, np.nan)
         rows = ServedRows(
             held.next,
             np.concatenate([held.time_s[-1:], time_s]),
             {name: np.vstack([kept[-1:], readings[name]]) for name, kept in held.readings.items()},
             np.vstack([held.commands[-1:], commands]),
             np.vstack([held.outside_wrench[-1:], outside_wrench]),
+            np.vstack([held.onsets_s[-1:], onsets_s]),
         )
         self._hold(context, rows)
         return rows.next - 1

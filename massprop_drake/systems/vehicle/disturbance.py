@@ -11,7 +11,7 @@ from pydrake.systems.framework import LeafSystem_
 
 from massprop_drake.maths.kernels import value_of
 from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, deviation_before, disturbed, next_deviation
-from massprop_drake.maths.vehicle.rigid_body import N_WRENCH
+from massprop_drake.maths.vehicle.reaction_jets import profile_size
 from massprop_drake.systems.caching import state_of
 from massprop_drake.systems.layouts import STRUCTURE
 from massprop_drake.systems.parameters import Named, Parameters
@@ -53,7 +53,7 @@ def Disturbance_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             model: mean, size and correlation; its deviation before the start counts where no seed is given.
             period_s: sample period, s.
             stepped: whether the body is stepped, and so asks for the coming sample.
-            n_lags: of the jets' profile.
+            n_lags, pieces: of the jets' profile.
             seed: of the run, which draws the deviation before the start; None: that of the model.
 
         Attributes:
@@ -67,15 +67,16 @@ def Disturbance_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             period_s: float,
             stepped: bool,
             n_lags: int = 0,
+            pieces: int = 1,
             seed: int | None = None,
             converter: Any = None,
         ) -> None:
             LeafSystem_[T].__init__(self, converter)
             self.set_name("disturbance")
-            self._made = {"period_s": period_s, "stepped": stepped, "n_lags": n_lags, "seed": seed}
-            self._model, self._stepped, self._seed = model, stepped, seed
+            self._made = {"period_s": period_s, "stepped": stepped, "n_lags": n_lags, "pieces": pieces, "seed": seed}
+            self._model, self._stepped, self._pieces, self._seed = model, stepped, pieces, seed
             self.parameters = Parameters(self, T, {"mean": Named(model.mean, _AXES), "std": Named(model.std, _AXES)})
-            size = N_WRENCH * (1 + n_lags)
+            size = profile_size(n_lags, pieces)
             self._jets = self.DeclareVectorInputPort("jets", size)
             self._structure = self.DeclareVectorInputPort("structure", STRUCTURE.size)
             self._noise = self.DeclareVectorInputPort("noise", 6, RandomDistribution.kGaussian)
@@ -107,7 +108,7 @@ def Disturbance_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             deviation = self._coming(context) if self._stepped else self._held(context)
             center = STRUCTURE.read(self._structure.Eval(context)).center_of_mass
             total = self.parameters.get(context).mean + deviation
-            output.SetFromVector(disturbed(self._jets.Eval(context), total, center))
+            output.SetFromVector(disturbed(self._jets.Eval(context), total, center, self._pieces))
 
         def _update(self, context: Any, state: Any) -> None:
             state.set_value(np.append(self._coming(context), T(1.0)))

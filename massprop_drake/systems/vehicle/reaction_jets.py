@@ -8,14 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import LeafSystem_
 
-from massprop_drake.maths.kernels import chosen, held, value_of
+from massprop_drake.maths.kernels import chosen, held, released, value_of
 from massprop_drake.maths.vehicle import ports
 from massprop_drake.maths.vehicle.ports import Jets
 from massprop_drake.maths.vehicle.reaction_jets import (
+    LevelCourse,
     Thrusters,
     drawn_factors,
     jets_params,
+    level_course,
     level_now,
+    profile_by_pieces,
+    profile_size,
     thrusters,
     true_wrenches,
 )
@@ -49,6 +53,9 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 of the one that ended. Required.
             closed (in, n_jets), held_closed (in, n_jets): 1 for each jet whose manifold is closed over the
                 coming and over the running sample. Optional.
+            command_onset (in, n_jets), held_command_onset (in, n_jets), where samples have pieces: how long after the
+                beginning of the coming and of the running sample each jet opens, s, see `maths.vehicle.on_times`.
+                Required as the commands are.
             seed (in, 1): varies the seed of thrust dispersion and intermittent failures, see `noise_seed`. Optional.
             structure (in, 9, planar alone): see `RigidBodyPlant`. Required.
             thrust (out, n_jets): mean force over the coming sample, lbf or N, along each jet's direction.
@@ -56,19 +63,19 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 instant; for a continuous plant.
             wrench_profile (out, 7 (1 + n_classes)): for a stepped plant: the wrench that the coming sample
                 tends to, then for each time constant the part that dies away with it; see
-                `maths.rigid_body.step`.
+                `maths.rigid_body.step`. Where samples have pieces, this for each, after its length, s.
 
         Parameters: thrust_factor (0 to n_jets - 1), of the nominal thrust of each jet; thrust_dispersion, the relative
         1-sigma of a further factor, which the seed draws for each jet. A jet's thrust is the product of the three.
 
         State: level (n_jets) at the last update's sample, where thrust lags; time of that update, s. None when all
-        thrust is instantaneous and nothing fails.
+        thrust is instantaneous, nothing fails, and jets open and close with samples.
 
         Timing: after the update at t_k the state holds the level at t_k, reached under the command of
         [t_k-1, t_k).
 
-        Scalars: float, AutoDiffXd and Expression, but for intermittent failures. Time constants are no parameters: they
-        shape the profile.
+        Scalars: float, AutoDiffXd and Expression, but for intermittent failures and samples of pieces. Time constants
+        are no parameters: they shape the profile.
 
         Args:
             wrenches: torque about the vehicle origin, force, mass flow at nominal thrust, shape (n_jets, 7).
@@ -78,6 +85,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             failures: as `maths.vehicle.true_failures` has them, with the force of a leak as its amount, lbf or N.
             thrusts: nominal thrust of each jet, lbf or N, shape (n_jets,); default the size of its force.
             planar: whether a floor carries the vehicle, see `maths.vehicle.reaction_jets.true_wrenches`.
+            pieces: the most that a sample has, as jets open and close within it; 1: they do not.
             seed: of the run.
             compiled: whether its kernels are.
 
@@ -85,7 +93,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             parameters: those in a context, by name.
 
         Raises:
-            InputError: in a conversion of jets that fail intermittently.
+            InputError: in a conversion of jets that fail intermittently, or that open within a sample.
         """
 
         def _construct(
@@ -98,6 +106,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             failures: tuple[Failure, ...] = (),
             thrusts: Array | None = None,
             planar: bool = False,
+            pieces: int = 1,
             seed: int = 0,
             compiled: bool = False,
             converter: Any = None,
@@ -112,6 +121,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 "failures": failures,
                 "thrusts": thrusts,
                 "planar": planar,
+                "pieces": pieces,
                 "seed": seed,
                 "compiled": compiled,
             }
@@ -124,7 +134,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             self._n_jets, self._seed, self._failures = n_jets, seed, failures
             self._time_constants_s = time_constants_s
             self._instantaneous = self._nominal.lag.instantaneous
-            self._period_s = period_s
+            self._period_s, self._pieces = period_s, pieces
             self.parameters = Parameters(
                 self,
                 T,
@@ -139,13 +149,18 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             closed = self._closed = self.DeclareVectorInputPort("closed", n_jets)
             held_closed = self._held_closed = self.DeclareVectorInputPort("held_closed", n_jets)
             varied = self._varied = self.DeclareVectorInputPort("seed", 1)
+            switching = [before, held_closed]
+            if pieces > 1:
+                self._onset = self.DeclareVectorInputPort("command_onset", n_jets)
+                self._held_onset = self.DeclareVectorInputPort("held_command_onset", n_jets)
+                switching.append(self._held_onset)
             of_jets = {self.parameters.ticket, self.input_port_ticket(varied.get_index())}
             if planar:
                 self._structure = self.DeclareVectorInputPort("structure", STRUCTURE.size)
                 of_jets.add(self.input_port_ticket(self._structure.get_index()))
             self._jets = Cached(self, "jets", self._compute_jets, of_jets)
-            self._remembers = bool(failures) or not self._instantaneous
-            running = {self.input_port_ticket(port.get_index()) for port in (before, held_closed, varied)}
+            self._remembers = bool(failures) or pieces > 1 or not self._instantaneous
+            running = {self.input_port_ticket(port.get_index()) for port in (*switching, varied)}
             running |= {self._jets.ticket, self.time_ticket()}
             if self._remembers:
                 state = np.append(np.zeros(0 if self._instantaneous else n_jets), -period_s)
@@ -154,14 +169,15 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 running.add(self.xd_ticket())
             # `wrench` must not depend on `command`: with a continuous plant that would close an algebraic
             # loop through the sensors and the autopilot
-            coming = running | {self.input_port_ticket(port.get_index()) for port in (command, closed)}
+            ahead = [command, closed, *([self._onset] if pieces > 1 else [])]
+            coming = running | {self.input_port_ticket(port.get_index()) for port in ahead}
             self._coming = Cached(self, "thrust", self._compute, coming)
             coming = {self._coming.ticket}
             self.DeclareVectorOutputPort("thrust", n_jets, self._calc_thrust, prerequisites_of_calc=coming)
             self.DeclareVectorOutputPort("wrench", N_WRENCH, self._calc_wrench, prerequisites_of_calc=running)
             self.DeclareVectorOutputPort(
                 "wrench_profile",
-                N_WRENCH * (1 + len(self.lag_time_constants_s)),
+                profile_size(len(self.lag_time_constants_s), pieces),
                 self._calc_profile,
                 prerequisites_of_calc=coming,
             )
@@ -174,6 +190,8 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 [f"has a jet that fails intermittently (index {chance[0]})"] if chance else [],
                 "leave the intermittent failures out",
             )
+            within = ["has jets that open within a sample"] if other._pieces > 1 else []
+            refuse(T, f"'{other.get_name()}'", within, "let them open and close with samples")
             Nozzles._construct(self, converter=converter, **other._made)
 
         @property
@@ -212,13 +230,39 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             began_s = state_of(context)[-1] if self._failures else 0.0
             return self._shown(self._held, self._held_closed, began_s, context)
 
+        def _course(self, told: tuple[Any, Any, Any], since_s: float, level: Any, context: Any) -> LevelCourse:
+            """Levels over a sample of pieces, by the ports of command, onset and closed, and when it began."""
+            command, onset, shut = (port.Eval(context) if port.HasValue(context) else _NONE for port in told)
+            shut = np.zeros(self._n_jets) if shut is _NONE else shut
+            sample = round(since_s / self._period_s)
+            strikes = struck(self._failures, sample, self._period_s, self._seed_in(context))
+            _, jets = self._jets.get(context)
+            failing = released(jets).failures, strikes
+            return level_course(
+                level, (command, onset, shut), (since_s, self._period_s), failing, self._time_constants_s
+            )
+
+        def _held_course(self, context: Any) -> LevelCourse:
+            """Levels over the sample that the last update began."""
+            state = state_of(context)
+            level = np.zeros(self._n_jets) if self._instantaneous else state[:-1]
+            told = (self._held, self._held_onset, self._held_closed)
+            return self._course(told, float(state[-1]), level, context)
+
         def _level_now(self, context: Any) -> Any:
             """Level at this sample, before the update: a period after the level in the state."""
+            if self._pieces > 1:
+                return self._held_course(context).end
             jets, _ = self._jets.get(context)
             return level_now(state_of(context)[:-1], self._held_target(context), jets)
 
         def _compute(self, context: Any) -> Any:
             """Mean forces, then the wrench profile, over the coming sample."""
+            if self._pieces > 1:
+                told, thrusters_now = (self._command, self._onset, self._closed), self._jets.get(context)[0]
+                over = self._course(told, context.get_time(), self._level_now(context), context)
+                profile = profile_by_pieces(over, thrusters_now, self._pieces)
+                return np.append(thrusters_now.forces * over.mean, profile)
             coming = self._shown(self._command, self._closed, context.get_time(), context)
             _, jets = self._jets.get(context)
             level = coming if self._instantaneous else self._level_now(context)  # of no effect where no jet lags
@@ -228,12 +272,24 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             output.SetFromVector(self._coming.get(context)[: self._n_jets])
 
         def _calc_wrench(self, context: Any, output: Any) -> None:
-            reached, (jets, _) = self._held_target(context), self._jets.get(context)
-            if not self._instantaneous:
-                state = state_of(context)
-                elapsed_s = context.get_time() - state[-1]
-                reached = level_at(state[:-1], reached, self._time_constants_s, elapsed_s)
+            jets, _ = self._jets.get(context)
+            if self._pieces > 1:
+                reached = self._level_within(context)
+            else:
+                reached = self._held_target(context)
+                if not self._instantaneous:
+                    state = state_of(context)
+                    elapsed_s = context.get_time() - state[-1]
+                    reached = level_at(state[:-1], reached, self._time_constants_s, elapsed_s)
             output.SetFromVector(reached @ jets.wrenches)
+
+        def _level_within(self, context: Any) -> Any:
+            """Level at an instant of a sample of pieces; at an edge, the one before it."""
+            over, elapsed_s = self._held_course(context), context.get_time() - state_of(context)[-1]
+            ends_s = np.cumsum(over.lengths_s)
+            piece = min(int(np.searchsorted(ends_s, elapsed_s)), ends_s.size - 1)
+            since_s = elapsed_s - (ends_s[piece] - over.lengths_s[piece])
+            return level_at(over.begins[piece], over.targets[piece], self._time_constants_s, since_s)
 
         def _calc_profile(self, context: Any, output: Any) -> None:
             output.SetFromVector(self._coming.get(context)[self._n_jets :])

@@ -15,6 +15,7 @@ from massprop_drake.maths.linear_algebra import is_positive_definite
 from massprop_drake.maths.mass_properties import MassProperties, Spread, six_elements, symmetric
 from massprop_drake.maths.vehicle import ports, rigid_body
 from massprop_drake.maths.vehicle.ports import Motion
+from massprop_drake.maths.vehicle.reaction_jets import profile_size
 from massprop_drake.maths.vehicle.rigid_body import (
     MASS,
     N_STATE,
@@ -71,6 +72,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             properties: mass properties at the start, the parameters' defaults.
             time_step: 0 for a continuous plant; positive, s: steps of this length.
             lag_time_constants_s: of the profile's dying parts, s.
+            pieces: of the profile, see `ReactionJets`.
             initial_rate: rad/s, body axes, shape (3,).
             jumps: of the mass properties.
             period_s: sample period, s; needed with jumps.
@@ -92,6 +94,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             *,
             time_step: float,
             lag_time_constants_s: tuple[float, ...] = (),
+            pieces: int = 1,
             initial_rate: Array | None = None,
             jumps: tuple[Jump, ...] = (),
             period_s: float = 0.0,
@@ -102,11 +105,11 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
         ) -> None:
             LeafSystem_[T].__init__(self, converter)
             self.set_name("rigid_body")
-            self._made = (properties, time_step, lag_time_constants_s, initial_rate, jumps, period_s, compiled)
+            self._made = (properties, time_step, lag_time_constants_s, pieces, initial_rate, jumps, period_s, compiled)
             self._spread, self._seed = spread, seed
             self._time_step = time_step
             self._compiled = compiled and T is float and time_step != 0.0
-            motion = Motion(np.array(lag_time_constants_s, dtype=float), time_step)
+            motion = Motion(np.array(lag_time_constants_s, dtype=float), time_step, pieces)
             self._kernel, self._held = chosen(ports.stepped, self._compiled), held(motion, self._compiled)
             self.parameters = Parameters(
                 self,
@@ -132,7 +135,8 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 self._wrench = self.DeclareVectorInputPort("wrench", N_WRENCH)
                 self._state = self.DeclareContinuousState(vector)
             else:
-                self._wrench = self.DeclareVectorInputPort("wrench_profile", N_WRENCH * (1 + len(lag_time_constants_s)))
+                size = profile_size(len(lag_time_constants_s), pieces)
+                self._wrench = self.DeclareVectorInputPort("wrench_profile", size)
                 self._state = self.DeclareDiscreteState(vector)
                 self.DeclarePeriodicDiscreteUpdateEvent(period_sec=time_step, offset_sec=0.0, update=self._update)
             self._jumps = rigid_body.jumps_by_sample(jumps, period_s) if jumps else {}
@@ -158,7 +162,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             refuse(T, f"plant '{other.get_name()}'", steps, "set plant.time_step: 0")
             chance = ["has mass properties that are drawn"] if other._spread is not None else []
             refuse(T, f"plant '{other.get_name()}'", chance, "leave out plant.dispersion, and set its parameters")
-            names = ("time_step", "lag_time_constants_s", "initial_rate", "jumps", "period_s", "compiled")
+            names = ("time_step", "lag_time_constants_s", "pieces", "initial_rate", "jumps", "period_s", "compiled")
             made = dict(zip(names, other._made[1:], strict=True))
             Plant._construct(self, properties, converter=converter, **made)
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from joint_probe import PERIOD, central_differences, small_params, some_sample, some_state, unread
+from joint_probe import PERIOD, central_differences, elapsed, small_params, some_sample, some_state, unread
 
 from massprop_drake.maths.estimation.joint import bank as banks
 from massprop_drake.maths.estimation.joint.bank import Bank, averaging, onset_of, output_rows
@@ -15,7 +15,7 @@ from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import outputs, rate_read, readings
 from massprop_drake.maths.estimation.joint.prediction import predict
 from massprop_drake.maths.estimation.joint.sensitivity import Link, carried, corrected, link
-from massprop_drake.maths.estimation.joint.ticks import Pace, elapsed, stamped, started
+from massprop_drake.maths.estimation.joint.ticks import Pace, stamped, started
 from massprop_drake.maths.linear_algebra import Array
 
 PARAMS = small_params(second_order=False, flows=np.zeros(6))

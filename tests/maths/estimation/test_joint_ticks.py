@@ -6,8 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from joint_probe import small_params, some_state, unread
+from joint_probe import elapsed, small_params, some_state, unread
 
+from massprop_drake.maths.estimation.joint import ticks
 from massprop_drake.maths.estimation.joint.cycle import initial
 from massprop_drake.maths.estimation.joint.impulses import fire
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
@@ -17,11 +18,11 @@ from massprop_drake.maths.estimation.joint.ticks import (
     JITTER,
     PERIOD,
     Clock,
+    Commanded,
     Elapsed,
     Pace,
     Timing,
     bridged,
-    elapsed,
     stamped,
     started,
 )
@@ -315,3 +316,73 @@ def test_a_long_gap_begins_anew_and_so_does_the_interval_after_it() -> None:
     assert interval.anew
     clock, interval = elapsed(clock, 10.3 + 2 * T, (A, A), PACE)
     assert not interval.anew
+
+
+# ---------------------------------------------------------------- jets that open within a sample
+
+
+def opening(*told: tuple[list[float], list[float]]) -> list[Commanded]:
+    return [Commanded(np.array(command), np.array(onset_s)) for command, onset_s in told]
+
+
+def test_a_jet_that_opens_within_a_sample_cuts_the_interval() -> None:
+    first, second = opening(([0.5, 1.0], [0.01, 0.0]), ([0.25, 0.0], [0.0, 0.0]))
+    clock, interval = ticks.elapsed(started(0.0, C), T, (first, second), PACE)
+    np.testing.assert_allclose(interval.durations_s, [0.01, 0.04, 0.03], rtol=1e-12)
+    np.testing.assert_array_equal(interval.commands, [[0, 1], [1, 1], [0, 1]])
+    assert not interval.timing.off
+    np.testing.assert_array_equal(clock.earlier_onset_s, first.onset_s)
+    _, late = ticks.elapsed(clock, 2.4 * T, (second, first), Pace(T, at_stamps=True))
+    np.testing.assert_allclose(late.durations_s, [0.02, 0.092], rtol=1e-12)  # shut once the on-time is over
+    np.testing.assert_array_equal(late.commands, [[1, 0], [0, 0]])
+
+
+def test_where_stamps_are_off_their_ticks_edges_stay_where_the_ticks_have_them() -> None:
+    exact = started(0.0, C)._replace(off=True, acted=1.0)
+    first, second, third = opening(([0.5, 0.0], [0.01, 0.0]), ([0.5, 1.0], [0.001, 0.0]), ([0.0, 0.25], [0.0, 0.059]))
+    after, interval = ticks.elapsed(exact, T + 0.002, (first, second), PACE)
+    np.testing.assert_allclose(interval.durations_s, [0.01, 0.04, 0.03, 0.001, 0.001], atol=1e-9)
+    np.testing.assert_array_equal(interval.commands, [[0, 0], [1, 0], [0, 0], [0, 1], [1, 1]])
+    after, interval = ticks.elapsed(after, 2.0 * T - 0.001, (second, third), PACE)
+    np.testing.assert_allclose(interval.durations_s, [0.039, 0.038], atol=1e-9)
+    np.testing.assert_array_equal(interval.commands, [[1, 1], [0, 1]])
+    _, interval = ticks.elapsed(after, 3.0 * T - 0.001, (third, third), PACE)
+    np.testing.assert_allclose(interval.durations_s, [0.001, 0.059, 0.02], atol=1e-9)
+    np.testing.assert_allclose(interval.commands, [[0, 1], [0, 0], [0, 1]], atol=1e-8)
+
+
+def test_edges_go_with_their_ticks() -> None:
+    """Derivatives of impulses by offset and period error, against records whose ticks are elsewhere."""
+    params = small_params(tick_sigma=SIGMA, second_order=False)
+    drawn = np.random.default_rng(3)
+    told = [np.where(drawn.random(6) < 0.6, drawn.uniform(0.1, 0.5, 6), 0.0) for _ in range(3)]
+    commands = [Commanded(each, 0.3 * T * drawn.random(6)) for each in told]
+    clock = started(0.0, np.zeros(6))._replace(off=True, covariance=np.diag((0.1 * SIGMA) ** 2))
+    clock, _ = ticks.elapsed(clock, T - 3e-4, (commands[0], commands[1]), PACE)
+    _, interval = ticks.elapsed(clock, 2.0 * T + 4e-4, (commands[1], commands[2]), PACE)
+    state = some_state(params)
+    state = state._replace(tick_slope=np.zeros_like(state.tick_slope))
+
+    def acts(theta: Array) -> tuple[Array, Array]:
+        mean = state.mean.copy()
+        mean[THETA] += theta
+        found = drive(
+            state._replace(mean=mean), interval.durations_s, interval.commands, np.zeros(6), interval.timing, params
+        )
+        return found.firing.amount, SIGMA[:, None] * found.by_ticks
+
+    slopes = acts(np.zeros(2))[1]
+    shifts = interval.timing.numbers[2:]
+    assert interval.timing.edges.shape[1] == 2 + shifts.size
+    for column, step in enumerate(0.1 * np.eye(2)):
+        difference = (acts(step)[0] - acts(-step)[0]) / 0.2
+        np.testing.assert_allclose(slopes[column], difference, rtol=1e-6, atol=1e-12)
+    # the same by moving every edge of the pieces by what its tick moves
+    levels, none = (np.zeros(6), np.zeros(6), np.zeros(6)), np.zeros((0, interval.timing.edges.shape[1]))
+    constants, late_s, by_edges = params.time_constants_s, 1e-6, interval.timing.edges.sum(axis=1)
+    early, later = (
+        fire(levels, constants, interval.durations_s + shift * by_edges, interval.commands, none)
+        for shift in (-late_s, late_s)
+    )
+    exact = fire(levels, constants, interval.durations_s, interval.commands, interval.timing.edges)
+    np.testing.assert_allclose(exact.by_tick.sum(axis=0), (later.amount - early.amount) / (2 * late_s), atol=1e-6)

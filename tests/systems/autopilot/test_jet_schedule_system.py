@@ -63,3 +63,18 @@ def test_the_table_is_copied() -> None:
 def test_what_is_no_table_of_commands_is_refused(commands: np.ndarray, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         JetSchedule(commands, period_s=PERIOD_S)
+
+
+def test_onsets_are_played_back_beside_the_commands() -> None:
+    onsets_s = np.array([[np.nan, 0.0], [0.01, 0.0], [0.0, 0.02]])
+    dut = JetSchedule(TABLE, period_s=PERIOD_S, onsets_s=onsets_s)
+    assert outputs(dut) == {"command": 2, "held_command": 2, "command_onset": 2, "held_command_onset": 2}
+    assert feedthrough(dut)["held_command_onset"] == set()
+    context, before = dut.CreateDefaultContext(), np.full(2, np.nan)
+    for row in (*onsets_s, np.full(2, np.nan)):
+        np.testing.assert_array_equal(dut.GetOutputPort("command_onset").Eval(context), row)
+        np.testing.assert_array_equal(dut.GetOutputPort("held_command_onset").Eval(context), before)
+        before = row
+        advance(dut, context)
+    with pytest.raises(ValueError, match=r"onsets must be a table like that of commands, \(3, 2\), got shape \(2, 2\)"):
+        JetSchedule(TABLE, period_s=PERIOD_S, onsets_s=onsets_s[:2])

@@ -51,10 +51,11 @@ from massprop_drake.maths.estimation.joint.orientation import STILL, UNTURNED, s
 from massprop_drake.maths.estimation.joint.quantized import DITHER, FLOOR
 from massprop_drake.maths.estimation.joint.start import Kept, Start
 from massprop_drake.maths.estimation.joint.thrust_scale import reported
-from massprop_drake.maths.estimation.joint.ticks import CLOCK, Clock, Elapsed, Pace
+from massprop_drake.maths.estimation.joint.ticks import CLOCK, Clock, Commanded, Elapsed, Pace
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array, triangular_rows
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, N_ROTATION
+from massprop_drake.maths.vehicle.on_times import Place, pieces, told_onsets
 
 GROUP = "joint_estimator"  # its part of a saved state
 _DITHERED = 0.25  # of a quantum: noise from which on a reading dithers itself
@@ -79,11 +80,13 @@ class JointFilterParams(NamedTuple):
         joint: see `JointParams`.
         period_s: sample period, s.
         at_stamps: see `ticks.Pace`.
+        opens_at: see `Setup`.
     """
 
     joint: JointParams
     period_s: float
     at_stamps: bool = False
+    opens_at: Place | None = None
 
 
 class JointFilterState(NamedTuple):
@@ -184,7 +187,7 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
         from massprop_drake.maths.estimation.whole_joint import with_compiled  # noqa: PLC0415 (which knows this filter)
 
         joint = with_compiled(joint)
-    return JointFilterParams(joint, setup.period_s, block.switching == "stamps")
+    return JointFilterParams(joint, setup.period_s, block.switching == "stamps", setup.opens_at)
 
 
 def _chosen(one: float | None, each: Array) -> Array:
@@ -347,13 +350,20 @@ def _made(
     state: JointFilterState, readings: tuple[np.ndarray, np.ndarray], told: Told, params: JointFilterParams
 ) -> Cycle:
     pace, before = Pace(params.period_s, params.at_stamps), state.joint
+    place, period_s = params.opens_at, params.period_s
+    now = Commanded(told.command, told_onsets(told.command, told.onset_s, place, period_s))
     if before.started:
-        clock, interval = ticks.elapsed(state.clock, told.stamp_s, (told.command, told.coming), pace)
+        coming = None
+        if told.coming is not None:
+            coming = Commanded(told.coming, told_onsets(told.coming, told.coming_onset_s, place, period_s))
+        clock, interval = ticks.elapsed(state.clock, told.stamp_s, (now, coming), pace)
         if np.isnan(interval.commands).all(axis=1).any() and not _all_read(readings):
             interval, clock = interval._replace(anew=True), clock._replace(lost=True)  # until all are read again
     else:
-        clock = ticks.started(told.stamp_s, told.command)
-        interval = ticks.Elapsed(np.array([pace.period_s]), told.command.reshape(1, -1), ticks.on_ticks(), False)
+        clock = ticks.begun(told.stamp_s, now)
+        interval = ticks.Elapsed(
+            *pieces(*now, pace.period_s, (0.0, pace.period_s)), timing=ticks.on_ticks(), anew=False
+        )
     outside = told.outside_wrench * float(interval.durations_s.sum())
     seen = _attitudes(state, interval, (readings[0], told.tracked), params.joint)
     sample = Sample(told.time_s, interval.durations_s, interval.commands, outside, *readings, interval.timing, *seen)
@@ -524,7 +534,7 @@ def restored(groups: Groups, params: JointFilterParams) -> JointFilterState:
     told = joint._replace(read=joint.read[~np.isnan(joint.read)])
     if abs(float(state.frame @ state.frame) - 1.0) > _UNIT:
         raise ValueError(f"{GROUP}: the shared attitude must be a unit quaternion")
-    if not all(np.isfinite(part).all() for part in (*told, *clock[:-1])):
+    if not all(np.isfinite(part).all() for part in (*told, *clock[:-2])):
         raise ValueError(f"{GROUP}: only commands and readings may be missing")
     if not np.isin(joint.fresh, (0.0, 1.0)).all() or (np.isnan(joint.read) & (joint.fresh > 0.0)).any():
         raise ValueError(f"{GROUP}: fresh must be 0 or 1, and 0 where no reading is kept")

@@ -35,6 +35,7 @@ from massprop_drake.maths.estimation.pose.setting import make_params as params_o
 from massprop_drake.maths.estimation.pose.turning import rotation_vectors
 from massprop_drake.maths.linear_algebra import Array, nonzero
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
+from massprop_drake.maths.vehicle.on_times import Place, pieces, told_onsets
 
 GROUP = "pose_estimator"  # its part of a saved state
 _ROUNDING = 1e-9  # of the largest variance, by which one may seem negative
@@ -68,6 +69,8 @@ class PoseFilterParams(NamedTuple):
         nominal: the ten nominal parameters, which these have, shape (10,).
         hypotheses: whether the filter carries those of a detector.
         poses, velocities: numbers of sensors in a fixed frame.
+        period_s: sample period, s.
+        opens_at: see `Setup`.
     """
 
     pose: PoseParams
@@ -76,6 +79,8 @@ class PoseFilterParams(NamedTuple):
     hypotheses: bool
     poses: int
     velocities: int
+    period_s: float
+    opens_at: Place | None
 
 
 class PoseFilterState(NamedTuple):
@@ -134,6 +139,8 @@ def make_params(setup: Setup, options: Any) -> PoseFilterParams:
         detects,
         setup.tracking.position_stds.size,
         setup.tracking.velocity_stds.size,
+        period_s=setup.period_s,
+        opens_at=setup.opens_at,
     )
 
 
@@ -177,10 +184,12 @@ def measure(
             return Measurement(state._replace(time_s=now_s), None, told)
         first = start.begun(readings, made)
         tried = _fresh(first, now_s, params)
-        commands = _with(Commands(np.zeros(0), state.commands.levels), now_s, told.coming)
+        commands = _with(
+            Commands(np.zeros(0), state.commands.levels), now_s, (told.coming, told.coming_onset_s), params
+        )
         return Measurement(_reporting(PoseFilterState(tried, commands, now_s, True, *state[4:]), params), None, told)
-    kept = _with(_before(state.commands, state.time_s), state.time_s, told.command)
-    acting = _with(kept, now_s, told.coming)
+    kept = _with(state.commands, state.time_s, (told.command, told.onset_s), params)
+    acting = _with(kept, now_s, (told.coming, told.coming_onset_s), params)
     if nonzero(told.outside_wrench):
         acting = acting._replace(outside=told.outside_wrench)
     tried, done = delays.advanced(state.tried, acting, (state.time_s, now_s), readings, made)
@@ -224,13 +233,27 @@ def _before(commands: Commands, time_s: float) -> Commands:
     return Commands(commands.time_s[:until], commands.levels[:until])
 
 
-def _with(commands: Commands, time_s: float, levels: Array | None) -> Commands:
-    """Commands with those given at a time; where nothing changes they go on, and None says nothing."""
-    if levels is None:
+def _with(
+    commands: Commands, time_s: float, told: tuple[Array | None, Array | None], params: PoseFilterParams
+) -> Commands:
+    """Commands with those given at a time; where nothing changes they go on.
+
+    Args:
+        commands: those before, and others from that time on, which fall away.
+        time_s: when they are given.
+        told: command, None: nothing is said, and its onsets, None: they are not told.
+        params: see `PoseFilterParams`.
+    """
+    command, onset_s = told
+    commands = _before(commands, time_s)
+    if command is None:
         return commands
-    if commands.time_s.size and np.array_equal(commands.levels[-1], levels, equal_nan=True):
-        return commands
-    return Commands(np.append(commands.time_s, time_s), np.vstack((commands.levels, levels)))
+    onset_s = told_onsets(command, onset_s, params.opens_at, params.period_s)
+    lengths_s, levels = pieces(command, onset_s, params.period_s, (0.0, params.period_s))
+    times_s = time_s + np.append(0.0, np.cumsum(lengths_s[:-1]))
+    if commands.time_s.size and np.array_equal(commands.levels[-1], levels[0], equal_nan=True):
+        times_s, levels = times_s[1:], levels[1:]
+    return Commands(np.append(commands.time_s, times_s), np.vstack((commands.levels, levels)))
 
 
 def _trimmed(commands: Commands, since_s: float) -> Commands:

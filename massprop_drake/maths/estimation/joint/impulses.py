@@ -57,7 +57,7 @@ class Firing(NamedTuple):
         variance: of L by the level at the start of the interval, s^2, shape (n_jets,).
         level, slope, level_std: at the end of the interval, shape (n_jets,) each.
         by_level: derivative of L and of the level at the end by that at the start, s and 1, shape (2, n_jets).
-        by_tick: derivative of L by when each of the interval's ticks was, shape (2, n_jets).
+        by_tick: derivative of L by when each of the interval's ticks was, shape (n_ticks, n_jets).
         level_by_tick: of the level at the end, 1/s, likewise.
         commanded: whether any jet was commanded, or may have been.
     """
@@ -120,14 +120,15 @@ def fire(
         time_constants_s: of each jet, zero: no lag, shape (n_jets,).
         durations_s: of the pieces, s, positive, shape (n_pieces,).
         commands: fraction commanded in each, NaN where not known, shape (n_pieces, n_jets).
-        edges: derivative of each duration by when the ticks at the beginning and at the end of the interval were, shape
-            (n_pieces, 2); none: these are known, and what depends on them is zero, shape (0, 2).
+        edges: derivative of each duration by when the ticks were that the pieces go with, shape (n_pieces, n_ticks);
+            none: these are known, and what depends on them is zero, shape (0, n_ticks).
     """
     level, slope, level_std = levels
     amount, amount_slope, deviation = np.zeros(level.shape), np.zeros(level.shape), np.zeros(level.shape)
     anything = np.zeros(level.shape, dtype=np.bool_)
     moments = np.zeros((3,) + level.shape)  # noqa: RUF005 (for numba)
-    by_level, by_tick, level_by_tick = _no_ticks(level), _no_ticks(level), _no_ticks(level)
+    ticks = edges.shape[1]
+    by_level, by_tick, level_by_tick = _rows_like(level, 2), _rows_like(level, ticks), _rows_like(level, ticks)
     by_level[1] = 1.0
     total = 0.0
     commanded = False
@@ -152,7 +153,7 @@ def fire(
         slope = slope * remaining + d * remaining_slope
         level = u + d * remaining
         if edges.shape[0] > 0:
-            longer = edges[piece].reshape(2, 1)
+            longer = edges[piece].reshape(-1, 1)
             by_level[0] += h * mean * by_level[1]
             by_level[1] *= remaining
             by_tick += h * mean * level_by_tick + longer * level
@@ -180,8 +181,8 @@ def fire(
 
 
 @kernel
-def _no_ticks(level: Array) -> Array:
-    return np.zeros((2,) + level.shape)  # noqa: RUF005 (for numba)
+def _rows_like(level: Array, count: int) -> Array:
+    return np.zeros((count,) + level.shape)  # noqa: RUF005 (for numba)
 
 
 class Lingering(NamedTuple):

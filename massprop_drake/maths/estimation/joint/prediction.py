@@ -758,7 +758,7 @@ def _white_noise(mean: Array, acting: Drive, params: JointParams) -> Array:
         effects = effects_of(params.wrenches, mean)
         noise += (effects * variance.reshape(-1, 1)).T @ effects
     if acting.spreads.any():
-        seconds = firing.by_tick * np.sqrt(acting.spreads).reshape(2, 1)
+        seconds = firing.by_tick * np.sqrt(acting.spreads).reshape(-1, 1)
         late = effects_of(seconds @ params.wrenches, mean)
         noise += late.T @ late
     noise[:3, :3] += params.rate_walk**2 * firing.duration_s * _IDENTITY

@@ -25,6 +25,9 @@ sigma, s the reading and z = (s - t^)/sigma, what switches has acted before the 
 and for a random rest of the variance sigma^2 ((z^2 + 1) Phi + z phi - (z Phi + phi)^2 - Phi^2), which counts as noise,
 here and once more in the next interval, to which what is left of that derivative belongs.
 
+*On-times.* Where jets open and close within a sample (`maths.vehicle.on_times`) a command's edges cut its part of the
+interval into further pieces, at times that go with its tick.
+
 Rows that are missing: one or two in a row are bridged. Their command is that of both sides where these are equal and
 the readings bear that out, and else not known (`unknown`). After a longer gap, and over the interval that follows it,
 in which thrust settles, rate and gathered velocity begin anew: nobody knows what happened meanwhile. Where a stamp is
@@ -43,6 +46,7 @@ from massprop_drake.maths.estimation.joint.covariance import updated
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, releveled
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.vehicle.on_times import pieces
 
 _EXACT = 1e-6  # of the period: less is rounding of a stamp
 _NEAR = 0.05  # of the period: by so much a reading may be off so many periods after the one before
@@ -73,7 +77,8 @@ class Clock(NamedTuple):
         scatter: sum of what stamps were off their ticks squared, less what is due to these, s^2.
         seen: number of them.
         lost: whether the last interval was too long to be bridged.
-        earlier: the command up to that tick, NaN where not known, shape (n_jets,).
+        earlier, earlier_onset_s: the command up to that tick, NaN where not known, and its onsets, NaN where it is a
+            level, shape (n_jets,) each.
     """
 
     stamp_s: float
@@ -90,6 +95,7 @@ class Clock(NamedTuple):
     seen: float
     lost: bool
     earlier: Array
+    earlier_onset_s: Array
 
 
 CLOCK = Layout(
@@ -108,6 +114,7 @@ CLOCK = Layout(
     seen=NUMBER,
     lost=FLAG,
     earlier="jets",
+    earlier_onset_s="jets",
 )
 
 
@@ -119,11 +126,12 @@ class Timing(NamedTuple):
         anew: whether a line of ticks begins: nothing is known of it.
         late_s: the stamp at the end of the interval less its tick of the line.
         jitter: variance of a stamp about its tick, s^2.
-        numbers: k of the ticks at the beginning and at the end of the interval, shape (2,).
-        edges: see `impulses.fire`, shape (n_pieces, 2); none where not off.
-        beyond_s: by how much these ticks are later than where the pieces have them, shape (2,).
-        shares: of the derivative by each tick that belongs to this interval, shape (2,).
-        spreads: variance of each tick that is not linear in it, s^2, shape (2,).
+        numbers: k of the ticks at the beginning and at the end of the interval, and of those with which edges go at
+            which jets open or close within a sample, shape (2 + any,).
+        edges: see `impulses.fire`, shape (n_pieces, 2 + any); none where not off.
+        beyond_s: by how much these ticks are later than where the pieces have them, in that shape.
+        shares: of the derivative by each tick that belongs to this interval, likewise.
+        spreads: variance of each tick that is not linear in it, s^2, likewise.
         about_s: offset and period error at which both are taken, shape (2,).
     """
 
@@ -169,8 +177,10 @@ def started(stamp_s: float, command: Array) -> Clock:
         stamp_s: of the reading.
         command: up to it, shape (n_jets,).
     """
+    level, none = np.full(command.size, np.nan), np.zeros(2)
+    covariance = np.zeros((2, 2))
     return Clock(
-        stamp_s, stamp_s, 0.0, False, np.zeros(2), np.zeros((2, 2)), stamp_s, 0.0, 0.0, 0.0, 0.0, 0.0, False, command
+        stamp_s, stamp_s, 0.0, False, none, covariance, stamp_s, 0.0, 0.0, 0.0, 0.0, 0.0, False, command, level
     )
 
 
@@ -186,6 +196,13 @@ class Pace(NamedTuple):
     at_stamps: bool = False
 
 
+class Commanded(NamedTuple):
+    """What jets are told for a sample: command and onsets, see `maths.vehicle.on_times`, shape (n_jets,) each."""
+
+    command: Array
+    onset_s: Array
+
+
 def bridged(clock: Clock, stamp_s: float, commands: tuple[Array, Array | None], pace: Pace) -> Array:
     """The command of the row before: where it is not known, that of both sides if these are equal, shape (n_jets,).
 
@@ -199,27 +216,29 @@ def bridged(clock: Clock, stamp_s: float, commands: tuple[Array, Array | None], 
     return told
 
 
-def elapsed(clock: Clock, stamp_s: float, commands: tuple[Array, Array | None], pace: Pace) -> tuple[Clock, Elapsed]:
+def elapsed(
+    clock: Clock, stamp_s: float, commands: tuple[Commanded, Commanded | None], pace: Pace
+) -> tuple[Clock, Elapsed]:
     """What happened from the last reading to this one, and the clock then.
 
     Args:
         clock: after the last reading.
         stamp_s: of this one, later.
-        commands: of the row before, NaN where not known, and of this row, None: not known yet, shape (n_jets,) each.
+        commands: of the row before, NaN where not known, and of this row, None: not known yet.
         pace: see `Pace`.
     """
     (told, coming), (period_s, at_stamps) = commands, pace
     length = stamp_s - clock.stamp_s
     short = length <= _LONGEST * period_s
     if on_time(clock, stamp_s, period_s):
-        after = started(stamp_s, told)
-        return after, Elapsed(np.array([period_s]), told.reshape(1, -1), on_ticks(), clock.lost)
+        whole = pieces(*told, period_s, (0.0, period_s))
+        return begun(stamp_s, told), Elapsed(*whole, on_ticks(), clock.lost)
     passed = max(round(length / period_s), 1)
     off_ticks = abs(length - passed * period_s)
     near = off_ticks <= _NEAR * period_s * (1.0 + _EXACT) and (clock.off or off_ticks > _EXACT * period_s)
     if at_stamps or not (short and near):
-        after = started(stamp_s, told)._replace(lost=not short)
-        return after, Elapsed(np.array([length]), told.reshape(1, -1), on_ticks(), clock.lost or not short)
+        after = begun(stamp_s, told)._replace(lost=not short)
+        return after, Elapsed(*pieces(*told, period_s, (0.0, length)), on_ticks(), clock.lost or not short)
     sigma_s = period_s * np.array([JITTER, PERIOD])
     line = clock if clock.off else clock._replace(covariance=np.diag(sigma_s**2))
     jitter = max(_SEEN * sigma_s[0] ** 2 + line.scatter, _LEAST * sigma_s[0] ** 2) / (_SEEN + line.seen)
@@ -229,8 +248,13 @@ def elapsed(clock: Clock, stamp_s: float, commands: tuple[Array, Array | None], 
         variance = float(row @ now.covariance @ row)
         acted_s, acted, spread = _before_reading(stamp_s - now.at_s, math.sqrt(max(variance, 0.0)))
         now = now._replace(rest_s=now.rest_s + acted_s, acted=acted, spread=spread)
-    now = now._replace(earlier=told)
+    now = now._replace(earlier=told.command, earlier_onset_s=told.onset_s)
     return now, Elapsed(*_pieces(clock, now, coming, jitter, period_s), clock.lost)
+
+
+def begun(stamp_s: float, told: Commanded) -> Clock:
+    """`started` with the onsets of the command up to it."""
+    return started(stamp_s, told.command)._replace(earlier_onset_s=told.onset_s)
 
 
 def _stamped(clock: Clock, stamp_s: float, since: tuple[int, float], sigma_s: Array, jitter: float) -> Clock:
@@ -279,13 +303,14 @@ def _before_reading(late_s: float, sigma_s: float) -> tuple[float, float, float]
 
 
 def _pieces(
-    before: Clock, now: Clock, coming: Array | None, jitter: float, period_s: float
+    before: Clock, now: Clock, coming: Commanded | None, jitter: float, period_s: float
 ) -> tuple[Array, Array, Timing]:
     """The pieces of an interval whose ticks are off its readings, with what they have to do with these."""
     about_s = now.about_s
     moved_s = (before.tick_s + about_s[0] + about_s[1] * before.number) - before.at_s
     rest_s, margin_s = before.rest_s + (1.0 - before.acted) * moved_s, _EDGE * period_s
-    begins = before.acted < 1.0 and not np.array_equal(before.earlier, now.earlier, equal_nan=True)
+    earlier, told = (Commanded(one.earlier, one.earlier_onset_s) for one in (before, now))
+    begins = before.acted < 1.0 and not all(map(_same, earlier, told))
     ends = now.acted > 0.0
     true_s = np.array([before.stamp_s + rest_s, now.at_s - now.rest_s])  # of the share that counts in this interval
     put_s = true_s.copy()
@@ -293,27 +318,43 @@ def _pieces(
     put_s[1] = min(max(true_s[1], put_s[0] + margin_s), now.stamp_s - margin_s)
     which = np.flatnonzero([begins, ends])
     times_s = np.concatenate(([before.stamp_s], put_s[which], [now.stamp_s]))
-    acting = [now.earlier]
+    begin_s = before.tick_s + about_s[0] + about_s[1] * before.number
+    acting = [(told, begin_s, before.number)]  # since when each has been in force, and which tick that is
     if begins:
-        acting = [before.earlier, *acting]
+        acting = [(earlier, begin_s - period_s, before.number - 1.0), *acting]
     if ends:
         assert coming is not None, "nothing has acted of what is not known"
-        acting = [*acting, coming]
-    edges = np.zeros((times_s.size, 2))
-    edges[1 + np.arange(which.size), which] = 1.0
+        acting = [*acting, (coming, now.at_s, now.number)]
+    rows = np.zeros((times_s.size, 2 + len(acting)))
+    rows[1 + np.arange(which.size), which] = 1.0
+    lengths, levels, edges = [], [], [rows[:1]]
+    for place, (command, since_s, _) in enumerate(acting):
+        begin, end = times_s[place] - since_s, times_s[place + 1] - since_s
+        own_s, own_levels = pieces(*command, period_s, (begin, end))
+        own_s[0] += times_s[place + 1] - times_s[place] - own_s.sum()  # to the last digit
+        within = np.zeros((own_s.size - 1, rows.shape[1]))
+        within[:, 2 + place] = 1.0
+        lengths.append(own_s)
+        levels.append(own_levels)
+        edges += [within, rows[place + 1 : place + 2]]
+    others = np.zeros(len(acting))
     timing = Timing(
         off=True,
         anew=not before.off,
         late_s=now.stamp_s - now.tick_s,
         jitter=jitter,
-        numbers=np.array([before.number, now.number]),
-        edges=np.diff(edges, axis=0),
-        beyond_s=np.where([begins, ends], true_s - put_s, 0.0),
-        shares=np.array([1.0 - before.acted, now.acted]),
-        spreads=np.array([before.spread, now.spread]),
+        numbers=np.array([before.number, now.number, *(number for _, _, number in acting)]),
+        edges=np.diff(np.concatenate(edges), axis=0),
+        beyond_s=np.append(np.where([begins, ends], true_s - put_s, 0.0), others),
+        shares=np.append([1.0 - before.acted, now.acted], others + 1.0),
+        spreads=np.append([before.spread, now.spread], others),
         about_s=about_s,
     )
-    return np.diff(times_s), np.array(acting), timing
+    return np.concatenate(lengths), np.concatenate(levels), timing
+
+
+def _same(one: Array, other: Array) -> bool:
+    return bool(np.array_equal(one, other, equal_nan=True))
 
 
 @kernel

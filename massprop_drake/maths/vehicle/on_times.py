@@ -1,0 +1,129 @@
+r"""On-times: jets that open and close within a sample.
+
+A command says of each jet for which share f of a sample of the length T it is open, and its onset how long after the
+beginning of the sample it opens, s. The jet then gives full thrust from the onset a to a + f T, through its lag, and
+nothing before and after. Without an onset (NaN) a command is a level: the jet gives the share f of its thrust all
+through the sample. A command of 0 or 1 says the same either way.
+
+A sample is as many pieces as its edges make, in each of which every level tends to a constant. Edges that are closer
+than `_APART` are one; a level there is the share of the piece that is covered, so that no impulse is lost.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Literal
+
+import numpy as np
+
+from massprop_drake.maths.kernels import kernel
+from massprop_drake.maths.linear_algebra import Array
+
+_SAME = 1e-9  # of a sample: from its beginning or end
+_APART = 1e-6  # of a sample: arithmetic loses digits of a lag over less
+
+Place = Literal["start", "center", "end"]
+
+
+def onsets(fractions: Array, place: Place, period_s: float) -> Array:
+    """Onsets of jets that open at the start of a sample, about its middle, or until its end, s, in the shape given."""
+    share = {"start": 0.0, "center": 0.5, "end": 1.0}[place]
+    return share * period_s * (1.0 - fractions)
+
+
+def levels_alone(n_jets: int) -> Array:
+    """Onsets of commands that are levels, shape (n_jets,)."""
+    return np.full(n_jets, np.nan)
+
+
+def told_onsets(command: Array, told_s: Array | None, place: Place | None, period_s: float) -> Array:
+    """Onsets of a command, s, shape (n_jets,).
+
+    Args:
+        command: fraction of each jet, shape (n_jets,).
+        told_s: its onsets; None: they are not told.
+        place: where on-times lie then; None: commands are levels.
+        period_s: length of a sample.
+    """
+    if told_s is not None:
+        return told_s
+    return levels_alone(command.size) if place is None else onsets(command, place, period_s)
+
+
+def samples_of(start_s: float, end_s: float, period_s: float) -> tuple[int, int]:
+    """The first sample in which a pulse is on, and the one after the last; within a billionth of a sample it is not."""
+    return int(start_s / period_s + _SAME), math.ceil(end_s / period_s - _SAME)
+
+
+def shares(start_s: float, end_s: float, period_s: float, count: int) -> Iterator[tuple[int, float, float]]:
+    """Yields the samples in which a pulse is on, its onset in each, s, and the share of each for which it is on.
+
+    Args:
+        start_s, end_s: of the pulse.
+        period_s: length of a sample.
+        count: number of samples that there are.
+    """
+    first, end_sample = samples_of(start_s, end_s, period_s)
+    for sample in range(first, min(end_sample, count)):
+        begin, end = max(start_s / period_s - sample, 0.0), min(end_s / period_s - sample, 1.0)
+        begin, end = 0.0 if begin < _SAME else begin, 1.0 if end > 1.0 - _SAME else end
+        yield sample, begin * period_s, end - begin
+
+
+@kernel
+def within(fraction: float, onset_s: float) -> bool:
+    """Tests whether a jet opens or closes within a sample."""
+    return onset_s >= 0.0 and 0.0 < fraction < 1.0
+
+
+@kernel
+def opens_within(command: Array, onset_s: Array) -> bool:
+    """Tests whether any jet opens or closes within a sample, of shape (n_jets,) each."""
+    opens = False
+    for jet in range(command.size):
+        opens = opens or within(command[jet], onset_s[jet])
+    return opens
+
+
+@kernel
+def pieces(command: Array, onset_s: Array, period_s: float, span_s: tuple[float, float]) -> tuple[Array, Array]:
+    """Lengths of the pieces of a sample, s, shape (k,), and the level that is commanded in each, shape (k, n_jets).
+
+    Args:
+        command: f of each jet, NaN where not known, shape (n_jets,).
+        onset_s: a of each jet, NaN: the command is a level, shape (n_jets,).
+        period_s: T.
+        span_s: from when to when since the sample began: of the whole sample 0 and T.
+    """
+    n_jets, (since_s, until_s) = command.size, span_s
+    edges, count = np.empty(2 * n_jets), 0
+    for jet in range(n_jets):
+        if within(command[jet], onset_s[jet]):
+            edges[count], edges[count + 1] = onset_s[jet], onset_s[jet] + command[jet] * period_s
+            count += 2
+    edges = np.sort(edges[:count])
+    ends, number, least, last = np.empty(count + 1), 0, _APART * period_s, since_s
+    for edge in edges:
+        if last + least < edge < until_s - least:
+            ends[number] = last = edge
+            number += 1
+    ends[number] = until_s
+    lengths, levels, begin = np.empty(number + 1), np.empty((number + 1, n_jets)), since_s
+    for piece in range(number + 1):
+        end = ends[piece]
+        lengths[piece] = end - begin
+        for jet in range(n_jets):
+            levels[piece, jet] = command[jet]
+            if within(command[jet], onset_s[jet]):
+                covered = min(onset_s[jet] + command[jet] * period_s, end) - max(onset_s[jet], begin)
+                levels[piece, jet] = min(max(covered / (end - begin), 0.0), 1.0)
+        begin = end
+    return lengths, levels
+
+
+def most_pieces(command: Array, onset_s: Array, period_s: float) -> int:
+    """The largest number of pieces of any sample of a table, a row each, shape (n, n_jets) both."""
+    rows = np.flatnonzero(((onset_s >= 0.0) & (command > 0.0) & (command < 1.0)).any(axis=1)).tolist()
+    whole = 0.0, period_s
+    return max((pieces(command[row], onset_s[row], period_s, whole)[0].size for row in rows), default=1)
