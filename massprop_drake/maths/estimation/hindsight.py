@@ -697,25 +697,16 @@ def _by_columns(rows: Array) -> Array:
 
 
 class _Design(NamedTuple):
-    """What derivatives of what is expected are made of; they are made for the rows that say something new alone.
+    """Derivatives of what is expected of a stretch, at every row.
 
-    What a jet gives has the direction of its moment and of its force, so that one sum is enough for three components,
-    and likewise what torques and drag give.
+    Of k unknowns that have any, and after them of ticks that are late, n in all.
     """
 
-    kept: NDArray[np.int_]  # which unknowns have any, (k,)
+    kept: NDArray[np.int_]  # which unknowns, (k,)
     place: NDArray[np.int_]  # of each among them, -1: none
-    size: int  # k, and how many ticks there are besides
-    turning: NDArray[np.int_]  # places of what moves the rate, (q,): elements 0 to 8, and biases, lags, shifts, ticks
-    by_rate: Array  # (q, 3, m)
-    pulling: NDArray[np.int_]  # of what moves the velocity, (p,): 1/m, and lags, ticks
-    by_velocity: Array  # (p, 3, m)
-    amount: Array  # of each jet that is kept, since the beginning, s, (j, m)
-    lightened: Array  # likewise, each interval's over the mass
-    moments: Array  # rate and
-    forces: Array  # velocity, with all mass at one, by them, (j, 3)
-    turned: Array  # rate by a torque of one over an interval, (3, 3)
-    ways: Array  # sum of the rates over the intervals, (3, m), where drag or momentum is kept
+    by_rate: Array  # of the rate since the beginning, (n, 3, m)
+    by_velocity: Array  # likewise, (n, 3, m)
+    by_whole: Array  # of the rate with its initial value, (n, 3, m)
 
 
 def _design(expected: _Expected, at: Array, model: Model, wanted: NDArray[np.bool_]) -> _Design:
@@ -729,40 +720,59 @@ def _design(expected: _Expected, at: Array, model: Model, wanted: NDArray[np.boo
         has[group] = wanted[group].any()
     has[places.properties], has[places.thrust], has[places.shift] = True, False, expected.by_shift is not None
     has[places.thrust][read.on[there]] = True
-    turning_with = slice(places.drag.start, places.momentum.stop)
     kept, place = np.flatnonzero(has), np.where(has, np.cumsum(has) - 1, -1)
     inverse, forces = at[:6][ELEMENT], model.wrenches[read.on, 3:]
     moments = (model.wrenches[read.on, :3] + crosses(forces, at[_CENTER])) @ inverse
-    moved, by_bias = _moved(expected.gained, read.period_s, at)
-    turning, pulling = [(place[:_MASS], moved)], [(place[_MASS:_N], _by_mass(expected, at)[None])]
+    ticks, m = _by_ticks(expected, at, model), expected.rate.shape[1]
+    by_rate, by_velocity = np.zeros((2, kept.size + ticks.shape[1], 3, m))
+    by_rate[kept.size :], by_velocity[kept.size :] = ticks
+    by_rate[place[:_MASS]], by_bias = _moved(expected.gained, read.period_s, at)
+    by_velocity[place[_MASS]] = _by_mass(expected, at)
     if has[places.gyro_bias].any():
-        turning.append((place[places.gyro_bias], by_bias))
+        by_rate[place[places.gyro_bias]] = by_bias
     if has[places.lag].any():
         by_lag = _by_lag(expected, np.hstack((moments, forces)), at, model)
-        turning.append((place[places.lag], by_lag[:, :3]))
-        pulling.append((place[places.lag], by_lag[:, 3:]))
+        by_rate[place[places.lag]], by_velocity[place[places.lag]] = by_lag[:, :3], by_lag[:, 3:]
     if expected.by_shift is not None:
-        turning.append((place[places.shift], expected.by_shift))
-    ticks = _by_ticks(expected, at, model)
-    last = np.arange(kept.size, kept.size + ticks.shape[1])
-    turning.append((last, ticks[0]))
-    pulling.append((last, ticks[1]))
-    amount = course.amount[:, there].T
-    return _Design(
-        kept,
-        place,
-        kept.size + last.size,
-        np.concatenate([where for where, _ in turning]),
-        np.concatenate([by for _, by in turning]),
-        np.concatenate([where for where, _ in pulling]),
-        np.concatenate([by for _, by in pulling]),
-        _since(amount),
-        _since(amount * light),
-        moments[there],
-        forces[there],
-        read.period_s * inverse,
-        _since(0.5 * (read.rate[:, :-1] + read.rate[:, 1:])) if has[turning_with].any() else np.zeros((3, 0)),
-    )
+        by_rate[place[places.shift]] = expected.by_shift
+    amount, jets = course.amount[:, there].T, slice(_N, _N + int(there.sum()))
+    by_rate[jets] = moments[there][:, :, None] * _since(amount)[:, None]
+    by_velocity[jets] = forces[there][:, :, None] * _since(amount * light)[:, None]
+    turned = read.period_s * inverse  # rate by a torque of one over an interval
+    ways = _since(0.5 * (read.rate[:, :-1] + read.rate[:, 1:]))
+    if has[places.torque].any():
+        by_rate[place[places.torque]] = turned[:, :, None] * np.arange(m)
+    if has[places.drag].any():
+        by_rate[place[places.drag]] = -turned[:, :, None] * ways[:, None]
+    if has[places.momentum].any():
+        by_rate[place[places.momentum]] = crosses(ways.T[:, None], turned.T).transpose(2, 1, 0)
+    return _Design(kept, place, by_rate, by_velocity, _with_initial(by_rate, place[places.gyro_bias], read))
+
+
+def _with_initial(by_rate: Array, biases: NDArray[np.int_], read: _Read) -> Array:
+    """Derivatives of the rate whose initial value makes its mean that of the readings, less biases, see `_fixed`."""
+    counted = by_rate * read.there
+    whole = by_rate - counted.sum(axis=2, keepdims=True) / read.there.sum(axis=1)[:, None]
+    for axis, place in enumerate(biases.tolist()):
+        if place >= 0:
+            whole[place, axis] -= 1.0
+    return whole
+
+
+def _bent(design: _Design, rate: Array, arm: Array, period_s: float) -> Array:
+    """Derivatives of the integral of w x (w x arm) by those of the rate w, shape (n, 3, m).
+
+    Args:
+        design: with these.
+        rate: w, shape (3, m).
+        arm: from the center of mass, shape (3,).
+        period_s: length of an interval.
+    """
+    middle, by = 0.5 * (rate[:, :-1] + rate[:, 1:]), 0.5 * (design.by_whole[..., :-1] + design.by_whole[..., 1:])
+    along = np.tensordot(by, arm, (1, 0))  # (n, m - 1)
+    each = by * (arm @ middle) + middle * along[:, None]
+    each -= 2.0 * arm[:, None] * np.sum(by * middle, axis=1, keepdims=True)
+    return _since(period_s * each)
 
 
 def _by_mass(expected: _Expected, at: Array) -> Array:
@@ -829,6 +839,8 @@ class _Fixed(NamedTuple):
     """What accelerometers show of rotation, and how long it is since the beginning."""
 
     turn: Array  # see `_turning`, (3, 3, m)
+    rate: Array  # with its initial value, (3, m)
+    period_s: float  # length of an interval
     since_s: Array  # (m,)
     later: Array | None  # turn with each interval's part times the propellant that is still to be used, see `_Expected`
 
@@ -840,7 +852,9 @@ def _fixed(expected: _Expected, at: Array, model: Model) -> _Fixed:
     bowed = at[:6][ELEMENT] @ _bows(expected.sums, whole, read.period_s, at)
     since_s = read.stretch.time_s - read.stretch.time_s[0]
     turn = _turning(whole, _moving(whole), bowed, read.period_s)
-    return _Fixed(turn, since_s, None if expected.by_shift is None else _since(np.diff(turn) * read.to_use))
+    return _Fixed(
+        turn, whole, read.period_s, since_s, None if expected.by_shift is None else _since(np.diff(turn) * read.to_use)
+    )
 
 
 def _own(package: int, model: Model) -> tuple[slice, slice]:
@@ -910,35 +924,21 @@ def _batches(parts: Iterator[_Component], gyros: int) -> Iterator[_Batch]:
 
 
 def _derivatives(design: _Design, batch: _Batch, fixed: _Fixed, at: Array, model: Model) -> Array:
-    """Derivatives of what is expected of components, shape (k, r); those by ticks that are late are the last."""
-    places, place, rows = columns(model), design.place, batch.rows
-    x, m = np.zeros((design.size, rows.size)), fixed.since_s.size
-    axes, gyros = np.array([part.axis for part in batch.parts]), batch.parts[0].package < model.gyros
-    along = np.repeat(axes * m, batch.counts) + rows
-    if gyros:
-        levers = np.eye(3)[axes]
-        x[design.turning] = design.by_rate.reshape(-1, 3 * m).take(along, axis=1)
-    else:
-        arms = np.array([model.positions[part.package - model.gyros] - at[_CENTER] for part in batch.parts])
-        levers = (_CROSS[axes] @ arms[:, :, None])[:, :, 0]  # of the rate crossed with the arm
-    turning = batch.each(levers.T)
-    if not gyros:
-        x[design.turning] = np.einsum("qar,ar->qr", design.by_rate.take(rows, axis=2), turning)
-        x[design.pulling] += design.by_velocity.reshape(-1, 3 * m).take(along, axis=1)
-        x[_CENTER] -= fixed.turn[np.repeat(axes, batch.counts), :, rows].T
-        if fixed.later is not None:
-            x[place[places.shift][_CENTER]] -= fixed.later[np.repeat(axes, batch.counts), :, rows].T
-    if place[places.torque.start] >= 0:
-        x[place[places.torque]] = design.turned @ turning * rows
-    if place[places.drag.start] >= 0:
-        x[place[places.drag]] = -(design.turned @ turning) * design.ways.take(rows, axis=1)
-    if place[places.momentum.start] >= 0:
-        x[place[places.momentum]] = crosses(design.ways.take(rows, axis=1).T, (design.turned @ turning).T).T
-    jets = slice(_N, _N + design.moments.shape[0])
-    if design.moments.shape[0]:
-        x[jets] = design.amount.take(rows, axis=1) * (design.moments @ turning)
-        if not gyros:
-            x[jets] += design.lightened.take(rows, axis=1) * batch.each(design.forces[:, axes])
+    """Derivatives of what is expected of components, shape (n, r); those by ticks that are late are the last."""
+    places, place = columns(model), design.place
+    x = np.empty((design.by_rate.shape[0], batch.rows.size))
+    turns, package = design.by_rate, -1
+    for part, begin in zip(batch.parts, batch.begins.tolist(), strict=True):
+        rows = slice(begin, begin + part.rows.size)
+        if part.package >= model.gyros and part.package != package:
+            package, arm = part.package, model.positions[part.package - model.gyros] - at[_CENTER]
+            turns = design.by_velocity + _bent(design, fixed.rate, arm, fixed.period_s)
+            turns += np.tensordot(design.by_rate, _CROSS @ arm, (1, 1)).swapaxes(1, 2)  # the rate crossed with the arm
+        x[:, rows] = turns[:, part.axis].take(part.rows, axis=1)
+        if part.package >= model.gyros:
+            x[_CENTER, rows] -= fixed.turn[part.axis][:, part.rows]
+            if fixed.later is not None:
+                x[place[places.shift][_CENTER], rows] -= fixed.later[part.axis][:, part.rows]
     _add_own(x, place, batch, fixed, at, model)
     return x
 
@@ -983,7 +983,7 @@ def _normal(at: Array, course: _Course, model: Model, wanted: NDArray[np.bool_] 
     expected = _expected(at, course, model)
     fixed, every = _fixed(expected, at, model), np.ones(at.shape[0], dtype=np.bool_)
     design = _design(expected, at, model, every if wanted is None else wanted)
-    kept, size = design.kept, design.size
+    kept, size = design.kept, design.by_rate.shape[0]
     information, vector = np.zeros((size, size)), np.zeros(size)
     parts: list[tuple[_Batch, Array, Array]] = []
     for batch in _batches(_components(expected, fixed, at, model), model.gyros):
@@ -1385,8 +1385,8 @@ def _shown(stretch: Stretch, cuts: NDArray[np.int_], at: Array, model: Model) ->
     fixed, design = _fixed(expected, at, model), _design(expected, at, model, wanted)
     components = list(_components(expected, fixed, at, model))
     known = np.flatnonzero(wanted[design.kept])
-    taken = np.concatenate((known, np.arange(design.kept.size, design.size)))
-    u, n_ticks = int(wanted.sum()), design.size - design.kept.size
+    taken = np.concatenate((known, np.arange(design.kept.size, design.by_rate.shape[0])))
+    u, n_ticks = int(wanted.sum()), design.by_rate.shape[0] - design.kept.size
     places = np.concatenate((np.cumsum(wanted)[design.kept[known]] - 1, np.arange(u, u + n_ticks)))
     information = np.zeros((cuts.size - 1, *2 * (u + n_ticks + len(components),)))
     gained, number = np.zeros((cuts.size, len(components), _N)), 0

@@ -240,8 +240,13 @@ class _Outputs(NamedTuple):
 
 
 def _outputs(stretch: Stretch, at: Array, rate: Array, biases: Array, model: Model) -> _Outputs:
-    """Outputs about a point; a rate at the beginning that is not known is what the readings say on average."""
+    """Outputs about a point; a rate at the beginning that is not known is what the readings say on average.
+
+    Coupling is with true rates: biases of gyros, which have unknowns of their own, play no part in it.
+    """
     gyros, m, wanted = model.gyros, stretch.time_s.size, hindsight.reckoned(model)
+    of_gyros = hindsight.columns(model).gyro_bias
+    at = np.where(np.isin(np.arange(at.size), np.arange(of_gyros.start, of_gyros.stop)), 0.0, at)
     read, offset, course = np.zeros_like(stretch.readings), rate, np.zeros((3, m))
     for _ in range(_ROUNDS):  # Newton's, for coupling with the rates that come of it
         read[:, :gyros] = course.T[:, None]
@@ -256,14 +261,16 @@ def _outputs(stretch: Stretch, at: Array, rate: Array, biases: Array, model: Mod
     shown, derivatives = np.empty((model.variances.size, 3, m)), np.zeros((model.variances.size, 3, u + 3, m))
     for one in found:
         shown[one.package, one.axis] = course[one.axis] if one.package < gyros else -one.left
+        one.derivatives[of_gyros] = 0.0
         derivatives[one.package, one.axis, :u] = one.derivatives[wanted]
-    straight = derivatives[0] - derivatives[0, :, :, :1]
+    held = derivatives[0].copy()  # with the mean of the rate held, as `hindsight` has it
+    straight = held - held[..., :1]
     begun = straight.copy()
     begun[:, u:] = np.eye(3)[:, :, None]
     derivatives[:gyros] = changes = _coupled(begun, course, stretch.time_s, at)
     for package in range(gyros, model.variances.size):
         arm = model.positions[package - gyros] - at[6:9]
-        derivatives[package] += _turned(straight, changes, course, arm, stretch.time_s)
+        derivatives[package] += _turned(changes - straight, changes - held, course, arm, stretch.time_s)
     return _Outputs(shown, derivatives, offset)
 
 
@@ -315,14 +322,18 @@ def _coupled(straight: Array, rate: Array, time_s: Array, at: Array) -> Array:
     return result
 
 
-def _turned(straight: Array, changes: Array, rate: Array, arm: Array, time_s: Array) -> Array:
-    """Changes of what an accelerometer shows that `hindsight` leaves out, shape (3, u + 3, m).
+def _turned(since: Array, changes: Array, rate: Array, arm: Array, time_s: Array) -> Array:
+    """Changes of w x arm and of the integral of w x (w x arm), which an accelerometer shows, shape (3, u + 3, m).
 
-    Its output has w x arm and the integral of w x (w x arm) in it.
+    Args:
+        since, changes: of the rate w, since the beginning and with it, shape (3, u + 3, m) each.
+        rate: w, shape (3, m).
+        arm: from the center of mass, shape (3,).
+        time_s: of the rows, shape (m,).
     """
     lever = -_cross(arm)
     slope = np.einsum("ijm,jk->ikm", _cross(rate), lever) - _cross(lever @ rate)
-    more = np.einsum("ij,jum->ium", lever, changes - straight)
+    more = np.einsum("ij,jum->ium", lever, since)
     slopes = np.einsum("ijm,jum->ium", slope, changes)
     more[..., 1:] += np.cumsum(0.5 * (slopes[..., 1:] + slopes[..., :-1]) * np.diff(time_s), axis=-1)
     return more

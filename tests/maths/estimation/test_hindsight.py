@@ -356,3 +356,148 @@ def test_equations_of_some_unknowns_are_those_of_all_without_the_others() -> Non
     np.testing.assert_allclose(some.score[wanted], every.score[wanted])
     np.testing.assert_array_equal(some.by_package, every.by_package)
     assert not some.information[places.gyro_bias].any()
+
+
+def test_the_score_is_the_slope_of_the_misfit() -> None:
+    """Of gyros; of accelerometers what turning shows is taken as it is."""
+    stretch, (model, places) = flight(3).stretch, known()
+    stretch.readings[:, 1] = np.nan
+    at = model.prior + 0.01 * model.sigma
+    at[places.thrust], at[places.gyro_gain], at[places.gyro_bias] = 0.01 * np.arange(6), 1e-3, 1e-4
+    at[places.torque], at[places.drag], at[places.momentum], at[places.acceleration_bias] = 1e-6, 1e-3, 2e-3, 1e-3
+    steps = np.full(at.size, 1e-5)
+    steps[:10] = 1e-4 * model.sigma[:10]
+    found = hindsight.normal(stretch, at, model)
+    for place, step in enumerate(steps):
+        ahead, back = at.copy(), at.copy()
+        ahead[place] += step
+        back[place] -= step
+        change = hindsight.normal(stretch, ahead, model).misfit - hindsight.normal(stretch, back, model).misfit
+        scale = np.sqrt(found.information[place, place] * found.misfit)
+        assert -change / (4.0 * step) == pytest.approx(found.score[place], abs=2e-6 * scale)
+
+
+def test_what_propellant_shifts_steadily_is_no_fault_where_it_may_do_so() -> None:
+    """The last values are found, and nothing is left; without such a shift a thousand times the noise is."""
+    found, (model, places) = flight(7, shift=0.02 * TRUTH[:9]), known()
+    used = -found.stretch.used_after[-1]
+    stretch = found.stretch._replace(used_after=found.stretch.used_after + used)
+    stretch.readings[:, 1] = np.nan
+    assert hindsight.fitted([stretch], model.prior, model).normal.per_reading > 10.0
+    model.sigma[places.shift] = 0.03 * np.abs(TRUTH[:9]) / used
+    fit = hindsight.fitted([stretch], model.prior, model)
+    assert fit.settled
+    assert fit.normal.per_reading < 1.2
+    np.testing.assert_allclose(fit.at[places.shift][:3] * used, -0.02 * TRUTH[:3], rtol=0.1)
+
+
+def test_a_shift_by_what_will_be_used_only_after_all_rows_is_another_vehicle() -> None:
+    stretch, (model, places) = flight(5).stretch, known()
+    model.sigma[places.shift] = 1.0
+    later = 0.7
+    found = hindsight.normal(stretch._replace(used_after=np.full(ROWS + 1, later)), model.prior, model)
+    scale = found.information[:9]
+    np.testing.assert_allclose(found.information[places.shift], later * scale, atol=1e-9 * np.abs(scale).max())
+    np.testing.assert_allclose(found.score[places.shift], later * found.score[:9], rtol=1e-9)
+
+
+def test_rates_that_are_missing_while_jets_fire_lie_on_no_straight_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One cell in ten, of gyros that read far finer than a firing changes the rate: coupling is no torque then."""
+    monkeypatch.setitem(globals(), "PARAMS", PARAMS._replace(wrenches=10.0 * PARAMS.wrenches))
+    stretch, (model, _) = flight(7).stretch, known()
+    stretch.readings[:, 0][np.random.default_rng(7).random((ROWS + 1, 3)) < 0.1] = np.nan
+    fit = hindsight.fitted([stretch], model.prior, model)
+    assert fit.normal.per_reading < 1.2  # 12 with straight lines
+    assert (fit.normal.by_package[:, 0] < 1.2 * fit.normal.by_package[:, 1]).all()
+
+
+def test_a_piece_of_a_stretch_is_explained_as_the_whole_is() -> None:
+    """Commands before it count for as long as they are felt."""
+    whole, (model, _) = flight(1).stretch, known()
+    at = model.prior.copy()
+    for first in range(20, 40):
+        rows = {name: value[first : first + 30] for name, value in whole._asdict().items() if name in _OWN}
+        piece = Stretch(before=whole.commands[first - 8 : first], **rows)
+        assert hindsight.normal(piece, at, model).per_reading < 2.0
+
+
+def test_levels_lag_as_they_do_interval_by_interval() -> None:
+    rng = np.random.default_rng(0)
+    remaining, by_logarithm = np.array([0.0, 0.02, 0.3, 0.9999]), np.array([0.0, 0.08, 0.36, 1e-4])
+    told, level, slope = rng.integers(0, 2, (60, 4)).astype(float), np.zeros((61, 4)), np.zeros((61, 4))
+    level[0], level[1:] = rng.random(4), told
+    expected, by_expected = level.copy(), slope.copy()
+    for k in range(60):
+        off = expected[k] - told[k]
+        expected[k + 1] = told[k] + off * remaining
+        by_expected[k + 1] = by_expected[k] * remaining + off * by_logarithm
+    hindsight.lag(level, slope, remaining, by_logarithm)
+    np.testing.assert_allclose(level, expected, atol=1e-14)
+    np.testing.assert_allclose(slope, by_expected, atol=1e-14)
+
+
+def test_a_reading_counts_once_it_has_moved() -> None:
+    expected = np.array([0.0, 0.3, 0.6, 1.0, 1.4, 2.1, 2.1])
+    read = np.array([0.0, 0.0, 1.0, 1.0, np.nan, 2.0, 5.0])
+    assert hindsight.used(expected, read, 1.0).tolist() == [0, 3, 5, 6]
+    assert hindsight.used(expected, read, 0.0).tolist() == [0, 1, 2, 3, 5, 6]
+    assert hindsight.used(expected, np.full(7, np.nan), 1.0).size == 0
+
+
+def test_numbers_that_overflow_end_in_none() -> None:
+    model, _ = known()
+    found = flight(5)
+    broken = found.stretch._replace(readings=found.stretch.readings * 1e308)
+    with np.errstate(all="ignore"):
+        fit = hindsight.fitted([broken], model.prior, model)
+        least = hindsight.least_deviation([broken], fit.at, np.eye(10), np.zeros(10), model)
+    assert not fit.settled
+    assert np.isnan(least).all() or np.isfinite(least).all()
+
+
+@pytest.mark.parametrize("wrong", [0.01, 0.1, 1.0, 30.0])
+def test_passes_that_go_astray_are_not_followed(wrong: float) -> None:
+    """An axis that says for a while what no body does, from where passes go farther and farther."""
+    model, _ = known()
+    told = flight(1).stretch
+    readings = told.readings.copy()
+    readings[40:60, 0, 0] += wrong
+    told = told._replace(readings=readings)
+    with np.errstate(all="ignore"):
+        found, fit = diagnosed([told], model.prior[:10], model, NAMES)
+    assert not fit.settled
+    assert fit.normal.misfit <= hindsight.normal(told, model.prior, model).misfit
+    assert fit.normal.misfit == hindsight.normal(told, fit.at, model).misfit
+    assert [one.kind for one in found] == ["drift"]
+
+
+def test_nobody_is_blamed_by_what_is_no_number() -> None:
+    model, _ = known()
+    told = flight(3).stretch
+    with np.errstate(all="ignore"):
+        found, fit = diagnosed([told._replace(readings=told.readings * 1e200)], model.prior[:10], model, NAMES)
+    assert not fit.normal.is_finite
+    assert found == []
+
+
+def test_the_score_is_the_slope_of_the_misfit_however_fast_the_vehicle_turns() -> None:
+    """By every unknown; what accelerometers show of turning goes with the rate, and this with all that moves it."""
+    found, (model, places) = flight(2), known()
+    turn = np.array([0.3, -0.2, 0.4])
+    rates = found.stretch.readings[:, 0] + turn  # some motion, it need not be a body's
+    readings = np.stack((rates, found.stretch.readings[:, 1]), axis=1)
+    stretch, at = found.stretch._replace(readings=readings), model.prior.copy()
+    at[places.gyro_bias], at[places.lag] = (1e-3, -2e-3, 5e-4), (2e-4, -3e-4)
+    at[places.torque], at[places.drag] = 1e-4, 1e-3
+    score = hindsight.normal(stretch, at, model).score
+    sizes = np.concatenate((1e-4 * np.abs(TRUTH), np.full(at.size - 10, 1e-6)))
+    tested = [*range(10), places.thrust.start + 2, *group(places.gyro_bias), places.torque.start]
+    tested += [places.drag.start + 1, places.momentum.start + 2, places.accelerometer_gain.start]
+    for unknown in tested:
+        ends = []
+        for sign in (1.0, -1.0):
+            moved = at.copy()
+            moved[unknown] += sign * sizes[unknown]
+            ends.append(hindsight.normal(stretch, moved, model).misfit)
+        slope = (ends[1] - ends[0]) / (4.0 * sizes[unknown])
+        assert score[unknown] == pytest.approx(slope, rel=2e-3, abs=1e-6 * abs(score).max()), unknown
