@@ -125,6 +125,20 @@ def test_the_failed_jet_is_named_and_all_else_is_as_stated(flown: Run) -> None:
     assert np.abs(error / flown["standard_deviation"][-1]).max() < 4.0
 
 
+def test_a_row_whose_commands_are_missing_costs_little(flown: Run, folder: Path, tmp_path: Path) -> None:
+    lines = [line.split(",") for line in (folder / "telemetry.csv").read_text(encoding="utf-8").splitlines()]
+    told = [column for column, name in enumerate(lines[0]) if name.startswith(("jet_", "onset_"))]
+    for row in (61, 97, 120):
+        lines[row] = ["" if column in told else cell for column, cell in enumerate(lines[row])]
+    path = tmp_path / "log.csv"
+    path.write_text("".join(",".join(line) + "\n" for line in lines), encoding="utf-8")
+    found = estimate(path, load_scenario(folder))
+    assert [one["jet"] for one in found.summary["detections"]] == ["ZP1"]
+    off = found["estimate"][-1] - flown["estimate"][-1]
+    assert (np.abs(off) < found["standard_deviation"][-1]).all()
+    assert (found["standard_deviation"][-1] < 1.5 * flown["standard_deviation"][-1]).all()
+
+
 def test_on_times_taken_for_levels_contradict_the_readings(flown: Run, folder: Path, tmp_path: Path) -> None:
     """As a log without onsets says it, read with a vehicle whose jets have levels."""
     lines = [line.split(",") for line in (folder / "telemetry.csv").read_text(encoding="utf-8").splitlines()]

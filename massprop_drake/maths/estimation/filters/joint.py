@@ -299,7 +299,7 @@ def step(
         steady = params._replace(joint=without_increments(params.joint))
     made = _made(state, (rates, velocities), told, steady)
     if before.guarded and np.isnan(told.command).any():
-        likely = told._replace(command=_bridged(state.clock, told, steady))
+        likely = _bridged(state.clock, told, steady)
         if not np.array_equal(likely.command, told.command, equal_nan=True):
             other = _made(state, (rates, velocities), likely, steady)
             made = other if _is_likelier(other, made) else made
@@ -375,9 +375,13 @@ def _all_read(readings: tuple[np.ndarray, np.ndarray]) -> bool:
     return all(bool((~np.isnan(each)).any(axis=0).all()) for each in readings if each.shape[0] > 0)
 
 
-def _bridged(clock: Clock, told: Told, params: JointFilterParams) -> Array:
-    pace = Pace(params.period_s, params.at_stamps)
-    return ticks.bridged(clock, told.stamp_s, (told.command, told.coming), pace)
+def _bridged(clock: Clock, told: Told, params: JointFilterParams) -> Told:
+    """What is told, with commands that are not known as those of both sides where these are equal."""
+    pace, onset_s = Pace(params.period_s, params.at_stamps), told.onset_s
+    if onset_s is not None and told.coming_onset_s is not None:
+        onset_s = np.where(np.isnan(told.command), told.coming_onset_s, onset_s)
+    command = ticks.bridged(clock, told.stamp_s, (told.command, told.coming), pace)
+    return told._replace(command=command, onset_s=onset_s)
 
 
 def _is_likelier(bridged: Cycle, unknown: Cycle) -> bool:
