@@ -28,6 +28,7 @@ from massprop_drake.maths.estimation.pose.start import begins, first_place, trac
 from massprop_drake.maths.estimation.pose.turning import rotation_vectors
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, INVERSE_INERTIA, MASS_RECIPROCAL
 from massprop_drake.maths.vehicle import true_failures
+from massprop_drake.maths.vehicle.on_times import pieces
 from massprop_drake.results.against import Against
 from massprop_drake.results.against_followed import explained, residuals
 from massprop_drake.results.run import Run
@@ -137,7 +138,9 @@ def _record(record: Run, made: PoseFilterParams, other: Run) -> Record:
     )
     readings = [readings_of(*row, made) for row in zip(tracked, rates, velocities, strict=True)]
     outside = record["outside_wrench"] if "outside_wrench" in record.signals else None
-    return Record(time_s, _delivered(record["command"], time_s, other), readings, outside)
+    told = record["command"]
+    opening = record["command_onset"] if "command_onset" in record.signals else np.full_like(told, np.nan)
+    return Record(time_s, told, readings, outside, _delivered((told, opening), time_s, other))
 
 
 def _within(readings: Array, package: SensorPackage) -> Array:
@@ -145,17 +148,31 @@ def _within(readings: Array, package: SensorPackage) -> Array:
     return np.where(np.all(np.abs(readings) < package.limit, axis=1, keepdims=True), readings, np.nan)
 
 
-def _delivered(commands: Array, time_s: Array, other: Run) -> Array:
-    """Levels that the jets of a simulated vehicle show when told some commands, with its failures."""
+def _delivered(told: tuple[Array, Array], time_s: Array, other: Run) -> tuple[Array, Array]:
+    """Levels that the jets of a simulated vehicle show when told some commands, with its failures.
+
+    Args:
+        told: commands from each row on, and their onsets, see `maths.vehicle.on_times`, shape (n, n_jets) each.
+        time_s: of the rows, shape (n,).
+        other: the run of that vehicle.
+
+    Returns:
+        When levels change, s, and what they are from then on, shape (k,) and (k, n_jets).
+    """
     failures = params.vehicle_params(other.scenario).jets.failures if other.scenario.failures else ()
-    if not failures:
-        return commands
-    table, levels = true_failures.failure_table(failures), commands.copy()
-    period_s = other.scenario.vehicle_data.sample_period_s
-    for row, since_s in enumerate(time_s - time_s[0]):
-        strikes = true_failures.struck(failures, row, period_s, other.scenario.seed)
-        levels[row] = true_failures.failed(commands[row], float(since_s), period_s, strikes, table)
-    return levels
+    table, period_s = true_failures.failure_table(failures), other.scenario.vehicle_data.sample_period_s
+    times_s, levels = [], []
+    for row, since_s in enumerate((time_s - time_s[0]).tolist()):
+        lengths_s, own = pieces(told[0][row], told[1][row], period_s, (0.0, period_s))
+        begins_s = np.cumsum(lengths_s) - lengths_s
+        if failures:
+            strikes = true_failures.struck(failures, row, period_s, other.scenario.seed)
+            for piece, level in enumerate(own):
+                now_s, length_s = since_s + float(begins_s[piece]), float(lengths_s[piece])
+                own[piece] = true_failures.failed(level, now_s, length_s, strikes, table)
+        times_s.append(time_s[row] + begins_s)
+        levels.append(own)
+    return np.concatenate(times_s), np.concatenate(levels)
 
 
 # ------------------------------------------------------------------------------ what it then reads

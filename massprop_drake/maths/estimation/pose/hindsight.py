@@ -45,23 +45,28 @@ class Record(NamedTuple):
         levels: commanded from each row on, NaN where not known, shape (n, n_jets).
         readings: at each row.
         outside: known torque about the vehicle origin and force from each row on, shape (n, 6); None: none.
+        pieces: when jets open and close, where that is not at rows alone, and what is commanded from then on; None: as
+            `levels`.
     """
 
     time_s: Array
     levels: Array
     readings: Sequence[Readings]
     outside: Array | None = None
+    pieces: tuple[Array, Array] | None = None
 
     def commands(self, row: int) -> Commands:
         """What acts up to a row's time, and what is told at it."""
         outside = None if self.outside is None else self.outside[row - 1]
-        return Commands(self.time_s[: row + 1], self.levels[: row + 1], outside)
+        time_s, levels = (self.time_s, self.levels) if self.pieces is None else self.pieces
+        count = int(np.searchsorted(time_s, self.time_s[row], side="right"))
+        return Commands(time_s[:count], levels[:count], outside)
 
     def until(self, time_s: float) -> Record:
         """The rows before a time."""
         rows = int(np.searchsorted(self.time_s, time_s))
         outside = None if self.outside is None else self.outside[:rows]
-        return Record(self.time_s[:rows], self.levels[:rows], self.readings[:rows], outside)
+        return Record(self.time_s[:rows], self.levels[:rows], self.readings[:rows], outside, self.pieces)
 
 
 class Assumed(NamedTuple):
