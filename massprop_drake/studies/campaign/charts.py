@@ -198,11 +198,14 @@ def operating(
     }
     note = (
         "Bars: 95 %. An open symbol has no false declaration: it stands at half of one, and its bar reaches to "
-        "3 / hours flown. The dotted curve leaves out declarations of these flights with a lower likelihood argument. "
-        "None was flown again for it, so that what would have been declared later is missing: of the share found it "
-        "is a lower bound, and what a lower threshold would declare it cannot say. Jumps of the mass properties have "
-        "another statistic and are not counted here."
+        "3 / hours flown. Jumps of the mass properties have another statistic and are not counted here."
     )
+    if curve:
+        note += (
+            " The dotted curve leaves out declarations of these flights with a lower likelihood argument. None was "
+            "flown again for it, so that what would have been declared later is missing: of the share found it is a "
+            "lower bound, and what a lower threshold would declare it cannot say."
+        )
     return _figure("operating", "Operating curve", traces, layout, note)
 
 

@@ -146,6 +146,7 @@ def test_every_section_has_its_table_and_plots(contents: dict[str, Any]) -> None
         "consistency": ["nees", "nees-mass", "nis-rotation", "nis-translation", "coverage", "parameters"],
         "sensitivity": ["sensitivity", "sensitivity-size"],
     }
+    assert "dotted curve" in contents["places_of"]["detection"][-1]["note"]
     assert [table["kind"] for table in contents["outcomes"]] == ["stuck off", "release", "degraded", "leak", "all"]
     assert contents["outcomes"][-1]["acted"] == 24
     assert [line["counts"] for line in contents["jumps"]][1] == [0, 0, 5, 0]

@@ -79,6 +79,13 @@ def test_the_page_says_it_first(two: list[Path]) -> None:
     assert "9 cases became something else" in verdict
 
 
+def test_the_notes_of_plots_speak_of_what_is_drawn(two: list[Path]) -> None:
+    plots = compare.contents(compare.columns([read(one) for one in two]))["plots"]
+    notes = {plot["name"]: plot["note"] for plot in plots}
+    assert "open symbol" in notes["operating"]
+    assert "dotted curve" not in notes["operating"]
+
+
 def test_cells_of_a_sweep_are_compared_with_the_scenarios_own_setting(tmp_path: Path) -> None:
     found = compare.columns([read(folder(tmp_path / "swept", SWEPT.format(cases=12), many(2, 12)))])
     assert [(column.label, column.baseline) for column in found] == [("margin 4", 1), ("margin 6", 1)]
