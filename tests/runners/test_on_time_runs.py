@@ -140,7 +140,7 @@ def test_a_row_whose_commands_are_missing_costs_little(flown: Run, folder: Path,
 
 
 def test_on_times_taken_for_levels_contradict_the_readings(flown: Run, folder: Path, tmp_path: Path) -> None:
-    """As a log without onsets says it, read with a vehicle whose jets have levels."""
+    """Reads a log without onsets with a vehicle whose jets have levels."""
     lines = [line.split(",") for line in (folder / "telemetry.csv").read_text(encoding="utf-8").splitlines()]
     kept = [column for column, name in enumerate(lines[0]) if not name.startswith("onset_")]
     path = tmp_path / "log.csv"

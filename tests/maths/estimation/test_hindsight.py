@@ -481,7 +481,7 @@ def test_nobody_is_blamed_by_what_is_no_number() -> None:
 
 
 def test_the_score_is_the_slope_of_the_misfit_however_fast_the_vehicle_turns() -> None:
-    """By every unknown; what accelerometers show of turning goes with the rate, and this with all that moves it."""
+    """Checks the derivative by every unknown, of accelerometers far from the center of mass, too."""
     found, (model, places) = flight(2), known()
     turn = np.array([0.3, -0.2, 0.4])
     rates = found.stretch.readings[:, 0] + turn  # some motion, it need not be a body's
