@@ -26,15 +26,14 @@ def build(scenario: Scenario, *, findings: bool = False) -> Diagram:
     """
     builder = DiagramBuilder()
     commands, onsets_s = params.commands(scenario)
-    within = params.pieces(scenario) > 1
     schedule = builder.AddNamedSystem(
         "jet_schedule",
-        JetSchedule(commands, period_s=scenario.vehicle_data.sample_period_s, onsets_s=onsets_s if within else None),
+        JetSchedule(commands, period_s=scenario.vehicle_data.sample_period_s, onsets_s=onsets_s),
     )
     body = builder.AddNamedSystem("vehicle", vehicle.build(scenario))
     estimators = builder.AddNamedSystem("estimation", estimation.build(scenario, findings=findings))
 
-    for name in ("command", "held_command", *(ONSETS if within else ())):
+    for name in ("command", "held_command", *(() if onsets_s is None else ONSETS)):
         builder.Connect(schedule.GetOutputPort(name), body.GetInputPort(name))
     connect_estimation(builder, body, schedule, estimators, scenario)
     if scenario.estimation.filter == "pose":  # a jet may act before its command, as the clocks have it

@@ -75,7 +75,7 @@ def build(scenario: Scenario, body: System | None = None, trackers: Sequence[Sys
             compiled=scenario.execution.compiled,
         ),
     )
-    body = builder.AddSystem(_body(scenario, jets.lag_time_constants_s) if body is None else body)
+    body = builder.AddSystem(_body(scenario, jets.lag_time_constants_s, pieces) if body is None else body)
     stepped = params.time_step(scenario) != 0.0
     wrench = "wrench_profile" if stepped else "wrench"
     pushed: list[System] = []
@@ -146,8 +146,8 @@ def _connect_chance(builder: DiagramBuilder, scenario: Scenario, jets: System, o
             builder.Connect(seed.get_output_port(), system.GetInputPort("seed"))
 
 
-def _body(scenario: Scenario, lag_time_constants_s: tuple[float, ...]) -> System:
-    """The body that a scenario flies."""
+def _body(scenario: Scenario, lag_time_constants_s: tuple[float, ...], pieces: int) -> System:
+    """The body that a scenario flies; lags and pieces are those of its jets."""
     if not isinstance(scenario.plant, PlantBlock):
         from massprop_drake.diagrams import multibody  # noqa: PLC0415 (loads Drake's multibody library)
 
@@ -156,7 +156,7 @@ def _body(scenario: Scenario, lag_time_constants_s: tuple[float, ...]) -> System
         params.undrawn_properties(scenario),
         time_step=params.time_step(scenario),
         lag_time_constants_s=lag_time_constants_s,
-        pieces=params.pieces(scenario),
+        pieces=pieces,
         initial_rate=np.array(scenario.plant.initial_rate),
         jumps=params.mass_jumps(scenario),
         period_s=scenario.vehicle_data.sample_period_s,

@@ -54,7 +54,7 @@ from massprop_drake.maths.vehicle import true_failures as failures
 from massprop_drake.maths.vehicle.cycle import VehicleParams, truth
 from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, deviation_before, kept_share
 from massprop_drake.maths.vehicle.joint_moves import Move
-from massprop_drake.maths.vehicle.on_times import most_pieces, shares
+from massprop_drake.maths.vehicle.on_times import levels_alone, most_pieces, shares
 from massprop_drake.maths.vehicle.reaction_jets import drawn_factors, jets_params, true_wrenches
 from massprop_drake.maths.vehicle.rigid_body import (
     RATE,
@@ -112,7 +112,7 @@ def setup(scenario: Scenario) -> Setup:
         widest=initial_standard_deviation(vehicle.nominal.vector(), 1.0, vehicle.center_of_mass_floor),
         limits=convergence_limits(scenario),
         trackers=_trackers(scenario),
-        opens_at=vehicle.jet_commands.at if vehicle.has_on_times else None,
+        opens_at=vehicle.opens_at,
         tracking=tracking(scenario) if scenario.estimation.filter == "pose" else None,
     )
 
@@ -554,12 +554,13 @@ def nominal_wrenches(scenario: Scenario) -> Array:
 def commands(scenario: Scenario) -> tuple[Array, Array | None]:
     """The prescribed jet schedule, a row per sample: commands and onsets, see `maths.vehicle.on_times`.
 
-    Of a vehicle whose jets switch with samples a pulse is on at t_k with start <= t_k < end, to within a billionth of
-    the sample period, and there are no onsets (None). Both tables are of shape (n_samples, n_jets).
+    Of a vehicle without on-times a pulse is on at t_k with start <= t_k < end, to within a billionth of the sample
+    period. There are no onsets (None) where all jets switch with samples. Both tables are of shape (n_samples, n_jets).
     """
     vehicle, count = scenario.vehicle_data, sample_count(scenario)
     period = vehicle.sample_period_s
-    table, onset_s = np.zeros((count, len(vehicle.jets))), np.full((count, len(vehicle.jets)), np.nan)
+    table = np.zeros((count, len(vehicle.jets)))
+    onset_s = levels_alone(table.shape)
     for pulse in scenario.jet_schedule:
         jet = vehicle.jet_index(pulse.jet)
         if vehicle.has_on_times:
@@ -568,16 +569,15 @@ def commands(scenario: Scenario) -> tuple[Array, Array | None]:
         else:
             first, last = (math.ceil(time / period - 1e-9) for time in (pulse.start_s, pulse.end_s))
             table[first:last, jet] = 1.0
-    return table, onset_s if vehicle.has_on_times else None
+    return table, onset_s if most_pieces(table, onset_s, period) > 1 else None
 
 
 def pieces(scenario: Scenario) -> int:
-    """The most that a sample of the true jets has, as they open and close within it; 1: they switch with samples."""
-    if not (scenario.vehicle_data.has_on_times and scenario.jet_schedule):
+    """The largest number of pieces of a sample, as true jets open and close within it; 1: they switch with samples."""
+    if not scenario.jet_schedule:
         return 1
     table, onset_s = commands(scenario)
-    assert onset_s is not None
-    return most_pieces(table, onset_s, scenario.vehicle_data.sample_period_s)
+    return 1 if onset_s is None else most_pieces(table, onset_s, scenario.vehicle_data.sample_period_s)
 
 
 def sample_count(scenario: Scenario) -> int:

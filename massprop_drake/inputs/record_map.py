@@ -353,7 +353,7 @@ class CommandMap(_Sampled):
 
     @property
     def is_timed(self) -> bool:
-        """Whether commands are on-times."""
+        """Tests whether commands are on-times."""
         return self.columns is not None and self.threshold is None and is_of(self.unit, "time")
 
     @property

@@ -30,6 +30,7 @@ from massprop_drake.inputs.model import (
 )
 from massprop_drake.inputs.yaml import Document, exists, read_text
 from massprop_drake.maths.mass_properties import MassProperties, could_be_inertia
+from massprop_drake.maths.vehicle.on_times import Place
 from massprop_drake.maths.vehicle.thrust import thrust_wrenches
 from massprop_drake.signals import SIGNALS
 
@@ -618,11 +619,16 @@ class Vehicle(Model):
 
     @property
     def has_on_times(self) -> bool:
-        """Whether jets open and close within a sample, see `maths.vehicle.on_times`."""
+        """Tests whether jets open and close within a sample, see `maths.vehicle.on_times`."""
         stated = getattr(self.jet_commands, "as")
         if stated is not None:
             return bool(stated == "on_time")
         return any(0.0 < kind.minimum_on_time_s < self.sample_period_s for kind in self.jet_kinds.values())
+
+    @property
+    def opens_at(self) -> Place | None:
+        """Place of an on-time in its sample where no onset is told; None: commands are levels."""
+        return self.jet_commands.at if self.has_on_times else None
 
     @cached_property
     def designations(self) -> tuple[str, ...]:

@@ -161,7 +161,7 @@ def rows(count: int, sizes: tuple[int, int], params: FlightParams) -> Rows:
     readings, rates, velocities = (np.zeros((count, number, 3)) for number in used)
     body, structure = np.zeros((count, N_STATE)), np.zeros((count, STRUCTURE.size))
     command, thrust, out_of_use, told = (np.zeros((count, jets)) for _ in range(4))
-    onset, told_onset = (np.full((count, jets), np.nan) for _ in range(2))
+    onset, told_onset = (levels_alone((count, jets)) for _ in range(2))
     controllers, error, request, counts = (np.zeros((count, size)) for size in (6, 3, 8, 4))
     of_pilot = (controllers, error, request, counts, out_of_use)
     return Rows(body, structure, command, onset, thrust, *of_pilot, readings, rates, velocities, told, told_onset)

@@ -925,7 +925,7 @@ def _told(record: Mapped, time_s: Array, fractions: Array) -> dict[str, Array]:
     vehicle, part = record.vehicle, record.by.commands
     period_s, opening = vehicle.sample_period_s, None
     told = {f"jet_{jet}": share for jet, share in zip(vehicle.designations, fractions.T, strict=True)}
-    if part.is_timed and ((fractions > 0.0) & (fractions < 1.0)).any():
+    if part.is_timed and _partial(fractions).any():
         opening = onsets(fractions, part.at or vehicle.jet_commands.at, period_s)
     elif _switches_within(record, fractions):
         opening = _onsets(record.commands, time_s, fractions, period_s)
@@ -934,18 +934,23 @@ def _told(record: Mapped, time_s: Array, fractions: Array) -> dict[str, Array]:
     return {name: values[:, None] for name, values in told.items()}
 
 
+def _partial(fractions: Array) -> NDArray[np.bool_]:
+    """Tests whether jets are open for a part of a row, in the shape given."""
+    return (fractions > 0.0) & (fractions < 1.0)
+
+
 def _switches_within(record: Mapped, fractions: Array) -> bool:
-    """Whether jets that are open or closed switch within rows."""
+    """Tests whether valves that are logged as open or closed switch within rows."""
     values = record.commands.values
     whole = np.isin(values, (0.0, 1.0)) | np.isnan(values)
-    return bool(whole.all() and ((fractions > 0.0) & (fractions < 1.0)).any())
+    return bool(whole.all() and _partial(fractions).any())
 
 
 def _onsets(held: Held, time_s: Array, fractions: Array, period_s: float) -> Array:
-    """How long after each row each jet opens, s, shape (n, n_jets): so that on the average it is open when it was."""
+    """Onsets by which each jet is open about the middle of all its time in a row, s, shape (n, n_jets)."""
     ends_s = np.append(time_s[1:], time_s[-1] + period_s)
     found = np.full_like(fractions, np.nan)
-    for row, jet in np.argwhere((fractions > 0.0) & (fractions < 1.0)).tolist():
+    for row, jet in np.argwhere(_partial(fractions)).tolist():
         begin_s, end_s = np.clip((held.begin_s, held.end_s), time_s[row], ends_s[row])
         on_s = (end_s - begin_s) * (held.values[:, jet] > 0.0)
         middle_s = float(on_s @ (0.5 * (begin_s + end_s))) / float(on_s.sum()) - time_s[row]
@@ -969,7 +974,7 @@ def _about_commands(record: Mapped, time_s: Array, fractions: Array) -> list[str
             "what happened in between is not in the log; ask for more by SDLOG_PROFILE"
         )
     if _switches_within(record, fractions):
-        rows = int(((fractions > 0.0) & (fractions < 1.0)).any(axis=1).sum())
+        rows = int(_partial(fractions).any(axis=1).sum())
         found.append(
             f"in {rows} of {time_s.size} rows a jet switches within the row: one that opens more than once there is "
             "taken to be open for as long in one piece"

@@ -127,8 +127,8 @@ def allowed_intervals(
 
 
 def _opens_within(part: Stretch) -> bool:
-    """Whether jets open or close within a sample of a stretch."""
-    return part.onsets_s is not None and any(map(opens_within, part.commands[:-1], part.onsets_s[:-1]))
+    """Tests whether jets open or close within a sample of a stretch."""
+    return part.onsets_s is not None and opens_within(part.commands[:-1], part.onsets_s[:-1])
 
 
 def _unconfined(scenario: Scenario) -> str | None:

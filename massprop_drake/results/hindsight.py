@@ -18,6 +18,7 @@ from massprop_drake.maths.estimation.filter import Instruments
 from massprop_drake.maths.estimation.filters.joint import chi_square_limit
 from massprop_drake.maths.estimation.hindsight import Fit, Model, Reckoned, ScoreTest, Stretch
 from massprop_drake.maths.estimation.joint.prediction import propellant_drift
+from massprop_drake.maths.vehicle.on_times import levels_alone
 from massprop_drake.results import prior
 from massprop_drake.results.consistency import Diagnosis
 from massprop_drake.results.detections import JUMP, DetectionRecord
@@ -142,7 +143,7 @@ def stretches(scenario: Scenario, signals: Spool) -> Iterator[Stretch]:
     flows, period_s = scenario.vehicle_data.mass_flows, scenario.vehicle_data.sample_period_s
     felt = _felt(scenario)
     before, used, since = np.zeros((felt, flows.size)), 0.0, -1 if "gap" in signals else -1 - felt
-    opened = np.full((felt, flows.size), np.nan)  # onsets of these
+    opened = levels_alone((felt, flows.size))  # onsets of these
     for block in _windows(signals, *wanted, *(package.name for package in packages)):
         time_s, commands = block["time_s"], block["command"]
         known = np.nan_to_num(commands)

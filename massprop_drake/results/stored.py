@@ -125,6 +125,11 @@ class EstimatorState(Model):
     outside_wrench: tuple[Real, Real, Real, Real, Real, Real] = (0.0,) * 6
     states: dict[str, list[list[Real | None]]]
 
+    @property
+    def onset_s(self) -> Array | None:
+        """Onsets of the command, NaN where it is a level, shape (n_jets,); None: jets switch with samples."""
+        return None if self.command_onset is None else np.array(self.command_onset, dtype=float)
+
     @model_validator(mode="after")
     def _says_what_it_is_of(self) -> EstimatorState:
         if self.format > 1 and self.made_with is None:

@@ -785,6 +785,11 @@ def null_for_nan(values: Array) -> Any:
     return [None if math.isnan(value) else value for value in values.tolist()]
 
 
+def kept_onsets(onset_s: Array) -> dict[str, Any]:
+    """Writes the onsets of a command, shape (n_jets,), into a saved state; nothing where all are levels."""
+    return {"command_onset": null_for_nan(onset_s)} if np.isfinite(onset_s).any() else {}
+
+
 def by_name(parameters: Array) -> dict[str, Any]:
     """Writes the ten parameters as files have them: matrix, vector and number; NaN becomes None."""
     values = null_for_nan(parameters)

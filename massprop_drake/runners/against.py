@@ -17,6 +17,7 @@ from massprop_drake.inputs.scenario import Scenario, load_scenario
 from massprop_drake.inputs.vehicle import MassPropertiesModel, Vehicle
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, all_ten
 from massprop_drake.maths.vehicle import cycle
+from massprop_drake.maths.vehicle.on_times import levels_alone
 from massprop_drake.maths.vehicle.rigid_body import RATE, OutOfMassError, SpunUpError
 from massprop_drake.results.against import Against, Simulated, explained, residuals
 from massprop_drake.results.run import Run, read_summary
@@ -61,7 +62,7 @@ def beside(record: Run, folder: str | Path, *, spool_folder: Path | None = None)
     stored = signals.names if isinstance(signals, Spool) else list(signals)
     every = signals if isinstance(signals, Spool) else {"time_s": record.time_s, **signals}
     for block in blocks(every, *dict.fromkeys(("time_s", *stored))):
-        opening = block["command_onset"] if "command_onset" in block else np.full_like(block["command"], np.nan)
+        opening = block.get("command_onset", levels_alone(block["command"].shape))
         told = block["command"], opening
         read = twin.flown(told, {name: block[name] for name in names}, block["time_s"])
         spool.append({**block, **{AGAINST + name: values for name, values in read.items()}})

@@ -28,7 +28,7 @@ from massprop_drake.maths.estimation.pose.start import begins, first_place, trac
 from massprop_drake.maths.estimation.pose.turning import rotation_vectors
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, INVERSE_INERTIA, MASS_RECIPROCAL
 from massprop_drake.maths.vehicle import true_failures
-from massprop_drake.maths.vehicle.on_times import pieces
+from massprop_drake.maths.vehicle.on_times import levels_alone, pieces
 from massprop_drake.results.against import Against
 from massprop_drake.results.against_followed import explained, residuals
 from massprop_drake.results.run import Run
@@ -139,7 +139,7 @@ def _record(record: Run, made: PoseFilterParams, other: Run) -> Record:
     readings = [readings_of(*row, made) for row in zip(tracked, rates, velocities, strict=True)]
     outside = record["outside_wrench"] if "outside_wrench" in record.signals else None
     told = record["command"]
-    opening = record["command_onset"] if "command_onset" in record.signals else np.full_like(told, np.nan)
+    opening = record["command_onset"] if "command_onset" in record.signals else levels_alone(told.shape)
     return Record(time_s, told, readings, outside, _delivered((told, opening), time_s, other))
 
 

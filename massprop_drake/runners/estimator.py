@@ -22,10 +22,10 @@ from massprop_drake.maths.estimation.faults.report import named
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.maths.mass_properties import converged_rows
 from massprop_drake.maths.possible_inertia import nearest_possible
-from massprop_drake.maths.vehicle.on_times import levels_alone, onsets
+from massprop_drake.maths.vehicle.on_times import levels_alone, told_onsets
 from massprop_drake.maths.vehicle.sensing import unsaturated
 from massprop_drake.results.stored import FORMAT, EstimatorState, FilterState, made_with, require_made_with
-from massprop_drake.results.summary import null_for_nan
+from massprop_drake.results.summary import kept_onsets, null_for_nan
 from massprop_drake.runners.cycles import RecordRows, Whole
 from massprop_drake.runners.logs import EstimationLog, kept, restored
 from massprop_drake.signals import AXES
@@ -225,7 +225,7 @@ class Estimator:
             "made_with": self._made_with,
             "time_s": self._time_s if math.isfinite(self._time_s) else None,
             "command": null_for_nan(self._command),
-            **({"command_onset": null_for_nan(self._onset_s)} if np.isfinite(self._onset_s).any() else {}),
+            **kept_onsets(self._onset_s),
             "outside_wrench": null_for_nan(self._outside),
             "states": kept(self._state, self._params),
         }
@@ -246,8 +246,8 @@ class Estimator:
         self._begin(restored(kept.states, self._params, "state"))
         self._published = None
         self._command = np.array(kept.command, dtype=float)
-        none = levels_alone(self._command.size)
-        self._onset_s = none if kept.command_onset is None else np.array(kept.command_onset, dtype=float)
+        onset_s = kept.onset_s
+        self._onset_s = levels_alone(self._command.size) if onset_s is None else onset_s
         self._outside = np.array(kept.outside_wrench)
         self._time_s = -math.inf if kept.time_s is None else kept.time_s
 
@@ -309,12 +309,10 @@ class Estimator:
 
     def _opening(self, commands: Array, onsets_s: ArrayLike | None) -> Array:
         """Onsets of commands, NaN where these are levels, shape (n_jets,)."""
-        vehicle = self._vehicle
+        period_s = self._vehicle.sample_period_s
         if onsets_s is None:
-            if not vehicle.has_on_times:
-                return levels_alone(commands.size)
-            return onsets(commands, vehicle.jet_commands.at, vehicle.sample_period_s)
-        given, period_s = _numbers(onsets_s, commands.shape, "onsets_s"), vehicle.sample_period_s
+            return told_onsets(commands, None, self._vehicle.opens_at, period_s)
+        given = _numbers(onsets_s, commands.shape, "onsets_s")
         late = (given < 0.0) | (given + commands * period_s > period_s * (1.0 + _ROUNDING))
         if (late & (commands > 0.0)).any():
             raise ValueError(f"onsets_s: a jet must open and close within the sample period of {period_s:g} s")

@@ -101,8 +101,7 @@ class Loop:
         self._schedule: Array | None = None
         self._onsets_s: Array | None = None  # of the schedule, where jets open within samples
         if scenario.jet_schedule:
-            self._schedule, onsets_s = params.commands(scenario)
-            self._onsets_s = onsets_s if params.pieces(scenario) > 1 else None
+            self._schedule, self._onsets_s = params.commands(scenario)
         self._windows = params.windows(scenario)
         self._made = params.flight_params(scenario, self._true)
         self._fly = chosen(flight.fly, self._compiled)

@@ -42,6 +42,7 @@ from massprop_drake.results.summary import (
     composed,
     explained,
     firings,
+    kept_onsets,
     not_summed_up,
     null_for_nan,
 )
@@ -355,10 +356,9 @@ class _Estimation:
     def _state_of(self, reader: Reader) -> dict[str, Any]:
         """State to go on from at the end."""
         states = kept(self._known.state(), self._params)
-        opening = {"command_onset": null_for_nan(self._onset_s)} if np.isfinite(self._onset_s).any() else {}
         return {
             **self._intake.state(self._next_row - 1, states, self._intake.spool.last("command")),
-            **opening,
+            **kept_onsets(self._onset_s),
             "outside_wrench": null_for_nan(self._intake.last("outside_wrench", np.zeros(6))),
             "velocity": {name: null_for_nan(value) for name, value in reader.velocity.items()},
         }
@@ -424,5 +424,5 @@ def _continuation(state: FilterState) -> Continuation:
         command=np.array(state.command, dtype=float),
         outside_wrench=np.array(state.outside_wrench),
         velocity={name: np.array(value) for name, value in state.velocity.items()},
-        onset_s=None if state.command_onset is None else np.array(state.command_onset, dtype=float),
+        onset_s=state.onset_s,
     )

@@ -37,7 +37,7 @@ from massprop_drake.maths.estimation.joint.prediction import PARABOLA
 from massprop_drake.maths.kernels import chosen, idiom, kernel, listed
 from massprop_drake.maths.linear_algebra import Array, crosses, is_positive_definite
 from massprop_drake.maths.mass_properties import ELEMENT
-from massprop_drake.maths.vehicle.on_times import opens_within, pieces
+from massprop_drake.maths.vehicle.on_times import pieces, within
 
 _N = 10  # mass properties
 _CENTER, _MASS = slice(6, 9), 9
@@ -383,7 +383,7 @@ def _course(read: _Read, lag_error: Array, model: Model) -> _Course:
 
 
 class _Pulses(NamedTuple):
-    """What jets that open or close within samples do otherwise than if their commands were levels.
+    """Differences that jets make by opening or closing within samples, from commands that are levels.
 
     The lag is linear: what a sample begins with dies away beside what its command does to jets that were shut. So
     impulses and bows differ by those of shut jets, and levels go on as if another level had been commanded.
@@ -397,7 +397,7 @@ class _Pulses(NamedTuple):
 
 
 def _pulses(read: _Read, constants: Array, left: Lingering, period_s: float) -> _Pulses | None:
-    """Those of a stretch; None: it has none.
+    """Differences that jets of a stretch make so, see `_Pulses`; None: all switch with samples.
 
     Args:
         read: what the stretch shows.
@@ -410,7 +410,7 @@ def _pulses(read: _Read, constants: Array, left: Lingering, period_s: float) -> 
         return None
     commands = np.concatenate((stretch.before[:, on], read.commands))
     onsets_s = np.concatenate((stretch.before_onsets_s[:, on], stretch.onsets_s[:-1, on]))
-    rows = [row for row in range(len(commands)) if opens_within(commands[row], onsets_s[row])]
+    rows = np.flatnonzero(within(commands, onsets_s).any(axis=1)).tolist()
     if not rows:
         return None
     tends, late, amount, by_logarithm = (np.zeros_like(commands) for _ in range(4))

@@ -343,10 +343,9 @@ def step(
     target = target * (1.0 - closed)
     level = state.level if jets.lag.instantaneous else reaction_jets.level_now(state.level, state.target, jets)
     profile = reaction_jets.wrench_profile(level, target, jets)
-    deviation = state.deviation
+    deviation, push = _pushed(state, luck, params)
     if params.pushed:
-        deviation = next_deviation(deviation, coming.push[row], params.push)
-        profile[0, :6] += about_origin(params.push.mean + deviation, state.structure[_CENTER])
+        profile[0, :6] += push
     body = rigid_body.step(
         state.body, profile[0], profile[1:], jets.class_constants_s, params.period_s, state.constants
     )
@@ -364,19 +363,26 @@ def _step_by_pieces(
     level = state.level if jets.lag.instantaneous else reaction_jets.level_now(state.level, state.target, jets)
     when, failing = (sample * params.period_s, params.period_s), (params.failures, coming.strikes[row])
     over = reaction_jets.level_course(level, told, when, failing, jets.time_constants_s)
-    deviation, pushed = state.deviation, np.zeros(6)
-    if params.pushed:
-        deviation = next_deviation(deviation, coming.push[row], params.push)
-        pushed = about_origin(params.push.mean + deviation, state.structure[_CENTER])
+    deviation, push = _pushed(state, luck, params)
     body = state.body
     for piece in range(over.lengths_s.size):
         profile = reaction_jets.wrench_profile(over.begins[piece], over.targets[piece], jets)
-        profile[0, :6] += pushed
+        profile[0, :6] += push
         constants_s = jets.class_constants_s
         body = rigid_body.step(body, profile[0], profile[1:], constants_s, over.lengths_s[piece], state.constants)
     body[MASS] = since_start(body[MASS], params.mass)
     after = VehicleState(body, state.structure, state.constants, over.end, over.end, deviation, state.memories)
     return after, jets.forces * over.mean
+
+
+@kernel
+def _pushed(state: VehicleState, luck: tuple[Ahead, int], params: Truth) -> tuple[Array, Array]:
+    """Deviation of the disturbance over a sample, and torque about the vehicle origin and force, shape (6,) each."""
+    if not params.pushed:
+        return state.deviation, np.zeros(6)
+    coming, row = luck
+    deviation = next_deviation(state.deviation, coming.push[row], params.push)
+    return deviation, about_origin(params.push.mean + deviation, state.structure[_CENTER])
 
 
 def jumped(state: VehicleState, sample: int, params: VehicleParams) -> VehicleState:

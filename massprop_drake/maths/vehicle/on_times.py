@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -32,9 +32,10 @@ def onsets(fractions: Array, place: Place, period_s: float) -> Array:
     return share * period_s * (1.0 - fractions)
 
 
-def levels_alone(n_jets: int) -> Array:
-    """Onsets of commands that are levels, shape (n_jets,)."""
-    return np.full(n_jets, np.nan)
+@kernel
+def levels_alone(shape: int | tuple[int, ...]) -> Array:
+    """Onsets of commands that are levels, in the shape given."""
+    return np.full(shape, np.nan)
 
 
 def told_onsets(command: Array, told_s: Array | None, place: Place | None, period_s: float) -> Array:
@@ -72,18 +73,15 @@ def shares(start_s: float, end_s: float, period_s: float, count: int) -> Iterato
 
 
 @kernel
-def within(fraction: float, onset_s: float) -> bool:
-    """Tests whether a jet opens or closes within a sample."""
-    return onset_s >= 0.0 and 0.0 < fraction < 1.0
+def within(command: Any, onset_s: Any) -> Any:
+    """Tests whether jets open or close within a sample, of numbers or arrays of one shape, in that shape."""
+    return (onset_s >= 0.0) & (command > 0.0) & (command < 1.0)
 
 
 @kernel
 def opens_within(command: Array, onset_s: Array) -> bool:
-    """Tests whether any jet opens or closes within a sample, of shape (n_jets,) each."""
-    opens = False
-    for jet in range(command.size):
-        opens = opens or within(command[jet], onset_s[jet])
-    return opens
+    """Tests whether any jet opens or closes within a sample, of arrays of one shape."""
+    return bool(within(command, onset_s).any())
 
 
 @kernel
@@ -124,6 +122,6 @@ def pieces(command: Array, onset_s: Array, period_s: float, span_s: tuple[float,
 
 def most_pieces(command: Array, onset_s: Array, period_s: float) -> int:
     """The largest number of pieces of any sample of a table, a row each, shape (n, n_jets) both."""
-    rows = np.flatnonzero(((onset_s >= 0.0) & (command > 0.0) & (command < 1.0)).any(axis=1)).tolist()
+    rows = np.flatnonzero(within(command, onset_s).any(axis=1)).tolist()
     whole = 0.0, period_s
     return max((pieces(command[row], onset_s[row], period_s, whole)[0].size for row in rows), default=1)

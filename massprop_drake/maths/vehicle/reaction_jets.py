@@ -241,10 +241,10 @@ def level_course(
         begins[piece] = level
         after = np.empty_like(level)
         for jet in range(level.size):
-            tau_s, lacking = time_constants_s[jet], level[jet] - targets[piece, jet]
+            tau_s, target = time_constants_s[jet], targets[piece, jet]
             left = math.exp(-length_s / tau_s) if tau_s > 0.0 else 0.0
-            after[jet] = targets[piece, jet] + lacking * left
-            mean[jet] += (targets[piece, jet] * length_s + tau_s * (lacking - lacking * left)) / period_s
+            after[jet] = level_after(level[jet], target, left)
+            mean[jet] += mean_level(level[jet], target, tau_s / length_s * (1.0 - left)) * (length_s / period_s)
         level = after
         since_s += length_s
     return LevelCourse(lengths, begins, targets, level, mean)

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import LeafSystem
 
+from massprop_drake.maths.vehicle.on_times import levels_alone
+
 Array = NDArray[np.float64]
 
 
@@ -56,7 +58,7 @@ class JetSchedule(LeafSystem):
         self.DeclareVectorOutputPort("command", n_jets, self._calc_command, prerequisites_of_calc={self.time_ticket()})
         self.DeclareStateOutputPort("held_command", self._held)
         if self._onsets_s is not None:
-            self._held_onset = self.DeclareDiscreteState(np.full(n_jets, np.nan))
+            self._held_onset = self.DeclareDiscreteState(levels_alone(n_jets))
             told = {self.time_ticket()}
             self.DeclareVectorOutputPort("command_onset", n_jets, self._calc_onset, prerequisites_of_calc=told)
             self.DeclareStateOutputPort("held_command_onset", self._held_onset)

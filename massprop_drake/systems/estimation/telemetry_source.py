@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.systems.framework import LeafSystem
 
+from massprop_drake.maths.vehicle.on_times import levels_alone
+
 Array = NDArray[np.float64]
 
 
@@ -97,7 +99,7 @@ class TelemetrySource(LeafSystem):
         self._period_s = period_s
         sizes = dict.fromkeys(sensors, 3) | dict(tracked or {})
         before = {name: np.full((1, size), np.nan) for name, size in sizes.items()}
-        off, levels = np.zeros((1, n_jets)), np.full((1, n_jets), np.nan)
+        off, levels = np.zeros((1, n_jets)), levels_alone((1, n_jets))
         none = ServedRows(first_row, np.full(1, np.nan), before, off, np.zeros((1, 6)), levels)
         self._rows = self.DeclareAbstractParameter(Value[object](none))
         for name, size in sizes.items():
@@ -135,7 +137,7 @@ class TelemetrySource(LeafSystem):
             outside_wrench: shape (6,).
             onset_s: of the command, shape (n_jets,); None: it is a level.
         """
-        onset = np.full(np.shape(command), np.nan) if onset_s is None else onset_s
+        onset = levels_alone(np.shape(command)) if onset_s is None else onset_s
         commands, outside, onsets_s = (np.array([part]) for part in (command, outside_wrench, onset))
         rows = self._held(context)
         self._hold(context, rows._replace(commands=commands, outside_wrench=outside, onsets_s=onsets_s))
@@ -166,7 +168,7 @@ class TelemetrySource(LeafSystem):
         if outside_wrench is None:
             outside_wrench = np.zeros((time_s.size, 6))
         if onsets_s is None:
-            onsets_s = np.full(commands.shape, np.nan)
+            onsets_s = levels_alone(commands.shape)
         rows = ServedRows(
             held.next,
             np.concatenate([held.time_s[-1:], time_s]),

@@ -350,12 +350,9 @@ def _made(
     state: JointFilterState, readings: tuple[np.ndarray, np.ndarray], told: Told, params: JointFilterParams
 ) -> Cycle:
     pace, before = Pace(params.period_s, params.at_stamps), state.joint
-    place, period_s = params.opens_at, params.period_s
-    now = Commanded(told.command, told_onsets(told.command, told.onset_s, place, period_s))
+    now = _commanded(told.command, told.onset_s, params)
     if before.started:
-        coming = None
-        if told.coming is not None:
-            coming = Commanded(told.coming, told_onsets(told.coming, told.coming_onset_s, place, period_s))
+        coming = None if told.coming is None else _commanded(told.coming, told.coming_onset_s, params)
         clock, interval = ticks.elapsed(state.clock, told.stamp_s, (now, coming), pace)
         if np.isnan(interval.commands).all(axis=1).any() and not _all_read(readings):
             interval, clock = interval._replace(anew=True), clock._replace(lost=True)  # until all are read again
@@ -371,12 +368,16 @@ def _made(
     return Cycle(clock, sample, interval.anew, *made(before, sample, params.joint))
 
 
+def _commanded(command: Array, onset_s: Array | None, params: JointFilterParams) -> Commanded:
+    return Commanded(command, told_onsets(command, onset_s, params.opens_at, params.period_s))
+
+
 def _all_read(readings: tuple[np.ndarray, np.ndarray]) -> bool:
     return all(bool((~np.isnan(each)).any(axis=0).all()) for each in readings if each.shape[0] > 0)
 
 
 def _bridged(clock: Clock, told: Told, params: JointFilterParams) -> Told:
-    """What is told, with commands that are not known as those of both sides where these are equal."""
+    """Fills in commands that are not known with those of both sides, where these are equal."""
     pace, onset_s = Pace(params.period_s, params.at_stamps), told.onset_s
     if onset_s is not None and told.coming_onset_s is not None:
         onset_s = np.where(np.isnan(told.command), told.coming_onset_s, onset_s)

@@ -46,7 +46,7 @@ from massprop_drake.maths.estimation.joint.covariance import updated
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, releveled
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.vehicle.on_times import pieces
+from massprop_drake.maths.vehicle.on_times import levels_alone, pieces
 
 _EXACT = 1e-6  # of the period: less is rounding of a stamp
 _NEAR = 0.05  # of the period: by so much a reading may be off so many periods after the one before
@@ -177,7 +177,7 @@ def started(stamp_s: float, command: Array) -> Clock:
         stamp_s: of the reading.
         command: up to it, shape (n_jets,).
     """
-    level, none = np.full(command.size, np.nan), np.zeros(2)
+    level, none = levels_alone(command.size), np.zeros(2)
     covariance = np.zeros((2, 2))
     return Clock(
         stamp_s, stamp_s, 0.0, False, none, covariance, stamp_s, 0.0, 0.0, 0.0, 0.0, 0.0, False, command, level
@@ -197,7 +197,7 @@ class Pace(NamedTuple):
 
 
 class Commanded(NamedTuple):
-    """What jets are told for a sample: command and onsets, see `maths.vehicle.on_times`, shape (n_jets,) each."""
+    """Command of the jets for a sample and its onsets, see `maths.vehicle.on_times`, shape (n_jets,) each."""
 
     command: Array
     onset_s: Array
