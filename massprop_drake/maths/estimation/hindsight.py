@@ -18,7 +18,7 @@ h = X^T R^-1 e
 Initial values are eliminated by taking means off. Where stamps are off their ticks, these lie on a line through the
 stamps, as far as it is known: its two errors are unknowns of each stretch, and eliminated, too. A reading that has not
 moved by a quantum since one was used says nothing new and is left out, as in the joint estimator. Coupling is taken
-with the rates as they are read.
+with the rates as they are read, and in the last passes of a fit with those that come of it.
 """
 
 from __future__ import annotations
