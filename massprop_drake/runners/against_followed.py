@@ -140,7 +140,7 @@ def _record(record: Run, made: PoseFilterParams, other: Run) -> Record:
     outside = record["outside_wrench"] if "outside_wrench" in record.signals else None
     told = record["command"]
     opening = record["command_onset"] if "command_onset" in record.signals else levels_alone(told.shape)
-    return Record(time_s, told, readings, outside, _delivered((told, opening), time_s, other))
+    return Record(time_s, told, readings, outside, _delivered(told, opening, time_s, other))
 
 
 def _within(readings: Array, package: SensorPackage) -> Array:
@@ -148,11 +148,12 @@ def _within(readings: Array, package: SensorPackage) -> Array:
     return np.where(np.all(np.abs(readings) < package.limit, axis=1, keepdims=True), readings, np.nan)
 
 
-def _delivered(told: tuple[Array, Array], time_s: Array, other: Run) -> tuple[Array, Array]:
+def _delivered(told: Array, opening_s: Array, time_s: Array, other: Run) -> tuple[Array, Array]:
     """Levels that the jets of a simulated vehicle show when told some commands, with its failures.
 
     Args:
-        told: commands from each row on, and their onsets, see `maths.vehicle.on_times`, shape (n, n_jets) each.
+        told: commands from each row on, shape (n, n_jets).
+        opening_s: their onsets, s, see `maths.vehicle.on_times`, shape (n, n_jets).
         time_s: of the rows, shape (n,).
         other: the run of that vehicle.
 
@@ -163,7 +164,7 @@ def _delivered(told: tuple[Array, Array], time_s: Array, other: Run) -> tuple[Ar
     table, period_s = true_failures.failure_table(failures), other.scenario.vehicle_data.sample_period_s
     times_s, levels = [], []
     for row, since_s in enumerate((time_s - time_s[0]).tolist()):
-        lengths_s, own = pieces(told[0][row], told[1][row], period_s, (0.0, period_s))
+        lengths_s, own = pieces(told[row], opening_s[row], period_s, (0.0, period_s))
         begins_s = np.cumsum(lengths_s) - lengths_s
         if failures:
             strikes = true_failures.struck(failures, row, period_s, other.scenario.seed)

@@ -18,7 +18,7 @@ h = X^T R^-1 e
 Initial values are eliminated by taking means off. Where stamps are off their ticks, these lie on a line through the
 stamps, as far as it is known: its two errors are unknowns of each stretch, and eliminated, too. A reading that has not
 moved by a quantum since one was used says nothing new and is left out, as in the joint estimator. Coupling is taken
-with the rates as they are read.
+with the rates as they are read, and in the last passes of a fit with those that come of it.
 """
 
 from __future__ import annotations
@@ -56,6 +56,8 @@ _ROWS = (32, 16, 8, 4, 2)  # on average of a part of a stretch where inertia and
 _ALIKE = 0.03  # by which a bound may change with shorter parts
 _PASSES = 8
 _SETTLED = 1e-2  # squared sigmas that a pass would still gain
+_ROUNDS = 12  # of Newton's, for coupling with the rates that come of it
+_SMALL = 1e-12  # of a rate: these have settled
 _NEARLY = 100.0  # squared sigmas: a pass that would gain less is the last but one, as a rule
 
 
@@ -171,6 +173,7 @@ class Model(NamedTuple):
         at_stamps: whether commands switch at the stamps, and not at regular ticks; None: not asked, at these.
         walks: of the rate and of the velocity by unmodeled torques and forces, 1-sigma after one second; the fit does
             not reckon with them.
+        followed: whether coupling is with the rates that come of it, in place of those that are read.
     """
 
     period_s: float
@@ -187,6 +190,7 @@ class Model(NamedTuple):
     compute: Compute = Compute()
     at_stamps: bool | None = None
     walks: tuple[float, float] = (0.0, 0.0)
+    followed: bool = False
 
 
 class Stretch(NamedTuple):
@@ -315,6 +319,7 @@ class _Read(NamedTuple):
     commands: Array  # of these, (m - 1, j)
     rate: Array  # (3, m), straight where none is read; zero about an axis of which none ever is
     there: NDArray[np.bool_]  # whether it is read, or zero, (3, m)
+    known: NDArray[np.bool_]  # whether any gyro has read the axis, (3,)
     to_use: Array  # propellant that is still to be used, in the middle of each interval, (m - 1,)
     readings: Array  # (n_packages, 3, m)
 
@@ -324,7 +329,8 @@ def _read(stretch: Stretch, model: Model) -> _Read:
     on = np.flatnonzero(told | (stretch.before != 0.0).any(axis=0))
     rates = _by_columns(stretch.readings[:, : model.gyros].swapaxes(0, 1))
     there = np.asarray(~np.isnan(rates).all(axis=0))
-    there[~there.any(axis=1)] = True
+    known = np.asarray(there.any(axis=1))
+    there[~known] = True
     rate = _put_in(_mean(rates), there)
     readings = np.ascontiguousarray(stretch.readings.transpose(1, 2, 0))
     period, late = _ticks(stretch.time_s, model.period_s)
@@ -332,7 +338,7 @@ def _read(stretch: Stretch, model: Model) -> _Read:
     if model.at_stamps:
         lengths, late = np.diff(stretch.time_s), np.zeros_like(late)
     to_use = 0.5 * (stretch.used_after[:-1] + stretch.used_after[1:])
-    return _Read(stretch, period, late, lengths, on, stretch.commands[:-1, on], rate, there, to_use, readings)
+    return _Read(stretch, period, late, lengths, on, stretch.commands[:-1, on], rate, there, known, to_use, readings)
 
 
 class _Course(NamedTuple):
@@ -825,6 +831,34 @@ def _since(gained: Array) -> Array:
     return sums
 
 
+def crossing(vectors: Array) -> Array:
+    """Matrices of the cross products of vectors, shape (3, 3, m) of (3, m)."""
+    return np.asarray(np.tensordot(_CROSS, vectors, ((1,), (0,))))
+
+
+def coupled(straight: Array, rate: Array, lengths_s: Array, at: Array) -> Array:
+    """Changes of the rate with what coupling makes of them: D = G + integral of I^-1 ([I w x] - [w x] I) D.
+
+    Args:
+        straight: G, the changes with the rates in coupling held, shape (3, c, m).
+        rate: w, shape (3, m).
+        lengths_s: of the intervals, shape (m - 1,).
+        at: all unknowns, for the inverse inertia.
+    """
+    inverse = at[:6][ELEMENT]
+    inertia, half = np.linalg.inv(inverse), 0.5 * lengths_s[:, None, None]
+    crossed = crossing(inertia @ rate) - np.einsum("ijm,jk->ikm", crossing(rate), inertia)
+    coupling = np.einsum("ij,jkm->mik", inverse, crossed)
+    onward = np.linalg.inv(np.eye(3) - half * coupling[1:])  # by trapezoids
+    before, gained = onward @ (np.eye(3) + half * coupling[:-1]), onward @ np.moveaxis(np.diff(straight), -1, 0)
+    result, now = np.empty((straight.shape[2], *straight.shape[:2])), straight[:, :, 0]
+    result[0] = now
+    for row in range(straight.shape[2] - 1):
+        now = before[row] @ now + gained[row]
+        result[row + 1] = now
+    return np.ascontiguousarray(np.moveaxis(result, 0, -1))
+
+
 class _Component(NamedTuple):
     """A component of a sensor where it says something new, in r rows."""
 
@@ -980,12 +1014,18 @@ def _course_at(read: _Read, at: Array, model: Model) -> _Course:
 
 
 def _normal(at: Array, course: _Course, model: Model, wanted: NDArray[np.bool_] | None = None) -> Normal:
-    expected = _expected(at, course, model)
+    expected, followed = _expected(at, course, model), model.followed and bool(course.read.known.all())
+    if followed:
+        expected = _followed(expected, at, model)
     fixed, every = _fixed(expected, at, model), np.ones(at.shape[0], dtype=np.bool_)
     design = _design(expected, at, model, every if wanted is None else wanted)
+    own = _of_ticks(course.read.late_s) if design.by_rate.shape[0] > design.kept.shape[0] else np.zeros(0)
+    if followed:
+        design = _with_coupling(design, fixed, at, model)
     kept, size = design.kept, design.by_rate.shape[0]
     information, vector = np.zeros((size, size)), np.zeros(size)
     parts: list[tuple[_Batch, Array, Array]] = []
+    told = np.zeros(3)
     for batch in _batches(_components(expected, fixed, at, model), model.gyros):
         scale = batch.each(1.0 / np.sqrt(model.variances[[part.package for part in batch.parts]]))
         left = batch.without_means(np.concatenate([part.left for part in batch.parts])) * scale
@@ -994,17 +1034,63 @@ def _normal(at: Array, course: _Course, model: Model, wanted: NDArray[np.bool_] 
         information += x @ x.T
         vector += x @ left
         parts.append((batch, left, x[kept.shape[0] :]))
+        for part in batch.parts:
+            if part.package < model.gyros:
+                told[part.axis] += part.rows.size / model.variances[part.package]
+    if followed:
+        own = np.append(own, 1.0 / np.maximum(told, 1e-300))
     shift = np.zeros(0)
     if size > kept.shape[0]:
-        information, vector, shift = _without_ticks(information, vector, course.read.late_s)
+        information, vector, shift = _without_own(information, vector, own)
     total = empty(model)
     fast = _fast(expected, model)
-    for batch, difference, by_ticks in parts:
-        _tally(total, batch, difference - shift @ by_ticks if shift.size else difference, fast, model)
+    for batch, difference, by_own in parts:
+        _tally(total, batch, difference - shift @ by_own if shift.size else difference, fast, model)
     total.information[np.ix_(kept, kept)] = information
     total.score[kept] = vector
     misfit, count, _ = total.by_package.sum(axis=0).tolist()
-    return total._replace(misfit=misfit, readings=count)
+    return total._replace(misfit=misfit + float(shift @ (shift / own)) if shift.size else misfit, readings=count)
+
+
+def _followed(expected: _Expected, at: Array, model: Model) -> _Expected:
+    """What is expected with the coupling of the rates that come of it, whose mean is that of the readings."""
+    first = expected.course.read
+    bias, course, ones = at[columns(model).gyro_bias, None], first.rate, np.eye(3)[:, :, None]
+    counts, lengths_s = first.there.sum(axis=1), np.full(course.shape[1] - 1, first.period_s)
+    for _ in range(_ROUNDS):  # Newton's
+        gained = expected.rate
+        straight = (gained - gained[:, :1]) - (course - course[:, :1])
+        start = np.repeat(ones, course.shape[1], axis=2)
+        both = coupled(np.concatenate((straight[:, None], start), axis=1), course - bias, lengths_s, at)
+        alone, by_start = both[:, 0], both[:, 1:]
+        mean = np.where(first.there, first.rate - course - alone, 0.0).sum(axis=1) / counts
+        by_mean = np.where(first.there[:, None], by_start, 0.0).sum(axis=2) / counts[:, None]
+        step = alone + np.einsum("ijm,j->im", by_start, np.linalg.solve(by_mean, mean))
+        course = course + step
+        read = first._replace(rate=course, there=np.ones_like(first.there))
+        expected = _expected(at, expected.course._replace(read=read), model)
+        if np.abs(step).max() <= _SMALL * np.abs(course).max():
+            break
+    return expected
+
+
+def _with_coupling(design: _Design, fixed: _Fixed, at: Array, model: Model) -> _Design:
+    """Derivatives with what coupling makes of a change of the rate, and by the rate at the beginning, last."""
+    place, m = design.place[columns(model).gyro_bias], fixed.rate.shape[1]
+    straight = design.by_rate.copy()
+    straight[place[place >= 0]] = 0.0
+    begun = np.concatenate((straight - straight[..., :1], np.repeat(np.eye(3)[:, :, None], m, axis=2)))
+    changes = coupled(begun.swapaxes(0, 1), fixed.rate, np.full(m - 1, fixed.period_s), at).swapaxes(0, 1)
+    by_start = changes[-3:]
+    of_mean = np.linalg.inv(by_start.mean(axis=2)).T  # start by the mean of the rate: [i, j] is of component i by j
+    by_mean = np.einsum("ij,ikm->jkm", of_mean, by_start)
+    whole = changes[:-3] - np.einsum("nj,jkm->nkm", changes[:-3].mean(axis=2), by_mean)
+    for axis, at_place in enumerate(place.tolist()):
+        if at_place >= 0:
+            whole[at_place] = -by_mean[axis]
+    whole = np.concatenate((whole, by_mean))
+    by_velocity = np.concatenate((design.by_velocity, np.zeros((3, 3, m))))
+    return design._replace(by_rate=whole, by_velocity=by_velocity, by_whole=whole)
 
 
 class Residuals(NamedTuple):
@@ -1141,17 +1227,18 @@ def _tally(total: Normal, batch: _Batch, left: Array, fast: Array, model: Model)
         total.quiet[:] += squares[~quick].sum(), (~quick).sum()
 
 
-def _without_ticks(information: Array, score: Array, late_s: Array) -> tuple[Array, Array, Array]:
-    """The normal equations with the ticks eliminated, and what is found of these.
+def _without_own(information: Array, score: Array, variances: Array) -> tuple[Array, Array, Array]:
+    """The normal equations with unknowns of the stretch alone eliminated, and what is found of these.
 
     Args:
-        information, score: the ticks last, shapes (k + 2, k + 2) and (k + 2,).
-        late_s: of each stamp after its tick by the line, whose errors they make, shape (m,).
+        information, score: these unknowns last, shapes (k + o, k + o) and (k + o,).
+        variances: of them before the flight, shape (o,).
     """
-    own, cross = information[-_TICKS:, -_TICKS:] + np.diag(1.0 / _of_ticks(late_s)), information[:-_TICKS, -_TICKS:]
-    solved = np.linalg.solve(own, np.column_stack((cross.T, score[-_TICKS:])))
-    left = information[:-_TICKS, :-_TICKS] - cross @ solved[:, :-1]
-    return left, score[:-_TICKS] - cross @ solved[:, -1], np.asarray(solved[:, -1])
+    n = variances.size
+    own, cross = information[-n:, -n:] + np.diag(1.0 / variances), information[:-n, -n:]
+    solved = np.linalg.solve(own, np.column_stack((cross.T, score[-n:])))
+    left = information[:-n, :-n] - cross @ solved[:, :-1]
+    return left, score[:-n] - cross @ solved[:, -1], np.asarray(solved[:, -1])
 
 
 def _of_ticks(late_s: Array) -> Array:
@@ -1186,6 +1273,11 @@ def fitted(stretches: Sequence[Stretch], start: Array, model: Model) -> Fit:
         start: where to begin, shape (n,).
         model: see `Model`.
     """
+    fit = _fitted(stretches, start, model)
+    return _fitted(stretches, fit.at, model._replace(followed=True)) if fit.settled else fit
+
+
+def _fitted(stretches: Sequence[Stretch], start: Array, model: Model) -> Fit:
     at = best = start.copy()
     least = np.inf
     free = np.flatnonzero(model.sigma > 0.0)

@@ -20,9 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation import hindsight
-from massprop_drake.maths.estimation.hindsight import Model, Stretch
+from massprop_drake.maths.estimation.hindsight import Model, Stretch, coupled, crossing
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.mass_properties import ELEMENT
 
 SIGMAS = 4.0  # of what is stated, to which it is confined: one of thirty jets is beyond in one of 500 flights
 NOISE_SIGMAS = 5.0  # of noise before rounding, by which a cell is widened
@@ -253,7 +252,7 @@ def _outputs(stretch: Stretch, at: Array, rate: Array, biases: Array, model: Mod
         found, motion = hindsight.residuals(stretch._replace(readings=read), at, model)
         if np.isnan(rate).any():
             offset = np.nanmean(stretch.readings[:, :gyros] - biases - motion[:3].T[:, None], axis=(0, 1))
-        step = _coupled((motion[:3] + offset[:, None] - course)[:, None], course, stretch.time_s, at)[:, 0]
+        step = coupled((motion[:3] + offset[:, None] - course)[:, None], course, np.diff(stretch.time_s), at)[:, 0]
         course = course + step
         if np.abs(step).max() <= _SMALL * np.abs(course).max():
             break
@@ -267,7 +266,7 @@ def _outputs(stretch: Stretch, at: Array, rate: Array, biases: Array, model: Mod
     straight = held - held[..., :1]
     begun = straight.copy()
     begun[:, u:] = np.eye(3)[:, :, None]
-    derivatives[:gyros] = changes = _coupled(begun, course, stretch.time_s, at)
+    derivatives[:gyros] = changes = coupled(begun, course, np.diff(stretch.time_s), at)
     for package in range(gyros, model.variances.size):
         arm = model.positions[package - gyros] - at[6:9]
         derivatives[package] += _turned(changes - straight, changes - held, course, arm, stretch.time_s)
@@ -292,36 +291,6 @@ def _refined_outputs(stretch: Stretch, at: Array, rate: Array, biases: Array, mo
     return _Outputs(out.shown[..., ::2], out.derivatives[..., ::2], out.rate)
 
 
-def _cross(vectors: Array) -> Array:
-    """Matrices of the cross products of vectors, shape (3, 3, m) of (3, m)."""
-    x, y, z = vectors
-    zero = np.zeros_like(x)
-    return np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]])
-
-
-def _coupled(straight: Array, rate: Array, time_s: Array, at: Array) -> Array:
-    """Changes of the rate with what coupling makes of them: D = G + integral of I^-1 ([I w x] - [w x] I) D.
-
-    Args:
-        straight: G, the changes with the rates in coupling held, shape (3, c, m).
-        rate: w, shape (3, m).
-        time_s: of the rows, shape (m,).
-        at: all unknowns, for the inverse inertia.
-    """
-    inverse = at[:6][ELEMENT]
-    inertia, half = np.linalg.inv(inverse), 0.5 * np.diff(time_s)[:, None, None]
-    crossed = _cross(inertia @ rate) - np.einsum("ijm,jk->ikm", _cross(rate), inertia)
-    coupling = np.einsum("ij,jkm->mik", inverse, crossed)
-    onward = np.linalg.inv(np.eye(3) - half * coupling[1:])  # by trapezoids
-    before, gained = np.eye(3) + half * coupling[:-1], np.moveaxis(np.diff(straight), -1, 0)
-    result, now = np.empty(straight.shape), straight[:, :, 0]
-    result[:, :, 0] = now
-    for row in range(time_s.size - 1):
-        now = onward[row] @ (before[row] @ now + gained[row])
-        result[:, :, row + 1] = now
-    return result
-
-
 def _turned(since: Array, changes: Array, rate: Array, arm: Array, time_s: Array) -> Array:
     """Changes of w x arm and of the integral of w x (w x arm), which an accelerometer shows, shape (3, u + 3, m).
 
@@ -331,8 +300,8 @@ def _turned(since: Array, changes: Array, rate: Array, arm: Array, time_s: Array
         arm: from the center of mass, shape (3,).
         time_s: of the rows, shape (m,).
     """
-    lever = -_cross(arm)
-    slope = np.einsum("ijm,jk->ikm", _cross(rate), lever) - _cross(lever @ rate)
+    lever = -crossing(arm)
+    slope = np.einsum("ijm,jk->ikm", crossing(rate), lever) - crossing(lever @ rate)
     more = np.einsum("ij,jum->ium", lever, since)
     slopes = np.einsum("ijm,jum->ium", slope, changes)
     more[..., 1:] += np.cumsum(0.5 * (slopes[..., 1:] + slopes[..., :-1]) * np.diff(time_s), axis=-1)
