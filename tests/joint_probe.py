@@ -11,6 +11,7 @@ from scipy.stats import chi2
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.estimation.joint import ticks
 from massprop_drake.maths.estimation.joint.cycle import Sample, initial
+from massprop_drake.maths.estimation.joint.disturbance import NO_DISTURBANCE
 from massprop_drake.maths.estimation.joint.layout import NO_ATTITUDE_SENSORS, JointParams, JointState, make_places
 from massprop_drake.maths.estimation.joint.prediction import RateRead
 from massprop_drake.maths.estimation.joint.quantized import DITHER, FLOOR
@@ -66,6 +67,7 @@ def small_params(**changed: Any) -> JointParams:
         "settled_after": 60.0,
         "second_order": True,
         "trackers": NO_ATTITUDE_SENSORS,
+        "disturbance": NO_DISTURBANCE,
     }
     settings |= changed
     variances = settings["variances"]

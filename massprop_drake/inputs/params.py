@@ -39,6 +39,7 @@ from massprop_drake.maths.estimation.filters.mass_filter import MassParams
 from massprop_drake.maths.estimation.filters.registry import FILTERS
 from massprop_drake.maths.estimation.filters.rotation_filter import RotationParams
 from massprop_drake.maths.estimation.filters.thesis import ThesisParams
+from massprop_drake.maths.estimation.joint.disturbance import NO_DISTURBANCE, DisturbanceParams
 from massprop_drake.maths.estimation.joint.layout import AttitudeSensors
 from massprop_drake.maths.estimation.pose import setting as pose_setting
 from massprop_drake.maths.estimation.pose.setting import Around, Tracking, Valves
@@ -112,9 +113,25 @@ def setup(scenario: Scenario) -> Setup:
         widest=initial_standard_deviation(vehicle.nominal.vector(), 1.0, vehicle.center_of_mass_floor),
         limits=convergence_limits(scenario),
         trackers=_trackers(scenario),
+        disturbance=stated_disturbance(scenario),
         opens_at=vehicle.opens_at,
         tracking=tracking(scenario) if scenario.estimation.filter == "pose" else None,
     )
+
+
+def stated_disturbance(scenario: Scenario) -> DisturbanceParams:
+    """The torque and force that a vehicle says to be there besides, as accelerations of the nominal one."""
+    vehicle = scenario.vehicle_data
+    stated = vehicle.disturbance
+    if stated is None:
+        return NO_DISTURBANCE
+    inertia, mass = np.array(vehicle.mass_properties.inertia), vehicle.nominal.mass
+    accelerations = np.zeros((6, 6))
+    accelerations[:3, :3] = np.linalg.solve(inertia, np.diag(stated.torque_std))
+    if vehicle.accelerometers:
+        accelerations[3:, 3:] = np.diag(stated.force_std) / mass
+    acting = np.ascontiguousarray(accelerations[:, accelerations.any(axis=0)])
+    return DisturbanceParams(acting, stated.time_constant_s)
 
 
 def tracking(scenario: Scenario) -> Tracking:

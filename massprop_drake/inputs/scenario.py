@@ -1419,7 +1419,9 @@ def _inline_vehicle(data: Any, document: Document | None) -> Vehicle:
         return validated(Vehicle, data, None)
     except InputError as error:
         source = document.source if document is not None else "scenario"
-        raise InputError(*(f"{source}: vehicle.{problem}" for problem in error.problems)) from None
+        # of the vehicle as a whole, or of one of its keys
+        said = (f"vehicle{problem}" if problem.startswith(":") else f"vehicle.{problem}" for problem in error.problems)
+        raise InputError(*(f"{source}: {problem}" for problem in said)) from None
 
 
 def _find_vehicle(name: str, folder: Path, document: Document | None) -> Vehicle:

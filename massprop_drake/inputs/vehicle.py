@@ -409,6 +409,49 @@ class Surroundings(Model):
     kick_rate: Real = described(0.0, "change of the rate by that, 1-sigma", "rad/s", ge=0.0)
 
 
+def _each_axis(value: Any) -> Any:
+    """Three numbers, of one that holds for each axis."""
+    return (value,) * 3 if isinstance(value, int | float) and not isinstance(value, bool) else value
+
+
+class Disturbance(Model):
+    """A torque and a force, body axes, that nobody commands and that change slowly: drag, solar pressure, venting.
+
+    Each component is a first-order Gauss-Markov process, estimated along with the mass properties.
+    """
+
+    torque_std: Vector3 = described(
+        (0.0, 0.0, 0.0),
+        "1-sigma of the torque about the center of mass; one number: of each component",
+        "ft-lbf | N-m",
+        span=plausible.OUTSIDE_TORQUE,
+    )
+    force_std: Vector3 = described(
+        (0.0, 0.0, 0.0),
+        "1-sigma of the force; one number: of each component",
+        "lbf | N",
+        span=plausible.OUTSIDE_FORCE,
+    )
+    time_constant_s: Real = described(
+        ..., "in which what acts keeps 37 % of itself", "s", gt=0.0, span=plausible.CORRELATION
+    )
+
+    _axes = field_validator("torque_std", "force_std", mode="before")(_each_axis)
+
+    @field_validator("torque_std", "force_std")
+    @classmethod
+    def _not_negative(cls, value: Vector3) -> Vector3:
+        if min(value) < 0.0:
+            raise ValueError("must be zero or positive")
+        return value
+
+    @model_validator(mode="after")
+    def _says_something(self) -> Disturbance:
+        if not any((*self.torque_std, *self.force_std)):
+            raise ValueError("nothing is said to act; give torque_std, force_std or both, or leave disturbance out")
+        return self
+
+
 class _Solid(Model):
     """The fields common to all solids of a shape."""
 
@@ -519,6 +562,9 @@ class Vehicle(Model):
     )
     fixed: tuple[_Fixable, ...] = described((), "parameters that are known and not estimated")
     surroundings: Surroundings = described(Surroundings(), "what moves the vehicle besides its jets")
+    disturbance: Disturbance | None = described(
+        None, "torque and force that change slowly, estimated; null: none; used by `estimation.filter: joint`"
+    )
     poses: tuple[PoseSensor, ...] = described((), "sensors of position and attitude in a fixed frame")
     velocities: tuple[VelocitySensor, ...] = described((), "sensors of velocity in the fixed frame")
     gyros: tuple[Gyro, ...] = described(
@@ -546,6 +592,9 @@ class Vehicle(Model):
         if (self.velocities or any(pose.position_std is not None for pose in self.poses)) and not turns:
             key = "poses" if self.poses else "velocities"
             raise refusal([((key,), "positions and velocities in a fixed frame need a pose sensor with attitude_std")])
+        if self.disturbance is not None and self.needs_pose_filter:
+            words = "is not estimated in a fixed frame; state surroundings.slope_std and surroundings.turn_std"
+            raise refusal([(("disturbance",), words)])
         if self.motion == "planar":
             inertia = np.array(self.mass_properties.inertia)
             if inertia[0, 2] or inertia[1, 2]:

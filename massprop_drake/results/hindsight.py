@@ -17,6 +17,7 @@ from massprop_drake.maths.estimation import hindsight, oscillation
 from massprop_drake.maths.estimation.filter import Instruments
 from massprop_drake.maths.estimation.filters.joint import chi_square_limit
 from massprop_drake.maths.estimation.hindsight import Fit, Model, Reckoned, ScoreTest, Stretch
+from massprop_drake.maths.estimation.joint.disturbance import NO_DISTURBANCE
 from massprop_drake.maths.estimation.joint.prediction import propellant_drift
 from massprop_drake.maths.vehicle.on_times import levels_alone
 from massprop_drake.results import prior
@@ -105,6 +106,7 @@ def model(scenario: Scenario) -> Model:
         compute=hindsight.compute(compiled=scenario.execution.compiled),
         at_stamps=scenario.joint.switching == "stamps" if joint else None,
         walks=(scenario.joint.rate_walk, scenario.joint.velocity_walk) if joint else (0.0, 0.0),
+        disturbance=setup.disturbance if joint else NO_DISTURBANCE,
     )
     places = hindsight.columns(made)
     sigma[places.properties] = _PRIOR * setup.widest
@@ -528,8 +530,9 @@ def _late_thrust(cause: _Cause, after: Fit, made: Model, names: Names) -> str:
 
 
 def _is_covered(parts: Sequence[Stretch], fit: Fit, made: Model) -> bool:
-    """Tests whether the stated walks of rate and velocity leave as much as is left, which then contradicts nothing."""
-    return any(made.walks) and hindsight.possible(fit.at) and oscillation.is_covered(parts, fit, made)
+    """Tests whether walks and disturbance that are stated leave as much as is left, which then contradicts nothing."""
+    states = any(made.walks) or made.disturbance.accelerations.any()
+    return bool(states) and hindsight.possible(fit.at) and oscillation.is_covered(parts, fit, made)
 
 
 def _oscillating(parts: Sequence[Stretch], fit: Fit, made: Model, names: Names) -> list[Diagnosis]:

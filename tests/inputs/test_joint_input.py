@@ -186,6 +186,39 @@ def test_vehicle_keys_reach_the_filter_by_kind() -> None:
     np.testing.assert_array_equal(found.repeatability, [0.001] * 38 + [0.0] * 6)
 
 
+def test_a_disturbance_accelerates_the_nominal_vehicle() -> None:
+    found = made("vehicle.disturbance={torque_std: [100, 0, 300], force_std: 50, time_constant_s: 60}")
+    assert found.places.n_disturbance == 5
+    assert found.disturbance.time_constant_s == 60.0
+    nominal = load_vehicle("orbiter").nominal
+    expected = np.zeros((6, 5))
+    expected[:3, 0], expected[:3, 1] = (np.linalg.inv(nominal.inertia) * [100.0, 0.0, 300.0])[:, [0, 2]].T
+    expected[3:, 2:] = 50.0 / nominal.mass * np.eye(3)
+    np.testing.assert_allclose(found.disturbance.accelerations, expected, rtol=1e-12, atol=1e-18)
+    assert made().places.n_disturbance == 0
+    none = ("vehicle.accelerometers=[]", "vehicle.preferred_accelerometer=null")
+    alone = made(*none, "vehicle.disturbance={torque_std: 1, force_std: 1, time_constant_s: 60}")
+    assert alone.places.n_disturbance == 3  # no reading shows a force
+
+
+@pytest.mark.parametrize(
+    ("stated", "message"),
+    [
+        ("{time_constant_s: 60}", "vehicle.disturbance: nothing is said to act; give torque_std, force_std or both"),
+        ("{torque_std: [1, -1, 0], time_constant_s: 60}", "vehicle.disturbance.torque_std: must be zero or positive"),
+        ("{torque_std: 1}", "vehicle.disturbance.time_constant_s"),
+        ("{torque_std: 1, time_constant_s: 0}", "vehicle.disturbance.time_constant_s"),
+        ("{torque_std: [1, 2], time_constant_s: 60}", "vehicle.disturbance.torque_std"),
+        ("{torque_std: true, time_constant_s: 60}", "vehicle.disturbance.torque_std"),
+    ],
+)
+def test_a_disturbance_that_cannot_be_is_refused(stated: str, message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        joint(f"vehicle.disturbance={stated}")
+    assert message in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+
+
 def test_scenario_keys_replace_those_of_the_vehicle() -> None:
     found = made("joint={thrust_uncertainty: 0, lag_uncertainty: 0, rate_walk: 1.0e-7, settled_after: 5}")
     assert (found.places.n_thrust, found.places.n_lag, found.places.n_scale) == (0, 0, 0)

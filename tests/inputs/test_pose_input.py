@@ -80,6 +80,11 @@ REFUSED: dict[str, tuple[dict[str, Any], str, str]] = {
         "heading_turn_std",
     ),
     "an unknown parameter that is fixed": ({"fixed": ["mass"]}, "fixed[0]", "fixed"),
+    "a disturbance in a fixed frame": (
+        {"disturbance": {"torque_std": 1.0, "time_constant_s": 60.0}},
+        "disturbance: is not estimated in a fixed frame; state surroundings.slope_std and surroundings.turn_std",
+        "disturbance",
+    ),
     "a share of poor readings that leaves none": ({"poses.0.outliers": 0.5}, "poses[0].outliers", "outliers"),
 }
 

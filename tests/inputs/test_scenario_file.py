@@ -541,6 +541,8 @@ def test_what_is_wrong_with_a_vehicle_in_the_scenario_is_told_with_its_field(
     problem = _problem(path)
     assert problem.startswith(str(path))
     assert "vehicle.jets[2].thrust: input should be greater than 0, got -1.0" in problem
+    with pytest.raises(InputError, match=r": vehicle: preferred_accelerometer: 'acc2' is not an accelerometer"):
+        load_scenario("orbiter_maneuver", ["vehicle.accelerometers=[]"])
 
 
 def test_overrides_reach_into_a_vehicle_in_the_scenario(tmp_path: Path, toy_data: dict[str, Any]) -> None:

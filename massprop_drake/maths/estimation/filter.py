@@ -15,6 +15,7 @@ from massprop_drake.maths.arrays import FLAG, NUMBER, Layout
 from massprop_drake.maths.estimation.adaptation import Adaptation
 from massprop_drake.maths.estimation.detector import KnownForce
 from massprop_drake.maths.estimation.impulses import Impulses
+from massprop_drake.maths.estimation.joint.disturbance import NO_DISTURBANCE, DisturbanceParams
 from massprop_drake.maths.estimation.joint.layout import AttitudeSensors
 from massprop_drake.maths.kernels import idiom
 from massprop_drake.maths.linear_algebra import Array
@@ -82,6 +83,7 @@ class Setup(NamedTuple):
         widest: 1-sigma of the ten parameters if nothing is known of them, shape (10,).
         limits: of convergence, see `mass_properties.converged`, shape (3,).
         trackers: of attitude.
+        disturbance: see `DisturbanceParams`, for the nominal vehicle.
         opens_at: where in a sample an on-time lies of which no onset is told, see `maths.vehicle.on_times`; None:
             commands are levels.
         tracking: of a vehicle that is followed in a fixed frame, see `pose.setting.Tracking`; None: it is not.
@@ -101,6 +103,7 @@ class Setup(NamedTuple):
     widest: Array
     limits: Array
     trackers: AttitudeSensors
+    disturbance: DisturbanceParams = NO_DISTURBANCE
     opens_at: Place | None = None
     tracking: Any = None
 

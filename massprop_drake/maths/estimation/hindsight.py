@@ -32,6 +32,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from massprop_drake.maths.estimation.joint.disturbance import NO_DISTURBANCE, DisturbanceParams
 from massprop_drake.maths.estimation.joint.impulses import LEAST_LAG, Lingering, fire, lingering
 from massprop_drake.maths.estimation.joint.prediction import PARABOLA
 from massprop_drake.maths.kernels import chosen, idiom, kernel, listed
@@ -173,6 +174,7 @@ class Model(NamedTuple):
         at_stamps: whether commands switch at the stamps, and not at regular ticks; None: not asked, at these.
         walks: of the rate and of the velocity by unmodeled torques and forces, 1-sigma after one second; the fit does
             not reckon with them.
+        disturbance: see `joint.disturbance`; the fit does not reckon with it either.
         followed: whether coupling is with the rates that come of it, in place of those that are read.
     """
 
@@ -190,6 +192,7 @@ class Model(NamedTuple):
     compute: Compute = Compute()
     at_stamps: bool | None = None
     walks: tuple[float, float] = (0.0, 0.0)
+    disturbance: DisturbanceParams = NO_DISTURBANCE
     followed: bool = False
 
 

@@ -58,6 +58,7 @@ from massprop_drake.maths.estimation.joint.cycle import (
     gone_over,
     initial,
 )
+from massprop_drake.maths.estimation.joint.disturbance import Wander
 from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Score
 from massprop_drake.maths.estimation.joint.layout import (
     JointParams,
@@ -384,7 +385,9 @@ def _no_following(places: Places, sample: Sample) -> Following:
     given = (np.zeros(places.jets), readings(sample.rates, sample.velocities, sample.attitudes))
     stamp = Stamped(np.zeros(n), np.zeros(n), np.zeros(n), 1.0)
     nothing = Crossing(np.zeros((m, n)), np.zeros((n, m)), np.zeros(n), 0.0)
-    before = (np.zeros(n), rows, rows, np.zeros((2, places.n_attitude, 3)), 1.0, np.zeros((6, 6)), 1.0)
+    slow = np.zeros((6, places.n_disturbance))
+    wander = Wander(1.0, slow, slow, 0.0, 0.0)
+    before = (np.zeros(n), rows, rows, np.zeros((2, places.n_attitude, 3)), 1.0, np.zeros((6, 6)), wander, 1.0)
     seen = Traces(*before, *told, *learned, *given, nothing, stamp, 0.0, 0.0, 0.0)
     return Following(Since(*empty(places)[1:]), Roots(np.zeros((0, n, n)), np.arange(0)), seen, 0.0, 0.0)
 
@@ -409,7 +412,8 @@ def _no_desk(places: Places) -> Desk:
 
 
 def _link_layout(places: Places) -> Layout:
-    return LINK.sized(size=places.size, jets=places.jets, outputs=places.outputs, attitude=places.n_attitude)
+    counts = {"jets": places.jets, "outputs": places.outputs, "attitude": places.n_attitude}
+    return LINK.sized(size=places.size, disturbed=6 + places.n_disturbance, **counts)
 
 
 # --------------------------------------------------------------------------------------- taken up and left

@@ -129,7 +129,8 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
     block, thrust = options.joint, setup.thrust
     gyros, accelerometers = setup.gyros, setup.accelerometers
     n_jets, n_kinds = thrust.flows.shape[0], thrust.lag_uncertainty.shape[0]
-    counts = (n_jets, gyros.quanta.shape[0], accelerometers.quanta.shape[0], setup.trackers.variances.shape[0])
+    packages = (gyros.quanta.shape[0], accelerometers.quanta.shape[0], setup.trackers.variances.shape[0])
+    counts = (n_jets, *packages, setup.disturbance.accelerations.shape[1])
     thrust_sigmas = _chosen(block.thrust_uncertainty, thrust.uncertainty)
     lagging = np.array([bool((thrust.time_constants_s[thrust.kinds == kind] > 0.0).any()) for kind in range(n_kinds)])
     lag_sigmas = np.where(lagging, _chosen(block.lag_uncertainty, thrust.lag_uncertainty), 0.0)
@@ -173,6 +174,7 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
         floors=np.append(noises**2 + (FLOOR * cells) ** 2, of_attitudes),
         dithered=np.append((noises > DITHER * cells).astype(np.float64), of_trackers + 1.0),
         trackers=setup.trackers,
+        disturbance=setup.disturbance,
         start=setup.estimate,
         start_root=_root(setup.covariance),
         increment_sigma=setup.widest,

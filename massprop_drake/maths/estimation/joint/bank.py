@@ -55,7 +55,8 @@ class Bank(NamedTuple):
         cycles: number of that cycle, shape (k,).
         learned: D, what the filter has learned since, shape (k, size).
         rows: derivative of w and of what all c have gathered, by the state at the onset, shape (k, 6, size).
-        noise: covariance of process noise on w and c since, shape (k, 6, 6).
+        noise: covariance of process noise on w, c and z since, see `sensitivity.Link`, shape (k, d, d).
+        kept: share of z at the onset that is left, shape (k,).
         elapsed_s: time since, shape (k,).
         missing: seconds of full thrust that each jet could have given on top, shape (k, n_jets).
         given: seconds of full thrust that it gave, shape (k, n_jets).
@@ -66,6 +67,7 @@ class Bank(NamedTuple):
     learned: Array
     rows: Array
     noise: Array
+    kept: Array
     elapsed_s: Array
     missing: Array
     given: Array
@@ -78,6 +80,7 @@ class Since(NamedTuple):
     learned: Array
     rows: Array
     noise: Array
+    kept: Array
     elapsed_s: Array
     missing: Array
     given: Array
@@ -111,13 +114,14 @@ class Telescoped(NamedTuple):
 
 def empty(places: Places) -> Bank:
     """A bank without onsets."""
-    n, jets = places.size, places.jets
+    n, jets, disturbed = places.size, places.jets, 6 + places.n_disturbance
     return Bank(
         states=(),
         cycles=np.zeros(0),
         learned=np.zeros((0, n)),
         rows=np.zeros((0, 6, n)),
-        noise=np.zeros((0, 6, 6)),
+        noise=np.zeros((0, disturbed, disturbed)),
+        kept=np.zeros(0),
         elapsed_s=np.zeros(0),
         missing=np.zeros((0, jets)),
         given=np.zeros((0, jets)),
@@ -140,19 +144,40 @@ def _advanced(since: Since, over: Link, places: Places) -> Since:
     by_parameters, by_velocity = over.rate_rows.copy(), over.velocity_rows.copy()
     by_parameters[:, RATE] = 0.0
     by_velocity[:, RATE] = 0.0
+    slow = slice(places.disturbance, places.thrust)
     rows = np.empty_like(since.rows)
     rows[:, :3] = rate + by_parameters + times_stack(over.rate_rows[:, RATE], rate)
     rows[:, 3:] = gathered + by_velocity + times_stack(over.velocity_rows[:, RATE], rate)
+    for index in range(rows.shape[0] if places.n_disturbance > 0 else 0):  # of z at the onset less and less is left
+        rows[index, :3, slow] += (since.kept[index] - 1.0) * over.rate_rows[:, slow]
+        rows[index, 3:, slow] += (since.kept[index] - 1.0) * over.velocity_rows[:, slow]
     duration = over.duration_s
     return Since(
         since.cycles,
         learned,
         rows,
-        since.noise + over.noise,
+        _noise_since(since.noise, over, places),
+        since.kept * over.kept,
         since.elapsed_s + duration,
         since.missing + (duration - over.amount),
         since.given + over.amount,
     )
+
+
+@kernel
+def _noise_since(noise: Array, over: Link, places: Places) -> Array:
+    """Covariances of process noise since the onsets, one interval later, shape (k, d, d)."""
+    n = places.n_disturbance
+    if n == 0:
+        return noise + over.noise
+    through = np.eye(6 + n)
+    through[:3, 6:] = over.rate_rows[:, places.disturbance : places.thrust]
+    through[3:6, 6:] = over.velocity_rows[:, places.disturbance : places.thrust]
+    through[6:, 6:] *= over.kept
+    after = np.empty_like(noise)
+    for index in range(noise.shape[0]):
+        after[index] = through @ noise[index] @ through.T + over.noise
+    return after
 
 
 def taken(bank: Bank, over: Link, state: JointState, cycle: int) -> Bank:
@@ -179,7 +204,8 @@ def _taken(since: Since, correction: Array, cycle: float) -> tuple[Since, np.nda
         np.append(since.cycles[keep], cycle),
         np.vstack((since.learned[keep] + correction, np.zeros((1, size)))),
         np.concatenate((since.rows[keep], start)),
-        np.concatenate((since.noise[keep], np.zeros((1, 6, 6)))),
+        np.concatenate((since.noise[keep], np.zeros((1, *since.noise.shape[1:])))),
+        np.append(since.kept[keep], 1.0),
         np.append(since.elapsed_s[keep], 0.0),
         np.vstack((since.missing[keep], np.zeros((1, jets)))),
         np.vstack((since.given[keep], np.zeros((1, jets)))),
@@ -343,7 +369,7 @@ def _covariances(
         index = looked_at[place]
         rows = _output_rows(since, index, jacobian, on_outputs, params)
         half = sparse_product(rows, roots.stack[roots.places[index]])  # jets that have not fired since tell nothing
-        result[place] = half @ half.T + on_outputs @ since.noise[index] @ on_outputs.T
+        result[place] = half @ half.T + on_outputs @ np.ascontiguousarray(since.noise[index, :6, :6]) @ on_outputs.T
     return result
 
 

@@ -20,6 +20,7 @@ from massprop_drake.maths.estimation.joint.covariance import (
     updated,
     widely_updated,
 )
+from massprop_drake.maths.estimation.joint.disturbance import wandered
 from massprop_drake.maths.estimation.joint.guard import guarded
 from massprop_drake.maths.estimation.joint.lag_prior import reconsidered, with_wide_priors
 from massprop_drake.maths.estimation.joint.layout import (
@@ -61,6 +62,7 @@ from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError, skew, sparse_product
 
 _WHAT = "the joint estimator's covariance"
+_LEAST_S = 1e-9  # of an interval
 _UNREAD = 1e6  # sigmas of a reading that what was not read at the start may be off
 _DIGITS = 1e3  # arithmetic: 1-sigmas of readings, of whose square a NIS across so wide directions has ten digits left
 UNTRACKED = np.zeros((0, 3))  # readings of no tracker
@@ -226,6 +228,8 @@ def initial(params: JointParams) -> JointState:
     mean, root = np.zeros(places.size), np.zeros((places.size, places.size))
     mean[:N_PROPERTIES] = params.start
     root[:N_PROPERTIES, :N_PROPERTIES] = params.start_root
+    for element in range(places.disturbance, places.thrust):
+        root[element, element] = 1.0
     for element in range(places.thrust, places.size):
         root[element, element] = params.prior_sigma[element - places.thrust]
     jets = places.jets
@@ -256,11 +260,12 @@ def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
 
     They are uncorrelated with the rest, but that with a gyro bias the rate's error is that of the reading less the
     bias, and that the rate from which the turning of accelerometers is counted has the error of that rate: what they
-    read then says nothing of it. What is not read starts at zero and as good as unknown.
+    read then says nothing of it. What is not read starts at zero and as good as unknown. Of a disturbance is known what
+    is left of it.
     """
     places = params.places
     mean = state.mean.copy()
-    first, last = RATE.start, places.thrust
+    first, last = RATE.start, places.disturbance
     root = np.zeros((places.size, places.size + last - first))
     root[:first, : places.size], root[last:, : places.size] = state.root[:first], state.root[last:]
     own = places.size - first  # a column for the reading of each of these rows
@@ -303,6 +308,13 @@ def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
             weights = 1.0 / own_variances[there]
             mean[row] = weights @ sample.attitudes[there, axis] / weights.sum()
             root[row, own + row] = np.sqrt(1.0 / weights.sum())
+    if places.n_disturbance > 0:
+        kept = wandered(params.disturbance, max(sample.time_s - state.time_s, _LEAST_S)).kept
+        come = np.zeros((places.size, places.n_disturbance))
+        come[last : places.thrust] = np.sqrt(1.0 - kept**2) * np.eye(places.n_disturbance)
+        mean[last : places.thrust] *= kept
+        root[last : places.thrust] *= kept
+        root = np.hstack((root, come))
     read = readings(sample.rates, sample.velocities, sample.attitudes)
     return state._replace(
         mean=mean,
@@ -849,6 +861,7 @@ def relinearized(
         at.attitude,
         at.mass_factor,
         at.noise,
+        at.wander,
         at.drift,
         at.turned,
         at.spin,

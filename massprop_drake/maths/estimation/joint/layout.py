@@ -3,13 +3,14 @@ r"""The joint estimator's state and parameters: what stands where, and how a sta
 The mean and the rows of the covariance's root are in this order,
 
     J (6: xx, yy, zz, yz, xz, xy) | r (3) | mu | w (3) | c_s (3 per accelerometer) | psi (3, with a tracker)
+    | z (per component of a disturbance)
     b (thrust error per jet) | lag error per kind | gyro bias (3 per package)
     | accelerometer bias (3 per package) | s | theta (2, of the ticks) | f (force of each slot of failed jets)
 
 with J the inverse inertia about the center of mass, r the center of mass in the vehicle frame, mu = 1/m, w the rate,
-c_s the integral of F/m as accelerometer s has gathered it, and psi the attitude as `orientation` has it. What stands in
-the second and third line are parameters in units of their sigmas, of about unit prior variance, but for f, which is in
-lbf or N. A kind of parameter whose sigma is zero has no place.
+c_s the integral of F/m as accelerometer s has gathered it, psi the attitude as `orientation` has it, and z as
+`disturbance` has it. What stands from b on are parameters in units of their sigmas, of about unit prior variance, but
+for f, which is in lbf or N. A kind of parameter whose sigma is zero has no place.
 
 Nothing is scaled: the covariance is kept as a root that is made triangular by Householder reflections, and these treat
 every row of the root by its own size, so that a change of units changes no digit.
@@ -22,6 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from massprop_drake.maths.arrays import FLAG, NUMBER, Layout
+from massprop_drake.maths.estimation.joint.disturbance import DisturbanceParams
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
 
@@ -36,6 +38,7 @@ class Places(NamedTuple):
         jets, gyros, accelerometers, trackers: how many there are.
         outputs: components that are read.
         attitude, n_attitude: of psi; three elements, or none without a tracker.
+        disturbance, n_disturbance: of z.
         thrust, n_thrust: of b; none or one per jet.
         lag, n_lag: of the lag's errors; none or one per kind of jet.
         gyro_bias, n_gyro_bias: none or three per package.
@@ -53,6 +56,8 @@ class Places(NamedTuple):
     outputs: int
     attitude: int
     n_attitude: int
+    disturbance: int
+    n_disturbance: int
     thrust: int
     n_thrust: int
     lag: int
@@ -76,14 +81,15 @@ def make_places(
     """The places of a vehicle's state.
 
     Args:
-        counts: numbers of jets, gyro packages, accelerometer packages and, if there are any, trackers of attitude.
+        counts: numbers of jets, gyro packages, accelerometer packages and, if there are any, trackers of attitude and
+            components of a disturbance.
         n_lag: number of kinds of jets whose lag is estimated; 0: none.
         biases: whether the gyros and whether the accelerometers have biases to estimate.
         thrust: whether thrusts are uncertain.
         forces: number of slots for the forces of failed jets.
         ticks: 2 if ticks are estimated, else 0.
     """
-    jets, gyros, accelerometers, trackers = (*counts, 0)[:4]
+    jets, gyros, accelerometers, trackers, components = (*counts, 0, 0)[:5]
     sizes = [
         jets if thrust else 0,
         n_lag,
@@ -94,7 +100,7 @@ def make_places(
         forces,
     ]
     attitude, n_attitude = VELOCITY + 3 * accelerometers, 3 if trackers else 0
-    begins = np.cumsum([attitude + n_attitude, *sizes]).tolist()
+    begins = np.cumsum([attitude + n_attitude + components, *sizes]).tolist()
     return Places(
         jets=jets,
         gyros=gyros,
@@ -103,6 +109,8 @@ def make_places(
         outputs=3 * (gyros + accelerometers + trackers),
         attitude=attitude,
         n_attitude=n_attitude,
+        disturbance=attitude + n_attitude,
+        n_disturbance=components,
         thrust=begins[0],
         n_thrust=sizes[0],
         lag=begins[1],
@@ -166,6 +174,7 @@ class JointParams(NamedTuple):
         floors: variance of each prediction beyond the state's, see `quantized`, shape (n_outputs,).
         dithered: 1 where each sample is news, 0 where a change of the reading is, shape (n_outputs,).
         trackers: see `AttitudeSensors`.
+        disturbance: see `DisturbanceParams`.
         start: the ten parameters at the start, shape (10,).
         start_root: lower triangular root of their covariance at the start, shape (10, 10).
         increment_sigma: what an increment adds to their 1-sigma, in quadrature, shape (10,).
@@ -202,6 +211,7 @@ class JointParams(NamedTuple):
     floors: Array
     dithered: Array
     trackers: AttitudeSensors
+    disturbance: DisturbanceParams
     start: Array
     start_root: Array
     increment_sigma: Array

@@ -4,6 +4,7 @@ r"""Prediction of the joint state over one interval, exact in its length, and it
     c_s <- c_s + lambda mu + beta_s T
     mu  <- mu + mu^2 sum_j m'_j L_j
     psi <- what the rate turns it to, see `orientation`
+    z   <- what is left of it, see `disturbance`, whose accelerations w and c_s get besides
 
 with a and lambda the impulses about the vehicle origin of all jets, the sum of W_j L_j (1 + sigma_T b_j) with L_j the
 seconds of full thrust of `impulses`, of the forces of failed jets, and of known outside forces. While mu falls, c
@@ -56,6 +57,7 @@ import numpy as np
 
 from massprop_drake.maths.estimation.filters.rotation_filter import angular_block, second_order_terms
 from massprop_drake.maths.estimation.joint.covariance import semidefinite_root
+from massprop_drake.maths.estimation.joint.disturbance import Wander, come, slowly, wandered
 from massprop_drake.maths.estimation.joint.impulses import Firing, effects_of, fire, moments_of, regiven, time_constants
 from massprop_drake.maths.estimation.joint.layout import (
     CENTER,
@@ -141,7 +143,8 @@ class Prediction(NamedTuple):
         attitude: derivatives by w0 and by w1 of psi, B0 and B1 of `orientation`; none without a tracker, shape
             (2, n_attitude, 3).
         mass_factor: derivative of mu after by mu before.
-        noise: covariance added to w and to every c_s alike, shape (6, 6).
+        noise: covariance added to w and to every c_s alike, but for the disturbance's, shape (6, 6).
+        wander: of the disturbance; what comes turns c as `noise` does.
         drift: variances added to the ten parameters, shape (10,).
         turned: O until the interval, see `turning`: a shift of r in it does not move what accelerometers have shown.
         spin: integral of w w^T dt over the interval, six elements, rad^2/s, shape (6,).
@@ -157,6 +160,7 @@ class Prediction(NamedTuple):
     attitude: Array
     mass_factor: float
     noise: Array
+    wander: Wander
     drift: Array
     turned: Array
     spin: Array
@@ -326,15 +330,18 @@ def predict(
     rate_rows[:, INERTIA] = angular_block(moment)
     rate_rows[:, CENTER] = inverse @ skew(linear)
     velocity_rows[:, MASS] = linear * (1.0 + reciprocal * flow)
+    wander, own = wandered(params.disturbance, duration), slice(places.disturbance, places.thrust)
+    rate_rows[:, own], velocity_rows[:, own] = wander.begun[:3], wander.begun[3:]
     rate_rows, velocity_rows = indifferent(rate_rows, velocity_rows, acting.anything)
     bias, noise = _second_order(state, acting, linear, covariance, params)
     noise += _white_noise(mean, acting, params)
+    bias += slowly(wander, mean[own])
     change = inverse @ moment + bias[:3]
     velocity_change = linear * reciprocal * (1.0 + 0.5 * reciprocal * flow) + bias[3:]
 
     end_rows = rate_rows.copy()
     end_rows[:, RATE] += _IDENTITY
-    share, left = _share_of_reading(end_rows @ state.root, noise, rate_read)
+    share, left = _share_of_reading(end_rows @ state.root, noise + come(wander), rate_read)
     end, bowed = _corrected(mean[RATE] + change, rate_read, share), np.zeros((3, 3))
     coupled = _knows_inertia(mean, covariance)
     if coupled:
@@ -349,22 +356,17 @@ def predict(
     apart = turned_by(mean[RATE], end, params.accelerometer_positions - mean[CENTER], duration)
     middle = apart.sum(axis=1) / max(places.accelerometers, 1)
     by_start, by_end = middle[0], middle[1]
-    apart[0] -= by_start
-    apart[1] -= by_end
+    apart -= middle.reshape(2, 1, 3, 3)
     velocity_rows[:, RATE] += by_start + by_end
     velocity_rows += by_end @ rate_rows
-    noise = _through_turning(noise, by_end)
+    noise, wander = _through_turning(noise, wander, by_end)
     gap = mean[RATE] + change - end
     velocity_change = velocity_change + by_end @ gap
 
     after = mean.copy()
     after[RATE] += change
-    for package in range(places.accelerometers):
-        part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
-        after[part] += velocity_change + apart[1, package] @ gap
-        if places.n_acceleration_bias > 0:
-            begin = places.acceleration_bias + 3 * package
-            after[part] += duration * params.acceleration_bias_sigma * mean[begin : begin + 3]
+    after = _with_gathered(after, velocity_change, (apart[1], gap), duration, params)
+    after[own] *= wander.kept
     after[MASS] += reciprocal * reciprocal * flow
     after, attitude = _with_attitude(state, after, acting, (frames, bowed[0], coupled), params)
     return Prediction(
@@ -375,6 +377,7 @@ def predict(
         attitude=attitude,
         mass_factor=1.0 + 2.0 * reciprocal * flow,
         noise=noise,
+        wander=wander,
         drift=propellant_drift(mean, flow, params.tank_fraction, params.arm),
         turned=turning(mean[RATE], state.reference, state.spin),
         spin=spin_integral(mean[RATE], end, bowed, duration),
@@ -382,6 +385,29 @@ def predict(
         duration_s=duration,
         coupled=coupled,
     )
+
+
+@kernel
+def _with_gathered(
+    after: Array, change: Array, apart: tuple[Array, Array], duration_s: float, params: JointParams
+) -> Array:
+    """The predicted mean with what accelerometers gather over the interval, shape (size,).
+
+    Args:
+        after: the mean without that, shape (size,).
+        change: of all c_s alike, shape (3,).
+        apart: derivative of what each gathers besides by w1, shape (n_accelerometers, 3, 3), and what w1 is off by.
+        duration_s: of the interval.
+        params: see `JointParams`.
+    """
+    places, result, (by_end, gap) = params.places, after.copy(), apart
+    for package in range(places.accelerometers):
+        part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
+        result[part] += change + by_end[package] @ gap
+        if places.n_acceleration_bias > 0:
+            begin = places.acceleration_bias + 3 * package
+            result[part] += duration_s * params.acceleration_bias_sigma * after[begin : begin + 3]
+    return result
 
 
 @kernel
@@ -533,12 +559,14 @@ def turned_by(start: Array, end: Array, arms: Array, duration_s: float) -> Array
 
 
 @kernel
-def _through_turning(noise: Array, by_end: Array) -> Array:
-    """Noise on w and c, shape (6, 6), with what that on w1 turns c by."""
+def _through_turning(noise: Array, wander: Wander, by_end: Array) -> tuple[Array, Wander]:
+    """Noise on w and c, shape (6, 6), and what comes of a disturbance, with what that on w1 turns c by."""
     turned = noise.copy()
     turned[3:] += by_end @ noise[:3]
     turned[:, 3:] += turned[:, :3] @ by_end.T
-    return turned
+    drawn = wander.drawn.copy()
+    drawn[3:] += by_end @ drawn[:3]
+    return turned, Wander(wander.kept, wander.begun, drawn, wander.along, wander.apart)
 
 
 @kernel
@@ -644,16 +672,25 @@ def propagated(root: Array, prediction: Prediction, params: JointParams) -> Arra
     common = moved[3:]
     noise = semidefinite_root(prediction.noise)
     drifting = np.flatnonzero(prediction.drift > 0.0)
-    columns = np.zeros((places.size, 6 + drifting.shape[0]))
+    wander, slow = prediction.wander, slice(6, 6 + places.n_disturbance)
+    first = 6 + 2 * places.n_disturbance  # of the columns of what drifts
+    columns = np.zeros((places.size, first + drifting.shape[0]))
     columns[RATE, :6] = noise[:3]
+    columns[RATE, slow] = wander.drawn[:3]
+    for component in range(places.n_disturbance):
+        row = places.disturbance + component
+        after[row] *= wander.kept
+        columns[row, 6 + component] = wander.along
+        columns[row, 6 + places.n_disturbance + component] = wander.apart
     for package in range(places.accelerometers):
         part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
         after[part] += common
         columns[part, :6] = noise[3:]
+        columns[part, slow] = wander.drawn[3:]
         if places.accelerometers > 1:
             by_start, by_end = prediction.apart[0, package], prediction.apart[1, package]
             after[part] += by_start @ root[RATE] + by_end @ after[RATE]
-            columns[part, :6] += by_end @ noise[:3]
+            columns[part, :first] += by_end @ columns[RATE, :first]
         if places.n_acceleration_bias > 0:
             begin = places.acceleration_bias + 3 * package
             after[part] += prediction.duration_s * params.acceleration_bias_sigma * root[begin : begin + 3]
@@ -661,16 +698,16 @@ def propagated(root: Array, prediction: Prediction, params: JointParams) -> Arra
         part = slice(places.attitude, places.attitude + 3)
         by_start, by_end = prediction.attitude[0], prediction.attitude[1]
         after[part] += by_start @ root[RATE] + by_end @ after[RATE]
-        columns[part, :6] += by_end @ noise[:3]
+        columns[part, :first] += by_end @ columns[RATE, :first]
     after[MASS] *= prediction.mass_factor
     for column in range(drifting.shape[0]):
         element = drifting[column]
         sigma = np.sqrt(prediction.drift[element])
-        columns[element, 6 + column] = sigma
+        columns[element, first + column] = sigma
         if element >= _FIRST:
             for package in range(places.accelerometers):
                 part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
-                columns[part, 6 + column] = prediction.turned[:, element - _FIRST] * sigma
+                columns[part, first + column] = prediction.turned[:, element - _FIRST] * sigma
     if not columns.any():
         return after
     return np.hstack((after, columns))

@@ -18,6 +18,7 @@ import numpy as np
 
 from massprop_drake.maths.arrays import NUMBER, Layout
 from massprop_drake.maths.estimation.joint.cycle import Course, Crossing, Report, Sample
+from massprop_drake.maths.estimation.joint.disturbance import Wander
 from massprop_drake.maths.estimation.joint.impulses import effects_of
 from massprop_drake.maths.estimation.joint.layout import MASS, RATE, VELOCITY, JointParams, JointState, Places
 from massprop_drake.maths.estimation.joint.measurement import readings
@@ -31,7 +32,8 @@ class Link(NamedTuple):
 
     Attributes:
         rate_rows, velocity_rows, attitude, mass_factor, duration_s: see `prediction.Prediction`.
-        noise: covariance added to w and c, shape (6, 6).
+        noise: covariance added to w, c and z, shape (6 + n_disturbance, 6 + n_disturbance).
+        kept: see `disturbance.Wander`.
         bias_seconds: derivative of the change of c by the accelerometer's bias.
         jacobian: H, shape (m, size).
         gain: K, zero for components that did not count, shape (size, m).
@@ -53,6 +55,7 @@ class Link(NamedTuple):
     mass_factor: float
     duration_s: float
     noise: Array
+    kept: float
     bias_seconds: float
     jacobian: Array
     gain: Array
@@ -82,7 +85,8 @@ LINK = Layout(
     attitude=(2, "attitude", 3),
     mass_factor=NUMBER,
     duration_s=NUMBER,
-    noise=(6, 6),
+    noise=("disturbed", "disturbed"),
+    kept=NUMBER,
     bias_seconds=NUMBER,
     jacobian=("outputs", "size"),
     gain=("size", "outputs"),
@@ -111,7 +115,7 @@ class Traces(NamedTuple):
 
     Attributes:
         mean: of the state before the cycle, shape (size,).
-        rate_rows, velocity_rows, attitude, mass_factor, noise, duration_s: see `prediction.Prediction`.
+        rate_rows, velocity_rows, attitude, mass_factor, noise, wander, duration_s: see `prediction.Prediction`.
         jacobian, projected, innovation, used, variances: see `cycle.Expected`.
         upper, half_gain, correction: see `covariance.Update`; empty, or zero, where no component counted.
         amount: see `Link`.
@@ -127,6 +131,7 @@ class Traces(NamedTuple):
     attitude: Array
     mass_factor: float
     noise: Array
+    wander: Wander
     duration_s: float
     jacobian: Array
     projected: Array
@@ -176,6 +181,7 @@ def traced(mean: Array, course: Course, sample: Sample) -> Traces:
         prediction.attitude,
         prediction.mass_factor,
         prediction.noise,
+        prediction.wander,
         prediction.duration_s,
         expected.jacobian,
         expected.projected,
@@ -220,7 +226,8 @@ def linked(seen: Traces, params: JointParams) -> Link:
         attitude=seen.attitude,
         mass_factor=seen.mass_factor,
         duration_s=seen.duration_s,
-        noise=seen.noise,
+        noise=_noise(seen, params.places),
+        kept=seen.wander.kept,
         bias_seconds=seen.duration_s * params.acceleration_bias_sigma,
         jacobian=seen.jacobian,
         gain=gain,
@@ -242,6 +249,21 @@ def linked(seen: Traces, params: JointParams) -> Link:
         stamp_correction=seen.stamp.correction,
         ticks_kept=seen.stamp.kept,
     )
+
+
+@kernel
+def _noise(seen: Traces, places: Places) -> Array:
+    """Covariance added to w, c and z over an interval."""
+    n, wander = places.n_disturbance, seen.wander
+    if n == 0:
+        return seen.noise
+    columns = np.zeros((6 + n, 2 * n))
+    columns[:6, :n] = wander.drawn
+    for component in range(n):
+        columns[6 + component, component], columns[6 + component, n + component] = wander.along, wander.apart
+    noise = columns @ columns.T
+    noise[:6, :6] += seen.noise
+    return noise
 
 
 def informed(columns: Array, over: Link, places: Places) -> Array:
@@ -286,6 +308,7 @@ def carried(columns: Array, forcing: Array, over: Link, places: Places) -> Array
         after[places.attitude : places.attitude + 3] += by_start @ np.ascontiguousarray(
             columns[RATE]
         ) + by_end @ np.ascontiguousarray(after[RATE])
+    after[places.disturbance : places.thrust] *= over.kept
     after[MASS] *= over.mass_factor
     return after
 
