@@ -122,16 +122,23 @@ def setup(scenario: Scenario) -> Setup:
 def stated_disturbance(scenario: Scenario) -> DisturbanceParams:
     """The torque and force that a vehicle says to be there besides, as accelerations of the nominal one."""
     vehicle = scenario.vehicle_data
+    if vehicle.disturbance is None:
+        return NO_DISTURBANCE
+    sigmas = disturbance_sigmas(vehicle)
+    accelerations = np.zeros((6, 6))
+    accelerations[:3, :3] = np.linalg.inv(np.array(vehicle.mass_properties.inertia))
+    accelerations[3:, 3:] = np.eye(3) / vehicle.nominal.mass
+    acting = np.ascontiguousarray((accelerations * sigmas)[:, sigmas > 0.0])
+    return DisturbanceParams(acting, vehicle.disturbance.time_constant_s)
+
+
+def disturbance_sigmas(vehicle: Vehicle) -> Array:
+    """1-sigma of a disturbance's torque and force, zero where none acts or no accelerometer shows it, shape (6,)."""
     stated = vehicle.disturbance
     if stated is None:
-        return NO_DISTURBANCE
-    inertia, mass = np.array(vehicle.mass_properties.inertia), vehicle.nominal.mass
-    accelerations = np.zeros((6, 6))
-    accelerations[:3, :3] = np.linalg.solve(inertia, np.diag(stated.torque_std))
-    if vehicle.accelerometers:
-        accelerations[3:, 3:] = np.diag(stated.force_std) / mass
-    acting = np.ascontiguousarray(accelerations[:, accelerations.any(axis=0)])
-    return DisturbanceParams(acting, stated.time_constant_s)
+        return np.zeros(6)
+    force = stated.force_std if vehicle.accelerometers else (0.0, 0.0, 0.0)
+    return np.array((*stated.torque_std, *force))
 
 
 def tracking(scenario: Scenario) -> Tracking:

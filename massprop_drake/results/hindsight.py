@@ -365,8 +365,7 @@ def looked_back(
         if until_s < math.inf and _excess(fit) > 0.0:  # what was declared may be the doing of what moves inside
             every = _some(parts, math.inf, made)
             whole = hindsight.fitted(every, _from(begin, made), made)
-            if not _is_covered(every, whole, made):
-                diagnoses = _oscillating(every, whole, made, names) or diagnoses
+            diagnoses = _oscillating(every, whole, made, names) or diagnoses
         if diagnoses or apart is not None or _excess(fit) > 0.0 or fit.normal.readings < _FEWEST:
             scaled = _rescaled(parts, begin, made, scenario)
             if scaled is not None:
@@ -380,7 +379,7 @@ def looked_back(
             return Hindsight(np.full(10, np.nan), tuple(diagnoses))
         start, drift = params.initial_covariance(scenario), _drift(scenario, fit.at)
         all_of_it = sum(one.time_s.size for one in chosen) == sum(one.time_s.size for one in parts)
-        known = fit.normal.information if all_of_it else None
+        known = fit.normal.information if all_of_it and not hindsight.gathers(made) else None
         bound = hindsight.least_deviation(parts, fit.at, start, drift, steady(made), known)
     return Hindsight(bound, tuple(diagnoses))
 
@@ -438,7 +437,7 @@ def diagnosed(parts: Sequence[Stretch], begin: Array, made: Model, names: Names)
     if fit.normal.is_finite and (wider := _reaching(fit.at[:10], made)) is not made:
         made = wider
         fit = first = hindsight.fitted(parts, fit.at, made)
-    if fit.normal.readings < _FEWEST or not fit.normal.is_finite or _is_covered(parts, fit, made):
+    if fit.normal.readings < _FEWEST or not fit.normal.is_finite:
         return found, first
     fit, reckoned, found = _switched(parts, fit, made)
     while len(found) < _MOST:
@@ -527,12 +526,6 @@ def _late_thrust(cause: _Cause, after: Fit, made: Model, names: Names) -> str:
             when = "late" if off > 0.0 else "early"
             words.append(f"{names.kinds[index]} jets act {abs(off):.3g} ms {when}, told none")
     return f"lag wrong: {'; '.join(words)}"
-
-
-def _is_covered(parts: Sequence[Stretch], fit: Fit, made: Model) -> bool:
-    """Tests whether walks and disturbance that are stated leave as much as is left, which then contradicts nothing."""
-    states = any(made.walks) or made.disturbance.accelerations.any()
-    return bool(states) and hindsight.possible(fit.at) and oscillation.is_covered(parts, fit, made)
 
 
 def _oscillating(parts: Sequence[Stretch], fit: Fit, made: Model, names: Names) -> list[Diagnosis]:

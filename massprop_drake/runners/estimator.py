@@ -19,6 +19,8 @@ from massprop_drake.maths.estimation import cycle, whole
 from massprop_drake.maths.estimation.detector import Event
 from massprop_drake.maths.estimation.faults.declarations import Word
 from massprop_drake.maths.estimation.faults.report import named
+from massprop_drake.maths.estimation.filters import joint
+from massprop_drake.maths.estimation.filters.joint import JointFilterState
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.maths.mass_properties import converged_rows
 from massprop_drake.maths.possible_inertia import nearest_possible
@@ -208,6 +210,20 @@ class Estimator:
     def _known(self) -> tuple[Array, Array]:
         """Estimates and their covariance; after `restore`, those from which the filter goes on."""
         return self._published or cycle.known(self._state, self._params)
+
+    @property
+    def disturbance(self) -> tuple[Array, Array] | None:
+        """Torque about the center of mass and force that act besides the jets, and their 1-sigma, shape (6,) each.
+
+        Body axes, ft-lbf and lbf, or N-m and N; None where the vehicle's file states no `disturbance`, or the scenario
+        has another filter than the joint one.
+        """
+        known, sigmas = self._state.filter, params.disturbance_sigmas(self._vehicle)
+        if not (isinstance(known, JointFilterState) and sigmas.any()):
+            return None
+        value, deviation = np.zeros(6), np.zeros(6)
+        value[sigmas > 0.0], deviation[sigmas > 0.0] = joint.acting(known, self._params.filter_params)
+        return sigmas * value, sigmas * deviation
 
     def nearest_possible(self) -> Array | None:
         """The estimate if a rigid body can have it, else the nearest one that a body can have, shape (10,).

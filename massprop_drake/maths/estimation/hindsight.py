@@ -17,8 +17,9 @@ h = X^T R^-1 e
 
 Initial values are eliminated by taking means off. Where stamps are off their ticks, these lie on a line through the
 stamps, as far as it is known: its two errors are unknowns of each stretch, and eliminated, too. A reading that has not
-moved by a quantum since one was used says nothing new and is left out, as in the joint estimator. Coupling is taken
-with the rates as they are read, and in the last passes of a fit with those that come of it.
+moved by a quantum since one was used says nothing new and is left out, as in the joint estimator. Noise that gathers,
+of walks and of a disturbance, is made white by `colored`. Coupling is taken with the rates as they are read, and
+without such noise in the last passes of a fit with those that come of it.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from massprop_drake.maths.estimation.colored import Gathering, Whitener, whitener
 from massprop_drake.maths.estimation.joint.disturbance import NO_DISTURBANCE, DisturbanceParams
 from massprop_drake.maths.estimation.joint.impulses import LEAST_LAG, Lingering, fire, lingering
 from massprop_drake.maths.estimation.joint.prediction import PARABOLA
@@ -172,9 +174,8 @@ class Model(NamedTuple):
         sigma: their 1-sigma; zero: not reckoned with, shape (n,).
         compute: see `Compute`.
         at_stamps: whether commands switch at the stamps, and not at regular ticks; None: not asked, at these.
-        walks: of the rate and of the velocity by unmodeled torques and forces, 1-sigma after one second; the fit does
-            not reckon with them.
-        disturbance: see `joint.disturbance`; the fit does not reckon with it either.
+        walks: of the rate and of the velocity by unmodeled torques and forces, 1-sigma after one second.
+        disturbance: see `joint.disturbance`.
         followed: whether coupling is with the rates that come of it, in place of those that are read.
     """
 
@@ -194,6 +195,11 @@ class Model(NamedTuple):
     walks: tuple[float, float] = (0.0, 0.0)
     disturbance: DisturbanceParams = NO_DISTURBANCE
     followed: bool = False
+
+
+def gathers(model: Model) -> bool:
+    """Tests whether noise gathers in rates or velocities, by walks or by a disturbance."""
+    return any(model.walks) or bool(model.disturbance.accelerations.any())
 
 
 class Stretch(NamedTuple):
@@ -941,6 +947,12 @@ class _Batch(NamedTuple):
         x -= self.each(np.add.reduceat(x, self.begins, axis=-1) / self.counts)
         return x
 
+    def whitened(self, x: Array, whiteners: Sequence[Whitener]) -> Array:
+        """What is linear in the readings of each component, whitened, its initial value eliminated, shape (..., r)."""
+        for begin, count, one in zip(self.begins.tolist(), self.counts.tolist(), whiteners, strict=True):
+            x[..., begin : begin + count] = one(x[..., begin : begin + count])
+        return x
+
 
 def _batch(parts: Sequence[_Component]) -> _Batch:
     counts = np.array([part.rows.size for part in parts])
@@ -1031,9 +1043,13 @@ def _normal(at: Array, course: _Course, model: Model, wanted: NDArray[np.bool_] 
     told = np.zeros(3)
     for batch in _batches(_components(expected, fixed, at, model), model.gyros):
         scale = batch.each(1.0 / np.sqrt(model.variances[[part.package for part in batch.parts]]))
-        left = batch.without_means(np.concatenate([part.left for part in batch.parts])) * scale
-        x = batch.without_means(_derivatives(design, batch, fixed, at, model))
-        x *= scale
+        left = np.concatenate([part.left for part in batch.parts]) * scale
+        x = _derivatives(design, batch, fixed, at, model) * scale
+        if gathers(model):
+            whiteners = [whitener(fixed.since_s[part.rows], _gathering(part, at, model)) for part in batch.parts]
+            left, x = batch.whitened(left, whiteners), batch.whitened(x, whiteners)
+        else:
+            left, x = batch.without_means(left), batch.without_means(x)
         information += x @ x.T
         vector += x @ left
         parts.append((batch, left, x[kept.shape[0] :]))
@@ -1053,6 +1069,19 @@ def _normal(at: Array, course: _Course, model: Model, wanted: NDArray[np.bool_] 
     total.score[kept] = vector
     misfit, count, _ = total.by_package.sum(axis=0).tolist()
     return total._replace(misfit=misfit + float(shift @ (shift / own)) if shift.size else misfit, readings=count)
+
+
+def _gathering(one: _Component, at: Array, model: Model) -> Gathering:
+    """Noise that gathers in a component; it is the same for all packages, and counts for each as often as they are."""
+    turning, pushing = model.disturbance.accelerations[:3], model.disturbance.accelerations[3:]
+    (of_rate, of_velocity), number = model.walks, one.package - model.gyros
+    walk, acting, packages = of_rate**2, turning[one.axis], model.gyros
+    if number >= 0:
+        by_rate = (_CROSS @ (model.positions[number] - at[_CENTER]))[one.axis]  # of the velocity, by the rate
+        walk, acting = of_velocity**2 + of_rate**2 * float(by_rate @ by_rate), pushing[one.axis] + by_rate @ turning
+        packages = model.positions.shape[0]
+    share = packages / float(model.variances[one.package])
+    return Gathering(walk * share, float(acting @ acting) * share, model.disturbance.time_constant_s)
 
 
 def _followed(expected: _Expected, at: Array, model: Model) -> _Expected:
@@ -1277,7 +1306,9 @@ def fitted(stretches: Sequence[Stretch], start: Array, model: Model) -> Fit:
         model: see `Model`.
     """
     fit = _fitted(stretches, start, model)
-    return _fitted(stretches, fit.at, model._replace(followed=True)) if fit.settled else fit
+    if gathers(model) or not fit.settled:  # what gathers is in the rates that are read, and in no others
+        return fit
+    return _fitted(stretches, fit.at, model._replace(followed=True))
 
 
 def _fitted(stretches: Sequence[Stretch], start: Array, model: Model) -> Fit:

@@ -272,6 +272,13 @@ def _with_report(
     return JointFilterState(joint, clock, estimate, covariance)
 
 
+def acting(state: JointFilterState, params: JointFilterParams) -> tuple[Array, Array]:
+    """Components of a disturbance in units of the 1-sigma that is stated, and their 1-sigma, shape (n,) each."""
+    places = params.joint.places
+    slow = slice(places.disturbance, places.thrust)
+    return state.joint.mean[slow].copy(), np.sqrt(np.sum(state.joint.root[slow] ** 2, axis=1))
+
+
 def measure(
     state: JointFilterState, rates: Array, velocities: Array, interval: Interval, params: JointFilterParams
 ) -> Measurement:

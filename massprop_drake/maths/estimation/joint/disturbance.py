@@ -59,6 +59,15 @@ class Wander(NamedTuple):
 
 
 @kernel
+def gathered_variance(x: float) -> float:
+    """Variance of e_1 in units of T_d^2, of an interval of x time constants."""
+    if x < _SHORT:
+        return x**3 * (2.0 / 3.0 + x * (-0.5 + x * (7.0 / 30.0 - x / 12.0)))
+    lost = -math.expm1(-x)
+    return 2.0 * x - 2.0 * lost - lost * lost
+
+
+@kernel
 def wandered(disturbance: DisturbanceParams, duration_s: float) -> Wander:
     """How a disturbance goes over an interval.
 
@@ -69,11 +78,7 @@ def wandered(disturbance: DisturbanceParams, duration_s: float) -> Wander:
     constant, a = disturbance.time_constant_s, disturbance.accelerations
     x = duration_s / constant
     lost = -math.expm1(-x)
-    if x < _SHORT:
-        integral = x**3 * (2.0 / 3.0 + x * (-0.5 + x * (7.0 / 30.0 - x / 12.0)))
-    else:
-        integral = 2.0 * x - 2.0 * lost - lost * lost
-    drawn = math.sqrt(integral)
+    drawn = math.sqrt(gathered_variance(x))
     along = lost * lost / drawn
     apart = math.sqrt(max(lost * (2.0 - lost) - along * along, 0.0))
     return Wander(1.0 - lost, a * (constant * lost), a * (constant * drawn), along, apart)
