@@ -529,18 +529,33 @@ def _late_thrust(cause: _Cause, after: Fit, made: Model, names: Names) -> str:
 
 
 def _oscillating(parts: Sequence[Stretch], fit: Fit, made: Model, names: Names) -> list[Diagnosis]:
-    """Looks for a mode inside the vehicle, such as slosh or a panel, that explains what drifts."""
-    if _excess(fit) == 0.0 or not hindsight.possible(fit.at):
+    """Looks for a mode inside the vehicle, such as slosh or a panel, that explains what drifts.
+
+    Where walks or a disturbance are stated, whatever exceeds them is told, a mode or not.
+    """
+    stated = hindsight.gathers(made)
+    if not hindsight.possible(fit.at):
         return []
+    if oscillation.is_covered(parts, fit, made) if stated else _excess(fit) == 0.0:
+        return []
+    misfit, readings = oscillation.misfit_of(parts, fit, made) if stated else (fit.normal.misfit, fit.normal.readings)
     mode = oscillation.strongest_mode(parts, fit, made)
-    if mode is None or mode.misfit - _SCATTER * mode.readings > (1.0 - _EXPLAINED) * _excess(fit):
-        return []
+    left = (1.0 - _EXPLAINED) * max(misfit - _SCATTER * readings, 0.0)
+    if mode is None or mode.misfit - _SCATTER * mode.readings > left:
+        if not stated:
+            return []
+        rate, velocity = oscillation.covering_walk(parts, fit, made, np.zeros_like(fit.at))
+        words = f"readings wander more than is stated; {_covering(rate, velocity)}"
+        return [Diagnosis("drift", words, misfit / max(readings, 1.0), 1.0)]
     rate, velocity = oscillation.covering_walk(parts, fit, made, mode.change)
     words = (
-        f"something inside moves at {mode.frequency_hz:.2g} Hz, such as slosh or a panel; joint.rate_walk="
-        f"{rate:.2g} and joint.velocity_walk={velocity:.2g} would cover it"
+        f"something inside moves at {mode.frequency_hz:.2g} Hz, such as slosh or a panel; {_covering(rate, velocity)}"
     )
     return [Diagnosis("oscillation", words, fit.normal.per_reading, mode.misfit / mode.readings)]
+
+
+def _covering(rate: float, velocity: float) -> str:
+    return f"joint.rate_walk={rate:.2g} and joint.velocity_walk={velocity:.2g} would cover it"
 
 
 def _from(begin: Array, made: Model) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ def flight(stated: dict[str, Any] | None, **more: Any) -> Scenario:
 
 
 def flown(stated: dict[str, Any] | None, **more: Any) -> Run:
-    return simulate(flight(stated, execution={"engine": "loop"}, **more))
+    return simulate(flight(stated, **{"execution": {"engine": "loop"}, **more}))
 
 
 @pytest.fixture(scope="module")
@@ -81,3 +82,16 @@ def test_loop_and_diagram_give_the_same() -> None:
     )
     for name in ("estimate", "standard_deviation", "alarm"):
         np.testing.assert_allclose(diagram[name], loop[name], rtol=1e-9, atol=1e-12, err_msg=name)
+
+
+def test_stated_ten_times_too_small_it_is_told_how_much_would_cover_it() -> None:
+    small = {**STATED, "torque_std": 0.0005, "force_std": 0.001}
+    found = flown(small, detector={"kind": "off"})
+    assert found.summary["consistency"]["verdict"] == "inconsistent"
+    words = re.compile(r"joint.rate_walk=(\S+) and joint.velocity_walk=(\S+) would cover it$")
+    said = [words.search(str(one)) for one in found.summary["consistency"]["reasons"]]
+    (told,) = [one for one in said if one is not None]
+    walks = {"tank_fraction": 0, "rate_walk": float(told[1]), "velocity_walk": float(told[2])}
+    covered = flown(None, detector={"kind": "off"}, joint=walks)
+    assert covered.summary["consistency"]["verdict"] == "consistent"
+    assert errors(covered) < 4.0

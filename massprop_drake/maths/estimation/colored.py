@@ -16,10 +16,10 @@ of what is expected, is whitened alike; one row fewer is left, for the initial v
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import cholesky_banded, solve_banded
 
 from massprop_drake.maths.estimation.joint.disturbance import gathered_variance
 from massprop_drake.maths.linear_algebra import Array
@@ -43,7 +43,7 @@ class Whitener(NamedTuple):
     """Makes the noise of a component's readings white.
 
     Attributes:
-        factor: lower Cholesky factor of the combinations' covariance, by its diagonals, shape (b, r - 1).
+        factor: lower Cholesky factor of the combinations' covariance, by its diagonals, shape (3, r - 1).
         scale: of each difference, 1/theta_k, or one, shape (r - 1,).
         kept: k_k of all intervals but the last, shape (r - 2,); zero without a.
     """
@@ -56,13 +56,42 @@ class Whitener(NamedTuple):
         """What is linear in the readings, shape (..., r), whitened, with a zero in the place of the initial value."""
         differences = np.diff(x, axis=-1) * self.scale
         differences[..., 1:] -= self.kept * differences[..., :-1]
-        below = self.factor.shape[0] - 1
-        rows = np.moveaxis(differences, -1, 0).reshape(differences.shape[-1], -1)
+        rows = np.ascontiguousarray(np.moveaxis(differences, -1, 0)).reshape(differences.shape[-1], -1)
+        substituted(self.factor, rows)
         result = np.zeros_like(x)
-        result[..., 1:] = np.moveaxis(
-            solve_banded((below, 0), self.factor, rows, check_finite=False).reshape(-1, *x.shape[:-1]), 0, -1
-        )
+        result[..., 1:] = np.moveaxis(rows.reshape(-1, *x.shape[:-1]), 0, -1)
         return result
+
+
+def substituted(factor: Array, rows: Array) -> None:
+    """Solves L y = u in place, by forward substitution.
+
+    Args:
+        factor: L by its diagonals, see `Whitener`, shape (3, n).
+        rows: u, which y replaces, shape (n, c).
+    """
+    own, first, second = factor.tolist()
+    for k in range(rows.shape[0]):
+        if k > 0:
+            rows[k] -= first[k - 1] * rows[k - 1]
+        if k > 1:
+            rows[k] -= second[k - 2] * rows[k - 2]
+        rows[k] /= own[k]
+
+
+def factored(bands: Array) -> Array:
+    """The lower Cholesky factor of a matrix of bandwidth two, both by their diagonals, shape (3, n).
+
+    Args:
+        bands: the main diagonal and those below it, each from its first row on.
+    """
+    factor = []
+    before = earlier = (1.0, 0.0, 0.0)  # of the row before, and of that before it
+    for own, first, second in bands.T.tolist():
+        root = math.sqrt(own - before[1] ** 2 - earlier[2] ** 2)
+        earlier, before = before, (root, (first - before[2] * before[1]) / root, second / root)
+        factor.append(before)
+    return np.array(factor).T.copy()
 
 
 def whitener(time_s: Array, noise: Gathering) -> Whitener:
@@ -75,9 +104,9 @@ def whitener(time_s: Array, noise: Gathering) -> Whitener:
     length_s, n = np.diff(time_s), time_s.size - 1
     own = noise.walk * length_s  # variance of e
     if noise.acting == 0.0:
-        bands = np.zeros((2, n))
+        bands = np.zeros((3, n))
         bands[0], bands[1, :-1] = own + 2.0, -1.0
-        return Whitener(cholesky_banded(bands, lower=True), np.ones(n), np.zeros(n - 1))
+        return Whitener(factored(bands), np.ones(n), np.zeros(n - 1))
     constant_s = noise.time_constant_s
     x = length_s / constant_s
     lost = -np.expm1(-x)
@@ -101,4 +130,4 @@ def whitener(time_s: Array, noise: Gathering) -> Whitener:
     if n > 2:
         bands[2, 0] = first[1] * behind[1]
         bands[2, 1:-2] = ahead[:-2] * behind[2:]
-    return Whitener(cholesky_banded(bands, lower=True), 1.0 / theta, kept[:-1])
+    return Whitener(factored(bands), 1.0 / theta, kept[:-1])

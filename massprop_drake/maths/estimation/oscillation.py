@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.filters.joint import chi_square_limit
 from massprop_drake.maths.estimation.hindsight import Fit, Model, Residuals, Stretch, residuals
-from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.linear_algebra import Array, crosses
+from massprop_drake.maths.mass_properties import CENTER_OF_MASS
 
 _DAMPING = 0.02  # ratio, of slosh in a bare tank or a panel, by which the frequency is found
 _DAMPINGS = (0.003, 0.01, 0.02, 0.04, 0.08)  # that are tried then: more is behind baffles
@@ -103,6 +104,12 @@ def _misfit(mode: OscillationMode) -> float:
     return mode.misfit
 
 
+def misfit_of(stretches: Sequence[Stretch], fit: Fit, model: Model) -> tuple[float, float]:
+    """Sum of squares of what a fit leaves of the readings, in units of their variance, and how many they are."""
+    components = [one for stretch in stretches for one in residuals(stretch, fit.at, model)[0]]
+    return sum(float(one.left @ one.left) for one in components), sum(one.rows.size - 1.0 for one in components)
+
+
 def covering_walk(stretches: Sequence[Stretch], fit: Fit, model: Model, change: Array) -> tuple[float, float]:
     """The random walks whose increments have no less power than those of the residuals, at any frequency.
 
@@ -117,11 +124,46 @@ def covering_walk(stretches: Sequence[Stretch], fit: Fit, model: Model, change: 
         largest of all components; zero where readings scatter by their noise alone.
     """
     walks = np.zeros(2)
-    for kind, scale, lines in _all_lines(stretches, fit, model, change):
+    for one, lines in _all_lines(stretches, fit, model, change):
+        kind = int(one.package >= model.gyros)
         above = lines.power > _by_chance(lines.power.size) * lines.noise
         excess = np.where(above, lines.power - lines.noise, 0.0)
-        walks[kind] = max(walks[kind], scale * math.sqrt(float(excess.max(initial=0.0))))
+        walks[kind] = max(walks[kind], one.scale * math.sqrt(float(excess.max(initial=0.0))))
     return float(walks[0]), float(walks[1])
+
+
+def is_covered(stretches: Sequence[Stretch], fit: Fit, model: Model) -> bool:
+    """Tests whether walks and disturbance that are stated, or noise alone, leave what is left, but for chance."""
+    every = _all_lines(stretches, fit, model, np.zeros_like(fit.at))
+    return all(
+        bool((lines.power <= _by_chance(lines.power.size) * (_stated(one, lines, fit, model) + lines.noise)).all())
+        for one, lines in every
+    )
+
+
+def _stated(one: Residuals, lines: Lines, fit: Fit, model: Model) -> Array:
+    """Power that stated walks and a stated disturbance leave in a component, line by line, shape (k,)."""
+    turning, pushing = model.disturbance.accelerations[:3], model.disturbance.accelerations[3:]
+    walk, acting = model.walks[0], turning[one.axis]
+    if one.package >= model.gyros:
+        arm = model.positions[one.package - model.gyros] - fit.at[CENTER_OF_MASS]
+        walk, acting = model.walks[1], (pushing + crosses(turning.T, arm).T)[one.axis]
+    slow = wander_lines(model.disturbance.time_constant_s, lines) if acting.any() else 0.0
+    result: Array = (walk**2 + float(acting @ acting) * slow) / one.scale**2 * np.ones_like(lines.noise)
+    return result
+
+
+def wander_lines(constant_s: float, lines: Lines) -> Array:
+    """Power expected of a rate whose derivative is a Gauss-Markov process of unit variance, line by line, shape (k,).
+
+    Args:
+        constant_s: time constant of the process.
+        lines: of a component, for how many and how long its intervals are.
+    """
+    lags = np.arange(lines.intervals)
+    weights = (1.0 - lags / lines.intervals) * np.exp(-lags * lines.length_s / constant_s) * lines.length_s
+    every = 2.0 * np.fft.fft(weights).real - weights[0]
+    return _of_neighbors(every[: lines.intervals // 2 + 1])
 
 
 class Lines(NamedTuple):
@@ -130,10 +172,13 @@ class Lines(NamedTuple):
     Attributes:
         power: of the residuals, of a walk its variance in one second, shape (k,).
         noise: expected of white noise of one, shape (k,).
+        intervals, length_s: how many increments there are, and the time of each.
     """
 
     power: Array
     noise: Array
+    intervals: int
+    length_s: float
 
 
 def lines_of(left: Array, time_s: Array) -> Lines:
@@ -143,20 +188,23 @@ def lines_of(left: Array, time_s: Array) -> Lines:
     evenly = np.interp(time_s[0] + length_s * np.arange(count + 1), time_s, left)
     power = np.abs(np.fft.rfft(np.diff(evenly))) ** 2 / (count * length_s)
     noise = 2.0 * (1.0 - np.cos(2.0 * np.pi * np.arange(power.size) / count)) / length_s
-    of_neighbors = np.full(_NEIGHBORS, 1.0 / _NEIGHBORS)
-    return Lines(np.convolve(power, of_neighbors, "valid"), np.convolve(noise, of_neighbors, "valid"))
+    return Lines(_of_neighbors(power), _of_neighbors(noise), count, length_s)
+
+
+def _of_neighbors(lines: Array) -> Array:
+    """Means of neighboring lines."""
+    return np.convolve(lines, np.full(_NEIGHBORS, 1.0 / _NEIGHBORS), "valid")
 
 
 def _all_lines(
     stretches: Sequence[Stretch], fit: Fit, model: Model, change: Array
-) -> Iterator[tuple[int, float, Lines]]:
-    """Yields 0 for a rate and 1 for a velocity, the 1-sigma of a reading, and the lines, of every component."""
+) -> Iterator[tuple[Residuals, Lines]]:
+    """Yields every component, and its lines."""
     for stretch in stretches:
         components, _ = residuals(stretch, fit.at, model)
         for one in components:
             if one.rows.size >= _FEWEST:
-                lines = lines_of(one.left - change @ one.derivatives, stretch.time_s[one.rows])
-                yield int(one.package >= model.gyros), one.scale, lines
+                yield one, lines_of(one.left - change @ one.derivatives, stretch.time_s[one.rows])
 
 
 @cache
