@@ -87,7 +87,7 @@ def prescribed(orbiter: Vehicle, commands: Array) -> Callable[..., Run]:
         key = repr(sorted(plant.items()))
         if key not in kept:
             data = {**PLANT_ALONE, "vehicle": "orbiter", "duration_s": 50.0, "jet_schedule": pulses}
-            kept[key] = simulate(resolved({**data, "plant": {"depletion": False, **plant}}))
+            kept[key] = simulate(resolved({**data, "plant": {"depletion": False, **plant}}), look_back=False)
         return kept[key]
 
     return run
@@ -217,7 +217,7 @@ def test_firing_uses_up_thrust_times_time_over_specific_impulse(
 
 def _coasting(rate: list[float], **plant: Any) -> Run:
     data = {**PLANT_ALONE, "duration_s": 40.0, "jet_schedule": [{"jet": "R4R", "start_s": 90.0, "end_s": 91.0}]}
-    return simulate(resolved({**data, "plant": {"initial_rate": rate, **plant}}))
+    return simulate(resolved({**data, "plant": {"initial_rate": rate, **plant}}), look_back=False)
 
 
 @pytest.mark.parametrize("time_step", [None, 0.0])

@@ -74,9 +74,22 @@ def _imports(tree: ast.AST, *, inside_functions: bool = True) -> set[str]:
     return found
 
 
-TREES = {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in MODULES.items()}
-IMPORTS = {name: _imports(tree) for name, tree in TREES.items()}
-FIRST_IMPORTS = {name: _imports(tree, inside_functions=False) for name, tree in TREES.items()}
+@cache
+def trees() -> dict[str, ast.Module]:
+    """Every module, parsed when the first test asks for one."""
+    return {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in MODULES.items()}
+
+
+@cache
+def imports() -> dict[str, set[str]]:
+    """Names that each module imports."""
+    return {name: _imports(tree) for name, tree in trees().items()}
+
+
+@cache
+def first_imports() -> dict[str, set[str]]:
+    """Names that each module imports before it can be used."""
+    return {name: _imports(tree, inside_functions=False) for name, tree in trees().items()}
 
 
 def _own(imported: set[str]) -> set[str]:
@@ -86,7 +99,7 @@ def _own(imported: set[str]) -> set[str]:
 
 def _outside(name: str) -> set[str]:
     """Top-level names of what a module imports from neither the package nor the standard library."""
-    tops = {imported.partition(".")[0] for imported in IMPORTS[name]}
+    tops = {imported.partition(".")[0] for imported in imports()[name]}
     return tops - {PACKAGE, "__future__"} - set(sys.stdlib_module_names)
 
 
@@ -108,10 +121,10 @@ def _loaded(name: str) -> frozenset[str]:
         if here in found:
             continue
         found.add(here)
-        for imported in FIRST_IMPORTS[here]:
+        for imported in first_imports()[here]:
             if not imported.startswith(PACKAGE):
                 found.add(imported)
-        for own in _own(FIRST_IMPORTS[here]):
+        for own in _own(first_imports()[here]):
             parts = own.split(".")
             waiting += [".".join(parts[:length]) for length in range(1, len(parts) + 1)]  # its packages, too
     return frozenset(found)
@@ -124,8 +137,8 @@ def test_the_modules_are_found() -> None:
     assert len(_of("systems")) > 15
     assert len(_of("diagrams")) > 5
     assert "numpy" in _outside("maths.attitude")
-    assert "maths.linear_algebra" in _own(IMPORTS["maths.attitude"])
-    assert "diagrams.estimation" in _own(IMPORTS["diagrams.closed_loop"])
+    assert "maths.linear_algebra" in _own(imports()["maths.attitude"])
+    assert "diagrams.estimation" in _own(imports()["diagrams.closed_loop"])
 
 
 def test_no_loose_modules_stand_at_the_top() -> None:
@@ -136,7 +149,7 @@ def test_no_loose_modules_stand_at_the_top() -> None:
 @pytest.mark.parametrize("name", [name for name in MODULES if _top(name) in FLOOR])
 def test_a_room_imports_what_stands_below_it(name: str) -> None:
     room = _top(name)
-    for imported in _own(IMPORTS[name]):
+    for imported in _own(imports()[name]):
         other = _top(imported)
         if other == room or (name, other) in EXCEPTIONS:
             continue
@@ -145,8 +158,8 @@ def test_a_room_imports_what_stands_below_it(name: str) -> None:
 
 def test_the_exceptions_are_inside_functions() -> None:
     for name, room in EXCEPTIONS:
-        assert room in {_top(imported) for imported in _own(IMPORTS[name])}, "no longer needed"
-        assert room not in {_top(imported) for imported in _own(FIRST_IMPORTS[name])}
+        assert room in {_top(imported) for imported in _own(imports()[name])}, "no longer needed"
+        assert room not in {_top(imported) for imported in _own(first_imports()[name])}
 
 
 def test_few_arrows_join_the_rooms() -> None:
@@ -154,7 +167,7 @@ def test_few_arrows_join_the_rooms() -> None:
         (_top(name), _top(imported))
         for name in MODULES
         if MODULES[name].name != "__init__.py"
-        for imported in _own(IMPORTS[name])
+        for imported in _own(imports()[name])
         if _top(name) != _top(imported)
     }
     assert len(arrows) <= MOST_ARROWS, "\n".join(f"{a} -> {b}" for a, b in sorted(arrows))
@@ -169,7 +182,7 @@ def test_mathematics_knows_numpy_and_itself(name: str) -> None:
 @pytest.mark.parametrize("name", _of("systems"))
 def test_systems_know_drake_numpy_mathematics_and_themselves(name: str) -> None:
     assert _outside(name) <= {"numpy", "pydrake"}
-    assert {_top(imported) for imported in _own(IMPORTS[name])} <= {
+    assert {_top(imported) for imported in _own(imports()[name])} <= {
         "errors",
         "maths",
         "systems",
@@ -179,19 +192,25 @@ def test_systems_know_drake_numpy_mathematics_and_themselves(name: str) -> None:
 @pytest.mark.parametrize("name", _of("diagrams"))
 def test_diagrams_know_what_they_wire_and_what_they_are_given(name: str) -> None:
     assert _outside(name) <= {"numpy", "pydrake"}
-    assert {_top(imported) for imported in _own(IMPORTS[name])} <= {"maths", "systems", "inputs", "results", "diagrams"}
+    assert {_top(imported) for imported in _own(imports()[name])} <= {
+        "maths",
+        "systems",
+        "inputs",
+        "results",
+        "diagrams",
+    }
 
 
 def test_the_estimator_knows_numpy_alone() -> None:
     assert _outside("runners.estimator") <= {"numpy"}
-    own = _own(IMPORTS["runners.estimator"])
+    own = _own(imports()["runners.estimator"])
     assert not {_top(imported) for imported in own} & {"systems", "diagrams", "display", "cli"}
     assert not own & {"results.run", "runners.simulate"}
 
 
 @pytest.mark.parametrize("name", [name for name in _of("display") if name != "display.graphs"])
 def test_what_is_shown_of_a_run_does_not_run_it(name: str) -> None:
-    own = _own(IMPORTS[name])
+    own = _own(imports()[name])
     assert not {_top(imported) for imported in own} & {"runners", "systems", "diagrams", "cli"}
     assert "results.run" not in own
 
@@ -221,7 +240,7 @@ def test_drake_stays_where_it_belongs() -> None:
 
 
 def test_only_the_entry_knows_the_command_line() -> None:
-    assert {name for name in MODULES if "cli" in {_top(i) for i in _own(IMPORTS[name])}} - set(_of("cli")) == {
+    assert {name for name in MODULES if "cli" in {_top(i) for i in _own(imports()[name])}} - set(_of("cli")) == {
         "__main__"
     }
 
@@ -230,7 +249,7 @@ def test_what_measures_claims_knows_neither_entries_nor_pictures() -> None:
     for module in ("claims", "measures", "analytic", "checks", "cases", "runner"):
         name = f"studies.reproduction.{module}"
         assert "matplotlib" not in _outside(name)
-        assert not {imported for imported in _own(IMPORTS[name]) if "entries" in imported or "catalog" in imported}
+        assert not {imported for imported in _own(imports()[name]) if "entries" in imported or "catalog" in imported}
 
 
 def test_terminals_are_the_command_lines_business() -> None:
@@ -245,13 +264,13 @@ def test_matplotlib_is_the_figures_business() -> None:
 
 def test_pydrake_is_imported_module_by_module() -> None:
     # pydrake.all takes a third of a second and 60 MB
-    for name, imported in IMPORTS.items():
+    for name, imported in imports().items():
         assert "pydrake.all" not in imported, name
         assert "pydrake" not in imported, name
 
 
 def test_no_imports_go_in_circles() -> None:
-    graph = {name: _run_first(name, imported) for name, imported in FIRST_IMPORTS.items()}
+    graph = {name: _run_first(name, imported) for name, imported in first_imports().items()}
     done: set[str] = set()
 
     def visit(name: str, trail: tuple[str, ...]) -> None:
@@ -275,7 +294,7 @@ def _run_first(name: str, imported: set[str]) -> set[str]:
 
 
 def test_every_module_says_what_it_is() -> None:
-    for name, tree in TREES.items():
+    for name, tree in trees().items():
         assert ast.get_docstring(tree), name
 
 
@@ -293,7 +312,7 @@ def _bare(index: ast.expr) -> bool:
 
 @pytest.mark.parametrize("name", [*_of("systems"), *_of("diagrams"), *_of("runners")])
 def test_packed_vectors_are_read_by_their_layouts(name: str) -> None:
-    for node in ast.walk(TREES[name]):
+    for node in ast.walk(trees()[name]):
         if isinstance(node, ast.Subscript) and _bare(node.slice):
             of_shape = isinstance(node.value, ast.Attribute) and node.value.attr == "shape"
             assert of_shape, f"{name}, line {node.lineno}: {ast.unparse(node)}"

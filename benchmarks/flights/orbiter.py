@@ -32,7 +32,14 @@ def _jets(mode: str) -> list[str]:
         return list(_vehicle().designations)
     if mode in ("stuck_on", "intermittent"):
         return [jet.designation for jet in _vehicle().jets if jet.kind == "primary"]
-    run = simulate(load_scenario("payload_docking", ["jumps=[]", *_LOOP]))
+    return _commanded()
+
+
+@cache
+def _commanded() -> list[str]:
+    """Jets that are commanded after something may have happened; commands do not depend on the filter."""
+    quick = ("detector.kind=off", "estimation.filter=thesis", "joint={}")
+    run = simulate(load_scenario("payload_docking", ["jumps=[]", *_LOOP, *quick]), look_back=False)
     commanded = np.array(run["command"])[run.time_s > _AFTER_S + 1.0].any(axis=0)
     return [_vehicle().designations[jet] for jet in np.flatnonzero(commanded)]
 

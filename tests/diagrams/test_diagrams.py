@@ -245,7 +245,9 @@ def test_estimates_at_a_sample_include_its_readings(sample_maneuver: Scenario) -
 @pytest.fixture(scope="module", params=["null", "0"], ids=["stepped", "continuous"])
 def flown(request: pytest.FixtureRequest) -> Run:
     """The maneuver's rotations in closed loop, with either plant."""
-    return simulate(load_scenario("sample_maneuver", ["duration_s=24", f"plant.time_step={request.param}"]))
+    return simulate(
+        load_scenario("sample_maneuver", ["duration_s=24", f"plant.time_step={request.param}"]), look_back=False
+    )
 
 
 def test_the_hand_controllers_act_at_their_sample(flown: Run) -> None:
@@ -320,8 +322,10 @@ def test_estimates_of_a_row_include_its_readings(flown: Run) -> None:
 
 
 def test_jet_selection_by_the_estimates_flies_on_what_is_estimated() -> None:
-    nominal = simulate(load_scenario("sample_maneuver_adaptive", ["autopilot.mass_properties=nominal"]))
-    adaptive = simulate(load_scenario("sample_maneuver_adaptive"))
+    nominal = simulate(
+        load_scenario("sample_maneuver_adaptive", ["autopilot.mass_properties=nominal"]), look_back=False
+    )
+    adaptive = simulate(load_scenario("sample_maneuver_adaptive"), look_back=False)
     converged = adaptive["converged"][:, 0] != 0.0
     first = int(np.flatnonzero(converged)[0])
     # until then both fly by the nominal mass properties
@@ -355,7 +359,7 @@ def test_errors_of_one_sensor_change_no_other(noisy_run: Run) -> None:
             "sensors": noisy_run.scenario.sensors.model_copy(update={"errors": noisy_run.scenario.sensors.errors[1:]})
         }
     )
-    run = simulate(quiet)
+    run = simulate(quiet, look_back=False)
     # before anything fires both runs see the same body
     still = slice(0, 13)
     assert not noisy_run["command"][still].any()

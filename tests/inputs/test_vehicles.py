@@ -22,7 +22,7 @@ RIGID = [name for name in VEHICLES if name != "servicer"]  # whose truth is not 
 @pytest.fixture(scope="module", params=RIGID)
 def run(request: pytest.FixtureRequest) -> Run:
     """The vehicle's maneuver, with a seed that played no part in choosing it."""
-    return simulate(load_scenario(f"{request.param}_maneuver", ["seed=1983", "execution.engine=loop"]))
+    return simulate(load_scenario(f"{request.param}_maneuver", ["seed=1983", "execution.engine=loop"]), look_back=False)
 
 
 def test_the_vehicles_are_those_that_are_promised() -> None:
@@ -114,7 +114,9 @@ def test_nothing_is_found_to_have_failed(run: Run) -> None:
 )
 def test_a_failed_thruster_is_found(name: str, kind: str, jet: str, start_s: float, isolated: list[str]) -> None:
     failure = f"failures=[{{kind: {kind}, jet: {jet}, start_s: {start_s}}}]"
-    result = simulate(load_scenario(f"{name}_maneuver", [failure, "duration_s=48", "execution.engine=loop"]))
+    result = simulate(
+        load_scenario(f"{name}_maneuver", [failure, "duration_s=48", "execution.engine=loop"]), look_back=False
+    )
     (found,) = result.summary["detections"]
     vehicle = load_vehicle(name)
     index = vehicle.jet_index(jet)

@@ -98,14 +98,14 @@ def test_nothing_of_a_jet_that_lags_is_taken_for_its_failure(transient: str) -> 
             f"plant.thrust_transient={transient}",
         ],
     )
-    run = simulate(case)
+    run = simulate(case, look_back=False)
     (record,) = run.results.injected or ()
     assert record.force == pytest.approx(0.001, rel=1e-6)
     assert record.first_acted_s == pytest.approx(8.0)
 
 
 def test_a_payload_acts_when_it_leaves() -> None:
-    run = simulate(load_scenario("payload_release", ["duration_s=45.5", "execution.engine=loop"]))
+    run = simulate(load_scenario("payload_release", ["duration_s=45.5", "execution.engine=loop"]), look_back=False)
     (record,) = run.results.injected or ()
     assert (record.kind, record.jet, record.first_acted_s, record.force) == ("release", None, 45.0, None)
 

@@ -59,7 +59,7 @@ def test_it_lies_between_the_beginning_and_its_declaration() -> None:
 def test_a_docking_while_nothing_fires_is_said_with_its_interval() -> None:
     settings = ["duration_s=59", "execution.engine=loop"]
     docked = "jumps=[{kind: dock, time_s: 55, mass: 500, position: [60, 0, -3]}]"
-    run = simulate(load_scenario("payload_docking", [*settings, docked]))
+    run = simulate(load_scenario("payload_docking", [*settings, docked]), look_back=False)
     (found,) = run.results.detections
     assert found.kind == JUMP
     assert found.earliest_s is not None

@@ -629,7 +629,7 @@ COPIED: dict[str, tuple[str, tuple[str, ...]]] = {
         "stuck_on_29",
         ("duration_s=4", *JOINT, "failures=[{kind: stuck_on, jet: R4R, start_s: 2.5}]"),
     ),
-    "pose": ("air_bearing_pulses", ("duration_s=1.5",)),
+    "pose": ("air_bearing_pulses", ("duration_s=1",)),
 }
 
 

@@ -31,7 +31,7 @@ def scenario() -> Scenario:
 
 @pytest.fixture(scope="module")
 def flown(scenario: Scenario) -> Run:
-    return simulate(scenario)
+    return simulate(scenario, look_back=False)
 
 
 @pytest.fixture(scope="module")
@@ -138,7 +138,8 @@ def test_a_payload_that_docks_is_weighed() -> None:
         load_scenario(
             "payload_docking",
             ["duration_s=38", LOOP, *NEAR, "jumps=[{kind: dock, time_s: 12, mass: 500, position: [60, 0, -3]}]"],
-        )
+        ),
+        look_back=False,
     )
     (said,) = run.results.detections
     assert (said.kind, said.jet, said.jets, said.isolated_to) == ("mass_property_jump", None, (), None)
@@ -171,7 +172,7 @@ def _sooner(name: str, by_s: float, *overrides: str) -> Run:
     failures = [one.model_dump(exclude_none=True) for one in load_scenario(name).failures]
     for one in failures:
         one.update({key: one[key] - by_s for key in ("start_s", "end_s") if key in one})
-    return simulate(load_scenario(name, [LOOP, *NEAR, f"failures={json.dumps(failures)}", *overrides]))
+    return simulate(load_scenario(name, [LOOP, *NEAR, f"failures={json.dumps(failures)}", *overrides]), look_back=False)
 
 
 def test_a_leak_of_half_a_percent_is_named() -> None:
@@ -205,7 +206,7 @@ def test_a_group_whose_likeliest_was_wrong_is_settled_by_what_comes() -> None:
         "plant.lag_factor=0.9523809523809523",
     ]
     given = [*told, "joint.thrust_uncertainty=0.01", "seed=991037", "duration_s=54", LOOP]
-    run = simulate(load_scenario("payload_docking", given))
+    run = simulate(load_scenario("payload_docking", given), look_back=False)
     said = sorted((each.kind, each.jets) for each in run.results.events)
     assert said == [("failed", ("F3D",)), ("failed", ("F3U",))]
     errors = (np.array(run["estimate"][-1]) - run["truth"][-1]) / run["standard_deviation"][-1]
@@ -213,7 +214,7 @@ def test_a_group_whose_likeliest_was_wrong_is_settled_by_what_comes() -> None:
 
 
 def test_a_jet_that_comes_and_goes_is_said_to_be_erratic(tmp_path: Path) -> None:
-    run = simulate(load_scenario("intermittent_jet", ["duration_s=50", LOOP]))
+    run = simulate(load_scenario("intermittent_jet", ["duration_s=50", LOOP]), look_back=False)
     first, said = run.results.detections
     assert (first.jet, first.erratic_s) == ("R4R", None)
     assert first.withdrawn_s is not None
@@ -235,7 +236,7 @@ def test_a_jet_that_comes_and_goes_is_said_to_be_erratic(tmp_path: Path) -> None
 
 def test_stated_dispersions_of_thrust_are_no_failure() -> None:
     near = "estimation={filter: joint, start: nominal, std_fraction: 0.05}"
-    run = simulate(load_scenario("dispersed_thrust", ["duration_s=16", LOOP, near]))
+    run = simulate(load_scenario("dispersed_thrust", ["duration_s=16", LOOP, near]), look_back=False)
     results = run.results
     assert (results.detections, results.events, results.unconfirmed) == ((), (), ())
     (untested,) = results.untested

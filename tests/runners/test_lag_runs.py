@@ -22,7 +22,7 @@ FAILURES: dict[str, dict[str, Any]] = {
 def test_a_failure_is_named_at_any_lag(factor: float, mode: str) -> None:
     """Tests lags of nothing to three times the stated one; thrusts are off by 1 %, as stated."""
     lag = NONE if factor == 0.0 else (f"plant.lag_factor={factor}",)
-    told = ("estimation.start=nominal", "joint={}", "plant.thrust_dispersion=0.01", "duration_s=30", "seed=3")
+    told = ("estimation.start=nominal", "joint={}", "plant.thrust_dispersion=0.01", "duration_s=27", "seed=3")
     failures = f"failures={json.dumps([{**FAILURES[mode], 'start_s': 24.3}])}"
     run = simulate(load_scenario("orbiter_maneuver", ["execution.engine=loop", *told, *lag, failures]))
     (found,) = run.summary["detections"]

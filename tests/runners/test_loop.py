@@ -41,7 +41,7 @@ VARIANTS = {
     ),
     "on a floor": (
         "air_bearing_pulses",
-        "duration_s=20",
+        "duration_s=8",
         "jumps=[{kind: dock, time_s: 1, mass: 2, position: [0.1, 0.05, 0.3], "
         "inertia: [[0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]}]",
     ),
@@ -57,7 +57,8 @@ VARIANTS = {
 
 def both(name: str, *overrides: str) -> tuple[Run, Run]:
     """A case by either engine."""
-    found = [simulate(load_scenario(name, [*overrides, f"execution.engine={e}"])) for e in ("diagram", "loop")]
+    cases = [load_scenario(name, [*overrides, f"execution.engine={engine}"]) for engine in ("diagram", "loop")]
+    found = [simulate(case, look_back=False) for case in cases]
     return found[0], found[1]
 
 
@@ -93,9 +94,9 @@ def test_the_kernel_with_vehicle_autopilot_and_estimation_gives_their_bits(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     case = load_scenario(AT_ONCE[name][0], [*AT_ONCE[name][1:], "execution.engine=loop"])
-    apart = simulate(case)
+    apart = simulate(case, look_back=False)
     monkeypatch.setattr(Loop, "_covered", lambda loop: loop._known)  # else of compiled runs alone
-    together = simulate(case, watch=lambda moment: None)  # sample by sample
+    together = simulate(case, watch=lambda moment: None, look_back=False)  # sample by sample
     require_same(apart, together)
     assert apart.summary["timing"]["cycle_us"]["estimators"] > 0.0
     assert together.summary["timing"]["cycle_us"]["estimators"] is None

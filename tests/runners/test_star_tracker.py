@@ -54,7 +54,7 @@ def tracked(plain: Vehicle) -> Vehicle:
 
 @pytest.fixture(scope="module")
 def flown(tracked: Vehicle) -> Run:
-    return simulate(leaking(tracked))
+    return simulate(leaking(tracked), look_back=False)
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +64,7 @@ def folder(flown: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_tracker_makes_nothing_worse(flown: Run, plain: Vehicle) -> None:
     """Every 1-sigma is as small, errors are within it, and the leak is named as soon."""
-    without = simulate(leaking(plain, execution={"engine": "loop"}))
+    without = simulate(leaking(plain, execution={"engine": "loop"}), look_back=False)
     for row in (60, 100, 119, -1):
         assert (flown["standard_deviation"][row] <= 1.001 * without["standard_deviation"][row]).all()
     error = flown["estimate"][-1] - flown["truth"][-1][:10]
@@ -77,7 +77,7 @@ def test_a_tracker_makes_nothing_worse(flown: Run, plain: Vehicle) -> None:
 
 def test_record_loop_and_diagram_give_the_bits_of_the_flight(flown: Run, folder: Path, tracked: Vehicle) -> None:
     found = estimate(folder / "telemetry.csv", load_scenario(folder))
-    loop = simulate(leaking(tracked, execution={"engine": "loop"}))
+    loop = simulate(leaking(tracked, execution={"engine": "loop"}), look_back=False)
     for name in ("estimate", "standard_deviation", "rotation_nis", "fault_probability", "st"):
         np.testing.assert_array_equal(found[name], flown[name], err_msg=name)
         np.testing.assert_array_equal(loop[name], flown[name], err_msg=name)
@@ -124,7 +124,7 @@ def test_a_tracker_that_never_reads_changes_nothing(flown: Run, folder: Path, pl
 def test_poor_readings_are_told_from_good_ones(plain: Vehicle) -> None:
     """One reading in twenty ten times as noisy costs next to nothing, and nothing false is said."""
     poor = again(plain, poses=(PoseSensor(name="st", attitude_std=5e-5, outliers=0.05, time_std_s=1e-3),))
-    run = simulate(leaking(poor, failures=[], duration_s=12.0, execution={"engine": "loop"}))
+    run = simulate(leaking(poor, failures=[], duration_s=12.0, execution={"engine": "loop"}), look_back=False)
     assert run.summary["detections"] == []
     error = run["estimate"][-1] - run["truth"][-1][:10]
     assert (np.abs(error) < 3.5 * run["standard_deviation"][-1]).all()

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from faults_probe import SLOTS, commands_of, dock, fail, flight, follow, make_params
+from faults_probe import SLOTS, Flown, commands_of, dock, fail, flight, follow, make_params
 
 from massprop_drake.maths.estimation.faults import hypothesis_filter
 from massprop_drake.maths.estimation.faults.saved import restored, saved
@@ -21,19 +21,32 @@ PLACES = PARAMS.joint.places
 THRUSTS = PARAMS.joint.thrusts
 COMMANDS = commands_of(60, idle=(3,))
 BOTH = {15: fail(3, 0.3 * THRUSTS[3], 1, 1), 35: fail(1, THRUSTS[1], -1)}
-FLOWN = flight(PARAMS, COMMANDS, changes=BOTH)
 # rows with several hypotheses: before anything is declared of the second failure, just after, and long after
-SEVERAL = [row for row in range(20, 58) if len(FLOWN.trees[row].hypotheses) > 2]
+SEVERAL = range(20, 58)
+DOUBTED = range(33, 45)  # of the leak: all that is likely has been born
 
 
-def test_a_flight_has_several_hypotheses_at_most_rows() -> None:
-    assert len(SEVERAL) > 10
-    assert len(FLOWN.said) == 2
+@pytest.fixture(scope="module")
+def flown() -> Flown:
+    """A flight in which two jets fail."""
+    return flight(PARAMS, COMMANDS, changes=BOTH)
+
+
+@pytest.fixture(scope="module")
+def leak() -> Flown:
+    """A flight in which one jet leaks."""
+    return flight(PARAMS, COMMANDS, changes={30: fail(3, 0.02 * THRUSTS[3], 1, 1)})
+
+
+def test_the_flights_have_several_hypotheses_at_these_rows(flown: Flown, leak: Flown) -> None:
+    assert all(len(flown.trees[row].hypotheses) > 2 for row in SEVERAL)
+    assert all(len(leak.trees[row].hypotheses) > 2 for row in DOUBTED)
+    assert len(flown.said) == 2
 
 
 @pytest.mark.parametrize("row", [*SEVERAL[::4], 59])
-def test_what_is_restored_is_what_was_saved(row: int) -> None:
-    tree, verdicts = FLOWN.trees[row], FLOWN.verdicts[row]
+def test_what_is_restored_is_what_was_saved(flown: Flown, row: int) -> None:
+    tree, verdicts = flown.trees[row], flown.verdicts[row]
     vector = saved(tree, verdicts, PLACES)
     again, told = restored(vector, PLACES)
     assert again.cycle == tree.cycle
@@ -51,9 +64,9 @@ def test_what_is_restored_is_what_was_saved(row: int) -> None:
     np.testing.assert_array_equal(saved(again, told, PLACES), vector)
 
 
-def test_what_is_impossible_by_now_is_not_saved() -> None:
+def test_what_is_impossible_by_now_is_not_saved(flown: Flown) -> None:
     """It may be there still, for the proposals that its bank may make."""
-    tree, verdicts = FLOWN.trees[SEVERAL[4]], FLOWN.verdicts[SEVERAL[4]]
+    tree, verdicts = flown.trees[SEVERAL[4]], flown.verdicts[SEVERAL[4]]
     first, *others = tree.hypotheses
     vector = saved(
         tree._replace(hypotheses=(first, *(each._replace(weight=-np.inf) for each in others))), verdicts, PLACES
@@ -62,50 +75,46 @@ def test_what_is_impossible_by_now_is_not_saved() -> None:
     assert [one.key for one in restored(vector, PLACES)[0].hypotheses] == [first.key]
 
 
-LEAK = flight(PARAMS, COMMANDS, changes={30: fail(3, 0.02 * THRUSTS[3], 1, 1)})
-DOUBTED = [row for row in range(33, 45) if len(LEAK.trees[row].hypotheses) > 2]  # all that is likely has been born
-
-
 @pytest.mark.parametrize("row", DOUBTED)
-def test_a_run_goes_on_the_same_after_a_restart(row: int) -> None:
+def test_a_run_goes_on_the_same_after_a_restart(leak: Flown, row: int) -> None:
     """In the midst of a doubt: each hypothesis stays as likely as it was, and what is declared and estimated the same.
 
     Proposals that waited are gone. So hypotheses that would still have been born are missing, none is another.
     """
-    tree, verdicts = restored(saved(LEAK.trees[row], LEAK.verdicts[row], PLACES), PLACES)
-    again = follow(LEAK, tree, verdicts, LEAK.filters[row], row + 1)
-    for one, other in zip(again.trees, LEAK.trees[row + 1 :], strict=True):
+    tree, verdicts = restored(saved(leak.trees[row], leak.verdicts[row], PLACES), PLACES)
+    again = follow(leak, tree, verdicts, leak.filters[row], row + 1)
+    for one, other in zip(again.trees, leak.trees[row + 1 :], strict=True):
         assert one.leader.key == other.leader.key
         assert one.leader.run.score.likelihood == pytest.approx(other.leader.run.score.likelihood, rel=1e-9)
-    np.testing.assert_allclose(again.filters[-1].mean, LEAK.filters[-1].mean, atol=1e-9)
-    np.testing.assert_allclose(again.filters[-1].root, LEAK.filters[-1].root, atol=1e-9)
-    assert [one.jets for _, one in again.said] == [one.jets for time_s, one in LEAK.said if time_s > 0.1 * row + 0.15]
+    np.testing.assert_allclose(again.filters[-1].mean, leak.filters[-1].mean, atol=1e-9)
+    np.testing.assert_allclose(again.filters[-1].root, leak.filters[-1].root, atol=1e-9)
+    assert [one.jets for _, one in again.said] == [one.jets for time_s, one in leak.said if time_s > 0.1 * row + 0.15]
 
 
 @pytest.mark.parametrize("row", SEVERAL[1::5])
-def test_a_failure_after_a_restart_is_named(row: int) -> None:
+def test_a_failure_after_a_restart_is_named(flown: Flown, row: int) -> None:
     """Its onset may be another, since the bank of onsets begins anew."""
-    tree, verdicts = restored(saved(FLOWN.trees[row], FLOWN.verdicts[row], PLACES), PLACES)
-    again = follow(FLOWN, tree, verdicts, FLOWN.filters[row], row + 1)
-    assert [one.jets for _, one in again.said] == [one.jets for time_s, one in FLOWN.said if time_s > 0.1 * row + 0.15]
+    tree, verdicts = restored(saved(flown.trees[row], flown.verdicts[row], PLACES), PLACES)
+    again = follow(flown, tree, verdicts, flown.filters[row], row + 1)
+    assert [one.jets for _, one in again.said] == [one.jets for time_s, one in flown.said if time_s > 0.1 * row + 0.15]
 
 
 def test_a_payload_that_has_not_been_measured_is_measured_after_a_restart() -> None:
-    flown = flight(PARAMS, COMMANDS, changes={30: dock(PARAMS.joint, 0.3)})
-    tree, verdicts = restored(saved(flown.tree, flown.verdicts[-1], PLACES), PLACES)
+    docked = flight(PARAMS, COMMANDS, changes={30: dock(PARAMS.joint, 0.3)})
+    tree, verdicts = restored(saved(docked.tree, docked.verdicts[-1], PLACES), PLACES)
     assert verdicts.earlier is not None
-    np.testing.assert_array_equal(verdicts.earlier.root, flown.verdicts[-1].earlier.root)
+    np.testing.assert_array_equal(verdicts.earlier.root, docked.verdicts[-1].earlier.root)
     assert tree.leader.earlier is not None
     assert tree.leader.earlier.time_s == pytest.approx(3.0)
 
 
-def test_groups_and_all_that_was_declared_come_back() -> None:
+def test_groups_and_all_that_was_declared_come_back(flown: Flown) -> None:
     verdicts = Verdicts(
         (Declared((3, 1), 0.3, 0.01, 2), Declared((1, -1), 1.0, 0.02)),
         frozenset({(Kind.JUMP, -1, 0), (Kind.LIES, 7, 1)}),
         groups=frozenset({frozenset({(0, 1), (4, -1)}), frozenset({(2, 1), (0, 1), (5, 1)})}),
     )
-    vector = saved(FLOWN.tree, verdicts, PLACES)
+    vector = saved(flown.tree, verdicts, PLACES)
     _, again = restored(vector, PLACES)
     assert again == verdicts
     np.testing.assert_array_equal(saved(*restored(vector, PLACES), PLACES), vector)
@@ -116,10 +125,10 @@ def test_nothing_is_kept_of_a_run_that_has_not_begun() -> None:
     assert (tree, verdicts) == (Tree(), Verdicts())
 
 
-def changed(change: Callable[[Any], Any]) -> Array:
+def changed(flown: Flown, change: Callable[[Any], Any]) -> Array:
     """A saved state of which the likeliest hypothesis is another."""
-    tree = FLOWN.tree
-    return saved(tree._replace(hypotheses=(change(tree.leader), *tree.hypotheses[1:])), FLOWN.verdicts[-1], PLACES)
+    tree = flown.tree
+    return saved(tree._replace(hypotheses=(change(tree.leader), *tree.hypotheses[1:])), flown.verdicts[-1], PLACES)
 
 
 def with_state(**changes: Any) -> Callable[[Any], Any]:
@@ -135,9 +144,6 @@ def with_cause(**changes: Any) -> Callable[[Any], Any]:
         return each._replace(events=(*each.events[:-1], event._replace(cause=event.cause._replace(**changes))))
 
     return change
-
-
-STATE = FLOWN.tree.leader.run.state
 
 
 @pytest.mark.parametrize(
@@ -165,25 +171,33 @@ STATE = FLOWN.tree.leader.run.state
         (with_cause(kind=9), "an index is out of its range"),
     ],
 )
-def test_a_hypothesis_that_no_run_has_is_refused(change: Callable[[Any], Any], message: str) -> None:
+def test_a_hypothesis_that_no_run_has_is_refused(flown: Flown, change: Callable[[Any], Any], message: str) -> None:
     with pytest.raises(ValueError, match=f"hypothesis_detector: .*{message}"):
-        restored(changed(change), PLACES)
+        restored(changed(flown, change), PLACES)
 
 
-VECTOR = saved(FLOWN.tree, FLOWN.verdicts[-1], PLACES)
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda vector: vector[:-1], "ends too soon"),
+        (lambda vector: vector[:40], "ends too soon"),
+        (lambda vector: np.append(vector, 0.0), "goes on where it should end"),
+        (lambda vector: np.append(0.5, vector[1:]), "an index is out of its range"),
+        (lambda vector: np.append(-1.0, vector[1:]), "an index is out of its range"),
+        (lambda vector: np.append(np.nan, vector[1:]), "an index is out of its range"),
+        (lambda vector: np.concatenate((vector[:1], [1.5], vector[2:])), "counts must be whole numbers"),
+        (lambda vector: np.concatenate((vector[:1], [-1.0], vector[2:])), "counts must be whole numbers"),
+    ],
+)
+def test_a_changed_vector_is_refused(flown: Flown, change: Callable[[Array], Array], message: str) -> None:
+    vector = saved(flown.tree, flown.verdicts[-1], PLACES)
+    with pytest.raises(ValueError, match=f"hypothesis_detector: .*{message}"):
+        restored(change(vector), PLACES)
 
 
 @pytest.mark.parametrize(
     ("vector", "message"),
     [
-        (VECTOR[:-1], "ends too soon"),
-        (VECTOR[:40], "ends too soon"),
-        (np.append(VECTOR, 0.0), "goes on where it should end"),
-        (np.append(0.5, VECTOR[1:]), "an index is out of its range"),
-        (np.append(-1.0, VECTOR[1:]), "an index is out of its range"),
-        (np.append(np.nan, VECTOR[1:]), "an index is out of its range"),
-        (np.concatenate((VECTOR[:1], [1.5], VECTOR[2:])), "counts must be whole numbers"),
-        (np.concatenate((VECTOR[:1], [-1.0], VECTOR[2:])), "counts must be whole numbers"),
         (saved(Tree(), Verdicts(jets=(Declared((9, 1), 0.1, 0.1),)), PLACES), "an index is out of its range"),
         (np.array([0.0, 0, 0, 0, 1, 3, 0, 1, 2, 0]), "a group must be of jets and signs"),
     ],
