@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import inspect
 import io
 import os
 import shutil
@@ -13,7 +12,7 @@ import sys
 import tarfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -39,10 +38,6 @@ REPOSITORY = Path(__file__).parent.parent
 # on which the other tests run
 threadpool_limits(1, user_api="blas")
 os.environ.update(ONE_THREAD)  # for libraries that are loaded later, and for processes that tests start
-
-# Drake asks for the stack at every template of a system, and uses a frame; the source lines around each frame, in which
-# pytest's are many, take seconds
-inspect.stack = partial(inspect.stack, 0)
 
 gc.set_threshold(20_000, 20, 50)  # the usual 700 new objects between two collections cost a tenth of the time
 
