@@ -18,8 +18,9 @@ from massprop_drake.maths.estimation.whole import Asked, Rows, Samples
 from massprop_drake.maths.kernels import chosen, held, released, shared
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.maths.mass_properties import all_ten
-from massprop_drake.runners.logs import EstimationLog, timed_cycle
+from massprop_drake.runners.logs import EstimationLog
 from massprop_drake.systems.layouts import DETECTOR_REPORT, MASS_REPORT, ROTATION_REPORT
+from massprop_drake.systems.stopwatch import DETECTOR, ESTIMATORS, Stopwatch, timed
 
 Array = NDArray[np.float64]
 
@@ -89,7 +90,9 @@ class Stepped:
     """
 
     def __init__(self, made: EstimationParams, state: EstimationState):
-        self.spent_s = {"estimators": 0.0, "detector": 0.0}
+        self._stopwatch = Stopwatch()
+        self.spent_s = self._stopwatch.spent_s
+        self.spent_s.update(dict.fromkeys((ESTIMATORS, DETECTOR), 0.0))
         self.asked = whole.nothing_asked(state.level.size)
         self._params, self._state = made, state
         self._done: EstimationStep | None = None
@@ -117,7 +120,8 @@ class Stepped:
     def _one(self, sample: Sample, row: int) -> None:
         before = self._state.detector
         try:
-            done = timed_cycle(self._state, sample, self._params, self.spent_s)
+            with self._stopwatch:
+                done = cycle.step(self._state, sample, self._params, timed)
         except NotPositiveDefiniteError as error:
             raise error.at(sample.time_s, ESTIMATOR) from None
         self._log.put(row, done, before)
@@ -206,7 +210,7 @@ class Watched(Stepped):
         if not self._watch.on:
             self._state = self._watch.state()
         self._next = reached
-        self.spent_s["estimators"] += time.perf_counter() - began
+        self.spent_s[ESTIMATORS] += time.perf_counter() - began
 
     def reported(self) -> tuple[Array, Array]:
         """Estimate and 1-sigma of the ten parameters that the last cycle published, shape (10,) each."""
@@ -256,7 +260,7 @@ class Whole:
     """
 
     def __init__(self, made: EstimationParams, state: EstimationState, *, compiled: bool):
-        self.spent_s = {"estimators": 0.0}
+        self.spent_s = {ESTIMATORS: 0.0}
         self.asked = whole.nothing_asked(state.level.size)
         self._params, self._compiled = made, compiled
         self._advance = chosen(whole.advance, compiled)
@@ -298,7 +302,7 @@ class Whole:
             raise error.at(float(self._times_s[reached[0]]), ESTIMATOR) from None
         finally:
             self._next = int(reached[0])
-        self.spent_s["estimators"] += time.perf_counter() - began
+        self.spent_s[ESTIMATORS] += time.perf_counter() - began
 
     @property
     def done(self) -> int:

@@ -6,7 +6,6 @@ The same for simulated runs, for recorded telemetry and for the estimator in rea
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -131,21 +130,6 @@ class EstimationLog:
             rows["detector_report"][index] = detector_row(judgment, before, self._judged)
             if self._said is not None:
                 rows[self._said.name][index] = self._said.pack(judgment.own)
-
-
-def timed_cycle(
-    state: EstimationState, sample: cycle.Sample, params: EstimationParams, spent_s: dict[str, float]
-) -> EstimationStep:
-    """`cycle.step`, the time of its parts added to `spent_s`: "estimators" and "detector"."""
-    began = time.perf_counter()
-    measured = cycle.measure(state, sample, params)
-    seen = time.perf_counter()
-    judgment = cycle.judge(state, sample, measured, params)
-    judged = time.perf_counter()
-    done = cycle.finish(state, sample, measured, judgment, params)
-    spent_s["detector"] += judged - seen
-    spent_s["estimators"] += time.perf_counter() - judged + seen - began
-    return done
 
 
 class Intake:

@@ -8,9 +8,13 @@ from contextvars import ContextVar, Token
 from time import perf_counter
 from typing import Any, TypeVar
 
+from massprop_drake.maths.estimation.cycle import DETECTOR, ESTIMATORS
+
+__all__ = ["DETECTOR", "ESTIMATORS", "JET_SELECTION", "Stopwatch", "timed"]
+
 T = TypeVar("T")
 
-ESTIMATORS, DETECTOR, JET_SELECTION = "estimators", "detector", "jet_selection"  # parts of a cycle
+JET_SELECTION = "jet_selection"  # a part of a cycle besides those of `maths.estimation.cycle`
 
 
 class Stopwatch:

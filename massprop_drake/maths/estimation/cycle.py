@@ -11,6 +11,7 @@ of recorded telemetry call `step` or the parts in turn.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -125,6 +126,7 @@ class EstimationStep(NamedTuple):
     judgment: Judgment | None
 
 
+ESTIMATORS, DETECTOR = "estimators", "detector"  # parts of a cycle
 _ROUNDING = 1e-12  # of a level
 _DIAGONAL = (0, 1, 2)  # of the inverse inertia, among the ten parameters
 _IMPOSSIBLE = 6.0  # sigmas below zero: readings leave a mass or a moment of inertia there once in 1e9 runs
@@ -168,10 +170,9 @@ def known_force(state: EstimationState, sample: Sample, params: EstimationParams
     return params.detector.known_force(state.detector, predicted, sample.command, params.detector_params)
 
 
-def judge(state: EstimationState, sample: Sample, measured: Measured, params: EstimationParams) -> Judgment | None:
-    """What the detector makes of the innovations; None without a detector."""
-    if params.detector is None:
-        return None
+def judge(state: EstimationState, sample: Sample, measured: Measured, params: EstimationParams) -> Judgment:
+    """What the detector, which there is, makes of the innovations."""
+    assert params.detector is not None
     seen = params.filter.evidence(state.filter, measured.measurement, measured.interval)
     evidence = seen
     if isinstance(seen, Joint):
@@ -201,19 +202,28 @@ def finish(
     return EstimationStep(after, interval, filtered, judgment)
 
 
-def step(state: EstimationState, sample: Sample, params: EstimationParams) -> EstimationStep:
+def _call(_part: str, function: Callable[..., Any], *arguments: Any) -> Any:
+    return function(*arguments)
+
+
+def step(
+    state: EstimationState, sample: Sample, params: EstimationParams, call: Callable[..., Any] = _call
+) -> EstimationStep:
     """One cycle.
 
     Args:
         state: of the cycle before.
         sample: see `Sample`.
         params: see `EstimationParams`.
+        call: calls a part of it, of `ESTIMATORS` or the `DETECTOR`, with its arguments, and may take the time.
 
     Raises:
         NotPositiveDefiniteError: when a covariance loses definiteness.
     """
-    measured = measure(state, sample, params)
-    return finish(state, sample, measured, judge(state, sample, measured, params), params)
+    measured = call(ESTIMATORS, measure, state, sample, params)
+    judgment = None if params.detector is None else call(DETECTOR, judge, state, sample, measured, params)
+    done: EstimationStep = call(ESTIMATORS, finish, state, sample, measured, judgment, params)
+    return done
 
 
 def known(state: EstimationState, params: EstimationParams) -> tuple[Array, Array]:

@@ -27,7 +27,7 @@ from massprop_drake.systems.layouts import (
     detector_row,
     impulse_row,
 )
-from massprop_drake.systems.stopwatch import DETECTOR, ESTIMATORS, timed
+from massprop_drake.systems.stopwatch import timed
 
 
 class Memory(NamedTuple):
@@ -201,13 +201,8 @@ class CycleEstimator(LeafSystem):
         memory, time_s = self._remembered(context), context.get_time()
         if memory.step is not None and memory.time_s == time_s:
             return memory
-        state, sample, params = memory.state, self._sample(context), self._params
-        measured = timed(ESTIMATORS, cycle.measure, state, sample, params)
-        judgment = None
-        if params.detector is not None:
-            judgment = timed(DETECTOR, cycle.judge, state, sample, measured, params)
-        step = timed(ESTIMATORS, cycle.finish, state, sample, measured, judgment, params)
-        return Memory(state, step, time_s)
+        step = cycle.step(memory.state, self._sample(context), self._params, timed)
+        return Memory(memory.state, step, time_s)
 
     def _update(self, context: Any, state: Any) -> None:
         state.get_mutable_abstract_state(self._memory).set_value(self._cycle.get(context))

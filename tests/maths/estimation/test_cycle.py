@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -122,10 +123,18 @@ def test_a_step_is_its_parts_in_turn(kind: str) -> None:
     for sample, step in zip(_samples(), _run(params, state, _samples()), strict=True):
         seen = _sample(sample, params)
         measured = cycle.measure(state, seen, params)
-        judgment = cycle.judge(state, seen, measured, params)
+        judgment = None if params.detector is None else cycle.judge(state, seen, measured, params)
         done = cycle.finish(state, seen, measured, judgment, params)
         _assert_same(done, step)
-        assert (judgment is None) == (params.detector is None)
+        called: list[str] = []
+
+        def noted(part: str, function: Callable[..., Any], *arguments: Any, called: list[str] = called) -> Any:
+            called.append(part)
+            return function(*arguments)
+
+        _assert_same(cycle.step(state, seen, params, noted), step)
+        judged = [] if params.detector is None else [cycle.DETECTOR]
+        assert called == [cycle.ESTIMATORS, *judged, cycle.ESTIMATORS]
         state = done.state
 
 
