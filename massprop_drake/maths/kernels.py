@@ -35,7 +35,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import IntEnum
-from functools import cache
+from functools import cache, wraps
 from importlib import metadata
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -134,6 +134,19 @@ def listed(vector: NDArray[Any]) -> Any:
     return vector.tolist()
 
 
+def _element(values: Any, index: int) -> Any:
+    """One of a vector's numbers, or the number."""
+    return values[index] if np.ndim(values) else values
+
+
+def _either(condition, one, other):  # type: ignore[no-untyped-def] # compiled alone
+    result = np.empty(condition.size)
+    for index in range(condition.size):
+        result[index] = _element(one, index) if condition[index] else _element(other, index)
+    return result
+
+
+@idiom(_either)
 def either(condition: NDArray[np.bool_], one: Any, other: Any) -> Array:
     """Of two vectors, or numbers, the one where a condition holds, the other elsewhere; numba's own takes long to make.
 
@@ -358,26 +371,20 @@ def _teach(extending: Any) -> None:
     for _, teach in _IDIOMS:
         teach(extending)
     extending.overload(numbers, jit_options=_BARE, prefer_literal=True)(_numbers)
-    extending.overload(either, jit_options=_BARE)(_either)
+    extending.overload(_element, jit_options=_BARE)(_element_of)
     extending.overload(fill, jit_options=_BARE)(_fill)
     extending.overload(taken, jit_options=_BARE)(_taken)
 
 
 def _numbers(vector, _count):  # type: ignore[no-untyped-def] # of types
-    elements = ", ".join(f"vector[{index}]" for index in range(_count.literal_value))
-    return eval(f"lambda vector, _count: ({elements},)")
+    last = _count.literal_value - 1
+    if last == 0:
+        return lambda vector, _count: (vector[0],)
+    return lambda vector, _count: (*numbers(vector, last), vector[last])
 
 
-def _either(condition, one, other):  # type: ignore[no-untyped-def] # of types
-    first, second = (
-        f"{name}[index]" if getattr(kind, "ndim", 0) else name for name, kind in (("one", one), ("other", other))
-    )
-    lines = ["def either(condition, one, other):", "    result = empty(condition.size)"]
-    lines += ["    for index in range(condition.size):"]
-    lines += [f"        result[index] = {first} if condition[index] else {second}", "    return result"]
-    made: dict[str, Any] = {"empty": np.empty}
-    exec("\n".join(lines), made)
-    return made["either"]
+def _element_of(values, index):  # type: ignore[no-untyped-def] # of types
+    return (lambda values, index: values[index]) if getattr(values, "ndim", 0) else (lambda values, index: values)
 
 
 def _fill(row, values):  # type: ignore[no-untyped-def] # of types
@@ -420,9 +427,12 @@ def _taken(vector, like):  # type: ignore[no-untyped-def] # of types
 
 def _always(meaning: Callable[..., Any]) -> Callable[..., Any]:
     """What `overload` asks for: a function of the arguments' types, here the same for all, with their names."""
-    names = ", ".join(inspect.signature(meaning).parameters)
-    made: Callable[..., Any] = eval(f"lambda {names}: meaning", {"meaning": meaning})
-    return made
+
+    @wraps(meaning)
+    def of_types(*_kinds: Any, **_named: Any) -> Callable[..., Any]:
+        return meaning
+
+    return of_types
 
 
 @cache
