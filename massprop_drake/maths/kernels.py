@@ -275,7 +275,7 @@ def compiler() -> Compiler:
     warnings.simplefilter("ignore", numba.NumbaPerformanceWarning)  # of small matrices that are not contiguous
     _gathered()
     folder = _folder()
-    from massprop_drake.maths import _bundles, _lapack, _linking  # noqa: F401, PLC0415 (load numba)
+    from massprop_drake.maths import _bundles, _linking  # noqa: F401, PLC0415 (load numba)
 
     _linking.wait()
     _teach(extending)
@@ -355,7 +355,7 @@ def _digest() -> str:
     functions = {*_KERNELS, *(function for function, _ in _IDIOMS)}
     own = {
         __file__,
-        *(str(Path(__file__).with_name(f"_{name}.py")) for name in ("bundles", "holding", "kept", "lapack", "linking")),
+        *(str(Path(__file__).with_name(f"_{name}.py")) for name in ("bundles", "holding", "kept", "linking")),
     }
     files = sorted({inspect.getfile(function) for function in functions} | own)
     content = hashlib.sha256()

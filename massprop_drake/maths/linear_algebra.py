@@ -265,6 +265,12 @@ def triangular_roots(stack: Array) -> Array:
     return np.asarray(np.linalg.cholesky(stack), dtype=np.float64)
 
 
+def _lower_factor(columns):  # type: ignore[no-untyped-def] # compiled alone
+    _, upper = np.linalg.qr(columns.T)
+    return np.ascontiguousarray(upper.T)
+
+
+@idiom(_lower_factor)
 def lower_factor(columns: Array) -> Array:
     """L of L Q, a lower triangular and an orthogonal factor, by reflections; shape (n, min(n, k)) of one of (n, k)."""
     return np.ascontiguousarray(np.asarray(np.linalg.qr(columns.T, mode="r")).T)
