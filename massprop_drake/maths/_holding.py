@@ -33,8 +33,6 @@ class HeldType(types.StructRef):
 class Held(structref.StructRefProxy):
     """Python's reference to a holder."""
 
-    _numba_type_: Any = structref.StructRefProxy._type  # where it lies: asked for at each call, for each argument
-
 
 structref.define_proxy(Held, HeldType, ["value"])
 
