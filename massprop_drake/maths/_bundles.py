@@ -12,7 +12,7 @@ import hashlib
 import inspect
 from typing import Any
 
-from numba.core import boxing, cgutils, pythonapi, types
+from numba.core import cgutils, types
 from numba.core.datamodel import models
 from numba.core.typing import signature
 from numba.core.typing.typeof import typeof_impl
@@ -131,19 +131,6 @@ def _construct(context: Any, builder: Any, sig: Any, args: Any) -> Any:
 def _at_hand(c: Any, value: Any) -> Any:
     """A reference, which is borrowed, to an object of Python among the constants of compiled code."""
     return c.env_manager.read_const(c.env_manager.add_const(value))
-
-
-def _array_to_python(kind: Any, value: Any, c: Any) -> Any:
-    """An array in Python's form; numba would unpickle the class of arrays each time."""
-    c.pyapi.serialize_object, c.pyapi.unserialize = lambda found: found, lambda found: _at_hand(c, found)
-    try:
-        return boxing.box_array(kind, value, c)
-    finally:
-        del c.pyapi.serialize_object, c.pyapi.unserialize
-
-
-if types.Array in pythonapi._boxers.functions:  # else numba is another, and does as it ever did
-    pythonapi._boxers.functions[types.Array] = _array_to_python
 
 
 @box(BundleType)  # type: ignore[untyped-decorator]
