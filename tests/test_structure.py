@@ -33,7 +33,7 @@ FLOOR = {room: number for number, rooms in enumerate(FLOORS) for room in rooms}
 # a run shows itself: its figures, pages and notebook display are loaded when they are asked for
 EXCEPTIONS = {("results.run", "display")}
 MOST_ARROWS = 60  # between rooms at the top
-WITH_NUMBA = ("maths._bundles", "maths._holding", "maths._linking")
+WITH_NUMBA = ("maths._bundles", "maths._holding", "maths._kept", "maths._linking")
 WITHOUT_DRAKE = ("inputs", "telemetry", "records", "results", "maths", "signals", "errors", "runners.estimator")
 
 
