@@ -1305,13 +1305,13 @@ def fitted(stretches: Sequence[Stretch], start: Array, model: Model) -> Fit:
         start: where to begin, shape (n,).
         model: see `Model`.
     """
-    fit = _fitted(stretches, start, model)
-    if gathers(model) or not fit.settled:  # what gathers is in the rates that are read, and in no others
-        return fit
-    return _fitted(stretches, fit.at, model._replace(followed=True))
+    alone = gathers(model)  # what gathers is in the rates that are read, and in no others
+    fit = _fitted(stretches, start, model, last=alone)
+    return fit if alone or not fit.settled else _fitted(stretches, fit.at, model._replace(followed=True))
 
 
-def _fitted(stretches: Sequence[Stretch], start: Array, model: Model) -> Fit:
+def _fitted(stretches: Sequence[Stretch], start: Array, model: Model, *, last: bool = True) -> Fit:
+    """Passes until they settle; where others follow, unknowns that are only put to the test are left out."""
     at = best = start.copy()
     least = np.inf
     free = np.flatnonzero(model.sigma > 0.0)
@@ -1320,7 +1320,7 @@ def _fitted(stretches: Sequence[Stretch], start: Array, model: Model) -> Fit:
     told: list[_Course] = []
     told_for, wanted, complete = at, reckoned(model), False
     for number in range(_PASSES):
-        complete = complete or number == _PASSES - 1
+        complete = last and (complete or number == _PASSES - 1)
         if not told or (at[lag] != told_for[lag]).any():
             told, told_for = [_course_at(one, at, model) for one in read], at
         parts = [_normal(at, course, model, None if complete else wanted) for course in told]
@@ -1333,7 +1333,7 @@ def _fitted(stretches: Sequence[Stretch], start: Array, model: Model) -> Fit:
         gain, sound = float(step @ right), bool(np.isfinite(step).all())
         if not sound:
             break
-        if complete and gain < _SETTLED:
+        if gain < _SETTLED and (complete or not last):
             return Fit(at, total, True)
         complete = gain < _NEARLY
         if gain < _SETTLED:
