@@ -18,7 +18,7 @@ h = X^T R^-1 e
 Initial values are eliminated by taking means off. Where stamps are off their ticks, these lie on a line through the
 stamps, as far as it is known: its two errors are unknowns of each stretch, and eliminated, too. A reading that has not
 moved by a quantum since one was used says nothing new and is left out, as in the joint estimator. Noise that gathers,
-of walks and of a disturbance, is made white by `colored`. Coupling is taken with the rates as they are read, and
+of walks and of a disturbance, is made white by `whitening`. Coupling is taken with the rates as they are read, and
 without such noise in the last passes of a fit with those that come of it.
 """
 
@@ -33,10 +33,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.maths.estimation.colored import Gathering, Whitener, whitener
 from massprop_drake.maths.estimation.joint.disturbance import NO_DISTURBANCE, DisturbanceParams
 from massprop_drake.maths.estimation.joint.impulses import LEAST_LAG, Lingering, fire, lingering
 from massprop_drake.maths.estimation.joint.prediction import PARABOLA
+from massprop_drake.maths.estimation.whitening import Gathering, Whitener, whitener
 from massprop_drake.maths.kernels import chosen, idiom, kernel, listed
 from massprop_drake.maths.linear_algebra import Array, crosses, is_positive_definite
 from massprop_drake.maths.mass_properties import ELEMENT

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from massprop_drake.maths.estimation.colored import Gathering, whitener
+from massprop_drake.maths.estimation.whitening import Gathering, whitener
 from massprop_drake.maths.linear_algebra import Array
 
 TIMES_S = np.cumsum(np.array([0.0, 0.1, 0.1, 0.3, 0.1, 0.1, 2.0, 0.1, 0.1]))
