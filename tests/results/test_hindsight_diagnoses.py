@@ -10,10 +10,11 @@ import pytest
 from numpy.typing import NDArray
 
 from massprop_drake import Run, load_scenario, simulate
+from massprop_drake.maths.estimation import hindsight
 from massprop_drake.results.consistency import Diagnosis, Tally, judged
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.events import EventRecord
-from massprop_drake.results.hindsight import Hindsight, looked_back, stretches
+from massprop_drake.results.hindsight import Hindsight, looked_back, model, stretches
 from massprop_drake.results.spool import Spool
 from massprop_drake.results.summary import Summary
 
@@ -220,3 +221,10 @@ def test_a_walk_has_no_frequency(sample_run: Run) -> None:
     found = looked(sample_run, gyro=lambda rates: rates + walk).diagnoses
     assert found
     assert "oscillation" not in {one.kind for one in found}
+
+
+def test_passes_settle_though_each_would_choose_other_readings() -> None:
+    """A reading counts once it has moved by a quantum: of 161, four lie at that, and each pass saw it otherwise."""
+    run = simulate(load_scenario("jet_pulses", ["duration_s=6", "execution.engine=loop"]), look_back=False)
+    made = model(run.scenario)
+    assert hindsight.fitted(list(stretches(run.scenario, run.signals)), made.prior, made).settled

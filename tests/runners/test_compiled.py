@@ -69,7 +69,8 @@ def require_close(compiled: Any, plain: Any) -> None:
         entry["jets"] for entry in plain.summary["detections"]
     ]
     bounds, expected = ([entry["bound"] for entry in run.summary["identifiability"]] for run in (compiled, plain))
-    assert bounds == pytest.approx(expected, rel=1e-8)  # by regression upon all readings
+    # by regression upon all readings: changed in their last bit they change those of six seconds by 3e-8
+    assert bounds == pytest.approx(expected, rel=1e-7)
 
 
 def test_a_bundle_is_a_reference_in_compiled_code_and_the_same_named_tuple_in_python() -> None:

@@ -878,6 +878,9 @@ class _Component(NamedTuple):
     left: Array  # what is read less what is expected, (r,)
 
 
+_Held = dict[tuple[int, int], NDArray[np.int_]]  # rows of each component, by package and axis
+
+
 class _Fixed(NamedTuple):
     """What accelerometers show of rotation, and how long it is since the beginning."""
 
@@ -909,9 +912,11 @@ def _own(package: int, model: Model) -> tuple[slice, slice]:
     return slice(gains, gains + 3), slice(biases, biases + 3)
 
 
-def _components(expected: _Expected, fixed: _Fixed, at: Array, model: Model) -> Iterator[_Component]:
-    """Yields every component of which there are two rows, gyros first."""
-    read = expected.course.read
+def _components(
+    expected: _Expected, fixed: _Fixed, at: Array, model: Model, held: _Held | None = None
+) -> Iterator[_Component]:
+    """Yields every component of which there are two rows, gyros first; rows that are held are taken, others noted."""
+    read, held = expected.course.read, {} if held is None else held
     for package in range(read.readings.shape[0]):
         (gains, biases), number = _own(package, model), package - model.gyros
         shown = expected.rate
@@ -924,7 +929,9 @@ def _components(expected: _Expected, fixed: _Fixed, at: Array, model: Model) -> 
             wanted += at[biases][:, None] * fixed.since_s
         for axis in range(3):
             readings = read.readings[package, axis]
-            rows = model.compute.used(wanted[axis], readings, float(model.quanta[package]))
+            rows = held.get((package, axis))
+            if rows is None:
+                rows = held[package, axis] = model.compute.used(wanted[axis], readings, float(model.quanta[package]))
             if rows.shape[0] >= 2:
                 left = readings[rows] - wanted[axis, rows]
                 yield _Component(package, axis, rows, shown[axis], left)
@@ -1028,7 +1035,9 @@ def _course_at(read: _Read, at: Array, model: Model) -> _Course:
     return _course(read, at[columns(model).lag][model.kinds], model)
 
 
-def _normal(at: Array, course: _Course, model: Model, wanted: NDArray[np.bool_] | None = None) -> Normal:
+def _normal(
+    at: Array, course: _Course, model: Model, wanted: NDArray[np.bool_] | None = None, held: _Held | None = None
+) -> Normal:
     expected, followed = _expected(at, course, model), model.followed and bool(course.read.known.all())
     if followed:
         expected = _followed(expected, at, model)
@@ -1041,7 +1050,7 @@ def _normal(at: Array, course: _Course, model: Model, wanted: NDArray[np.bool_] 
     information, vector = np.zeros((size, size)), np.zeros(size)
     parts: list[tuple[_Batch, Array, Array]] = []
     told = np.zeros(3)
-    for batch in _batches(_components(expected, fixed, at, model), model.gyros):
+    for batch in _batches(_components(expected, fixed, at, model, held), model.gyros):
         scale = batch.each(1.0 / np.sqrt(model.variances[[part.package for part in batch.parts]]))
         left = np.concatenate([part.left for part in batch.parts]) * scale
         x = _derivatives(design, batch, fixed, at, model) * scale
@@ -1311,19 +1320,27 @@ def fitted(stretches: Sequence[Stretch], start: Array, model: Model) -> Fit:
 
 
 def _fitted(stretches: Sequence[Stretch], start: Array, model: Model, *, last: bool = True) -> Fit:
-    """Passes until they settle; where others follow, unknowns that are only put to the test are left out."""
+    """Passes until they settle; where others follow, unknowns that are only put to the test are left out.
+
+    Once they are near, the readings that count stay the same: else each pass may choose those that the next does not.
+    """
     at = best = start.copy()
     least = np.inf
     free = np.flatnonzero(model.sigma > 0.0)
     sigma, lag = model.sigma[free], columns(model).lag
     read = [_read(stretch, model) for stretch in stretches]
     told: list[_Course] = []
-    told_for, wanted, complete = at, reckoned(model), False
+    told_for, wanted, complete, near = at, reckoned(model), False, False
+    held: list[_Held] = [{} for _ in read]
     for number in range(_PASSES):
         complete = last and (complete or number == _PASSES - 1)
         if not told or (at[lag] != told_for[lag]).any():
             told, told_for = [_course_at(one, at, model) for one in read], at
-        parts = [_normal(at, course, model, None if complete else wanted) for course in told]
+        held = held if near else [{} for _ in read]
+        parts = [
+            _normal(at, course, model, None if complete else wanted, rows)
+            for course, rows in zip(told, held, strict=True)
+        ]
         total = _together(parts, model)
         if total.per_reading < least:
             least, best = total.per_reading, at
@@ -1336,6 +1353,7 @@ def _fitted(stretches: Sequence[Stretch], start: Array, model: Model, *, last: b
         if gain < _SETTLED and (complete or not last):
             return Fit(at, total, True)
         complete = gain < _NEARLY
+        near = near or complete
         if gain < _SETTLED:
             continue  # it was the last one, but for the unknowns that are only put to the test
         move = np.zeros_like(at)
