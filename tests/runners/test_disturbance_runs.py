@@ -84,6 +84,15 @@ def test_loop_and_diagram_give_the_same() -> None:
         np.testing.assert_allclose(diagram[name], loop[name], rtol=1e-9, atol=1e-12, err_msg=name)
 
 
+def test_a_stated_walk_of_the_rate_turns_accelerometers_too() -> None:
+    """A torque that is new in each sample, .05 N-m about each axis: a walk of the rate, whatever reads it."""
+    torque = {"torque_std": [0.05] * 3, "correlation_time_s": 1e-6}
+    plant = {"dispersion": {}, "thrust_dispersion": 0.01, "disturbance": torque}
+    run = flown(None, plant=plant, detector={"kind": "off"}, joint={"tank_fraction": 0, "rate_walk": 1.7e-4})
+    assert run.summary["consistency"]["verdict"] == "consistent"
+    assert errors(run) < 4.0
+
+
 def test_stated_ten_times_too_small_it_is_told_how_much_would_cover_it() -> None:
     small = {**STATED, "torque_std": 0.0005, "force_std": 0.001}
     found = flown(small, detector={"kind": "off"})

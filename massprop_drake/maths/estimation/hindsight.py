@@ -955,7 +955,7 @@ class _Batch(NamedTuple):
         return x
 
     def whitened(self, x: Array, whiteners: Sequence[Whitener]) -> Array:
-        """What is linear in the readings of each component, whitened, its initial value eliminated, shape (..., r)."""
+        """Whitens what is linear in the readings of each component, initial values eliminated, shape (..., r)."""
         for begin, count, one in zip(self.begins.tolist(), self.counts.tolist(), whiteners, strict=True):
             x[..., begin : begin + count] = one(x[..., begin : begin + count])
         return x
@@ -1049,23 +1049,22 @@ def _normal(
     kept, size = design.kept, design.by_rate.shape[0]
     information, vector = np.zeros((size, size)), np.zeros(size)
     parts: list[tuple[_Batch, Array, Array]] = []
-    told = np.zeros(3)
     for batch in _batches(_components(expected, fixed, at, model, held), model.gyros):
         scale = batch.each(1.0 / np.sqrt(model.variances[[part.package for part in batch.parts]]))
         left = np.concatenate([part.left for part in batch.parts]) * scale
         x = _derivatives(design, batch, fixed, at, model) * scale
         if gathers(model):
-            whiteners = [whitener(fixed.since_s[part.rows], _gathering(part, at, model)) for part in batch.parts]
+            whiteners = [_whitener(part, fixed, at, model) for part in batch.parts]
             left, x = batch.whitened(left, whiteners), batch.whitened(x, whiteners)
         else:
             left, x = batch.without_means(left), batch.without_means(x)
         information += x @ x.T
         vector += x @ left
         parts.append((batch, left, x[kept.shape[0] :]))
-        for part in batch.parts:
-            if part.package < model.gyros:
-                told[part.axis] += part.rows.size / model.variances[part.package]
     if followed:
+        told = np.zeros(3)
+        for one in (one for batch, _, _ in parts for one in batch.parts if one.package < model.gyros):
+            told[one.axis] += one.rows.size / model.variances[one.package]
         own = np.append(own, 1.0 / np.maximum(told, 1e-300))
     shift = np.zeros(0)
     if size > kept.shape[0]:
@@ -1080,21 +1079,34 @@ def _normal(
     return total._replace(misfit=misfit + float(shift @ (shift / own)) if shift.size else misfit, readings=count)
 
 
-def _gathering(one: _Component, at: Array, model: Model) -> Gathering:
-    """Noise that gathers in a component; it is the same for all packages, and counts for each as often as they are."""
+def gathering(package: int, axis: int, at: Array, model: Model) -> Gathering:
+    """Noise that gathers in a component of a sensor, by the walks and the disturbance that are stated.
+
+    Args:
+        package, axis: of the component.
+        at: all unknowns, for the center of mass, shape (n,).
+        model: see `Model`.
+    """
     turning, pushing = model.disturbance.accelerations[:3], model.disturbance.accelerations[3:]
-    (of_rate, of_velocity), number = model.walks, one.package - model.gyros
-    walk, acting, packages = of_rate**2, turning[one.axis], model.gyros
+    (of_rate, of_velocity), number = model.walks, package - model.gyros
+    walk, acting = of_rate**2, turning[axis]
     if number >= 0:
-        by_rate = (_CROSS @ (model.positions[number] - at[_CENTER]))[one.axis]  # of the velocity, by the rate
-        walk, acting = of_velocity**2 + of_rate**2 * float(by_rate @ by_rate), pushing[one.axis] + by_rate @ turning
-        packages = model.positions.shape[0]
-    share = packages / float(model.variances[one.package])
-    return Gathering(walk * share, float(acting @ acting) * share, model.disturbance.time_constant_s)
+        by_rate = (_CROSS @ (model.positions[number] - at[_CENTER]))[axis]  # derivative of the velocity by the rate
+        walk, acting = of_velocity**2 + of_rate**2 * float(by_rate @ by_rate), pushing[axis] + by_rate @ turning
+    variance = float(model.variances[package])
+    return Gathering(walk / variance, float(acting @ acting) / variance, model.disturbance.time_constant_s)
+
+
+def _whitener(one: _Component, fixed: _Fixed, at: Array, model: Model) -> Whitener:
+    """The whitener of a component; noise that all packages have in common counts for each as often as they are."""
+    noise = gathering(one.package, one.axis, at, model)
+    packages = model.gyros if one.package < model.gyros else model.positions.shape[0]
+    common = noise._replace(walk=packages * noise.walk, acting=packages * noise.acting)
+    return whitener(fixed.since_s[one.rows], common)
 
 
 def _followed(expected: _Expected, at: Array, model: Model) -> _Expected:
-    """What is expected with the coupling of the rates that come of it, whose mean is that of the readings."""
+    """Expectation with the coupling of the rates that come of it, whose mean is that of the readings."""
     first = expected.course.read
     bias, course, ones = at[columns(model).gyro_bias, None], first.rate, np.eye(3)[:, :, None]
     counts, lengths_s = first.there.sum(axis=1), np.full(course.shape[1] - 1, first.period_s)
@@ -1331,7 +1343,7 @@ def _fitted(stretches: Sequence[Stretch], start: Array, model: Model, *, last: b
     read = [_read(stretch, model) for stretch in stretches]
     told: list[_Course] = []
     told_for, wanted, complete, near = at, reckoned(model), False, False
-    held: list[_Held] = [{} for _ in read]
+    held = list[_Held]()
     for number in range(_PASSES):
         complete = last and (complete or number == _PASSES - 1)
         if not told or (at[lag] != told_for[lag]).any():

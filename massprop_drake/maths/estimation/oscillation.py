@@ -23,9 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.filters.joint import chi_square_limit
-from massprop_drake.maths.estimation.hindsight import Fit, Model, Residuals, Stretch, residuals
-from massprop_drake.maths.linear_algebra import Array, crosses
-from massprop_drake.maths.mass_properties import CENTER_OF_MASS
+from massprop_drake.maths.estimation.hindsight import Fit, Model, Residuals, Stretch, gathering, residuals
+from massprop_drake.maths.linear_algebra import Array
 
 _DAMPING = 0.02  # ratio, of slosh in a bare tank or a panel, by which the frequency is found
 _DAMPINGS = (0.003, 0.01, 0.02, 0.04, 0.08)  # that are tried then: more is behind baffles
@@ -143,13 +142,8 @@ def is_covered(stretches: Sequence[Stretch], fit: Fit, model: Model) -> bool:
 
 def _stated(one: Residuals, lines: Lines, fit: Fit, model: Model) -> Array:
     """Power that stated walks and a stated disturbance leave in a component, line by line, shape (k,)."""
-    turning, pushing = model.disturbance.accelerations[:3], model.disturbance.accelerations[3:]
-    walk, acting = model.walks[0], turning[one.axis]
-    if one.package >= model.gyros:
-        arm = model.positions[one.package - model.gyros] - fit.at[CENTER_OF_MASS]
-        walk, acting = model.walks[1], (pushing + crosses(turning.T, arm).T)[one.axis]
-    slow = wander_lines(model.disturbance.time_constant_s, lines) if acting.any() else 0.0
-    result: Array = (walk**2 + float(acting @ acting) * slow) / one.scale**2 * np.ones_like(lines.noise)
+    noise = gathering(one.package, one.axis, fit.at, model)
+    result: Array = noise.walk + noise.acting * wander_lines(noise.time_constant_s, lines)
     return result
 
 
