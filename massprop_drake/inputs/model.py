@@ -42,6 +42,17 @@ Vector3 = tuple[Real, Real, Real]
 Matrix3 = tuple[Vector3, Vector3, Vector3]
 
 
+def none_negative(values: tuple[float, ...]) -> tuple[float, ...]:
+    """Checks that no number of several is negative, for a field's validator.
+
+    Raises:
+        ValueError: when one is.
+    """
+    if min(values) < 0.0:
+        raise ValueError("must be zero or positive")
+    return values
+
+
 class Model(BaseModel):
     """The base of all file models: frozen, without unknown keys, NaN or infinity."""
 

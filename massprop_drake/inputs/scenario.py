@@ -31,6 +31,7 @@ from massprop_drake.inputs.model import (
     Whole,
     described,
     keys_of_former_kind,
+    none_negative,
     refusal,
     validated,
 )
@@ -128,12 +129,7 @@ class DisturbanceBlock(Model):
         span=plausible.CORRELATION,
     )
 
-    @field_validator("torque_std", "force_std")
-    @classmethod
-    def _not_negative(cls, value: Vector3) -> Vector3:
-        if min(value) < 0.0:
-            raise ValueError("must be zero or positive")
-        return value
+    _not_negative = field_validator("torque_std", "force_std")(none_negative)
 
 
 class _Plant(Model):
@@ -624,12 +620,7 @@ class RotationBlock(Model):
         0.2, "samples in which the vehicle turns by more are not used: rates are taken as steady in one", "rad", gt=0.0
     )
 
-    @field_validator("process_noise_std")
-    @classmethod
-    def _not_negative(cls, value: tuple[float, ...]) -> tuple[float, ...]:
-        if min(value) < 0.0:
-            raise ValueError("must be zero or positive")
-        return value
+    _not_negative = field_validator("process_noise_std")(none_negative)
 
 
 class MassBlock(Model):

@@ -25,6 +25,7 @@ from massprop_drake.inputs.model import (
     Vector3,
     Whole,
     described,
+    none_negative,
     refusal,
     validated,
 )
@@ -438,12 +439,7 @@ class Disturbance(Model):
 
     _axes = field_validator("torque_std", "force_std", mode="before")(_each_axis)
 
-    @field_validator("torque_std", "force_std")
-    @classmethod
-    def _not_negative(cls, value: Vector3) -> Vector3:
-        if min(value) < 0.0:
-            raise ValueError("must be zero or positive")
-        return value
+    _not_negative = field_validator("torque_std", "force_std")(none_negative)
 
     @model_validator(mode="after")
     def _says_something(self) -> Disturbance:

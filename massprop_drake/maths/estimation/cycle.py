@@ -171,7 +171,7 @@ def known_force(state: EstimationState, sample: Sample, params: EstimationParams
 
 
 def judge(state: EstimationState, sample: Sample, measured: Measured, params: EstimationParams) -> Judgment:
-    """What the detector, which there is, makes of the innovations."""
+    """Judges the innovations by the detector, which there must be."""
     assert params.detector is not None
     seen = params.filter.evidence(state.filter, measured.measurement, measured.interval)
     evidence = seen

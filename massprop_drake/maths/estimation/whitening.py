@@ -53,7 +53,7 @@ class Whitener(NamedTuple):
     kept: Array
 
     def __call__(self, x: Array) -> Array:
-        """What is linear in the readings, shape (..., r), whitened, with a zero in the place of the initial value."""
+        """Whitens what is linear in the readings, shape (..., r); a zero stands in the place of the initial value."""
         differences = np.diff(x, axis=-1) * self.scale
         differences[..., 1:] -= self.kept * differences[..., :-1]
         rows = np.ascontiguousarray(np.moveaxis(differences, -1, 0)).reshape(differences.shape[-1], -1)

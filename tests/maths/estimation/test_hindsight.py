@@ -496,7 +496,7 @@ def test_the_score_is_the_slope_of_the_misfit_however_fast_the_vehicle_turns() -
 
 
 def test_the_score_is_the_slope_of_the_misfit_where_coupling_is_followed() -> None:
-    """Of a body that turns; the rate that it begins with is found besides."""
+    """Slopes of a body that turns; the rate that it begins with is found besides."""
     model, places = known()
     at = model.prior.copy()
     at[places.gyro_bias], at[places.lag] = (1e-5, -2e-5, 5e-6), (2e-4, -3e-4)
@@ -506,7 +506,7 @@ def test_the_score_is_the_slope_of_the_misfit_where_coupling_is_followed() -> No
 
 
 def require_slopes(stretch: Stretch, at: Array, model: Model, tolerance: float) -> None:
-    """Of the misfit by differences, to a share of the largest."""
+    """Compares the score with slopes of the misfit by differences, to a share of the largest."""
     places, score = hindsight.columns(model), hindsight.normal(stretch, at, model).score
     sizes = np.concatenate((1e-4 * np.abs(TRUTH), np.full(at.size - 10, 1e-6)))
     tested = [*range(10), places.thrust.start + 2, *group(places.gyro_bias), places.torque.start]

@@ -27,7 +27,7 @@ SLOW = slice(PLACES.disturbance, PLACES.thrust)
 
 
 def discretized(disturbance: DisturbanceParams, duration_s: float) -> tuple[Array, Array]:
-    """How w, c and z go over an interval, and the covariance that comes: by Van Loan's matrix exponential."""
+    """Transition of w, c and z over an interval, and the covariance that comes: by Van Loan's matrix exponential."""
     a, n = disturbance.accelerations, disturbance.accelerations.shape[1]
     flow, spread = np.zeros((6 + n, 6 + n)), np.zeros((6 + n, 6 + n))
     flow[:6, 6:], flow[6:, 6:] = a, -np.eye(n) / disturbance.time_constant_s

@@ -12,7 +12,7 @@ TIMES_S = np.cumsum(np.array([0.0, 0.1, 0.1, 0.3, 0.1, 0.1, 2.0, 0.1, 0.1]))
 
 
 def covariance(time_s: Array, noise: Gathering) -> Array:
-    """Of readings of variance one: integrals of a walk's and of a Gauss-Markov process's covariance."""
+    """Covariance of readings of variance one: integrals of a walk's and of a Gauss-Markov process's covariance."""
     first, last = np.minimum.outer(time_s, time_s), np.maximum.outer(time_s, time_s)
     x, y = (time / noise.time_constant_s for time in (first, last))
     integrals = 2.0 * x - 1.0 + np.exp(-x) + np.exp(-y) - np.exp(x - y)

@@ -20,7 +20,6 @@ from massprop_drake.maths.estimation.joint.covariance import (
     updated,
     widely_updated,
 )
-from massprop_drake.maths.estimation.joint.disturbance import wandered
 from massprop_drake.maths.estimation.joint.guard import guarded
 from massprop_drake.maths.estimation.joint.lag_prior import reconsidered, with_wide_priors
 from massprop_drake.maths.estimation.joint.layout import (
@@ -60,9 +59,9 @@ from massprop_drake.maths.estimation.joint.ticks import Stamped, Timing, stamped
 from massprop_drake.maths.estimation.joint.unknown import EXPECTED, shown_by
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError, skew, sparse_product
+from massprop_drake.maths.vehicle.disturbance import kept_share
 
 _WHAT = "the joint estimator's covariance"
-_LEAST_S = 1e-9  # of an interval
 _UNREAD = 1e6  # sigmas of a reading that what was not read at the start may be off
 _DIGITS = 1e3  # arithmetic: 1-sigmas of readings, of whose square a NIS across so wide directions has ten digits left
 UNTRACKED = np.zeros((0, 3))  # readings of no tracker
@@ -309,7 +308,7 @@ def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
             mean[row] = weights @ sample.attitudes[there, axis] / weights.sum()
             root[row, own + row] = np.sqrt(1.0 / weights.sum())
     if places.n_disturbance > 0:
-        kept = wandered(params.disturbance, max(sample.time_s - state.time_s, _LEAST_S)).kept
+        kept = kept_share(params.disturbance.time_constant_s, max(sample.time_s - state.time_s, 0.0))
         come = np.zeros((places.size, places.n_disturbance))
         come[last : places.thrust] = np.sqrt(1.0 - kept**2) * np.eye(places.n_disturbance)
         mean[last : places.thrust] *= kept

@@ -22,7 +22,7 @@ import numpy as np
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
 
-_SHORT = 0.01  # of the time constant: below, the variance of the integral by its series
+_SHORT = 0.01  # of the time constant: arithmetic, below it the variance of the integral loses digits but by its series
 
 
 class DisturbanceParams(NamedTuple):
@@ -37,11 +37,11 @@ class DisturbanceParams(NamedTuple):
     time_constant_s: float
 
 
-NO_DISTURBANCE = DisturbanceParams(np.zeros((6, 0)), 1.0)
+NO_DISTURBANCE = DisturbanceParams(np.zeros((6, 0)), 1.0)  # of no component, so that T_d, s, plays no part
 
 
 class Wander(NamedTuple):
-    """How a disturbance goes over an interval.
+    """Course of a disturbance over an interval.
 
     Attributes:
         kept: k.
@@ -69,7 +69,7 @@ def gathered_variance(x: float) -> float:
 
 @kernel
 def wandered(disturbance: DisturbanceParams, duration_s: float) -> Wander:
-    """How a disturbance goes over an interval.
+    """Course of a disturbance over an interval.
 
     Args:
         disturbance: see `DisturbanceParams`.
@@ -86,11 +86,22 @@ def wandered(disturbance: DisturbanceParams, duration_s: float) -> Wander:
 
 @kernel
 def slowly(wander: Wander, value: Array) -> Array:
-    """What a disturbance of some value at the beginning changes w and c by, shape (6,)."""
+    """Change of w and c by a disturbance of some value at the beginning, shape (6,)."""
     change = np.zeros(6)
     for component in range(value.shape[0]):
         change += wander.begun[:, component] * value[component]
     return change
+
+
+@kernel
+def arriving(wander: Wander) -> Array:
+    """Root of the covariance of w, c and z by what comes of a disturbance in an interval, shape (6 + n, 2 n)."""
+    n = wander.drawn.shape[1]
+    columns = np.zeros((6 + n, 2 * n))
+    columns[:6, :n] = wander.drawn
+    for component in range(n):
+        columns[6 + component, component], columns[6 + component, n + component] = wander.along, wander.apart
+    return columns
 
 
 @kernel

@@ -57,7 +57,7 @@ import numpy as np
 
 from massprop_drake.maths.estimation.filters.rotation_filter import angular_block, second_order_terms
 from massprop_drake.maths.estimation.joint.covariance import semidefinite_root
-from massprop_drake.maths.estimation.joint.disturbance import Wander, come, slowly, wandered
+from massprop_drake.maths.estimation.joint.disturbance import Wander, arriving, come, slowly, wandered
 from massprop_drake.maths.estimation.joint.impulses import Firing, effects_of, fire, moments_of, regiven, time_constants
 from massprop_drake.maths.estimation.joint.layout import (
     CENTER,
@@ -672,21 +672,16 @@ def propagated(root: Array, prediction: Prediction, params: JointParams) -> Arra
     common = moved[3:]
     noise = semidefinite_root(prediction.noise)
     drifting = np.flatnonzero(prediction.drift > 0.0)
-    wander, slow = prediction.wander, slice(6, 6 + places.n_disturbance)
-    first = 6 + 2 * places.n_disturbance  # of the columns of what drifts
+    slow, come_in = slice(places.disturbance, places.thrust), arriving(prediction.wander)
+    first = 6 + come_in.shape[1]  # of the columns of what drifts
     columns = np.zeros((places.size, first + drifting.shape[0]))
-    columns[RATE, :6] = noise[:3]
-    columns[RATE, slow] = wander.drawn[:3]
-    for component in range(places.n_disturbance):
-        row = places.disturbance + component
-        after[row] *= wander.kept
-        columns[row, 6 + component] = wander.along
-        columns[row, 6 + places.n_disturbance + component] = wander.apart
+    columns[RATE, :6], columns[RATE, 6:first] = noise[:3], come_in[:3]
+    after[slow] *= prediction.wander.kept
+    columns[slow, 6:first] = come_in[6:]
     for package in range(places.accelerometers):
         part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
         after[part] += common
-        columns[part, :6] = noise[3:]
-        columns[part, slow] = wander.drawn[3:]
+        columns[part, :6], columns[part, 6:first] = noise[3:], come_in[3:6]
         if places.accelerometers > 1:
             by_start, by_end = prediction.apart[0, package], prediction.apart[1, package]
             after[part] += by_start @ root[RATE] + by_end @ after[RATE]

@@ -18,7 +18,7 @@ import numpy as np
 
 from massprop_drake.maths.arrays import NUMBER, Layout
 from massprop_drake.maths.estimation.joint.cycle import Course, Crossing, Report, Sample
-from massprop_drake.maths.estimation.joint.disturbance import Wander
+from massprop_drake.maths.estimation.joint.disturbance import Wander, arriving
 from massprop_drake.maths.estimation.joint.impulses import effects_of
 from massprop_drake.maths.estimation.joint.layout import MASS, RATE, VELOCITY, JointParams, JointState, Places
 from massprop_drake.maths.estimation.joint.measurement import readings
@@ -254,13 +254,9 @@ def linked(seen: Traces, params: JointParams) -> Link:
 @kernel
 def _noise(seen: Traces, places: Places) -> Array:
     """Covariance added to w, c and z over an interval."""
-    n, wander = places.n_disturbance, seen.wander
-    if n == 0:
+    if places.n_disturbance == 0:
         return seen.noise
-    columns = np.zeros((6 + n, 2 * n))
-    columns[:6, :n] = wander.drawn
-    for component in range(n):
-        columns[6 + component, component], columns[6 + component, n + component] = wander.along, wander.apart
+    columns = arriving(seen.wander)
     noise = columns @ columns.T
     noise[:6, :6] += seen.noise
     return noise
