@@ -188,17 +188,17 @@ def test_vehicle_keys_reach_the_filter_by_kind() -> None:
 
 def test_a_disturbance_accelerates_the_nominal_vehicle() -> None:
     found = made("vehicle.disturbance={torque_std: [100, 0, 300], force_std: 50, time_constant_s: 60}")
-    assert found.places.n_disturbance == 5
+    assert found.places.n_slow == 5
     assert found.disturbance.time_constant_s == 60.0
     nominal = load_vehicle("orbiter").nominal
     expected = np.zeros((6, 5))
     expected[:3, 0], expected[:3, 1] = (np.linalg.inv(nominal.inertia) * [100.0, 0.0, 300.0])[:, [0, 2]].T
     expected[3:, 2:] = 50.0 / nominal.mass * np.eye(3)
     np.testing.assert_allclose(found.disturbance.accelerations, expected, rtol=1e-12, atol=1e-18)
-    assert made().places.n_disturbance == 0
+    assert made().places.n_slow == 0
     none = ("vehicle.accelerometers=[]", "vehicle.preferred_accelerometer=null")
     alone = made(*none, "vehicle.disturbance={torque_std: 1, force_std: 1, time_constant_s: 60}")
-    assert alone.places.n_disturbance == 3  # no reading shows a force
+    assert alone.places.n_slow == 3  # no reading shows a force
 
 
 @pytest.mark.parametrize(

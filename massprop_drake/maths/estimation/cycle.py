@@ -83,7 +83,7 @@ class Sample(NamedTuple):
         stamp_s: when the readings were taken, by the record's clock; None: at `time_s`.
         coming: fraction commanded from now on; None: not known yet.
         tracked: readings in a fixed frame, see `Told`; None: there are none.
-        onset_s, coming_onset_s: see `Told`.
+        onset_s, coming_onset_s, wheel_speeds: see `Told`.
     """
 
     time_s: float
@@ -96,6 +96,7 @@ class Sample(NamedTuple):
     tracked: Array | None = None
     onset_s: Array | None = None
     coming_onset_s: Array | None = None
+    wheel_speeds: Array | None = None
 
 
 class Measured(NamedTuple):
@@ -158,8 +159,8 @@ def measure(state: EstimationState, sample: Sample, params: EstimationParams) ->
 def _told(sample: Sample) -> Told:
     stamp_s = sample.time_s if sample.stamp_s is None else sample.stamp_s
     outside = _NOTHING_OUTSIDE if sample.outside_wrench is None else sample.outside_wrench
-    onsets_s = sample.onset_s, sample.coming_onset_s
-    return Told(sample.time_s, stamp_s, sample.command, sample.coming, outside, sample.tracked, *onsets_s)
+    others = sample.tracked, sample.onset_s, sample.coming_onset_s, sample.wheel_speeds
+    return Told(sample.time_s, stamp_s, sample.command, sample.coming, outside, *others)
 
 
 def known_force(state: EstimationState, sample: Sample, params: EstimationParams) -> KnownForce:

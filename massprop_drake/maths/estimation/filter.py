@@ -16,6 +16,7 @@ from massprop_drake.maths.estimation.adaptation import Adaptation
 from massprop_drake.maths.estimation.detector import KnownForce
 from massprop_drake.maths.estimation.impulses import Impulses
 from massprop_drake.maths.estimation.joint.disturbance import NO_DISTURBANCE, DisturbanceParams
+from massprop_drake.maths.estimation.joint.wheels import NO_WHEELS, WheelParams
 from massprop_drake.maths.estimation.joint.layout import AttitudeSensors
 from massprop_drake.maths.kernels import idiom
 from massprop_drake.maths.linear_algebra import Array
@@ -86,6 +87,8 @@ class Setup(NamedTuple):
         disturbance: see `DisturbanceParams`, for the nominal vehicle.
         opens_at: where in a sample an on-time lies of which no onset is told, see `maths.vehicle.on_times`; None:
             commands are levels.
+        wheels: see `WheelParams`; their sigma is one, and `wheel_uncertainty` is each one's.
+        wheel_uncertainty: 1-sigma of each wheel's inertia, relative, shape (n_wheels,).
         tracking: of a vehicle that is followed in a fixed frame, see `pose.setting.Tracking`; None: it is not.
     """
 
@@ -105,6 +108,8 @@ class Setup(NamedTuple):
     trackers: AttitudeSensors
     disturbance: DisturbanceParams = NO_DISTURBANCE
     opens_at: Place | None = None
+    wheels: WheelParams = NO_WHEELS
+    wheel_uncertainty: Array = NO_WHEELS.inertias
     tracking: Any = None
 
 
@@ -122,6 +127,7 @@ class Told(NamedTuple):
             each velocity sensor the velocity, NaN where missing, shape (7 n_poses + 3 n_velocities,); None: none.
         onset_s, coming_onset_s: of `command` and `coming`, see `maths.vehicle.on_times`, shape (n_jets,) each; None:
             not told.
+        wheel_speeds: as read with the sample, NaN where missing, rad/s, shape (n_wheels,); None: there are no wheels.
     """
 
     time_s: float
@@ -132,6 +138,7 @@ class Told(NamedTuple):
     tracked: Array | None = None
     onset_s: Array | None = None
     coming_onset_s: Array | None = None
+    wheel_speeds: Array | None = None
 
 
 class Interval(NamedTuple):

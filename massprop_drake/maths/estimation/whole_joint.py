@@ -73,6 +73,7 @@ from massprop_drake.maths.estimation.joint.measurement import readings
 from massprop_drake.maths.estimation.joint.orientation import STILL
 from massprop_drake.maths.estimation.joint.sensitivity import LINK, Link, Traces, traced
 from massprop_drake.maths.estimation.joint.ticks import Clock, Stamped, on_ticks, on_time, started
+from massprop_drake.maths.estimation.joint.wheels import Spun
 from massprop_drake.maths.estimation.whole import Samples, one_sample
 from massprop_drake.maths.kernels import chosen, fill, held, kernel, released, shared
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
@@ -241,8 +242,19 @@ def _watched(kept: Memory, desk: Desk, row: int, params: JointParams) -> tuple[M
     impulses = interval_impulses(command, kept.command, kept.level, rules.impulse_per_level, rules.lag, outside)
     rates, velocities = samples.rates[row].copy(), samples.velocities[row].copy()
     durations, commands = np.full(1, rules.period_s), command.reshape(1, -1)
-    attitudes, frames = np.zeros((params.places.trackers, 3)), np.zeros((2, 4))
-    sample = Sample(samples.time_s[row], durations, commands, outside, rates, velocities, on_ticks(), attitudes, frames)
+    attitudes, frames, none = np.zeros((params.places.trackers, 3)), np.zeros((2, 4)), np.zeros(params.places.wheels)
+    sample = Sample(
+        samples.time_s[row],
+        durations,
+        commands,
+        outside,
+        rates,
+        velocities,
+        on_ticks(),
+        attitudes,
+        frames,
+        Spun(none, none, none, none),
+    )
     done = cycled(kept.joint, sample, params.thresholds, np.zeros(0, dtype=np.bool_), params)
     after = done.state
     if done.incremented or not (np.isfinite(after.mean).all() and np.isfinite(after.root).all()):
@@ -375,7 +387,9 @@ def with_compiled(params: JointParams) -> JointParams:
 def _no_sample(places: Places) -> Sample:
     rates, velocities = np.zeros((places.gyros, 3)), np.zeros((places.accelerometers, 3))
     attitudes, command = np.zeros((places.trackers, 3)), np.zeros((1, places.jets))
-    return Sample(0.0, np.ones(1), command, np.zeros(6), rates, velocities, on_ticks(), attitudes, STILL.copy())
+    none = np.zeros(places.wheels)
+    around = STILL.copy(), Spun(none, none, none, none)
+    return Sample(0.0, np.ones(1), command, np.zeros(6), rates, velocities, on_ticks(), attitudes, *around)
 
 
 def _no_following(places: Places, sample: Sample) -> Following:
@@ -385,8 +399,8 @@ def _no_following(places: Places, sample: Sample) -> Following:
     given = (np.zeros(places.jets), readings(sample.rates, sample.velocities, sample.attitudes))
     stamp = Stamped(np.zeros(n), np.zeros(n), np.zeros(n), 1.0)
     nothing = Crossing(np.zeros((m, n)), np.zeros((n, m)), np.zeros(n), 0.0)
-    slow = np.zeros((6, places.n_disturbance))
-    wander = Wander(1.0, slow, slow, 0.0, 0.0)
+    each, slow = np.zeros(places.n_slow), np.zeros((6, places.n_slow))
+    wander = Wander(each, slow, slow, each, each)
     before = (np.zeros(n), rows, rows, np.zeros((2, places.n_attitude, 3)), 1.0, np.zeros((6, 6)), wander, 1.0)
     seen = Traces(*before, *told, *learned, *given, nothing, stamp, 0.0, 0.0, 0.0)
     return Following(Since(*empty(places)[1:]), Roots(np.zeros((0, n, n)), np.arange(0)), seen, 0.0, 0.0)
@@ -413,7 +427,7 @@ def _no_desk(places: Places) -> Desk:
 
 def _link_layout(places: Places) -> Layout:
     counts = {"jets": places.jets, "outputs": places.outputs, "attitude": places.n_attitude}
-    return LINK.sized(size=places.size, disturbed=6 + places.n_disturbance, **counts)
+    return LINK.sized(size=places.size, slow=places.n_slow, disturbed=6 + places.n_slow, **counts)
 
 
 # --------------------------------------------------------------------------------------- taken up and left
@@ -547,6 +561,7 @@ def covers(made: EstimationParams) -> bool:
         and made.filter_params.joint.compiled is not None
         and made.filter_params.joint.places.accelerometers > 0
         and made.filter_params.joint.places.trackers == 0
+        and made.filter_params.joint.places.wheels == 0
         and made.filter_params.opens_at is None
     )
 

@@ -23,7 +23,7 @@ PARAMS = small_params(
     second_order=False,
 )
 PLACES = PARAMS.places
-SLOW = slice(PLACES.disturbance, PLACES.thrust)
+SLOW = slice(PLACES.slow, PLACES.thrust)
 
 
 def discretized(disturbance: DisturbanceParams, duration_s: float) -> tuple[Array, Array]:
@@ -108,7 +108,7 @@ def test_the_bank_knows_how_uncertain_a_disturbance_makes_what_has_been_since() 
         bank, state = banks.taken(bank, over, after, number), after
         if number == 0:
             first = after
-    rows = np.r_[RATE.start : RATE.stop, VELOCITY : VELOCITY + 3, PLACES.disturbance : PLACES.thrust]
+    rows = np.r_[RATE.start : RATE.stop, VELOCITY : VELOCITY + 3, PLACES.slow : PLACES.thrust]
     expected = covariance[rows] @ covariance[rows].T
     scale = np.sqrt(np.outer(expected.diagonal(), expected.diagonal()))
     np.testing.assert_allclose(bank.noise[0] / scale, expected / scale, atol=1e-4)

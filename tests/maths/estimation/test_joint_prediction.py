@@ -118,7 +118,7 @@ def test_coupling_and_its_derivatives() -> None:
     start, end = np.array([0.3, -0.4, 0.5]), np.array([0.35, -0.3, 0.45])
     inertia = np.linalg.inv(INVERSE)
     bow = np.zeros((3, 3))
-    found = coupling((INVERSE, inertia), start, end, bow, PERIOD)
+    found = coupling((INVERSE, inertia), (start, end), np.zeros((2, 3)), bow, PERIOD)
     # by Gauss-Legendre, exact for a product of two straight lines
     nodes = 0.5 + 0.5 * np.polynomial.legendre.leggauss(3)[0]
     weights = 0.5 * np.polynomial.legendre.leggauss(3)[1]
@@ -130,7 +130,7 @@ def test_coupling_and_its_derivatives() -> None:
 
     def by_inertia(elements: Array) -> Array:
         inverse = symmetric(elements)
-        return coupling((inverse, np.linalg.inv(inverse)), start, end, bow, PERIOD).change
+        return coupling((inverse, np.linalg.inv(inverse)), (start, end), np.zeros((2, 3)), bow, PERIOD).change
 
     six, steps = six_elements(INVERSE), np.full(6, 1e-6)
     np.testing.assert_allclose(found[1], central_differences(by_inertia, six, steps), atol=1e-9)
@@ -138,7 +138,7 @@ def test_coupling_and_its_derivatives() -> None:
 
         def by_rate(rate: Array, index: int = index) -> Array:
             ends = (rate, end) if index == 2 else (start, rate)
-            return coupling((INVERSE, inertia), *ends, bow, PERIOD).change
+            return coupling((INVERSE, inertia), tuple(ends), np.zeros((2, 3)), bow, PERIOD).change
 
         np.testing.assert_allclose(found[index], central_differences(by_rate, at, np.full(3, 1e-6)), atol=1e-9)
 

@@ -30,7 +30,7 @@ from massprop_drake.maths.estimation.faults.passes import Fit
 from massprop_drake.maths.estimation.faults.priors import Priors
 from massprop_drake.maths.estimation.faults.screening import Screening
 from massprop_drake.maths.estimation.joint.covariance import compressed
-from massprop_drake.maths.estimation.joint.cycle import Report, Sample, incremented_root
+from massprop_drake.maths.estimation.joint.cycle import Report, Sample, acts, incremented_root
 from massprop_drake.maths.estimation.joint.guard import guarded, unguarded
 from massprop_drake.maths.estimation.joint.hypotheses import Cause, Kind, Score
 from massprop_drake.maths.estimation.joint.lag_prior import begun_as
@@ -147,7 +147,7 @@ def followed(
         return OVER, ()
     if report.rotation_known and not (search.rotation_known or search.contradicted):
         search = BEGUN._replace(rotation_known=True)
-    search = _with_sample(search, before, Kept(sample, report.course is None))
+    search = _with_sample(search, before, Kept(sample, report.course is None), params)
     if not search.contradicted and (report.contradicted or report.incremented):
         wide = compressed(incremented_root(search.beginning.root, params), params.places.thrust)
         entry = search.beginning._replace(root=wide)
@@ -168,17 +168,12 @@ def followed(
     return BEGUN, tuple(_found(each, search, params) for each in near)
 
 
-def _with_sample(search: StartSearch, before: JointState, latest: Kept) -> StartSearch:
+def _with_sample(search: StartSearch, before: JointState, latest: Kept, params: JointParams) -> StartSearch:
     entry, kept = (before if search.entry is None else search.entry), (*search.kept, latest)
-    acted = search.acted or _acts(latest.sample)
+    acted = search.acted or acts(latest.sample, params)
     if not (acted or search.contradicted) and latest.sample.time_s - entry.time_s > _QUIET_S:
         entry, kept = before, (latest,)
     return search._replace(entry=entry, kept=kept, acted=acted)
-
-
-def _acts(sample: Sample) -> bool:
-    """True if anything pushes the vehicle in a sample."""
-    return bool((sample.commands > 0.0).any() or sample.outside.any())
 
 
 def _begun(search: StartSearch, priors: Priors, params: JointParams) -> StartSearch:
@@ -302,7 +297,7 @@ def _near(search: StartSearch, priors: Priors, params: JointParams) -> tuple[Fit
 
 
 def _found(fit: Fit, search: StartSearch, params: JointParams) -> Found:
-    onset, state = fit.contender.onset, guarded(fit.state, _acts(search.kept[-1].sample), params)
+    onset, state = fit.contender.onset, guarded(fit.state, acts(search.kept[-1].sample, params), params)
     since_s = search.beginning.time_s
     onset_s = search.kept[onset - 1].sample.time_s if onset > 0 else since_s
     state = state if state.guarded else unguarded(state)

@@ -52,6 +52,7 @@ from massprop_drake.maths.estimation.joint.quantized import DITHER, FLOOR
 from massprop_drake.maths.estimation.joint.start import Kept, Start
 from massprop_drake.maths.estimation.joint.thrust_scale import reported
 from massprop_drake.maths.estimation.joint.ticks import CLOCK, Clock, Commanded, Elapsed, Pace
+from massprop_drake.maths.estimation.joint.wheels import UNSPUN, spun
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array, triangular_rows
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, N_ROTATION
@@ -99,6 +100,7 @@ class JointFilterState(NamedTuple):
             the mass reciprocal where it is not observed, shapes (10,) and (10, 10).
         start: what is kept of a start that is under way; neither packed nor saved.
         frame: shared attitude, see `joint.orientation`, a quaternion, shape (4,).
+        speeds: of the wheels as they have been read last, NaN where none has been, rad/s, shape (n_wheels,).
     """
 
     joint: JointState
@@ -107,6 +109,7 @@ class JointFilterState(NamedTuple):
     covariance: Array
     start: Start = starts.OVER
     frame: Array = UNTURNED
+    speeds: Array = UNSPUN.end
 
 
 class Measurement(NamedTuple):
@@ -130,7 +133,7 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
     gyros, accelerometers = setup.gyros, setup.accelerometers
     n_jets, n_kinds = thrust.flows.shape[0], thrust.lag_uncertainty.shape[0]
     packages = (gyros.quanta.shape[0], accelerometers.quanta.shape[0], setup.trackers.variances.shape[0])
-    counts = (n_jets, *packages, setup.disturbance.accelerations.shape[1])
+    counts = (n_jets, *packages, setup.disturbance.accelerations.shape[1], setup.wheels.inertias.size)
     thrust_sigmas = _chosen(block.thrust_uncertainty, thrust.uncertainty)
     lagging = np.array([bool((thrust.time_constants_s[thrust.kinds == kind] > 0.0).any()) for kind in range(n_kinds)])
     lag_sigmas = np.where(lagging, _chosen(block.lag_uncertainty, thrust.lag_uncertainty), 0.0)
@@ -138,12 +141,13 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
     of_lag, lag_prior = _scaled(lag_sigmas)
     of_gyros, gyro_prior = _scaled(np.repeat(gyros.bias_std, 3))
     of_accelerometers, acceleration_prior = _scaled(np.repeat(accelerometers.bias_std, 3))
-    biases = (gyro_prior.shape[0] > 0, acceleration_prior.shape[0] > 0)
+    of_wheels, wheel_prior = _scaled(setup.wheel_uncertainty)
+    uncertain = tuple(prior.shape[0] > 0 for prior in (gyro_prior, acceleration_prior, wheel_prior))
     detects = options.detector.kind == "hypotheses" and counts[2] > 0
     slots = options.faults.slots if detects else 0  # forces of failed jets, as states
     of_attitudes = np.repeat(setup.trackers.variances, 3)
     of_trackers = np.zeros_like(of_attitudes)
-    places = make_places(counts, lag_prior.shape[0], biases, thrust_prior.shape[0] > 0, slots, ticks=2)
+    places = make_places(counts, lag_prior.shape[0], uncertain, thrust_prior.shape[0] > 0, slots, ticks=2)
     rest = np.zeros(places.n_scale + places.n_ticks + places.n_force)
     variances = np.concatenate((setup.gyro_variances, setup.accelerometer_variances))
     cells = np.repeat(np.concatenate((gyros.quanta, accelerometers.quanta)), 3)
@@ -160,7 +164,7 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
         lag_sigma=of_lag,
         gyro_bias_sigma=of_gyros,
         acceleration_bias_sigma=of_accelerometers,
-        prior_sigma=np.concatenate((thrust_prior, lag_prior, gyro_prior, acceleration_prior, rest)),
+        prior_sigma=np.concatenate((thrust_prior, lag_prior, gyro_prior, acceleration_prior, wheel_prior, rest)),
         rate_walk=block.rate_walk,
         velocity_walk=block.velocity_walk,
         repeatability=thrust.repeatability,
@@ -184,6 +188,7 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
         guard_center=np.full(3, center),
         settled_after=float(block.settled_after),
         second_order=True,
+        wheels=setup.wheels._replace(sigma=of_wheels),
     )
     if options.execution.compiled:
         from massprop_drake.maths.estimation.whole_joint import with_compiled  # noqa: PLC0415 (which knows this filter)
@@ -252,8 +257,8 @@ def _chi_square_tail(value: float, degrees: int) -> float:
 
 def initial(params: JointFilterParams) -> JointFilterState:
     """Before the first sample."""
-    clock = ticks.started(0.0, np.zeros(params.joint.places.jets))
-    return _reporting(cycle.initial(params.joint), clock, params)._replace(start=starts.BEGUN)
+    clock, unread = ticks.started(0.0, np.zeros(params.joint.places.jets)), np.full(params.joint.places.wheels, np.nan)
+    return _reporting(cycle.initial(params.joint), clock, params)._replace(start=starts.BEGUN, speeds=unread)
 
 
 def _reporting(joint: JointState, clock: Clock, params: JointFilterParams) -> JointFilterState:
@@ -275,7 +280,7 @@ def _with_report(
 def acting(state: JointFilterState, params: JointFilterParams) -> tuple[Array, Array]:
     """Components of a disturbance in units of the 1-sigma that is stated, and their 1-sigma, shape (n,) each."""
     places = params.joint.places
-    slow = slice(places.disturbance, places.thrust)
+    slow = slice(places.slow, places.slow + places.n_slow - places.wheels)
     return state.joint.mean[slow].copy(), np.sqrt(np.sum(state.joint.root[slow] ** 2, axis=1))
 
 
@@ -312,7 +317,7 @@ def step(
         if not np.array_equal(likely.command, told.command, equal_nan=True):
             other = _made(state, (rates, velocities), likely, steady)
             made = other if _is_likelier(other, made) else made
-    clock, sample, anew, own, report = made
+    clock, sample, anew, own, report, speeds = made
     start, after = starts.followed(state.start, before, (own, report), Kept(sample, anew), params.joint)
     report = report._replace(starting=start.under_way, contradicted=start.contradicted, rotation_known=start.rotation)
     evidence = JointEvidence(before, after, report, sample, anew)
@@ -320,7 +325,7 @@ def step(
         known = _with_report(after, clock, report.estimate.copy(), report.covariance.copy(), params)
     else:
         known = _reporting(after, clock, params)
-    return Measurement(known._replace(start=start, frame=sample.frames[1]), evidence)
+    return Measurement(known._replace(start=start, frame=sample.frames[1], speeds=speeds), evidence)
 
 
 def _attitudes(
@@ -346,13 +351,14 @@ def _attitudes(
 
 
 class Cycle(NamedTuple):
-    """A cycle: the clock and the filter's state after it, what it got, and what it says."""
+    """A cycle: clock, filter's state and last speeds of the wheels after it, what it got, and what it says."""
 
     clock: Clock
     sample: Sample
     anew: bool
     state: JointState
     report: cycle.Report
+    speeds: Array
 
 
 def _made(
@@ -370,11 +376,15 @@ def _made(
         interval = ticks.Elapsed(
             *pieces(*now, pace.period_s, (0.0, pace.period_s)), timing=ticks.on_ticks(), anew=False
         )
-    outside = told.outside_wrench * float(interval.durations_s.sum())
+    duration_s = float(interval.durations_s.sum())
+    outside = told.outside_wrench * duration_s
     seen = _attitudes(state, interval, (readings[0], told.tracked), params.joint)
-    sample = Sample(told.time_s, interval.durations_s, interval.commands, outside, *readings, interval.timing, *seen)
+    read = np.full_like(state.speeds, np.nan) if told.wheel_speeds is None else told.wheel_speeds
+    speeds, last = spun(state.speeds, read, duration_s, params.joint.wheels)
+    acted = interval.durations_s, interval.commands, outside
+    sample = Sample(told.time_s, *acted, *readings, interval.timing, *seen, speeds)
     made = cycle.restart if interval.anew else cycle.step
-    return Cycle(clock, sample, interval.anew, *made(before, sample, params.joint))
+    return Cycle(clock, sample, interval.anew, *made(before, sample, params.joint), last)
 
 
 def _commanded(command: Array, onset_s: Array | None, params: JointFilterParams) -> Commanded:
@@ -489,7 +499,7 @@ def mass_report(estimate: Array, covariance: Array, seen: Seen, gyros: int, acce
 
 def replaced(step: FilterStep, joint: JointState, params: JointFilterParams) -> FilterStep:
     """A cycle that goes on from another state: its estimates are reported; the innovations are what they were."""
-    after = _reporting(joint, step.state.clock, params)._replace(frame=step.state.frame)
+    after = _reporting(joint, step.state.clock, params)._replace(frame=step.state.frame, speeds=step.state.speeds)
     if step.state.start.under_way and not joint.guarded:  # it begins anew with what has been found
         after = after._replace(start=starts.BEGUN_KNOWN if step.state.start.rotation else starts.BEGUN)
     return telling(step, after.estimate, after.covariance)._replace(
@@ -520,15 +530,17 @@ def packed(state: JointFilterState, params: JointFilterParams) -> Array:
     """A state as one vector."""
     places = params.joint.places
     frame = state.frame if places.trackers > 0 else state.frame[:0]
-    return np.concatenate((pack(state.joint, places), CLOCK.sized(jets=places.jets).pack(state.clock), frame))
+    clock = CLOCK.sized(jets=places.jets).pack(state.clock)
+    return np.concatenate((pack(state.joint, places), clock, frame, state.speeds))
 
 
 def unpacked(vector: Array, params: JointFilterParams) -> JointFilterState:
     """The inverse of `packed`."""
     places = params.joint.places
     size, clocks = state_layout(places).size, CLOCK.sized(jets=places.jets)
-    clock, frame = Clock(*clocks.read(vector[size : size + clocks.size])), vector[size + clocks.size :]
-    known = _reporting(unpack(vector[:size], places), clock, params)
+    clock, rest = Clock(*clocks.read(vector[size : size + clocks.size])), vector[size + clocks.size :]
+    frame, speeds = np.split(rest, [rest.size - places.wheels])
+    known = _reporting(unpack(vector[:size], places), clock, params)._replace(speeds=speeds)
     return known._replace(frame=frame) if places.trackers > 0 else known
 
 

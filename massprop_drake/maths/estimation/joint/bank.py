@@ -56,7 +56,7 @@ class Bank(NamedTuple):
         learned: D, what the filter has learned since, shape (k, size).
         rows: derivative of w and of what all c have gathered, by the state at the onset, shape (k, 6, size).
         noise: covariance of process noise on w, c and z since, see `sensitivity.Link`, shape (k, d, d).
-        kept: share of z at the onset that is left, shape (k,).
+        kept: share of each z at the onset that is left, shape (k, n_slow).
         elapsed_s: time since, shape (k,).
         missing: seconds of full thrust that each jet could have given on top, shape (k, n_jets).
         given: seconds of full thrust that it gave, shape (k, n_jets).
@@ -114,14 +114,14 @@ class Telescoped(NamedTuple):
 
 def empty(places: Places) -> Bank:
     """A bank without onsets."""
-    n, jets, disturbed = places.size, places.jets, 6 + places.n_disturbance
+    n, jets, disturbed = places.size, places.jets, 6 + places.n_slow
     return Bank(
         states=(),
         cycles=np.zeros(0),
         learned=np.zeros((0, n)),
         rows=np.zeros((0, 6, n)),
         noise=np.zeros((0, disturbed, disturbed)),
-        kept=np.zeros(0),
+        kept=np.zeros((0, places.n_slow)),
         elapsed_s=np.zeros(0),
         missing=np.zeros((0, jets)),
         given=np.zeros((0, jets)),
@@ -144,11 +144,11 @@ def _advanced(since: Since, over: Link, places: Places) -> Since:
     by_parameters, by_velocity = over.rate_rows.copy(), over.velocity_rows.copy()
     by_parameters[:, RATE] = 0.0
     by_velocity[:, RATE] = 0.0
-    slow = slice(places.disturbance, places.thrust)
+    slow = slice(places.slow, places.thrust)
     rows = np.empty_like(since.rows)
     rows[:, :3] = rate + by_parameters + times_stack(over.rate_rows[:, RATE], rate)
     rows[:, 3:] = gathered + by_velocity + times_stack(over.velocity_rows[:, RATE], rate)
-    for index in range(rows.shape[0] if places.n_disturbance > 0 else 0):  # of z at the onset less and less is left
+    for index in range(rows.shape[0] if places.n_slow > 0 else 0):  # of z at the onset less and less is left
         rows[index, :3, slow] += (since.kept[index] - 1.0) * over.rate_rows[:, slow]
         rows[index, 3:, slow] += (since.kept[index] - 1.0) * over.velocity_rows[:, slow]
     duration = over.duration_s
@@ -167,12 +167,12 @@ def _advanced(since: Since, over: Link, places: Places) -> Since:
 @kernel
 def _noise_since(noise: Array, over: Link, places: Places) -> Array:
     """Covariances of process noise since the onsets, one interval later, shape (k, d, d)."""
-    n = places.n_disturbance
+    n = places.n_slow
     if n == 0:
         return noise + over.noise
     through = np.eye(6 + n)
-    through[:3, 6:] = over.rate_rows[:, places.disturbance : places.thrust]
-    through[3:6, 6:] = over.velocity_rows[:, places.disturbance : places.thrust]
+    through[:3, 6:] = over.rate_rows[:, places.slow : places.thrust]
+    through[3:6, 6:] = over.velocity_rows[:, places.slow : places.thrust]
     through[6:, 6:] *= over.kept
     after = np.empty_like(noise)
     for index in range(noise.shape[0]):
@@ -205,7 +205,7 @@ def _taken(since: Since, correction: Array, cycle: float) -> tuple[Since, np.nda
         np.vstack((since.learned[keep] + correction, np.zeros((1, size)))),
         np.concatenate((since.rows[keep], start)),
         np.concatenate((since.noise[keep], np.zeros((1, *since.noise.shape[1:])))),
-        np.append(since.kept[keep], 1.0),
+        np.vstack((since.kept[keep], np.ones((1, since.kept.shape[1])))),
         np.append(since.elapsed_s[keep], 0.0),
         np.vstack((since.missing[keep], np.zeros((1, jets)))),
         np.vstack((since.given[keep], np.zeros((1, jets)))),

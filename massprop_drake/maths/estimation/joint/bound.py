@@ -60,7 +60,7 @@ def step(state: JointState, sample: Sample, mean: Array, used: np.ndarray, param
     acting = driven(state, sample, at_truth)
     read = rate_read(sample.rates, mean, params)
     shown = np.where(np.isnan(read.rate), np.nan, mean[RATE])
-    prediction = predict(state, acting, read._replace(rate=shown), at_truth, sample.frames)
+    prediction = predict(state, acting, read._replace(rate=shown), at_truth, (sample.frames, sample.speeds))
     root = propagated(state.root, prediction, at_truth)
     spin = state.spin + prediction.spin
     first = params.places.thrust

@@ -57,6 +57,7 @@ from massprop_drake.maths.estimation.joint.quantized import Sites, sites
 from massprop_drake.maths.estimation.joint.thrust_scale import partitioned, reported
 from massprop_drake.maths.estimation.joint.ticks import Stamped, Timing, stamped
 from massprop_drake.maths.estimation.joint.unknown import EXPECTED, shown_by
+from massprop_drake.maths.estimation.joint.wheels import UNSPUN, Spun, first_spread, turn_by
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError, skew, sparse_product
 from massprop_drake.maths.vehicle.disturbance import kept_share
@@ -84,6 +85,7 @@ class Sample(NamedTuple):
         attitudes: readings of the trackers relative to the shared attitude, NaN where missing, see `orientation`, rad,
             shape (n_trackers, 3).
         frames: shared attitude before and after the interval, quaternions, shape (2, 4).
+        speeds: see `wheels.Spun`.
     """
 
     time_s: float
@@ -95,6 +97,18 @@ class Sample(NamedTuple):
     timing: Timing
     attitudes: Array = UNTRACKED
     frames: Array = STILL
+    speeds: Spun = UNSPUN
+
+
+@kernel
+def turned_from_outside(sample: Sample, params: JointParams) -> bool:
+    """Tests whether known outside forces or wheels act on the vehicle."""
+    return bool(np.any(sample.outside != 0.0)) or turn_by(sample.speeds, params.wheels)
+
+
+def acts(sample: Sample, params: JointParams) -> bool:
+    """Tests whether anything pushes or turns the vehicle in a sample."""
+    return bool((sample.commands > 0.0).any() or turned_from_outside(sample, params))
 
 
 class Expected(NamedTuple):
@@ -227,7 +241,7 @@ def initial(params: JointParams) -> JointState:
     mean, root = np.zeros(places.size), np.zeros((places.size, places.size))
     mean[:N_PROPERTIES] = params.start
     root[:N_PROPERTIES, :N_PROPERTIES] = params.start_root
-    for element in range(places.disturbance, places.thrust):
+    for element in range(places.slow, places.thrust):
         root[element, element] = 1.0
     for element in range(places.thrust, places.size):
         root[element, element] = params.prior_sigma[element - places.thrust]
@@ -264,7 +278,7 @@ def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
     """
     places = params.places
     mean = state.mean.copy()
-    first, last = RATE.start, places.disturbance
+    first, last = RATE.start, places.slow
     root = np.zeros((places.size, places.size + last - first))
     root[:first, : places.size], root[last:, : places.size] = state.root[:first], state.root[last:]
     own = places.size - first  # a column for the reading of each of these rows
@@ -307,12 +321,15 @@ def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
             weights = 1.0 / own_variances[there]
             mean[row] = weights @ sample.attitudes[there, axis] / weights.sum()
             root[row, own + row] = np.sqrt(1.0 / weights.sum())
-    if places.n_disturbance > 0:
-        kept = kept_share(params.disturbance.time_constant_s, max(sample.time_s - state.time_s, 0.0))
-        come = np.zeros((places.size, places.n_disturbance))
-        come[last : places.thrust] = np.sqrt(1.0 - kept**2) * np.eye(places.n_disturbance)
+    if places.n_slow > 0:
+        kept, spread = np.zeros(places.n_slow), np.ones(places.n_slow)
+        others = places.n_slow - places.wheels
+        kept[:others] = kept_share(params.disturbance.time_constant_s, max(sample.time_s - state.time_s, 0.0))
+        spread[others:] = first_spread(sample.speeds.kept, params.wheels)
+        come = np.zeros((places.size, places.n_slow))
+        come[last : places.thrust] = np.diag(spread * np.sqrt(1.0 - kept**2))
         mean[last : places.thrust] *= kept
-        root[last : places.thrust] *= kept
+        root[last : places.thrust] *= kept.reshape(-1, 1)
         root = np.hstack((root, come))
     read = readings(sample.rates, sample.velocities, sample.attitudes)
     return state._replace(
@@ -331,7 +348,7 @@ def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
 def expect(state: JointState, acting: Drive, sample: Sample, params: JointParams) -> Expected:
     """Predicts the state and its outputs, and says which components count."""
     read = rate_read(sample.rates, state.mean, params)
-    prediction = predict(state, acting, read, params, sample.frames)
+    prediction = predict(state, acting, read, params, (sample.frames, sample.speeds))
     root = propagated(state.root, prediction, params)
     about = (prediction.mean[:N_PROPERTIES], floors(state, params))
     return _expected(state, prediction, root, about, sample, params)
@@ -547,7 +564,7 @@ def driven(state: JointState, sample: Sample, params: JointParams) -> Drive:
     if acting.anything.number == 0.0:
         return acting
     read = rate_read(sample.rates, state.mean, params)
-    prediction = predict(state, acting, read, params, sample.frames)
+    prediction = predict(state, acting, read, params, (sample.frames, sample.speeds))
     there = prediction.mean.copy()
     there[RATE] = prediction.end
     values, _ = outputs(there, state.reference, state.spin + prediction.spin, params)
@@ -653,7 +670,7 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, counts: np.ndar
     state, stamp = stamped(state, sample.timing, params)
     acting = driven(state, sample, params)
     state, firing = partitioned(state, acting.firing.amount, params), acting.firing
-    commanded = firing.commanded or bool(np.any(sample.outside != 0.0))
+    commanded = firing.commanded or turned_from_outside(sample, params)
     expected = expect(state, acting, sample, params)
     if counts.size > 0:
         expected = _counting(expected, counts & ~np.isnan(expected.innovation))
@@ -842,7 +859,7 @@ def relinearized(
     state = partitioned(state, acting.firing.amount, params)
     there = relearned(state, mean, state.root.copy())
     there.root[:N_PROPERTIES] = 0.0  # nothing of second order is left
-    at = predict(there, acting, rate_read(sample.rates, mean, params), params, sample.frames)
+    at = predict(there, acting, rate_read(sample.rates, mean, params), params, (sample.frames, sample.speeds))
     away = state.mean - mean
     mean = at.mean + away
     mean[RATE] += at.rate_rows @ away

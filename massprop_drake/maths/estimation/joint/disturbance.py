@@ -44,18 +44,18 @@ class Wander(NamedTuple):
     """Course of a disturbance over an interval.
 
     Attributes:
-        kept: k.
+        kept: k of each component, shape (n,).
         begun: change of w and c by z at the beginning, shape (6, n).
         drawn: change of w and c by one sigma of what comes in the interval, shape (6, n).
-        along: what that one sigma changes z by.
-        apart: 1-sigma of what changes z besides.
+        along: what that one sigma changes z by, shape (n,).
+        apart: 1-sigma of what changes z besides, shape (n,).
     """
 
-    kept: float
+    kept: Array
     begun: Array
     drawn: Array
-    along: float
-    apart: float
+    along: Array
+    apart: Array
 
 
 @kernel
@@ -81,7 +81,8 @@ def wandered(disturbance: DisturbanceParams, duration_s: float) -> Wander:
     drawn = math.sqrt(gathered_variance(x))
     along = lost * lost / drawn
     apart = math.sqrt(max(lost * (2.0 - lost) - along * along, 0.0))
-    return Wander(1.0 - lost, a * (constant * lost), a * (constant * drawn), along, apart)
+    each = np.ones(a.shape[1])
+    return Wander((1.0 - lost) * each, a * (constant * lost), a * (constant * drawn), along * each, apart * each)
 
 
 @kernel
@@ -100,7 +101,8 @@ def arriving(wander: Wander) -> Array:
     columns = np.zeros((6 + n, 2 * n))
     columns[:6, :n] = wander.drawn
     for component in range(n):
-        columns[6 + component, component], columns[6 + component, n + component] = wander.along, wander.apart
+        columns[6 + component, component] = wander.along[component]
+        columns[6 + component, n + component] = wander.apart[component]
     return columns
 
 

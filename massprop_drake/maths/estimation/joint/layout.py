@@ -3,13 +3,13 @@ r"""The joint estimator's state and parameters: what stands where, and how a sta
 The mean and the rows of the covariance's root are in this order,
 
     J (6: xx, yy, zz, yz, xz, xy) | r (3) | mu | w (3) | c_s (3 per accelerometer) | psi (3, with a tracker)
-    | z (per component of a disturbance)
+    | z (per component of a disturbance, and per wheel)
     b (thrust error per jet) | lag error per kind | gyro bias (3 per package)
-    | accelerometer bias (3 per package) | s | theta (2, of the ticks) | f (force of each slot of failed jets)
+    | accelerometer bias (3 per package) | p (inertia error per wheel) | s | theta (2, of the ticks) | f (force of each slot of failed jets)
 
 with J the inverse inertia about the center of mass, r the center of mass in the vehicle frame, mu = 1/m, w the rate,
 c_s the integral of F/m as accelerometer s has gathered it, psi the attitude as `orientation` has it, and z as
-`disturbance` has it. What stands from b on are parameters in units of their sigmas, of about unit prior variance, but
+`disturbance` and `wheels` have it. What stands from b on are parameters in units of their sigmas, of about unit prior variance, but
 for f, which is in lbf or N. A kind of parameter whose sigma is zero has no place.
 
 Nothing is scaled: the covariance is kept as a root that is made triangular by Householder reflections, and these treat
@@ -24,6 +24,7 @@ import numpy as np
 
 from massprop_drake.maths.arrays import FLAG, NUMBER, Layout
 from massprop_drake.maths.estimation.joint.disturbance import DisturbanceParams
+from massprop_drake.maths.estimation.joint.wheels import NO_WHEELS, WheelParams
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
 
@@ -35,14 +36,15 @@ class Places(NamedTuple):
     """Where the parts of the state begin, and how many elements they have.
 
     Attributes:
-        jets, gyros, accelerometers, trackers: how many there are.
+        jets, gyros, accelerometers, trackers, wheels: how many there are.
         outputs: components that are read.
         attitude, n_attitude: of psi; three elements, or none without a tracker.
-        disturbance, n_disturbance: of z.
+        slow, n_slow: of z, first those of a disturbance, then those of the wheels.
         thrust, n_thrust: of b; none or one per jet.
         lag, n_lag: of the lag's errors; none or one per kind of jet.
         gyro_bias, n_gyro_bias: none or three per package.
         acceleration_bias, n_acceleration_bias: none or three per package.
+        wheel, n_wheel: of p; none or one per wheel.
         scale, n_scale: of s; one if b has places, else none.
         ticks, n_ticks: of offset and period error of the ticks, see `ticks`; two, or none: stamps are ticks.
         force, n_force: of the slots of failed jets.
@@ -53,11 +55,12 @@ class Places(NamedTuple):
     gyros: int
     accelerometers: int
     trackers: int
+    wheels: int
     outputs: int
     attitude: int
     n_attitude: int
-    disturbance: int
-    n_disturbance: int
+    slow: int
+    n_slow: int
     thrust: int
     n_thrust: int
     lag: int
@@ -66,6 +69,8 @@ class Places(NamedTuple):
     n_gyro_bias: int
     acceleration_bias: int
     n_acceleration_bias: int
+    wheel: int
+    n_wheel: int
     scale: int
     n_scale: int
     ticks: int
@@ -76,41 +81,51 @@ class Places(NamedTuple):
 
 
 def make_places(
-    counts: tuple[int, ...], n_lag: int, biases: tuple[bool, bool], thrust: bool, forces: int, ticks: int = 0
+    counts: tuple[int, ...],
+    n_lag: int,
+    uncertain: tuple[bool, ...],
+    thrust: bool,
+    forces: int,
+    ticks: int = 0,
 ) -> Places:
     """The places of a vehicle's state.
 
     Args:
-        counts: numbers of jets, gyro packages, accelerometer packages and, if there are any, trackers of attitude and
-            components of a disturbance.
+        counts: numbers of jets, gyro packages, accelerometer packages and, if there are any, trackers of attitude,
+            components of a disturbance and wheels.
         n_lag: number of kinds of jets whose lag is estimated; 0: none.
-        biases: whether the gyros and whether the accelerometers have biases to estimate.
+        uncertain: whether the gyros and whether the accelerometers have biases to estimate, and whether the wheels'
+            inertias are uncertain.
         thrust: whether thrusts are uncertain.
         forces: number of slots for the forces of failed jets.
         ticks: 2 if ticks are estimated, else 0.
     """
-    jets, gyros, accelerometers, trackers, components = (*counts, 0, 0)[:5]
+    jets, gyros, accelerometers, trackers, components, wheels = (*counts, 0, 0, 0)[:6]
+    of_gyros, of_accelerometers, of_wheels = (*uncertain, False)[:3]
     sizes = [
         jets if thrust else 0,
         n_lag,
-        3 * gyros if biases[0] else 0,
-        3 * accelerometers if biases[1] else 0,
+        3 * gyros if of_gyros else 0,
+        3 * accelerometers if of_accelerometers else 0,
+        wheels if of_wheels else 0,
         1 if thrust else 0,
         ticks,
         forces,
     ]
     attitude, n_attitude = VELOCITY + 3 * accelerometers, 3 if trackers else 0
-    begins = np.cumsum([attitude + n_attitude + components, *sizes]).tolist()
+    slow, n_slow = attitude + n_attitude, components + wheels
+    begins = np.cumsum([slow + n_slow, *sizes]).tolist()
     return Places(
         jets=jets,
         gyros=gyros,
         accelerometers=accelerometers,
         trackers=trackers,
+        wheels=wheels,
         outputs=3 * (gyros + accelerometers + trackers),
         attitude=attitude,
         n_attitude=n_attitude,
-        disturbance=attitude + n_attitude,
-        n_disturbance=components,
+        slow=slow,
+        n_slow=n_slow,
         thrust=begins[0],
         n_thrust=sizes[0],
         lag=begins[1],
@@ -119,13 +134,15 @@ def make_places(
         n_gyro_bias=sizes[2],
         acceleration_bias=begins[3],
         n_acceleration_bias=sizes[3],
-        scale=begins[4],
-        n_scale=sizes[4],
-        ticks=begins[5],
-        n_ticks=sizes[5],
-        force=begins[6],
-        n_force=sizes[6],
-        size=begins[7],
+        wheel=begins[4],
+        n_wheel=sizes[4],
+        scale=begins[5],
+        n_scale=sizes[5],
+        ticks=begins[6],
+        n_ticks=sizes[6],
+        force=begins[7],
+        n_force=sizes[7],
+        size=begins[8],
     )
 
 
@@ -184,6 +201,7 @@ class JointParams(NamedTuple):
         guard_center: largest sigma of the center of mass, infinity: not judged, ft or m, shape (3,).
         settled_after: samples with a jet commanded, from the guard on, until settled.
         second_order: whether b2 (2-118), D (2-121) and the products with thrust errors are taken into account.
+        wheels: see `WheelParams`.
         compiled: see `cycle.Compiled`; None: nothing is. All but the thresholds is then as when it was compiled.
     """
 
@@ -221,6 +239,7 @@ class JointParams(NamedTuple):
     guard_center: Array
     settled_after: float
     second_order: bool
+    wheels: WheelParams = NO_WHEELS
     compiled: Any = None
 
 

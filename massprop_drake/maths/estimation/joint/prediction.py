@@ -4,7 +4,7 @@ r"""Prediction of the joint state over one interval, exact in its length, and it
     c_s <- c_s + lambda mu + beta_s T
     mu  <- mu + mu^2 sum_j m'_j L_j
     psi <- what the rate turns it to, see `orientation`
-    z   <- what is left of it, see `disturbance`, whose accelerations w and c_s get besides
+    z   <- what is left of it, see `disturbance` and `wheels`, whose accelerations w and c_s get besides
 
 with a and lambda the impulses about the vehicle origin of all jets, the sum of W_j L_j (1 + sigma_T b_j) with L_j the
 seconds of full thrust of `impulses`, of the forces of failed jets, and of known outside forces. While mu falls, c
@@ -45,8 +45,11 @@ noise. So the integral of w x (w x rho) is linearized at w0 and w1, for the same
 c gathers D0 by the error of w0 and D1 by that of the predicted w1, and D1 times what the linearization's w1 lies off
 the predicted one. The error of w1 after its reading, of the variance v, times that of r is noise on c, v tr P_rr.
 
-*The common thrust scale* s (`thrust_scale`) is not seen by what jets do, but known outside forces are not scaled with
-them: they enter by 1 - sigma_T s.
+*Wheels* turn the vehicle by what their momentum h changes by, and by what turning h takes, see `wheels`: a has -(h1 -
+h0), and in the coupling l = J^-1 w + h, each of them at its end of the interval.
+
+*The common thrust scale* s (`thrust_scale`) is not seen by what jets do, but known outside forces and wheels are not
+scaled with them: they enter by 1 - sigma_T s.
 """
 
 from __future__ import annotations
@@ -72,6 +75,8 @@ from massprop_drake.maths.estimation.joint.layout import (
 from massprop_drake.maths.estimation.joint.orientation import STILL, turned
 from massprop_drake.maths.estimation.joint.ticks import Timing
 from massprop_drake.maths.estimation.joint.unknown import Directions, directions, indifferent, spread
+from massprop_drake.maths.estimation.joint.wheels import UNSPUN, Spun, exchanged, misread
+from massprop_drake.maths.estimation.joint.wheels import momenta as of_wheels
 from massprop_drake.maths.kernels import idiom, kernel, numbers, picked
 from massprop_drake.maths.linear_algebra import (
     Array,
@@ -83,6 +88,7 @@ from massprop_drake.maths.linear_algebra import (
 )
 from massprop_drake.maths.mass_properties import ELEMENT
 
+ALONE = (STILL, UNSPUN)
 _IDENTITY = np.eye(3)
 _FIRST = CENTER.start  # of the coordinates of the center of mass
 _PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
@@ -143,8 +149,8 @@ class Prediction(NamedTuple):
         attitude: derivatives by w0 and by w1 of psi, B0 and B1 of `orientation`; none without a tracker, shape
             (2, n_attitude, 3).
         mass_factor: derivative of mu after by mu before.
-        noise: covariance added to w and to every c_s alike, but for the disturbance's, shape (6, 6).
-        wander: of the disturbance; what comes turns c as `noise` does.
+        noise: covariance added to w and to every c_s alike, but for what z brings, shape (6, 6).
+        wander: of z; what comes turns c as `noise` does.
         drift: variances added to the ten parameters, shape (10,).
         turned: O until the interval, see `turning`: a shift of r in it does not move what accelerometers have shown.
         spin: integral of w w^T dt over the interval, six elements, rad^2/s, shape (6,).
@@ -306,7 +312,7 @@ def effective_seconds(state: JointState, firing: Firing, params: JointParams) ->
 
 @kernel
 def predict(
-    state: JointState, acting: Drive, rate_read: RateRead, params: JointParams, frames: Array = STILL
+    state: JointState, acting: Drive, rate_read: RateRead, params: JointParams, around: tuple[Array, Spun] = ALONE
 ) -> Prediction:
     """The state over an interval, before its readings but for the rate in the dynamic coupling.
 
@@ -315,14 +321,17 @@ def predict(
         acting: see `Drive`.
         rate_read: rate at the end of the interval as gyros show it.
         params: see `JointParams`.
-        frames: see `orientation.turned`.
+        around: frames, see `orientation.turned`, and speeds of the wheels.
     """
+    frames, speeds = around
     mean, places, duration = state.mean, params.places, acting.firing.duration_s
     covariance = state.root[:N_PROPERTIES] @ state.root[:N_PROPERTIES].T
     inverse, reciprocal = picked(mean, ELEMENT), mean[MASS]
     seconds = effective_seconds(state, acting.firing, params)
     scale = 1.0 - params.thrust_sigma * mean[places.scale] if places.n_scale > 0 else 1.0
     impulse = seconds @ params.wrenches + scale * acting.outside
+    momenta = scale * of_wheels(speeds, wheel_factors(mean, params), params.wheels)
+    impulse[:3] -= momenta[1] - momenta[0]
     linear, moment = impulse[3:], impulse[:3] + cross(impulse[3:], mean[CENTER])
     flow = float(seconds @ params.flows) if 0.0 < reciprocal < _MOST_LIGHT * params.nominal[MASS] else 0.0
 
@@ -330,10 +339,20 @@ def predict(
     rate_rows[:, INERTIA] = angular_block(moment)
     rate_rows[:, CENTER] = inverse @ skew(linear)
     velocity_rows[:, MASS] = linear * (1.0 + reciprocal * flow)
-    wander, own = wandered(params.disturbance, duration), slice(places.disturbance, places.thrust)
+    wander, own = wandered(params.disturbance, duration), slice(places.slow, places.thrust)
+    exchange = np.zeros((0, 3))
+    if places.wheels > 0:
+        turned, line = duration * mean[RATE], mean[RATE] + inverse @ moment
+        wander = misread(wander, speeds, scale * inverse, turned, params.wheels)
+        exchange = exchanged(speeds, mean[RATE], line, duration, params.wheels)
+        rate_rows = _with_wheels(rate_rows, mean, exchange, scale, params)
     rate_rows[:, own], velocity_rows[:, own] = wander.begun[:3], wander.begun[3:]
     rate_rows, velocity_rows = indifferent(rate_rows, velocity_rows, acting.anything)
     bias, noise = _second_order(state, acting, linear, covariance, params)
+    if places.wheels > 0 and params.second_order:
+        product_mean, product_noise = _wheel_products(state, exchange, covariance, params)
+        bias += product_mean
+        noise += product_noise
     noise += _white_noise(mean, acting, params)
     bias += slowly(wander, mean[own])
     change = inverse @ moment + bias[:3]
@@ -344,11 +363,12 @@ def predict(
     share, left = _share_of_reading(end_rows @ state.root, noise + come(wander), rate_read)
     end, bowed = _corrected(mean[RATE] + change, rate_read, share), np.zeros((3, 3))
     coupled = _knows_inertia(mean, covariance)
-    if coupled:
-        through, end, bowed = _coupled(state, acting, change, (rate_read, share), params)
+    if coupled or places.wheels > 0:
+        carries = inverse_positive_definite(inverse, "inverse inertia") if coupled else np.zeros((3, 3))
+        through, end, bowed = _coupled(state, acting, change, (rate_read, share), (carries, momenta), params)
         rate_rows = _with_coupling(rate_rows, through, rate_read, share)
         change = change + through.change
-    else:
+    if not coupled:
         noise[:3, :3] += largest_coupling(mean[RATE], end, duration) ** 2 * _IDENTITY
 
     if params.second_order:
@@ -471,6 +491,53 @@ def _opening_products(mean: Array, firing: Firing, covariance: Array, params: Jo
 
 
 @kernel
+def wheel_factors(mean: Array, params: JointParams) -> Array:
+    """1 + sigma p of each wheel's inertia, shape (n_wheels,)."""
+    places, factors = params.places, np.ones(params.places.wheels)
+    if places.n_wheel > 0:
+        factors = factors + params.wheels.sigma * mean[places.wheel : places.wheel + places.n_wheel]
+    return factors
+
+
+@kernel
+def _with_wheels(rows: Array, mean: Array, exchange: Array, scale: float, params: JointParams) -> Array:
+    """Derivative of the change of w with that by errors of the wheels' inertias, and of s by what wheels do.
+
+    Args:
+        rows: without that, shape (3, size).
+        mean: before the interval, shape (size,).
+        exchange: E_k, shape (n_wheels, 3).
+        scale: 1 - sigma_T s.
+        params: see `JointParams`.
+    """
+    places, result, turns = params.places, rows.copy(), exchange @ picked(mean, ELEMENT)
+    if places.n_wheel > 0:
+        result[:, places.wheel : places.wheel + places.n_wheel] = (scale * params.wheels.sigma) * turns.T
+    if places.n_scale > 0:
+        result[:, places.scale] -= params.thrust_sigma * (wheel_factors(mean, params) @ turns)
+    return result
+
+
+@kernel
+def _wheel_products(
+    state: JointState, exchange: Array, covariance: Array, params: JointParams
+) -> tuple[Array, Array]:
+    """Mean, shape (6,), and covariance, shape (6, 6), of what wheels are off by times errors of the ten parameters.
+
+    They are off by the errors of their inertias, and in the scale of thrust by its error.
+    """
+    places, n = params.places, exchange.shape[0]
+    wrenches, rows = np.zeros((n + 1, 6)), np.zeros((n + 1, state.root.shape[1]))
+    wrenches[:n, :3] = exchange
+    wrenches[n, :3] = wheel_factors(state.mean, params) @ exchange
+    if places.n_wheel > 0:
+        rows[:n] = params.wheels.sigma * state.root[places.wheel : places.wheel + places.n_wheel]
+    if places.n_scale > 0:
+        rows[n] = -params.thrust_sigma * state.root[places.scale]
+    return _products(rows, parameter_effects(state.mean, wrenches), state, covariance)
+
+
+@kernel
 def _bows_of_thrust(state: JointState, acting: Drive, params: JointParams) -> Array:
     """Angular impulses of the bows by thrust that builds up or tails off, see the module, shape (3, 3)."""
     _, lagged = _thrust_factors(state, params)
@@ -479,24 +546,38 @@ def _bows_of_thrust(state: JointState, acting: Drive, params: JointParams) -> Ar
 
 @kernel
 def _coupled(
-    state: JointState, acting: Drive, change: Array, read: tuple[RateRead, Array], params: JointParams
+    state: JointState,
+    acting: Drive,
+    change: Array,
+    read: tuple[RateRead, Array],
+    turning: tuple[Array, Array],
+    params: JointParams,
 ) -> tuple[Coupling, Array, Array]:
-    """Dynamic coupling with the rate as a reading corrects it, by its share; that rate; and the bows of the rate."""
-    mean, duration = state.mean, acting.firing.duration_s
+    """Dynamic coupling with the rate as a reading corrects it, by its share; that rate; and the bows of the rate.
+
+    Args:
+        state: before the interval.
+        acting: see `Drive`.
+        change: of the rate without coupling, rad/s, shape (3,).
+        read: see `RateRead`, and its share, shape (3,).
+        turning: inertia that counts, shape (3, 3), and h at the start and the end, shape (2, 3).
+        params: see `JointParams`.
+    """
+    mean, duration, momenta = state.mean, acting.firing.duration_s, turning[1]
     inverse = picked(mean, ELEMENT)
-    inertias = inverse, inverse_positive_definite(inverse, "inverse inertia")
+    inertias = inverse, turning[0]
     of_thrust = _bows_of_thrust(state, acting, params)
     line, start = mean[RATE] + change, mean[RATE]
     end = _corrected(line, read[0], read[1])
-    bows = of_thrust + bows_of_coupling(inertias[1], start, end, duration)
-    found = coupling(inertias, start, end, bows, duration)
+    bows = of_thrust + bows_of_coupling(turning, start, end, duration)
+    found = coupling(inertias, (start, end), momenta, bows, duration)
     for _ in range(_ROUNDS):  # by Newton's method: the rate at the end has the coupling in it
         off = _corrected(line + found.change, read[0], read[1]) - end
         if np.abs(off).max() <= _SETTLED * np.abs(end).max():
             break
         end = end + np.linalg.solve(_IDENTITY - (1.0 - read[1]).reshape(3, 1) * found.by_end, off)
-        bows = of_thrust + bows_of_coupling(inertias[1], start, end, duration)
-        found = coupling(inertias, start, end, bows, duration)
+        bows = of_thrust + bows_of_coupling(turning, start, end, duration)
+        found = coupling(inertias, (start, end), momenta, bows, duration)
     return found, end, bows @ inverse
 
 
@@ -579,36 +660,41 @@ def gathered_rows(prediction: Prediction, package: int) -> Array:
 
 
 @kernel
-def bows_of_coupling(inertia: Array, start: Array, end: Array, duration_s: float) -> Array:
+def bows_of_coupling(turning: tuple[Array, Array], start: Array, end: Array, duration_s: float) -> Array:
     """Angular impulses of the bow that coupling itself gives the rate: mean, first moment, root mean square.
 
     Args:
-        inertia: about the center of mass, shape (3, 3).
+        turning: inertia about the center of mass, shape (3, 3), and h at the start and the end, shape (2, 3).
         start, end: w0 and w1, rad/s, shape (3,).
         duration_s: T.
     """
-    bows = np.zeros((3, 3))
-    bows[0] = (cross(end, inertia @ end) - cross(start, inertia @ start)) * (duration_s / 12.0)
+    bows, (inertia, momenta) = np.zeros((3, 3)), turning
+    at_start, at_end = inertia @ start + momenta[0], inertia @ end + momenta[1]
+    bows[0] = (cross(end, at_end) - cross(start, at_start)) * (duration_s / 12.0)
     bows[2] = PARABOLA * bows[0]
     return bows
 
 
 @kernel
-def coupling(inertias: tuple[Array, Array], start: Array, end: Array, bows: Array, duration_s: float) -> Coupling:
+def coupling(
+    inertias: tuple[Array, Array], rates: tuple[Array, Array], momenta: Array, bows: Array, duration_s: float
+) -> Coupling:
     """The change g of the rate by dynamic coupling, and its derivatives; those of the bows are left out.
 
     Args:
-        inertias: J and its inverse, shape (3, 3) each.
-        start, end: w0 and w1, rad/s, shape (3,).
+        inertias: J and its inverse, shape (3, 3) each; zero in its place: h alone is turned.
+        rates: w0 and w1, rad/s, shape (3,) each.
+        momenta: h at the start and the end, shape (2, 3).
         bows: dL, dL' and dL", angular impulses about the center of mass, shape (3, 3).
         duration_s: T.
     """
-    inverse, inertia = inertias
-    at_start, at_end = inertia @ start, inertia @ end
+    (inverse, inertia), (start, end) = inertias, rates
+    own = inertia @ ((2.0 * start + end) / 6.0), inertia @ ((start + 2.0 * end) / 6.0)
+    at_start, at_end = inertia @ start + momenta[0], inertia @ end + momenta[1]
     first, second = (2.0 * at_start + at_end) / 6.0, (at_start + 2.0 * at_end) / 6.0
     turn = cross(start, first) + cross(end, second)
     over_start, over_end = skew(start) @ inertia, skew(end) @ inertia
-    by_inertia = angular_block(turn) - inverse @ (over_start @ angular_block(first) + over_end @ angular_block(second))
+    by_inertia = angular_block(turn) - inverse @ (over_start @ angular_block(own[0]) + over_end @ angular_block(own[1]))
     by_start = inverse @ (over_start / 3.0 + over_end / 6.0 - skew(first))
     by_end = inverse @ (over_start / 6.0 + over_end / 3.0 - skew(second))
     bowed = bows @ inverse
@@ -672,11 +758,11 @@ def propagated(root: Array, prediction: Prediction, params: JointParams) -> Arra
     common = moved[3:]
     noise = semidefinite_root(prediction.noise)
     drifting = np.flatnonzero(prediction.drift > 0.0)
-    slow, come_in = slice(places.disturbance, places.thrust), arriving(prediction.wander)
+    slow, come_in = slice(places.slow, places.thrust), arriving(prediction.wander)
     first = 6 + come_in.shape[1]  # of the columns of what drifts
     columns = np.zeros((places.size, first + drifting.shape[0]))
     columns[RATE, :6], columns[RATE, 6:first] = noise[:3], come_in[:3]
-    after[slow] *= prediction.wander.kept
+    after[slow] *= prediction.wander.kept.reshape(-1, 1)
     columns[slow, 6:first] = come_in[6:]
     for package in range(places.accelerometers):
         part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)

@@ -32,7 +32,7 @@ class Link(NamedTuple):
 
     Attributes:
         rate_rows, velocity_rows, attitude, mass_factor, duration_s: see `prediction.Prediction`.
-        noise: covariance added to w, c and z, shape (6 + n_disturbance, 6 + n_disturbance).
+        noise: covariance added to w, c and z, shape (6 + n_slow, 6 + n_slow).
         kept: see `disturbance.Wander`.
         bias_seconds: derivative of the change of c by the accelerometer's bias.
         jacobian: H, shape (m, size).
@@ -55,7 +55,7 @@ class Link(NamedTuple):
     mass_factor: float
     duration_s: float
     noise: Array
-    kept: float
+    kept: Array
     bias_seconds: float
     jacobian: Array
     gain: Array
@@ -86,7 +86,7 @@ LINK = Layout(
     mass_factor=NUMBER,
     duration_s=NUMBER,
     noise=("disturbed", "disturbed"),
-    kept=NUMBER,
+    kept="slow",
     bias_seconds=NUMBER,
     jacobian=("outputs", "size"),
     gain=("size", "outputs"),
@@ -254,7 +254,7 @@ def linked(seen: Traces, params: JointParams) -> Link:
 @kernel
 def _noise(seen: Traces, places: Places) -> Array:
     """Covariance added to w, c and z over an interval."""
-    if places.n_disturbance == 0:
+    if places.n_slow == 0:
         return seen.noise
     columns = arriving(seen.wander)
     noise = columns @ columns.T
@@ -304,7 +304,7 @@ def carried(columns: Array, forcing: Array, over: Link, places: Places) -> Array
         after[places.attitude : places.attitude + 3] += by_start @ np.ascontiguousarray(
             columns[RATE]
         ) + by_end @ np.ascontiguousarray(after[RATE])
-    after[places.disturbance : places.thrust] *= over.kept
+    after[places.slow : places.thrust] *= over.kept.reshape(-1, 1)
     after[MASS] *= over.mass_factor
     return after
 

@@ -32,6 +32,7 @@ from massprop_drake.maths.estimation.joint.covariance import compressed
 from massprop_drake.maths.estimation.joint.cycle import (
     Report,
     Sample,
+    acts,
     gone_over,
     incremented_root,
     restart,
@@ -117,8 +118,8 @@ def followed(
     after, report = done
     if not start.under_way:
         return OVER, after
-    acts = bool((latest.sample.commands > 0.0).any() or latest.sample.outside.any())
-    if not before.started or not (acts or start.kept):
+    acting = acts(latest.sample, params)
+    if not before.started or not (acting or start.kept):
         return start, after
     if len(start.kept) >= LONGEST:
         acted = np.any([(each.sample.commands != 0.0).any(axis=0) for each in start.kept], axis=0)
@@ -141,7 +142,7 @@ def followed(
         if after.guarded or start.tried:
             return CONTRADICTED, after
         return start._replace(under_pass=None, contradicted=True, tried=True), after
-    found = guarded(under_pass.state, acts, params)
+    found = guarded(under_pass.state, acting, params)
     if found.guarded:
         return OVER, found
     rotation = knows_rotation(found, params)

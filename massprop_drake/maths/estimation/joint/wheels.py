@@ -1,0 +1,168 @@
+r"""Reaction wheels, whose momentum is exchanged with the vehicle: a scale that no thrust has a part in.
+
+Wheel k with the inertia J_k about its axis a_k turns at W_k relative to the vehicle, h = sum J_k W_k a_k. With I the
+inertia of the vehicle with its wheels locked (Hughes, Spacecraft Attitude Dynamics, chapter 3),
+
+    d(I w + h)/dt + w x (I w + h) = torque.
+
+To the vehicle a wheel is so a known angular impulse, for speeds that are linear in time over an interval T and rates
+that are linear too,
+
+    E_k = -J_k [ (W1 - W0) a_k + T w0 x a_k (2 W0 + W1)/6 + T w1 x a_k (W0 + 2 W1)/6 ].
+
+Known impulses are not scaled with thrust (`thrust_scale`): with wheels the common scale s is seen, and with it inertia
+and mass. J_k (1 + sigma p_k) are parameters.
+
+*Readings of speeds* have errors sigma_W z_k, which are states beside those of a disturbance: they come anew with each
+reading, and what is true less what is read of the impulse in between is J_k sigma_W (z1 - z0) a_k: nothing gathers.
+While a speed is not read it counts as what was read last, and z_k grows by all that the wheel may be accelerated.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.joint.disturbance import Wander
+from massprop_drake.maths.kernels import kernel
+from massprop_drake.maths.linear_algebra import Array, cross
+
+_ACTS = 4.0  # 1-sigmas of a change of speed: less is what readings of a wheel at rest show
+_FASTEST = 1e3  # rad/s: what nobody has read may be as fast as this
+
+
+class WheelParams(NamedTuple):
+    """The reaction wheels of a vehicle.
+
+    Attributes:
+        axes: a_k, unit vectors, vehicle frame, shape (n, 3).
+        inertias: J_k, slug-ft^2 or kg-m^2, shape (n,).
+        sigma: what one unit of p_k is, relative.
+        speed_std: sigma_W of one reading of each speed, rad/s, shape (n,).
+        most: largest acceleration of each wheel, rad/s^2, shape (n,).
+    """
+
+    axes: Array
+    inertias: Array
+    sigma: float
+    speed_std: Array
+    most: Array
+
+
+NO_WHEELS = WheelParams(np.zeros((0, 3)), np.zeros(0), 0.0, np.zeros(0), np.zeros(0))
+
+
+class Spun(NamedTuple):
+    """Speeds of the wheels over an interval, as they are read.
+
+    Attributes:
+        start, end: at its start and end, rad/s, shape (n,).
+        kept: 1 where no speed is read at its end, so that the error is still that of the reading before; 0 where one
+            is, shape (n,).
+        drawn: 1-sigma of what is added to z_k over the interval: 1 of a new reading, shape (n,).
+    """
+
+    start: Array
+    end: Array
+    kept: Array
+    drawn: Array
+
+
+UNSPUN = Spun(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0))
+
+
+def spun(before: Array, read: Array, duration_s: float, wheels: WheelParams) -> tuple[Spun, Array]:
+    """Speeds over an interval, and the last that are read of each wheel.
+
+    Args:
+        before: speeds that were read last, NaN where none has been, rad/s, shape (n,).
+        read: at the end of the interval, NaN where missing, rad/s, shape (n,).
+        duration_s: T.
+        wheels: see `WheelParams`.
+    """
+    missing = np.isnan(read)
+    last = np.where(missing, before, read)
+    end = np.where(np.isnan(last), 0.0, last)
+    start = np.where(np.isnan(before), end, before)  # z_k is as wide as what nobody has read
+    drawn = np.where(missing, wheels.most * duration_s / wheels.speed_std, 1.0)
+    return Spun(start, end, missing.astype(np.float64), drawn), last
+
+
+def first_spread(missing: Array, wheels: WheelParams) -> Array:
+    """1-sigma of z_k where readings begin anew: 1, or where none is there as fast as wheels turn, shape (n,)."""
+    return np.where(missing > 0.0, _FASTEST / wheels.speed_std, 1.0)
+
+
+@kernel
+def turn_by(speeds: Spun, wheels: WheelParams) -> bool:
+    """Whether the speed of any wheel changes by more than the errors of readings."""
+    for k in range(speeds.end.shape[0]):
+        if abs(speeds.end[k] - speeds.start[k]) > _ACTS * math.sqrt(2.0) * wheels.speed_std[k]:
+            return True
+    return False
+
+
+@kernel
+def momenta(speeds: Spun, factors: Array, wheels: WheelParams) -> Array:
+    """h at the start and at the end of an interval, body axes, shape (2, 3).
+
+    Args:
+        speeds: see `Spun`.
+        factors: 1 + sigma p_k, shape (n,).
+        wheels: see `WheelParams`.
+    """
+    result = np.zeros((2, 3))
+    for k in range(factors.shape[0]):
+        inertia = factors[k] * wheels.inertias[k]
+        result[0] += (inertia * speeds.start[k]) * wheels.axes[k]
+        result[1] += (inertia * speeds.end[k]) * wheels.axes[k]
+    return result
+
+
+@kernel
+def exchanged(speeds: Spun, start: Array, end: Array, duration_s: float, wheels: WheelParams) -> Array:
+    """E_k, the angular impulse by each wheel, shape (n, 3).
+
+    Args:
+        speeds: see `Spun`.
+        start, end: w0 and w1, rad/s, shape (3,).
+        duration_s: T.
+        wheels: see `WheelParams`.
+    """
+    result = np.zeros((speeds.end.shape[0], 3))
+    for k in range(result.shape[0]):
+        first, second, axis = speeds.start[k], speeds.end[k], wheels.axes[k]
+        at_start = cross(start, axis) * ((2.0 * first + second) * duration_s / 6.0)
+        at_end = cross(end, axis) * ((first + 2.0 * second) * duration_s / 6.0)
+        result[k] = -wheels.inertias[k] * ((second - first) * axis + at_start + at_end)
+    return result
+
+
+@kernel
+def misread(wander: Wander, speeds: Spun, inverse: Array, turned: Array, wheels: WheelParams) -> Wander:
+    """Course of a disturbance with that of the errors of the wheels' readings after it.
+
+    Args:
+        wander: of the disturbance alone.
+        speeds: see `Spun`.
+        inverse: J, in the scale of known impulses, shape (3, 3).
+        turned: integral of the rate over the interval, rad, shape (3,).
+        wheels: see `WheelParams`.
+    """
+    n, others = speeds.end.shape[0], wander.kept.shape[0]
+    if n == 0:
+        return wander
+    kept, along, apart = np.ones(others + n), np.ones(others + n), np.zeros(others + n)
+    begun, drawn = np.zeros((6, others + n)), np.zeros((6, others + n))
+    kept[:others], along[:others], apart[:others] = wander.kept, wander.along, wander.apart
+    begun[:, :others], drawn[:, :others] = wander.begun, wander.drawn
+    for k in range(n):
+        step = (wheels.inertias[k] * wheels.speed_std[k]) * wheels.axes[k]
+        direct, by_turning = inverse @ step, 0.5 * (inverse @ cross(turned, step))
+        stays, comes = speeds.kept[k], speeds.drawn[k]
+        kept[others + k], along[others + k] = stays, comes
+        begun[:3, others + k] = (stays - 1.0) * direct + (1.0 + stays) * by_turning
+        drawn[:3, others + k] = comes * (direct + by_turning)
+    return Wander(kept, begun, drawn, along, apart)
