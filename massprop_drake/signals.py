@@ -157,6 +157,11 @@ def velocity_signal(name: str) -> Signal:
     return Signal(name, f"reading of {name}", "{length}/s", AXES)
 
 
+def wheel_signal(name: str) -> Signal:
+    """Describes the readings of a reaction wheel's speed."""
+    return Signal(name, f"speed of {name} as it is read", "rad/s", ("speed",))
+
+
 JOINTS = "joint_positions"
 
 

@@ -41,6 +41,7 @@ from massprop_drake.maths.estimation.filters.rotation_filter import RotationPara
 from massprop_drake.maths.estimation.filters.thesis import ThesisParams
 from massprop_drake.maths.estimation.joint.disturbance import NO_DISTURBANCE, DisturbanceParams
 from massprop_drake.maths.estimation.joint.layout import AttitudeSensors
+from massprop_drake.maths.estimation.joint.wheels import WheelParams
 from massprop_drake.maths.estimation.pose import setting as pose_setting
 from massprop_drake.maths.estimation.pose.setting import Around, Tracking, Valves
 from massprop_drake.maths.flight import FlightParams, PilotParams
@@ -115,6 +116,8 @@ def setup(scenario: Scenario) -> Setup:
         trackers=_trackers(scenario),
         disturbance=stated_disturbance(scenario),
         opens_at=vehicle.opens_at,
+        wheels=wheels(vehicle),
+        wheel_uncertainty=np.array([wheel.inertia_uncertainty for wheel in vehicle.wheels]),
         tracking=tracking(scenario) if scenario.estimation.filter == "pose" else None,
     )
 
@@ -130,6 +133,18 @@ def stated_disturbance(scenario: Scenario) -> DisturbanceParams:
     accelerations[3:, 3:] = np.eye(3) / vehicle.nominal.mass
     acting = np.ascontiguousarray((accelerations * sigmas)[:, sigmas > 0.0])
     return DisturbanceParams(acting, vehicle.disturbance.time_constant_s)
+
+
+def wheels(vehicle: Vehicle) -> WheelParams:
+    """The reaction wheels, of exact inertia."""
+    axes = np.array([wheel.axis for wheel in vehicle.wheels]).reshape(-1, 3)
+    return WheelParams(
+        axes=axes / np.linalg.norm(axes, axis=1, keepdims=True),
+        inertias=np.array([wheel.inertia for wheel in vehicle.wheels]),
+        sigma=0.0,
+        speed_std=np.array([wheel.speed_std for wheel in vehicle.wheels]),
+        most=np.array([wheel.most_acceleration for wheel in vehicle.wheels]),
+    )
 
 
 def disturbance_sigmas(vehicle: Vehicle) -> Array:

@@ -1232,7 +1232,9 @@ def _of_the_plant(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldP
 def _not_followed(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
     """Finds a filter, or an engine, that does not go with a vehicle which is followed in a fixed frame, or is not."""
     named = scenario.estimation.filter
-    if vehicle.needs_pose_filter != (named == "pose") and not (vehicle.tracked and named == "pose"):
+    if vehicle.wheels and named != "joint":
+        yield ("estimation", "filter"), f"{named} knows no wheels, which vehicle '{vehicle.name}' has; use joint"
+    elif vehicle.needs_pose_filter != (named == "pose") and not (vehicle.tracked and named == "pose"):
         needs = "which needs pose" if vehicle.needs_pose_filter else "which has no pose or velocity sensor; use joint"
         yield ("estimation", "filter"), f"{named} does not go with vehicle '{vehicle.name}', {needs}"
 

@@ -61,11 +61,20 @@ _UNIT_LENGTH_TOLERANCE = 0.002  # of a direction, as printed tables have it
 _LARGEST_NUMBER = 1_000_000  # of a jet or a cluster
 _WITHOUT_RATES = "without measured rates neither inertia nor center of mass can be estimated"
 _MOST_JETS = 500  # several times what any vehicle has
+_FASTEST_WHEEL = 1e3  # rad/s^2: no motor accelerates a wheel by more
 
 
 _Fixable = Literal["Ixx_inv", "Iyy_inv", "Izz_inv", "Iyz_inv", "Ixz_inv", "Ixy_inv", "x_cm", "y_cm", "z_cm", "m_inv"]
 PositiveReal = Annotated[Real, Field(gt=0.0)]
 Positive3 = tuple[PositiveReal, PositiveReal, PositiveReal]
+
+
+def _of_length_1(value: Vector3) -> Vector3:
+    """The direction as it is; raises ValueError if it is none."""
+    length = float(np.linalg.norm(value))
+    if abs(length - 1.0) > _UNIT_LENGTH_TOLERANCE:
+        raise ValueError(f"must have length 1 within {_UNIT_LENGTH_TOLERANCE}, got {length:.6g}")
+    return value
 
 
 def symmetric_inertia(value: Matrix3) -> Matrix3:
@@ -223,13 +232,7 @@ class Jet(Model):
         le=0.3,
     )
 
-    @field_validator("direction")
-    @classmethod
-    def _unit(cls, value: Vector3) -> Vector3:
-        length = float(np.linalg.norm(value))
-        if abs(length - 1.0) > _UNIT_LENGTH_TOLERANCE:
-            raise ValueError(f"must have length 1 within {_UNIT_LENGTH_TOLERANCE}, got {length:.6g}")
-        return value
+    _unit = field_validator("direction")(_of_length_1)
 
 
 class SensorPackage(Model):
@@ -367,6 +370,61 @@ class VelocitySensor(Model):
     def columns(self) -> tuple[str, ...]:
         """Its columns in telemetry."""
         return tuple(f"{self.name}_{axis}" for axis in "xyz")
+
+
+class Wheel(Model):
+    """A reaction wheel, whose speed relative to the vehicle is read.
+
+    The vehicle's mass properties are those with its wheels locked.
+    """
+
+    name: Name = described(
+        ...,
+        "unique name of letters, digits and underscores; its column in telemetry is <name>_speed, rad/s",
+        pattern=_SENSOR_NAME,
+    )
+    axis: Vector3 = described(
+        ..., "about which a positive speed turns it, body axes; length 1 within 0.002, normalized"
+    )
+    inertia: Real = described(..., "about its axis", "slug-ft^2 | kg-m^2", gt=0.0, span=plausible.WHEEL)
+    inertia_uncertainty: Real = described(
+        0.01, "1-sigma of the inertia, relative, which is estimated; 0: known", "-", ge=0.0, le=0.3
+    )
+    quantum: Real = described(0.0, "step of a reading of its speed", "rad/s", ge=0.0, span=plausible.SPEED_STEP)
+    noise_std: Real = described(
+        0.01, "white noise of a reading, 1-sigma", "rad/s", ge=0.0, span=plausible.SPEED_STEP
+    )
+    torque: Real | None = described(
+        None,
+        "largest torque of its motor; null: as much as gives it 1000 rad/s in a second; counts where readings of the "
+        "speed are missing",
+        "ft-lbf | N-m",
+        gt=0.0,
+        span=plausible.OUTSIDE_TORQUE,
+    )
+
+    _unit = field_validator("axis")(_of_length_1)
+
+    @model_validator(mode="after")
+    def _is_read(self) -> Wheel:
+        if self.quantum == 0.0 and self.noise_std == 0.0:
+            raise ValueError(f"wheel '{self.name}' needs a quantum or a noise_std above zero: no reading is perfect")
+        return self
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Its column in telemetry."""
+        return (f"{self.name}_speed",)
+
+    @property
+    def speed_std(self) -> float:
+        """1-sigma of the error of one reading, rad/s."""
+        return math.sqrt(self.quantum**2 / 12.0 + self.noise_std**2)
+
+    @property
+    def most_acceleration(self) -> float:
+        """Acceleration by the largest torque, rad/s^2."""
+        return _FASTEST_WHEEL if self.torque is None else self.torque / self.inertia
 
 
 class Surroundings(Model):
@@ -563,6 +621,7 @@ class Vehicle(Model):
     )
     poses: tuple[PoseSensor, ...] = described((), "sensors of position and attitude in a fixed frame")
     velocities: tuple[VelocitySensor, ...] = described((), "sensors of velocity in the fixed frame")
+    wheels: tuple[Wheel, ...] = described((), "reaction wheels; used by `estimation.filter: joint`", max_length=8)
     gyros: tuple[Gyro, ...] = described(
         ..., "rate-gyro packages; [] only where a pose sensor gives the attitude", reason=_WITHOUT_RATES
     )
@@ -591,6 +650,8 @@ class Vehicle(Model):
         if self.disturbance is not None and self.needs_pose_filter:
             words = "is not estimated in a fixed frame; state surroundings.slope_std and surroundings.turn_std"
             raise refusal([(("disturbance",), words)])
+        if self.wheels and self.needs_pose_filter:
+            raise refusal([(("wheels",), "play no part in a fixed frame; leave them out")])
         if self.motion == "planar":
             inertia = np.array(self.mass_properties.inertia)
             if inertia[0, 2] or inertia[1, 2]:
@@ -647,13 +708,13 @@ class Vehicle(Model):
         return (*self.gyros, *self.accelerometers)
 
     @property
-    def tracked(self) -> tuple[PoseSensor | VelocitySensor, ...]:
-        """The sensors in a fixed frame, poses first."""
-        return (*self.poses, *self.velocities)
+    def tracked(self) -> tuple[PoseSensor | VelocitySensor | Wheel, ...]:
+        """What is read besides the packages: the sensors in a fixed frame, poses first, and the wheels' speeds."""
+        return (*self.poses, *self.velocities, *self.wheels)
 
     @property
     def tracked_columns(self) -> tuple[str, ...]:
-        """Their columns in telemetry, in order."""
+        """Its columns in telemetry, in order."""
         return tuple(column for sensor in self.tracked for column in sensor.columns)
 
     @property
@@ -784,8 +845,12 @@ class Vehicle(Model):
     @property
     def sensors_in_words(self) -> str:
         """How many sensors there are of each kind."""
-        others = {"pose": len(self.poses), "velocity": len(self.velocities)}
-        more = "".join(f", {count} {kind} sensor{'s' if count > 1 else ''}" for kind, count in others.items() if count)
+        others = {
+            "pose sensor": len(self.poses),
+            "velocity sensor": len(self.velocities),
+            "reaction wheel": len(self.wheels),
+        }
+        more = "".join(f", {count} {what}{'s' if count > 1 else ''}" for what, count in others.items() if count)
         return f"{len(self.gyros)} gyro and {len(self.accelerometers)} accelerometer packages{more}"
 
     def sensor_names(self) -> list[str]:

@@ -39,6 +39,7 @@ from massprop_drake.signals import (
     pose_signal,
     simulated_signal,
     velocity_signal,
+    wheel_signal,
 )
 from massprop_drake.telemetry import reader as telemetry
 
@@ -158,6 +159,7 @@ class Run:
         packages |= {package.name: accelerometer_signal(package.name) for package in vehicle.accelerometers}
         packages |= {sensor.name: pose_signal(sensor.name) for sensor in vehicle.poses}
         packages |= {sensor.name: velocity_signal(sensor.name) for sensor in vehicle.velocities}
+        packages |= {wheel.name: wheel_signal(wheel.name) for wheel in vehicle.wheels}
         packages |= {against.name: against for against in map(simulated_signal, packages.values())}
         if isinstance(plant := self.scenario.plant, MultibodyBlock):
             packages[JOINTS] = joint_signal(plant.joint_columns, plant.joint_units)

@@ -291,8 +291,9 @@ class Estimator:
                 shape (n_jets,).
             outside_wrench: torque about the vehicle origin and force of known outside forces, mean over
                 that interval, shape (6,); None: none.
-            tracked: by name of each sensor in a fixed frame that was read: of a pose, position and quaternion from
-                body to fixed frame, scalar first, shape (7,); of a velocity, shape (3,). NaN where missing.
+            tracked: by name, what was read besides: of a pose, position and quaternion from body to fixed frame,
+                scalar first, shape (7,); of a velocity, shape (3,); of a wheel, its speed, rad/s, shape (1,). NaN
+                where missing.
             onsets_s: how long after this sample each jet opens that is on for less than an interval, s, see
                 `maths.vehicle.on_times`, NaN: its command is a level, shape (n_jets,); None: as the vehicle's
                 `jet_commands` say.
@@ -437,12 +438,12 @@ def _kind(own: Any) -> str:
 
 
 def _seen(readings: Mapping[str, ArrayLike] | None, vehicle: Vehicle) -> Array | None:
-    """Of all sensors in a fixed frame, NaN where missing, shape (columns,); None: the vehicle has none."""
+    """What is read besides gyros and accelerometers, NaN where missing, shape (columns,); None: nothing ever is."""
     given = dict(readings or {})
     names = [sensor.name for sensor in vehicle.tracked]
     unknown = [name for name in given if name not in names]
     if unknown:
-        raise ValueError(f"tracked: '{unknown[0]}' is no sensor in a fixed frame; the vehicle has {names}")
+        raise ValueError(f"tracked: '{unknown[0]}' is no such sensor or wheel; the vehicle has {names}")
     if not names:
         return None
     sizes = {sensor.name: len(sensor.columns) for sensor in vehicle.tracked}

@@ -82,8 +82,8 @@ class Sample(NamedTuple):
             interval, shape (6,); None: none.
         stamp_s: when the readings were taken, by the record's clock; None: at `time_s`.
         coming: fraction commanded from now on; None: not known yet.
-        tracked: readings in a fixed frame, see `Told`; None: there are none.
-        onset_s, coming_onset_s, wheel_speeds: see `Told`.
+        tracked: what is read besides, see `Told`; None: nothing.
+        onset_s, coming_onset_s: see `Told`.
     """
 
     time_s: float
@@ -96,7 +96,6 @@ class Sample(NamedTuple):
     tracked: Array | None = None
     onset_s: Array | None = None
     coming_onset_s: Array | None = None
-    wheel_speeds: Array | None = None
 
 
 class Measured(NamedTuple):
@@ -159,8 +158,8 @@ def measure(state: EstimationState, sample: Sample, params: EstimationParams) ->
 def _told(sample: Sample) -> Told:
     stamp_s = sample.time_s if sample.stamp_s is None else sample.stamp_s
     outside = _NOTHING_OUTSIDE if sample.outside_wrench is None else sample.outside_wrench
-    others = sample.tracked, sample.onset_s, sample.coming_onset_s, sample.wheel_speeds
-    return Told(sample.time_s, stamp_s, sample.command, sample.coming, outside, *others)
+    onsets_s = sample.onset_s, sample.coming_onset_s
+    return Told(sample.time_s, stamp_s, sample.command, sample.coming, outside, sample.tracked, *onsets_s)
 
 
 def known_force(state: EstimationState, sample: Sample, params: EstimationParams) -> KnownForce:

@@ -123,11 +123,11 @@ class Told(NamedTuple):
         coming: fraction commanded from the sample's tick on; None: not known yet.
         outside_wrench: torque about the vehicle origin and force of known outside forces, mean over the interval,
             shape (6,).
-        tracked: readings in a fixed frame: of each pose sensor position and quaternion from body to fixed frame, of
-            each velocity sensor the velocity, NaN where missing, shape (7 n_poses + 3 n_velocities,); None: none.
+        tracked: what is read besides gyros and accelerometers: of each pose sensor position and quaternion from body
+            to fixed frame, of each velocity sensor the velocity, of each wheel the speed, NaN where missing, shape
+            (7 n_poses + 3 n_velocities + n_wheels,); None: nothing.
         onset_s, coming_onset_s: of `command` and `coming`, see `maths.vehicle.on_times`, shape (n_jets,) each; None:
             not told.
-        wheel_speeds: as read with the sample, NaN where missing, rad/s, shape (n_wheels,); None: there are no wheels.
     """
 
     time_s: float
@@ -138,7 +138,6 @@ class Told(NamedTuple):
     tracked: Array | None = None
     onset_s: Array | None = None
     coming_onset_s: Array | None = None
-    wheel_speeds: Array | None = None
 
 
 class Interval(NamedTuple):

@@ -40,6 +40,7 @@ from massprop_drake.maths.estimation.joint.layout import (
     RATE,
     JointParams,
     JointState,
+    Places,
     make_places,
     pack,
     settled,
@@ -328,21 +329,27 @@ def step(
     return Measurement(known._replace(start=start, frame=sample.frames[1], speeds=speeds), evidence)
 
 
+def _read_besides(told: Told, places: Places) -> tuple[Array, Array]:
+    """Quaternions that trackers read, shape (n_trackers, 4), and speeds of the wheels, rad/s, shape (n_wheels,)."""
+    poses = 7 * places.trackers
+    read = np.full(poses + places.wheels, np.nan) if told.tracked is None else told.tracked
+    return read[:poses].reshape(-1, 7)[:, 3:], read[read.size - places.wheels :]
+
+
 def _attitudes(
-    state: JointFilterState, over: Elapsed, read: tuple[Array, Array | None], params: JointParams
+    state: JointFilterState, over: Elapsed, read: tuple[Array, Array], params: JointParams
 ) -> tuple[Array, Array]:
     """Readings of the trackers, shape (n_trackers, 3), and the shared attitude before and after, shape (2, 4).
 
     Args:
         state: of the cycle before.
         over: the interval since.
-        read: readings of the gyros, and of the trackers as in `Told.tracked`.
+        read: readings of the gyros, and quaternions that trackers read.
         params: see `JointParams`.
     """
-    trackers, (rates, tracked) = params.places.trackers, read
-    if trackers == 0:
+    rates, quaternions = read
+    if params.places.trackers == 0:
         return UNTRACKED, STILL
-    quaternions = np.full((trackers, 4), np.nan) if tracked is None else tracked.reshape(-1, 7)[:, 3:]
     before = state.joint.mean[RATE]
     shown = rate_read(rates, state.joint.mean, params).rate
     rate, duration_s = 0.5 * (before + np.where(np.isnan(shown), before, shown)), float(over.durations_s.sum())
@@ -378,8 +385,8 @@ def _made(
         )
     duration_s = float(interval.durations_s.sum())
     outside = told.outside_wrench * duration_s
-    seen = _attitudes(state, interval, (readings[0], told.tracked), params.joint)
-    read = np.full_like(state.speeds, np.nan) if told.wheel_speeds is None else told.wheel_speeds
+    attitudes, read = _read_besides(told, params.joint.places)
+    seen = _attitudes(state, interval, (readings[0], attitudes), params.joint)
     speeds, last = spun(state.speeds, read, duration_s, params.joint.wheels)
     acted = interval.durations_s, interval.commands, outside
     sample = Sample(told.time_s, *acted, *readings, interval.timing, *seen, speeds)
