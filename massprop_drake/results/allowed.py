@@ -140,6 +140,8 @@ def _unconfined(scenario: Scenario) -> str | None:
         return "no gyro is quantized with noise of a tenth of its quantum at most"
     if joint and (scenario.joint.rate_walk > 0.0 or scenario.joint.velocity_walk > 0.0):
         return "joint.rate_walk and joint.velocity_walk state torques or forces that no reading confines"
+    if vehicle.wheels:
+        return "speeds of wheels are read with noise that no reading of a gyro confines"
     if joint and vehicle.disturbance is not None:
         return "the vehicle's disturbance states torques or forces that no reading confines"
     if any(kind.repeatability > 0.0 for kind in vehicle.jet_kinds.values()):

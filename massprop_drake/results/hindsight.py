@@ -55,6 +55,7 @@ class Names(NamedTuple):
     accelerometers: Sequence[str]
     torque: str
     acceleration: str
+    wheels: Sequence[str] = ()
 
 
 def names_of(scenario: Scenario) -> Names:
@@ -68,6 +69,7 @@ def names_of(scenario: Scenario) -> Names:
         [package.name for package in params.accelerometers(scenario)],
         f"{units['length']}-{units['force']}",
         f"{units['length']}/s^2",
+        [wheel.name for wheel in vehicle.wheels],
     )
 
 
@@ -77,6 +79,7 @@ def model(scenario: Scenario) -> Model:
     thrust, gyros, accelerometers = setup.thrust, setup.gyros, setup.accelerometers
     joint = scenario.estimation.filter == "joint"
     n_jets, n_kinds, n_accelerometers = len(vehicle.jets), thrust.lag_uncertainty.shape[0], accelerometers.quanta.size
+    n_others = 12 + 3 * gyros.quanta.size + 6 * n_accelerometers + len(vehicle.wheels) + 9
     of_kinds = np.array([thrust.time_constants_s[thrust.kinds == kind].max(initial=0.0) for kind in range(n_kinds)])
     if joint:
         block = scenario.joint
@@ -86,11 +89,12 @@ def model(scenario: Scenario) -> Model:
         of_thrust = scenario.estimation.thrust_uncertainty
         gated = scenario.estimation.thrust_transient == "gate"
         of_lag = np.full(n_kinds, _OPEN_LAG_S) if gated else of_kinds * thrust.lag_uncertainty
-    prior = np.concatenate(
-        (setup.nominal, np.zeros(n_jets + n_kinds + 12 + 3 * gyros.quanta.size + 6 * n_accelerometers + 9))
-    )
+    prior = np.concatenate((setup.nominal, np.zeros(n_jets + n_kinds + n_others)))
     sigma = np.zeros_like(prior)
-    variances = np.concatenate((setup.gyro_variances, setup.accelerometer_variances))
+    misread = setup.wheels.inertias * setup.wheels.speed_std  # moves the rate that is compared with a gyro's
+    turned = (misread * (np.linalg.inv(vehicle.nominal.inertia) @ setup.wheels.axes.T)) ** 2
+    of_wheels = float(turned.sum(axis=1).max())
+    variances = np.concatenate((setup.gyro_variances + of_wheels, setup.accelerometer_variances))
     made = Model(
         period_s=setup.period_s,
         wrenches=thrust.wrenches,
@@ -107,6 +111,7 @@ def model(scenario: Scenario) -> Model:
         at_stamps=scenario.joint.switching == "stamps" if joint else None,
         walks=(scenario.joint.rate_walk, scenario.joint.velocity_walk) if joint else (0.0, 0.0),
         disturbance=setup.disturbance if joint else NO_DISTURBANCE,
+        wheels=setup.wheels,
     )
     places = hindsight.columns(made)
     sigma[places.properties] = _PRIOR * setup.widest
@@ -114,6 +119,7 @@ def model(scenario: Scenario) -> Model:
     sigma[places.lag] = of_lag
     sigma[places.gyro_bias] = gyros.bias_std.max(initial=0.0)
     sigma[places.acceleration_bias] = np.repeat(accelerometers.bias_std, 3)
+    sigma[places.wheel] = setup.wheel_uncertainty
     if thrust.flows.any():  # one way, by as much as what drifts has become once so much has been used
         share = setup.nominal[9] / _DRIFTED
         sigma[places.shift] = np.sqrt(_drift(scenario, setup.nominal)[:9] * share)
@@ -146,7 +152,8 @@ def stretches(scenario: Scenario, signals: Spool) -> Iterator[Stretch]:
     felt = _felt(scenario)
     before, used, since = np.zeros((felt, flows.size)), 0.0, -1 if "gap" in signals else -1 - felt
     opened = levels_alone((felt, flows.size))  # onsets of these
-    for block in _windows(signals, *wanted, *(package.name for package in packages)):
+    wheels = [wheel.name for wheel in scenario.vehicle_data.wheels]
+    for block in _windows(signals, *wanted, *(package.name for package in packages), *wheels):
         time_s, commands = block["time_s"], block["command"]
         known = np.nan_to_num(commands)
         spent = used + np.concatenate(([0.0], np.cumsum(known[:-1] @ flows * period_s)))
@@ -158,7 +165,10 @@ def stretches(scenario: Scenario, signals: Spool) -> Iterator[Stretch]:
         outside = block["outside_wrench"] if "outside_wrench" in block else np.zeros((time_s.size, 6))
         onsets_s = block.get("command_onset")
         opening = (None, None) if onsets_s is None else (onsets_s, opened)
-        whole = Stretch(time_s, readings, known, before, outside, -spent, *opening)
+        speeds = np.hstack([block[name] for name in wheels]) if wheels else None
+        if speeds is not None:  # without them a gyro does not show what has acted on the vehicle
+            readings[np.isnan(speeds).any(axis=1), : len(params.gyros(scenario))] = np.nan
+        whole = Stretch(time_s, readings, known, before, outside, -spent, *opening, speeds)
         unknown = np.asarray(np.isnan(commands[:-1]).any(axis=1))
         if "gap" in block:
             gap = block["gap"][:, 0] != 0.0
@@ -716,6 +726,7 @@ def _groups(made: Model) -> dict[str, NDArray[np.int_]]:
         "acceleration_bias": places.acceleration_bias,
         "gyro_scale": places.gyro_gain,
         "accelerometer_scale": places.accelerometer_gain,
+        "wheel": places.wheel,
     }
     return {kind: np.arange(part.start, part.stop) for kind, part in every.items()}
 
@@ -773,7 +784,7 @@ class _Cause(NamedTuple):
 def _named(worst: _Suspect, fit: Fit, made: Model, names: Names) -> _Cause:
     """Puts a failed test into words."""
     kind, group, size = worst.kind, worst.group, worst.score.size
-    if kind in ("thrust", "gyro_scale", "accelerometer_scale"):
+    if kind in ("thrust", "gyro_scale", "accelerometer_scale", "wheel"):
         return _of_many(worst, fit, made, names)
     if kind == "lag":
         return _Cause(kind, "lag wrong", group, 1.0)  # by how much, the fit with it says
@@ -805,6 +816,12 @@ def _of_many(worst: _Suspect, fit: Fit, made: Model, names: Names) -> _Cause:
         given = "nothing" if _DEAD[0] < gain < _DEAD[1] else f"{100.0 * (1.0 + gain):.3g} % of its thrust"
         words = "pushes the other way: its direction is reversed" if turned else f"gives {given} when told to fire"
         return _Cause("jet", f"jet {names.jets[best]} {words}", each[best].group, 3.0)
+    if kind == "wheel":
+        if not alone:
+            return _Cause(kind, "inertias of wheels are off by more than is stated", group, 1.0)
+        gain_of = f"its inertia is {1.0 + gain:.3g} times the stated one"
+        words = "turns the other way: its axis, or its speed, is reversed" if turned else gain_of
+        return _Cause(kind, f"wheel {names.wheels[best]}: {words}", each[best].group, 3.0)
     sensors = names.gyros if kind == "gyro_scale" else names.accelerometers
     axis = f"axis {sensors[best // 3]} {'xyz'[best % 3]}"
     if turned:

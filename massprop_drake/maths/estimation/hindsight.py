@@ -37,6 +37,7 @@ from massprop_drake.maths.estimation.joint.disturbance import NO_DISTURBANCE, Di
 from massprop_drake.maths.estimation.joint.impulses import LEAST_LAG, Lingering, fire, lingering
 from massprop_drake.maths.estimation.joint.prediction import PARABOLA
 from massprop_drake.maths.estimation.whitening import Gathering, Whitener, whitener
+from massprop_drake.maths.estimation.joint.wheels import NO_WHEELS, WheelParams
 from massprop_drake.maths.kernels import chosen, idiom, kernel, listed
 from massprop_drake.maths.linear_algebra import Array, crosses, is_positive_definite
 from massprop_drake.maths.mass_properties import ELEMENT
@@ -154,6 +155,7 @@ class Columns(NamedTuple):
     momentum: slice  # of wheels that turn steadily
     gyro_gain: slice
     accelerometer_gain: slice
+    wheel: slice  # errors of the wheels' inertias, relative
     shift: slice  # of elements 0 to 8, for each unit of propellant that is still to be used
 
 
@@ -176,6 +178,7 @@ class Model(NamedTuple):
         at_stamps: whether commands switch at the stamps, and not at regular ticks; None: not asked, at these.
         walks: of the rate and of the velocity by unmodeled torques and forces, 1-sigma after one second.
         disturbance: see `joint.disturbance`.
+        wheels: see `WheelParams`; what errors of their speeds make of the rate is in the gyros' variances.
         followed: whether coupling is with the rates that come of it, in place of those that are read.
     """
 
@@ -194,6 +197,7 @@ class Model(NamedTuple):
     at_stamps: bool | None = None
     walks: tuple[float, float] = (0.0, 0.0)
     disturbance: DisturbanceParams = NO_DISTURBANCE
+    wheels: WheelParams = NO_WHEELS
     followed: bool = False
 
 
@@ -214,6 +218,7 @@ class Stretch(NamedTuple):
         used_after: propellant that is used from each row to the end of the flight, slug or kg, shape (m,).
         onsets_s, before_onsets_s: of these commands, see `maths.vehicle.on_times`, shapes (m, n_jets) and (b, n_jets);
             None: jets switch with samples.
+        speeds: of the wheels, NaN where not read, rad/s, shape (m, n_wheels); None: there are none.
     """
 
     time_s: Array
@@ -224,6 +229,7 @@ class Stretch(NamedTuple):
     used_after: Array
     onsets_s: Array | None = None
     before_onsets_s: Array | None = None
+    speeds: Array | None = None
 
 
 class Normal(NamedTuple):
@@ -302,14 +308,15 @@ class ScoreTest(NamedTuple):
 
 def columns(model: Model) -> Columns:
     """Where the unknowns of a vehicle stand."""
-    return _columns(model.prior.shape[0], model.flows.shape[0], model.gyros, model.positions.shape[0])
+    parts = model.flows, model.positions, model.wheels.inertias
+    return _columns(model.prior.shape[0], model.gyros, *(part.shape[0] for part in parts))
 
 
 @cache
-def _columns(n_unknown: int, n_jets: int, n_gyros: int, n_accelerometers: int) -> Columns:
+def _columns(n_unknown: int, n_gyros: int, n_jets: int, n_accelerometers: int, n_wheels: int) -> Columns:
     of_gyros, of_accelerometers = 3 * n_gyros, 3 * n_accelerometers
-    n_lags = n_unknown - (_N + n_jets + 12 + of_gyros + 2 * of_accelerometers + _MASS)
-    sizes = (_N, n_jets, n_lags, 3, of_accelerometers, 3, 3, 3, of_gyros, of_accelerometers, _MASS)
+    n_lags = n_unknown - (_N + n_jets + 12 + of_gyros + 2 * of_accelerometers + n_wheels + _MASS)
+    sizes = (_N, n_jets, n_lags, 3, of_accelerometers, 3, 3, 3, of_gyros, of_accelerometers, n_wheels, _MASS)
     ends = list(accumulate(sizes))
     return Columns(*(slice(end - size, end) for end, size in zip(ends, sizes, strict=True)))
 
@@ -331,6 +338,7 @@ class _Read(NamedTuple):
     known: NDArray[np.bool_]  # whether any gyro has read the axis, (3,)
     to_use: Array  # propellant that is still to be used, in the middle of each interval, (m - 1,)
     readings: Array  # (n_packages, 3, m)
+    momenta: Array  # of each wheel, by its speeds as read and its inertia as stated, straight where none is, (w, 3, m)
 
 
 def _read(stretch: Stretch, model: Model) -> _Read:
@@ -346,8 +354,19 @@ def _read(stretch: Stretch, model: Model) -> _Read:
     lengths = np.full(late.shape[0] - 1, period)
     if model.at_stamps:
         lengths, late = np.diff(stretch.time_s), np.zeros_like(late)
-    to_use = 0.5 * (stretch.used_after[:-1] + stretch.used_after[1:])
-    return _Read(stretch, period, late, lengths, on, stretch.commands[:-1, on], rate, there, known, to_use, readings)
+    to_use, momenta = 0.5 * (stretch.used_after[:-1] + stretch.used_after[1:]), _momenta(stretch, model.wheels)
+    commands = stretch.commands[:-1, on]
+    return _Read(stretch, period, late, lengths, on, commands, rate, there, known, to_use, readings, momenta)
+
+
+def _momenta(stretch: Stretch, wheels: WheelParams) -> Array:
+    """J_k W_k a_k of each wheel at the rows, shape (w, 3, m); zero where nothing is read of one at all."""
+    if stretch.speeds is None:
+        return np.zeros((0, 3, stretch.time_s.size))
+    read = np.asarray(~np.isnan(stretch.speeds.T))
+    read[~read.any(axis=1)] = True
+    speeds = np.nan_to_num(_put_in(stretch.speeds.T, read))
+    return np.asarray((wheels.inertias[:, None] * wheels.axes)[:, :, None] * speeds[:, None])
 
 
 class _Course(NamedTuple):
@@ -470,7 +489,7 @@ def _mean(rates: Array) -> Array:
 
 
 def _put_in(rate: Array, there: NDArray[np.bool_]) -> Array:
-    """Rates, shape (3, m), with a straight line put in where none is there."""
+    """Rates, shape (k, m), with a straight line put in where none is there."""
     rows, rate = np.arange(rate.shape[1]), rate.copy()
     for axis in np.flatnonzero(~there.all(axis=1)).tolist():
         rate[axis] = np.interp(rows, rows[there[axis]], rate[axis, there[axis]])
@@ -512,19 +531,20 @@ def _moments(wrenches: Array, center: Array) -> Array:
     return moments
 
 
-def _bows(sums: _Sums, rate: Array, period_s: float, at: Array) -> Array:
+def _bows(sums: _Sums, rate: Array, held: Array, period_s: float, at: Array) -> Array:
     """Angular impulses of the bows of a rate, that by its own coupling included, see `joint.prediction`.
 
     Args:
         sums: see `_Sums`.
         rate: at the rows, shape (3, m).
+        held: angular momentum of the wheels, likewise.
         period_s: length of an interval.
         at: all unknowns, shape (n,).
 
     Returns:
         Of shape (3, 3, m - 1).
     """
-    momentum = np.linalg.inv(at[:6][ELEMENT]) @ rate
+    momentum = np.linalg.inv(at[:6][ELEMENT]) @ rate + held
     own = np.diff(crosses(rate.T, momentum.T).T) * (period_s / 12.0)
     bows = _moments(sums.bow, at[_CENTER])
     bows[0] += own
@@ -670,6 +690,7 @@ def _expected(at: Array, course: _Course, model: Model) -> _Expected:
     turned = np.tensordot(at[places.momentum], _CROSS, 1).T @ middle  # momentum of wheels crossed with the rate
     unknown = at[places.torque, None] - at[places.drag, None] * middle + turned
     impulse[:3] += model.period_s * unknown  # pure torques act about any point
+    impulse[:3] -= np.diff(_held(read, at, model))
     acting = wrenches @ course.level.T if read.late_s.any() else None
     late = None if acting is None else read.late_s * acting
     bow = (wrenches * course.shape[:, None]).reshape(18, read.on.size) @ course.lacking.T
@@ -695,8 +716,25 @@ def _expected(at: Array, course: _Course, model: Model) -> _Expected:
 
 def _gained_from(rate: Array, sums: _Sums, read: _Read, at: Array, model: Model) -> _Gained:
     """`_gained` with the coupling of rates at the rows as they are read, shape (3, m)."""
-    rate = rate - at[columns(model).gyro_bias, None]
-    return _gained(sums, _moving(rate), _bows(sums, rate, read.period_s, at), read.period_s, at)
+    rate, held = rate - at[columns(model).gyro_bias, None], _held(read, at, model)
+    bows = _bows(sums, rate, held, read.period_s, at)
+    if read.momenta.size:  # what turning the wheels' momentum takes, with the bow of the rate
+        bent = crosses((at[:6][ELEMENT] @ bows[0]).T, 0.5 * (held[:, :-1] + held[:, 1:]).T).T
+        impulse = sums.impulse.copy()
+        impulse[:3] -= read.period_s * (_crossed(rate, held) + bent)
+        sums = sums._replace(impulse=impulse)
+    return _gained(sums, _moving(rate), bows, read.period_s, at)
+
+
+def _held(read: _Read, at: Array, model: Model) -> Array:
+    """Angular momentum of the wheels at the rows, shape (3, m)."""
+    return np.tensordot(1.0 + at[columns(model).wheel], read.momenta, 1)
+
+
+def _crossed(rate: Array, momentum: Array) -> Array:
+    """Means over the intervals of w x h, both straight in between, shape (3, m - 1)."""
+    (w0, w1), (h0, h1) = ((each[:, :-1].T, each[:, 1:].T) for each in (rate, momentum))
+    return ((2.0 * crosses(w0, h0) + crosses(w0, h1) + crosses(w1, h0) + 2.0 * crosses(w1, h1)) / 6.0).T
 
 
 def _wrenches(at: Array, course: _Course, model: Model) -> Array:
@@ -731,7 +769,8 @@ def _design(expected: _Expected, at: Array, model: Model, wanted: NDArray[np.boo
     if there.any():
         there &= ((course.amount != 0.0) | (course.by_lag != 0.0)).any(axis=0)
     has = wanted.copy()
-    for group in (places.properties, places.lag, places.gyro_bias, places.torque, places.drag, places.momentum):
+    unknowns = places.lag, places.gyro_bias, places.torque, places.drag, places.momentum, places.wheel
+    for group in (places.properties, *unknowns):
         has[group] = wanted[group].any()
     has[places.properties], has[places.thrust], has[places.shift] = True, False, expected.by_shift is not None
     has[places.thrust][read.on[there]] = True
@@ -759,9 +798,34 @@ def _design(expected: _Expected, at: Array, model: Model, wanted: NDArray[np.boo
         by_rate[place[places.torque]] = turned[:, :, None] * np.arange(m)
     if has[places.drag].any():
         by_rate[place[places.drag]] = -turned[:, :, None] * ways[:, None]
+    if has[places.wheel].any():
+        by_rate[place[places.wheel]] = _by_wheels(expected, at, model)
+    if has[places.gyro_bias].any() and read.momenta.size:
+        by_rate[place[places.gyro_bias]] += _by_bias_of(_held(read, at, model), turned)
     if has[places.momentum].any():
         by_rate[place[places.momentum]] = crosses(ways.T[:, None], turned.T).transpose(2, 1, 0)
     return _Design(kept, place, by_rate, by_velocity, _with_initial(by_rate, place[places.gyro_bias], read))
+
+
+def _by_wheels(expected: _Expected, at: Array, model: Model) -> Array:
+    """Derivatives of the rate by the errors of the wheels' inertias, shape (w, 3, m)."""
+    read = expected.course.read
+    rate = read.rate - at[columns(model).gyro_bias, None]
+    result = np.empty((len(read.momenta), *rate.shape))
+    for turned, own in zip(result, read.momenta, strict=True):
+        turned[:] = at[:6][ELEMENT] @ _since(-np.diff(own) - read.period_s * _crossed(rate, own))
+    return result
+
+
+def _by_bias_of(held: Array, turned: Array) -> Array:
+    """Derivatives of the rate by gyro biases, as what turning the wheels' momentum takes depends on them.
+
+    Args:
+        held: momentum of the wheels at the rows, shape (3, m).
+        turned: rate by a torque of one over an interval, shape (3, 3).
+    """
+    summed = _since(0.5 * (held[:, :-1] + held[:, 1:]))
+    return np.asarray(np.einsum("ij,kjm->kim", turned, np.einsum("jkl,lm->kjm", _CROSS, summed)))
 
 
 def _with_initial(by_rate: Array, biases: NDArray[np.int_], read: _Read) -> Array:
@@ -845,18 +909,19 @@ def crossing(vectors: Array) -> Array:
     return np.asarray(np.tensordot(_CROSS, vectors, ((1,), (0,))))
 
 
-def coupled(straight: Array, rate: Array, lengths_s: Array, at: Array) -> Array:
-    """Changes of the rate with what coupling makes of them: D = G + integral of I^-1 ([I w x] - [w x] I) D.
+def coupled(straight: Array, rate: Array, held: Array, lengths_s: Array, at: Array) -> Array:
+    """Changes of the rate with what coupling makes of them: D = G + integral of I^-1 ([(I w + h) x] - [w x] I) D.
 
     Args:
         straight: G, the changes with the rates in coupling held, shape (3, c, m).
         rate: w, shape (3, m).
+        held: h, angular momentum of the wheels, shape (3, m).
         lengths_s: of the intervals, shape (m - 1,).
         at: all unknowns, for the inverse inertia.
     """
     inverse = at[:6][ELEMENT]
     inertia, half = np.linalg.inv(inverse), 0.5 * lengths_s[:, None, None]
-    crossed = crossing(inertia @ rate) - np.einsum("ijm,jk->ikm", crossing(rate), inertia)
+    crossed = crossing(inertia @ rate + held) - np.einsum("ijm,jk->ikm", crossing(rate), inertia)
     coupling = np.einsum("ij,jkm->mik", inverse, crossed)
     onward = np.linalg.inv(np.eye(3) - half * coupling[1:])  # by trapezoids
     before, gained = onward @ (np.eye(3) + half * coupling[:-1]), onward @ np.moveaxis(np.diff(straight), -1, 0)
@@ -886,6 +951,7 @@ class _Fixed(NamedTuple):
 
     turn: Array  # see `_turning`, (3, 3, m)
     rate: Array  # with its initial value, (3, m)
+    held: Array  # angular momentum of the wheels, (3, m)
     period_s: float  # length of an interval
     since_s: Array  # (m,)
     later: Array | None  # turn with each interval's part times the propellant that is still to be used, see `_Expected`
@@ -895,12 +961,12 @@ def _fixed(expected: _Expected, at: Array, model: Model) -> _Fixed:
     read, rate = expected.course.read, expected.rate
     off = np.where(read.there, read.rate - rate, 0.0).sum(axis=1, keepdims=True) / read.there.sum(axis=1, keepdims=True)
     whole = rate + off - at[columns(model).gyro_bias, None]
-    bowed = at[:6][ELEMENT] @ _bows(expected.sums, whole, read.period_s, at)
+    held = _held(read, at, model)
+    bowed = at[:6][ELEMENT] @ _bows(expected.sums, whole, held, read.period_s, at)
     since_s = read.stretch.time_s - read.stretch.time_s[0]
     turn = _turning(whole, _moving(whole), bowed, read.period_s)
-    return _Fixed(
-        turn, whole, read.period_s, since_s, None if expected.by_shift is None else _since(np.diff(turn) * read.to_use)
-    )
+    later = None if expected.by_shift is None else _since(np.diff(turn) * read.to_use)
+    return _Fixed(turn, whole, held, read.period_s, since_s, later)
 
 
 def _own(package: int, model: Model) -> tuple[slice, slice]:
@@ -1110,11 +1176,12 @@ def _followed(expected: _Expected, at: Array, model: Model) -> _Expected:
     first = expected.course.read
     bias, course, ones = at[columns(model).gyro_bias, None], first.rate, np.eye(3)[:, :, None]
     counts, lengths_s = first.there.sum(axis=1), np.full(course.shape[1] - 1, first.period_s)
+    held = _held(first, at, model)
     for _ in range(_ROUNDS):  # Newton's
         gained = expected.rate
         straight = (gained - gained[:, :1]) - (course - course[:, :1])
         start = np.repeat(ones, course.shape[1], axis=2)
-        both = coupled(np.concatenate((straight[:, None], start), axis=1), course - bias, lengths_s, at)
+        both = coupled(np.concatenate((straight[:, None], start), axis=1), course - bias, held, lengths_s, at)
         alone, by_start = both[:, 0], both[:, 1:]
         mean = np.where(first.there, first.rate - course - alone, 0.0).sum(axis=1) / counts
         by_mean = np.where(first.there[:, None], by_start, 0.0).sum(axis=2) / counts[:, None]
@@ -1133,7 +1200,8 @@ def _with_coupling(design: _Design, fixed: _Fixed, at: Array, model: Model) -> _
     straight = design.by_rate.copy()
     straight[place[place >= 0]] = 0.0
     begun = np.concatenate((straight - straight[..., :1], np.repeat(np.eye(3)[:, :, None], m, axis=2)))
-    changes = coupled(begun.swapaxes(0, 1), fixed.rate, np.full(m - 1, fixed.period_s), at).swapaxes(0, 1)
+    lengths_s = np.full(m - 1, fixed.period_s)
+    changes = coupled(begun.swapaxes(0, 1), fixed.rate, fixed.held, lengths_s, at).swapaxes(0, 1)
     by_start = changes[-3:]
     of_mean = np.linalg.inv(by_start.mean(axis=2)).T  # start by the mean of the rate: [i, j] is of component i by j
     by_mean = np.einsum("ij,ikm->jkm", of_mean, by_start)
@@ -1207,7 +1275,8 @@ def unexplained(stretches: Sequence[Stretch], model: Model) -> tuple[float, floa
         by_jets = np.zeros((n_jets, read.late_s.size))
         by_jets[read.on] = _since(expected.course.amount.T)
         products = _since(moving.square[np.triu_indices(3)])
-        turned.append(_without_mean(np.vstack((by_jets, products, read.rate))).T)
+        wheels = _by_wheels(expected, model.prior, model).sum(axis=0)
+        turned.append(_without_mean(np.vstack((by_jets, products, read.rate - wheels))).T)
         pushed += _pushed(expected, moving, model)
     inertia, mass = np.linalg.inv(model.prior[:6][ELEMENT]), 1.0 / model.prior[_MASS]
     rates = _left_over(turned, 3)

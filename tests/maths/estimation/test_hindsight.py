@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from joint_probe import INVERSE, PERIOD, TRUTH, read_as, small_params
 from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
 from massprop_drake.maths.estimation import hindsight
@@ -20,6 +21,7 @@ from massprop_drake.maths.estimation.joint.layout import make_places
 from massprop_drake.maths.estimation.joint.measurement import outputs
 from massprop_drake.maths.estimation.joint.prediction import drive, predict, propellant_drift
 from massprop_drake.maths.estimation.joint.ticks import on_ticks
+from massprop_drake.maths.estimation.joint.wheels import NO_WHEELS, WheelParams
 from massprop_drake.results.hindsight import Names, diagnosed
 
 Array = NDArray[np.float64]
@@ -118,9 +120,14 @@ def flight(
     return Flight(stretch, bound.deviation(least))
 
 
-def known(thrust: float = 0.01, lag: float = 0.2) -> tuple[Model, Columns]:
+WHEELS = WheelParams(
+    np.array([[0.6, 0.0, 0.8], [0.0, 1.0, 0.0]]), np.array([0.01, 0.02]), 0.0, np.full(2, 1e-3), np.full(2, 1e3)
+)
+
+
+def known(thrust: float = 0.01, lag: float = 0.2, wheels: WheelParams = NO_WHEELS) -> tuple[Model, Columns]:
     """What is stated of the small vehicle."""
-    prior = np.concatenate((TRUTH, np.zeros(6 + 2 + 3 + 3 + 3 + 3 + 3 + 3 + 3 + 9)))
+    prior = np.concatenate((TRUTH, np.zeros(6 + 2 + 3 + 3 + 3 + 3 + 3 + 3 + 3 + wheels.inertias.size + 9)))
     model = Model(
         PERIOD,
         PARAMS.wrenches,
@@ -133,11 +140,13 @@ def known(thrust: float = 0.01, lag: float = 0.2) -> tuple[Model, Columns]:
         gyros=1,
         prior=prior,
         sigma=np.zeros_like(prior),
+        wheels=wheels,
     )
     places = hindsight.columns(model)
     model.sigma[places.properties] = np.diag(PARAMS.start_root)
     model.sigma[places.thrust] = thrust
     model.sigma[places.lag] = lag * np.array([0.015, 0.03])
+    model.sigma[places.wheel] = 0.01
     return model, places
 
 
@@ -505,12 +514,49 @@ def test_the_score_is_the_slope_of_the_misfit_where_coupling_is_followed() -> No
     require_slopes(stretch, at, model._replace(followed=True), 2e-4)
 
 
+def turned_by_wheels(speeds: Array, errors: Array) -> Array:
+    """Rates at the rows of a vehicle that wheels alone turn, whose inertias are so much off, shape (m, 3)."""
+    inertia, axes = np.linalg.inv(INVERSE), (WHEELS.inertias * (1.0 + errors))[:, None] * WHEELS.axes
+    rates = np.zeros((speeds.shape[0], 3))
+    rates[0] = 0.05, -0.03, 0.04
+    for row, (before, after) in enumerate(pairwise(speeds)):
+        change = (after - before) / PERIOD
+
+        def flow(time_s: float, rate: Array, before: Array = before, change: Array = change) -> Array:
+            momentum = inertia @ rate + (before + change * time_s) @ axes
+            return np.asarray(-INVERSE @ (change @ axes + np.cross(rate, momentum)))
+
+        rates[row + 1] = solve_ivp(flow, (0.0, PERIOD), rates[row], rtol=1e-10, atol=1e-14).y[:, -1]
+    return rates
+
+
+@pytest.mark.parametrize("followed", [False, True])
+def test_wheels_turn_the_vehicle_as_they_are_read(followed: bool) -> None:
+    """Errors of their inertias are found, and slopes of the misfit are those of differences."""
+    (model, places), steps = known(wheels=WHEELS), np.arange(ROWS + 1)
+    speeds = np.column_stack((40.0 + 0.1 * steps, 30.0 * np.sin(0.1 * steps)))
+    errors, still = np.array([0.01, -0.02]), np.zeros((ROWS + 1, 6))
+    readings = np.full((ROWS + 1, 2, 3), np.nan)
+    noise = 1e-7 * np.random.default_rng(1).standard_normal((ROWS + 1, 3))
+    readings[:, 0] = turned_by_wheels(speeds, errors) + noise
+    stretch = flight(2).stretch._replace(readings=readings, commands=still, speeds=speeds, used_after=still[:, 0])
+    at = model.prior.copy()
+    at[places.gyro_bias], at[places.wheel] = (1e-5, -2e-5, 5e-6), (0.011, -0.018)
+    require_slopes(stretch, at, model._replace(followed=followed), 5e-3)
+    model.sigma[places.properties] *= 1e-3  # else both scales are one
+    fit = hindsight.fitted([stretch], model.prior, model)
+    np.testing.assert_allclose(fit.at[places.wheel], errors, atol=1e-3)
+    assert fit.normal.misfit < 1.5 * fit.normal.readings
+    model.sigma[places.wheel] = 0.0
+    assert hindsight.fitted([stretch], model.prior, model).normal.misfit > 100.0 * fit.normal.misfit
+
+
 def require_slopes(stretch: Stretch, at: Array, model: Model, tolerance: float) -> None:
     """Compares the score with slopes of the misfit by differences, to a share of the largest."""
     places, score = hindsight.columns(model), hindsight.normal(stretch, at, model).score
     sizes = np.concatenate((1e-4 * np.abs(TRUTH), np.full(at.size - 10, 1e-6)))
     tested = [*range(10), places.thrust.start + 2, *group(places.gyro_bias), places.torque.start]
-    tested += [places.drag.start + 1, places.momentum.start + 2, places.accelerometer_gain.start]
+    tested += [places.drag.start + 1, places.momentum.start + 2, places.accelerometer_gain.start, *group(places.wheel)]
     for unknown in tested:
         ends = []
         for sign in (1.0, -1.0):
