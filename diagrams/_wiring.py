@@ -7,7 +7,9 @@ from collections.abc import Container, Iterable
 from pydrake.systems import framework
 from pydrake.systems.framework import DiagramBuilder, System
 
+from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.systems.autopilot.wheel_schedule import WheelSchedule
 
 ONSETS = ("command_onset", "held_command_onset")  # ports beside those of commands, where jets open within a sample
 
@@ -45,6 +47,16 @@ def connect_estimation(
     builder.Connect(commander.GetOutputPort("held_command"), estimation.GetInputPort("jet_commands"))
     if commander.HasOutputPort("held_command_onset") and estimation.HasInputPort("held_command_onset"):
         builder.Connect(commander.GetOutputPort("held_command_onset"), estimation.GetInputPort("held_command_onset"))
+
+
+def connect_wheel_schedule(builder: DiagramBuilder, vehicle: framework.Diagram, scenario: Scenario) -> list[System]:
+    """Plays the prescribed torques of a vehicle's wheels to it; returns what plays them, nothing without wheels."""
+    if not scenario.vehicle_data.wheels:
+        return []
+    torques, period_s = params.wheel_torques(scenario), scenario.vehicle_data.sample_period_s
+    schedule = builder.AddSystem(WheelSchedule(torques, period_s=period_s))
+    builder.Connect(schedule.get_output_port(), vehicle.GetInputPort("wheel_torque"))
+    return [schedule]
 
 
 def export_outputs(builder: DiagramBuilder, systems: Iterable[System], *, but: Container[str] = ()) -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from massprop_drake.diagrams import autopilot, estimation, vehicle
-from massprop_drake.diagrams._wiring import built, connect_estimation, export_outputs
+from massprop_drake.diagrams._wiring import built, connect_estimation, connect_wheel_schedule, export_outputs
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 
@@ -48,5 +48,6 @@ def build(scenario: Scenario, *, findings: bool = False) -> Diagram:
         for name in ("estimate", "converged"):
             builder.Connect(estimators.GetOutputPort(name), pilot.GetInputPort(name))
 
-    export_outputs(builder, (body, pilot, estimators))
+    wheels = connect_wheel_schedule(builder, body, scenario)
+    export_outputs(builder, (body, pilot, estimators, *wheels))
     return built(builder, "closed_loop")

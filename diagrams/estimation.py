@@ -126,7 +126,8 @@ def _add_parts(builder: DiagramBuilder, scenario: Scenario, *, findings: bool) -
 
 def _add_cycle(builder: DiagramBuilder, scenario: Scenario) -> None:
     """A filter and its detector in one system, all ports of which but `predicted` are the diagram's."""
-    seen = scenario.vehicle_data.tracked if scenario.estimation.filter == "pose" else params.trackers(scenario)
+    vehicle = scenario.vehicle_data
+    seen = vehicle.tracked if scenario.estimation.filter == "pose" else (*params.trackers(scenario), *vehicle.wheels)
     estimator = builder.AddSystem(
         CycleEstimator(
             params.estimation_params(scenario),

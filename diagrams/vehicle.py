@@ -31,6 +31,7 @@ from massprop_drake.systems.vehicle.integrating_accelerometer import Integrating
 from massprop_drake.systems.vehicle.noise_source import NoiseSource, noise_seed
 from massprop_drake.systems.vehicle.rate_gyro import RateGyro
 from massprop_drake.systems.vehicle.reaction_jets import ReactionJets
+from massprop_drake.systems.vehicle.reaction_wheels import ReactionWheels
 from massprop_drake.systems.vehicle.rigid_body_plant import RigidBodyPlant
 from massprop_drake.systems.vehicle.trackers import PoseTracker, VelocityTracker
 
@@ -51,6 +52,7 @@ def build(scenario: Scenario, body: System | None = None, trackers: Sequence[Sys
         <gyro> (out, 3): measured rate, rad/s, body axes, for each package.
         <accelerometer> (out, 3): integrated specific force, ft/s or m/s, body axes, for each package.
         <pose> (out, 7), <velocity> (out, 3): see `PoseTracker` and `VelocityTracker`, for each sensor in a fixed frame.
+        wheel_torque (in, n), wheel_speeds (out, n), <wheel> (out, 1): see `ReactionWheels`; of a vehicle that has them.
         body_state (out, 23), structure (out, 9), mass_properties (out, 10): the truth, see
             `RigidBodyPlant`.
         thrust (out, n_jets): mean force over the coming sample, see `ReactionJets`.
@@ -110,7 +112,18 @@ def build(scenario: Scenario, body: System | None = None, trackers: Sequence[Sys
         builder.ExportOutput(sensor.GetOutputPort("reading"), package.name)
         sensors.append(sensor)
 
-    for tracker in (*(_tracker(seen, scenario) for seen in vehicle.tracked), *trackers):
+    if vehicle.wheels:
+        model, names = params.wheels_model(scenario), tuple(wheel.name for wheel in vehicle.wheels)
+        wheels = ReactionWheels(model, names, period_s=period, stepped=stepped, seed=scenario.seed)
+        builder.AddSystem(wheels)
+        builder.Connect(wheels.GetOutputPort("wheels"), body.GetInputPort("wheels"))
+        builder.ExportInput(wheels.GetInputPort("wheel_torque"), "wheel_torque")
+        for name in ("wheel_speeds", *names):
+            builder.ExportOutput(wheels.GetOutputPort(name), name)
+        sensors.append(wheels)
+
+    followed = (*vehicle.poses, *vehicle.velocities)
+    for tracker in (*(_tracker(seen, scenario) for seen in followed), *trackers):
         builder.AddSystem(tracker)
         for name in ("body_state", "structure"):
             builder.Connect(body.GetOutputPort(name), tracker.GetInputPort(name))
@@ -119,7 +132,7 @@ def build(scenario: Scenario, body: System | None = None, trackers: Sequence[Sys
 
     _connect_chance(builder, scenario, jets, [*pushed, *sensors, body])
     for port in map(body.get_input_port, range(body.num_input_ports())):
-        if port.get_name() not in (wrench, "seed"):
+        if port.get_name() not in (wrench, "seed", "wheels"):
             builder.ExportInput(port, port.get_name())
     export_outputs(builder, [body])
     builder.ExportOutput(jets.GetOutputPort("thrust"), "thrust")
@@ -162,6 +175,7 @@ def _body(scenario: Scenario, lag_time_constants_s: tuple[float, ...], pieces: i
         period_s=scenario.vehicle_data.sample_period_s,
         spread=params.mass_spread(scenario),
         seed=scenario.seed,
+        wheels=bool(scenario.vehicle_data.wheels),
         compiled=scenario.execution.compiled,
     )
 

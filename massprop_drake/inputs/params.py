@@ -58,6 +58,7 @@ from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, deviation
 from massprop_drake.maths.vehicle.joint_moves import Move
 from massprop_drake.maths.vehicle.on_times import levels_alone, most_pieces, shares
 from massprop_drake.maths.vehicle.reaction_jets import drawn_factors, jets_params, true_wrenches
+from massprop_drake.maths.vehicle.reaction_wheels import WheelsModel
 from massprop_drake.maths.vehicle.rigid_body import (
     RATE,
     Jump,
@@ -609,6 +610,33 @@ def commands(scenario: Scenario) -> tuple[Array, Array | None]:
             first, last = (math.ceil(time / period - 1e-9) for time in (pulse.start_s, pulse.end_s))
             table[first:last, jet] = 1.0
     return table, onset_s if most_pieces(table, onset_s, period) > 1 else None
+
+
+def wheels_model(scenario: Scenario) -> WheelsModel:
+    """The true reaction wheels, before their inertias are drawn."""
+    stated, plant = scenario.vehicle_data.wheels, scenario.plant
+    assert isinstance(plant, PlantBlock)  # which alone has wheels
+    known = wheels(scenario.vehicle_data)
+    return WheelsModel(
+        axes=known.axes,
+        inertias=known.inertias,
+        most=known.most * known.inertias,
+        quanta=np.array([wheel.quantum for wheel in stated]),
+        noise_std=np.array([wheel.noise_std for wheel in stated]),
+        dispersion=plant.wheel_dispersion,
+        start=np.array([plant.wheel_speeds.get(wheel.name, 0.0) for wheel in stated]),
+    )
+
+
+def wheel_torques(scenario: Scenario) -> Array:
+    """The prescribed torques of wheels, a row per sample, shape (n_samples, n_wheels)."""
+    vehicle = scenario.vehicle_data
+    names, period = [wheel.name for wheel in vehicle.wheels], vehicle.sample_period_s
+    table = np.zeros((sample_count(scenario), len(names)))
+    for pulse in scenario.wheel_schedule:
+        first, last = (math.ceil(time / period - 1e-9) for time in (pulse.start_s, pulse.end_s))
+        table[first:last, names.index(pulse.wheel)] = pulse.torque
+    return table
 
 
 def pieces(scenario: Scenario) -> int:

@@ -101,6 +101,22 @@ class JetPulse(Model):
         return self
 
 
+class WheelPulse(Model):
+    """An interval in which the motor of a reaction wheel gives a torque."""
+
+    wheel: Text = described(..., "name")
+    start_s: Real = described(..., "of the first sample with it", "s", ge=0.0, span=plausible.TIME)
+    end_s: Real = described(..., "of the first sample without it", "s", gt=0.0, span=plausible.TIME)
+    torque: Real = described(
+        ..., "on the wheel about its axis; the vehicle gets the opposite", "ft-lbf | N-m", span=plausible.OUTSIDE_TORQUE
+    )
+
+    @model_validator(mode="after")
+    def _ordered(self) -> WheelPulse:
+        _require_order(self.start_s, self.end_s)
+        return self
+
+
 def _require_order(start_s: float, end_s: float) -> None:
     if end_s <= start_s:
         raise ValueError(f"end_s must be later than start_s, got {moment(start_s)} to {moment(end_s)}")
@@ -201,6 +217,14 @@ class PlantBlock(_Plant):
     )
     dispersion: Dispersion = described(
         Dispersion(), "true mass properties are off those for good by this, drawn from the seed"
+    )
+    wheel_speeds: dict[Text, Real] = described({}, "of reaction wheels at the start, by name; others stand", "rad/s")
+    wheel_dispersion: Real = described(
+        0.0,
+        "the inertia of each wheel is off for good by a fraction of this 1-sigma, drawn from the seed",
+        "-",
+        ge=0.0,
+        le=0.3,
     )
 
 
@@ -950,6 +974,7 @@ class Scenario(Model):
     seed: Whole = described(0, "of everything drawn by chance", "-", ge=0, lt=2**63)
     maneuver: tuple[HandControllerWindow, ...] = described((), "hand-controller windows, flown by the autopilot")
     jet_schedule: tuple[JetPulse, ...] = described((), "jet commands prescribed instead, with no autopilot")
+    wheel_schedule: tuple[WheelPulse, ...] = described((), "torques of reaction wheels, prescribed")
     plant: Annotated[PlantBlock | MultibodyBlock, Field(discriminator="kind")] = described(
         PlantBlock(), "the true vehicle; each kind has keys of its own, rigid unless one is named"
     )
@@ -1017,6 +1042,7 @@ class Scenario(Model):
             *_overlaps("maneuver", [(f"{w.controller} {w.axis[1]}", w.start_s, w.end_s) for w in self.maneuver]),
             *_overlaps("failures", [(f.jet, f.start_s, f.end_s or math.inf) for f in self.failures]),
             *_overlaps("jet_schedule", [(p.jet, p.start_s, p.end_s) for p in self.jet_schedule]),
+            *_overlaps("wheel_schedule", [(p.wheel, p.start_s, p.end_s) for p in self.wheel_schedule]),
         ]
         if not problems and isinstance(self.vehicle, Vehicle):
             problems = check_against_vehicle(self, self.vehicle)
@@ -1153,6 +1179,11 @@ def check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[Fi
         require("jet", pulse.jet, vehicle.designations, "jet_schedule", index, "jet")
     for index, failure in enumerate(scenario.failures):
         require("jet", failure.jet, vehicle.designations, "failures", index, "jet")
+    wheels = [wheel.name for wheel in vehicle.wheels]
+    for index, turn in enumerate(scenario.wheel_schedule):
+        require("wheel", turn.wheel, wheels, "wheel_schedule", index, "wheel")
+    for name in scenario.plant.wheel_speeds if isinstance(scenario.plant, PlantBlock) else ():
+        require("wheel", name, wheels, "plant", "wheel_speeds", name)
     problems.extend(_open_twice(scenario, vehicle))
     problems.extend(_impossible_jumps(scenario, vehicle))
     faulty: list[str] = []
@@ -1218,6 +1249,8 @@ def _of_the_plant(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldP
             yield ("plant", "time_step"), problem
         if step == 0.0 and loop:
             yield ("execution", "engine"), f"{covers}, or leave out plant.time_step"
+        if vehicle.wheels and loop:
+            yield ("execution", "engine"), "loop does not cover reaction wheels; use diagram"
         return
     if loop:
         yield ("execution", "engine"), covers
@@ -1226,6 +1259,9 @@ def _of_the_plant(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldP
         yield ("jumps",), problem
     if vehicle.motion == "planar":
         problem = f"multibody does not go with vehicle '{vehicle.name}', which moves in a plane; use rigid"
+        yield ("plant", "kind"), problem
+    if vehicle.wheels:
+        problem = f"multibody does not go with vehicle '{vehicle.name}', whose wheels are no part of a model; use rigid"
         yield ("plant", "kind"), problem
 
 

@@ -47,6 +47,7 @@ _RESERVED = {
     *SIGNALS,
     *("time_s", "file", "jet", "known_force", "known_torque"),
     *("reaction_jets", "rigid_body", "disturbance", "noise_source", "noise_seed"),
+    *("reaction_wheels", "wheels", "wheel_speeds", "wheel_torque"),
     *("body_state", "structure", "mass_properties"),
     *("telemetry_source", "record_time"),
     *("closed", "held_closed", "command", "held_command", "held_command_onset", "jet_commands"),

@@ -34,6 +34,7 @@ _HOMES = {
     "RateGyro_": "vehicle.rate_gyro",
     "ReactionJets": "vehicle.reaction_jets",
     "ReactionJets_": "vehicle.reaction_jets",
+    "ReactionWheels": "vehicle.reaction_wheels",
     "RigidBodyPlant": "vehicle.rigid_body_plant",
     "RigidBodyPlant_": "vehicle.rigid_body_plant",
     "RotationEstimator": "estimation.rotation_estimator",
@@ -44,6 +45,7 @@ _HOMES = {
     "TelemetrySource": "estimation.telemetry_source",
     "Thrusters": "multibody.thrusters",
     "VelocityTracker": "vehicle.trackers",
+    "WheelSchedule": "autopilot.wheel_schedule",
 }
 
 __all__ = sorted(_HOMES)  # noqa: PLE0605 (the names are those of the mapping above)

@@ -252,7 +252,8 @@ def _outputs(stretch: Stretch, at: Array, rate: Array, biases: Array, model: Mod
         found, motion = hindsight.residuals(stretch._replace(readings=read), at, model)
         if np.isnan(rate).any():
             offset = np.nanmean(stretch.readings[:, :gyros] - biases - motion[:3].T[:, None], axis=(0, 1))
-        step = coupled((motion[:3] + offset[:, None] - course)[:, None], course, np.diff(stretch.time_s), at)[:, 0]
+        away, lengths_s = motion[:3] + offset[:, None] - course, np.diff(stretch.time_s)
+        step = coupled(away[:, None], course, np.zeros((3, m)), lengths_s, at)[:, 0]  # wheels confine nothing
         course = course + step
         if np.abs(step).max() <= _SMALL * np.abs(course).max():
             break

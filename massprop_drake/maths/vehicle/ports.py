@@ -148,25 +148,31 @@ class Motion(NamedTuple):
 
 
 @kernel
-def stepped(body: Array, profile: Array, constants: Any, held: Any) -> Array:
+def stepped(body: Array, profile: Array, wheels: Array, constants: Any, held: Any) -> Array:
     """The body after a step, shape (23,).
 
     Args:
         body: before it.
         profile: of the wrench, row by row; of a step of pieces, of each its length and this.
+        wheels: their angular momentum and its derivative, see `rigid_body.carrying`, shape (6,); empty: none.
         constants: holder of `rigid_body.Body`.
         held: holder of `Motion`.
 
     Raises:
         OutOfMassError, SpunUpError: see `rigid_body.step`.
     """
-    motion = held.value
+    motion, moved = held.value, constants.value
+    if wheels.size > 0:
+        moved = rigid_body.carrying(moved, wheels, 0.0)
     if motion.pieces == 1:
         rows = profile.reshape((-1, N_WRENCH))
-        return rigid_body.step(body, rows[0], rows[1:], motion.constants_s, motion.duration_s, constants.value)
-    parts = profile.reshape((motion.pieces, -1))
+        return rigid_body.step(body, rows[0], rows[1:], motion.constants_s, motion.duration_s, moved)
+    parts, since_s = profile.reshape((motion.pieces, -1)), 0.0
     for piece in range(motion.pieces):
         if parts[piece, 0] > 0.0:
+            if wheels.size > 0:
+                moved = rigid_body.carrying(moved, wheels, since_s)
             rows = parts[piece, 1:].reshape((-1, N_WRENCH))
-            body = rigid_body.step(body, rows[0], rows[1:], motion.constants_s, parts[piece, 0], constants.value)
+            body = rigid_body.step(body, rows[0], rows[1:], motion.constants_s, parts[piece, 0], moved)
+            since_s += parts[piece, 0]
     return body

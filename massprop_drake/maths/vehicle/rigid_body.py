@@ -17,7 +17,10 @@ With M the torque about the center of mass, F the force, both in body axes (2-30
     dw/dt = I^-1 (M - w x I w),    dv_N/dt = R F / m,    dm/dt = -flow,
     dV_O/dt = F / m - dw/dt x r_cm - w x (w x r_cm)
 
-Inertia and center of mass stay as they are while mass is used up, as in the thesis.
+Inertia and center of mass stay as they are while mass is used up, as in the thesis. Reaction wheels have an angular
+momentum h relative to the body, whose inertia I has them locked, which changes evenly in a step:
+
+    dw/dt = I^-1 (M - dh/dt - w x (I w + h))
 """
 
 from __future__ import annotations
@@ -115,11 +118,14 @@ class Body(NamedTuple):
     Attributes:
         inertia, inverse: six elements each, in the order 11, 22, 33, 23, 13, 12.
         center: center of mass in the vehicle frame, ft or m.
+        momentum, momentum_rate: h of the wheels at the start of a step, ft-lbf-s or N-m-s, and its time derivative.
     """
 
     inertia: tuple[float, ...]
     inverse: tuple[float, ...]
     center: tuple[float, ...]
+    momentum: tuple[float, float, float]
+    momentum_rate: tuple[float, float, float]
 
 
 def body_of(properties: MassProperties) -> Body:
@@ -128,7 +134,23 @@ def body_of(properties: MassProperties) -> Body:
         tuple(six_elements(properties.inertia).tolist()),
         tuple(six_elements(inverse(properties.inertia)).tolist()),
         tuple(np.asarray(properties.center_of_mass).tolist()),
+        (0.0, 0.0, 0.0),
+        (0.0, 0.0, 0.0),
     )
+
+
+@kernel
+def carrying(body: Body, wheels: Array, since_s: float = 0.0) -> Body:
+    """The constants of a body whose wheels have some momentum.
+
+    Args:
+        body: without them.
+        wheels: h at some time and its derivative, shape (6,).
+        since_s: time since then, s.
+    """
+    hx, hy, hz, dx, dy, dz = numbers(wheels, 6)
+    momentum = hx + since_s * dx, hy + since_s * dy, hz + since_s * dz
+    return Body(body.inertia, body.inverse, body.center, momentum, (dx, dy, dz))
 
 
 def packed_structure(properties: MassProperties) -> Array:
@@ -217,12 +239,12 @@ def derivative(state: Array, wrench: Array, body: Body) -> Array:
         wrench: torque about the vehicle origin, force, mass flow, body axes, shape (7,).
         body: constants of the motion.
     """
-    return _derivative(state, wrench, _NOTHING, body)
+    return _derivative(state, wrench, _NOTHING, body, 0.0)
 
 
 @kernel
-def _derivative(state: Array, wrench: Array, gathered: Array, body: Body) -> Array:
-    """Derivative of the state less its transient part.
+def _derivative(state: Array, wrench: Array, gathered: Array, body: Body, since_s: float) -> Array:
+    """Derivative of the state less its transient part, so long after the wheels have had their momentum.
 
     ``gathered`` is the impulse (torque about the vehicle origin, force, mass) that decaying thrust has
     given since the step began, and its mass flow now, shape (8,); empty: there is none. Its effect on rate,
@@ -261,9 +283,12 @@ def _derivative(state: Array, wrench: Array, gathered: Array, body: Body) -> Arr
         ax, ay, az = ax + gx * rate_of_mass, ay + gy * rate_of_mass, az + gz * rate_of_mass
         tx, ty, tz = wy * gz - wz * gy, wz * gx - wx * gz, wx * gy - wy * gx
     # Euler's equation
-    hx = ixx * wx + ixy * wy + ixz * wz
-    hy = ixy * wx + iyy * wy + iyz * wz
-    hz = ixz * wx + iyz * wy + izz * wz
+    px, py, pz = body.momentum
+    dx, dy, dz = body.momentum_rate
+    mx, my, mz = mx - dx, my - dy, mz - dz
+    hx = ixx * wx + ixy * wy + ixz * wz + (px + since_s * dx)
+    hy = ixy * wx + iyy * wy + iyz * wz + (py + since_s * dy)
+    hz = ixz * wx + iyz * wy + izz * wz + (pz + since_s * dz)
     nx, ny, nz = mx - (wy * hz - wz * hy), my - (wz * hx - wx * hz), mz - (wx * hy - wy * hx)
     ox = jxx * nx + jxy * ny + jxz * nz
     oy = jxy * nx + jyy * ny + jyz * nz
@@ -351,7 +376,7 @@ def step(
         if duration_s - elapsed - length < 1e-9 * duration_s:
             length = duration_s - elapsed
         amplitudes = [(row * math.exp(-elapsed / tau), tau) for row, tau in lagging]
-        state = _substep(state, steady, amplitudes, length, body)
+        state = _substep(state, steady, amplitudes, (elapsed, length), body)
         elapsed += length
     quaternion = state[QUATERNION]
     state[QUATERNION] = quaternion / np.sqrt(np.dot(quaternion, quaternion))
@@ -370,8 +395,10 @@ def _longest_substep(state: Array, steady: Array, lagging: list[_Decay], duratio
     cx, cy, cz = abs(body.center[0]), abs(body.center[1]), abs(body.center[2])
     torque = max(mx + cy * fz + cz * fy, my + cz * fx + cx * fz, mz + cx * fy + cy * fx)
     wx, wy, wz = numbers(np.abs(state[RATE]), 3)
-    rate = max(wx, wy, wz)
-    rate += torque * max(body.inverse[0], body.inverse[1], body.inverse[2]) * duration_s
+    rate, least_inertia = max(wx, wy, wz), max(body.inverse[0], body.inverse[1], body.inverse[2])
+    rate += torque * least_inertia * duration_s
+    for momentum, by_time in zip(body.momentum, body.momentum_rate):  # noqa: B905 (for numba)
+        rate += (abs(momentum) + abs(by_time) * duration_s) * least_inertia  # it nutates, and turns
     return math.inf if rate == 0.0 else _LARGEST_ANGLE / rate
 
 
@@ -380,9 +407,11 @@ def _substep(
     state: Array,
     target: Array,
     amplitudes: list[_Decay],
-    length: float,
+    during_s: tuple[float, float],
     body: Body,
 ) -> Array:
+    """The state after a substep, of which is given how long after the step's beginning it begins, and its length."""
+    since, length = during_s
     start = middle = end = _NOTHING
     if len(amplitudes) > 0:
         start, middle, end = (
@@ -391,10 +420,10 @@ def _substep(
             _gathered(amplitudes, length),
         )
     half = 0.5 * length
-    k1 = _derivative(state, target, start, body)
-    k2 = _derivative(state + half * k1, target, middle, body)
-    k3 = _derivative(state + half * k2, target, middle, body)
-    k4 = _derivative(state + length * k3, target, end, body)
+    k1 = _derivative(state, target, start, body, since)
+    k2 = _derivative(state + half * k1, target, middle, body, since + half)
+    k3 = _derivative(state + half * k2, target, middle, body, since + half)
+    k4 = _derivative(state + length * k3, target, end, body, since + length)
     state = state + (length / 6.0) * (k1 + 2.0 * (k2 + k3) + k4)
     if end.size:
         _add_transient(state, end[:N_WRENCH], body)

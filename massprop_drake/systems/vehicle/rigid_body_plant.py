@@ -33,6 +33,7 @@ from massprop_drake.systems.vehicle.noise_source import seed_in
 
 Array = NDArray[np.float64]
 
+_NO_WHEELS = np.zeros(0)
 _LEAST_TIME_S = 1e-9  # that the mass must last in a continuous plant, whose steps shrink with what is left
 
 
@@ -49,6 +50,8 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             wrench (in, 7, continuous plant only): torque about the vehicle origin (3), force (3), body
                 axes, and mass flow, at this instant. Required.
             wrench_profile (in, 7 (1 + n_lags), stepped plant only): see `ReactionJets`. Required.
+            wheels (in, 6, with wheels only): angular momentum of reaction wheels relative to the body, ft-lbf-s or
+                N-m-s, and its time derivative, see `ReactionWheels`. Required.
             seed (in, 1, with a spread only): varies the seed, see `noise_seed`. Optional.
             body_state (out, 23): see `rigid_body`. No feedthrough.
             structure (out, 9): inertia about the center of mass (11, 22, 33, 23, 13, 12) and center of mass. No
@@ -78,6 +81,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             period_s: sample period, s; needed with jumps.
             spread: of the true mass properties about the parameters, drawn by the seed; None: they are the parameters.
             seed: of the run.
+            wheels: whether the vehicle has reaction wheels.
             compiled: whether the step's kernel is.
 
         Attributes:
@@ -100,12 +104,14 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             period_s: float = 0.0,
             spread: Spread | None = None,
             seed: int = 0,
+            wheels: bool = False,
             compiled: bool = False,
             converter: Any = None,
         ) -> None:
             LeafSystem_[T].__init__(self, converter)
             self.set_name("rigid_body")
-            self._made = (properties, time_step, lag_time_constants_s, pieces, initial_rate, jumps, period_s, compiled)
+            made = lag_time_constants_s, pieces, initial_rate, jumps, period_s, wheels, compiled
+            self._made = (properties, time_step, *made)
             self._spread, self._seed = spread, seed
             self._time_step = time_step
             self._compiled = compiled and T is float and time_step != 0.0
@@ -139,6 +145,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 self._wrench = self.DeclareVectorInputPort("wrench_profile", size)
                 self._state = self.DeclareDiscreteState(vector)
                 self.DeclarePeriodicDiscreteUpdateEvent(period_sec=time_step, offset_sec=0.0, update=self._update)
+            self._wheels = self.DeclareVectorInputPort("wheels", 6) if wheels else None
             self._jumps = rigid_body.jumps_by_sample(jumps, period_s) if jumps else {}
             self._period_s = period_s
             self._structure_change = None
@@ -162,7 +169,8 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             refuse(T, f"plant '{other.get_name()}'", steps, "set plant.time_step: 0")
             chance = ["has mass properties that are drawn"] if other._spread is not None else []
             refuse(T, f"plant '{other.get_name()}'", chance, "leave out plant.dispersion, and set its parameters")
-            names = ("time_step", "lag_time_constants_s", "pieces", "initial_rate", "jumps", "period_s", "compiled")
+            names = ("time_step", "lag_time_constants_s", "pieces", "initial_rate", "jumps", "period_s")
+            names += ("wheels", "compiled")
             made = dict(zip(names, other._made[1:], strict=True))
             Plant._construct(self, properties, converter=converter, **made)
 
@@ -218,6 +226,8 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             if self._time_step == 0.0:
                 wrench = self._wrench.Eval(context)
                 (constants, *_), body = self._constants.get(context), self._body(context)
+                if self._wheels is not None:
+                    constants = rigid_body.carrying(constants, self._wheels.Eval(context))
                 if T is not Expression:
                     self._require_mass(context, body, wrench)
                 derivatives.get_mutable_vector().SetFromVector(rigid_body.derivative(body, wrench, constants))
@@ -246,8 +256,9 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             body, profile = context.get_discrete_state(self._state).CopyToVector(), self._wrench.Eval(context)
             _, constants, mass = self._constants.get(context)
             body[MASS] += mass
+            wheels = _NO_WHEELS if self._wheels is None else self._wheels.Eval(context)
             try:
-                after = self._kernel(body, profile, constants, self._held)
+                after = self._kernel(body, profile, wheels, constants, self._held)
             except (OutOfMassError, SpunUpError) as error:
                 raise error.at(value_of(context.get_time())) from None
             after[MASS] -= mass

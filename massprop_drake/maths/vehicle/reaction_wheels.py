@@ -1,0 +1,67 @@
+"""The true reaction wheels of a vehicle: what their motors make of their speeds, and what is read of these.
+
+A motor's torque u turns its wheel about its axis, J dW/dt = u, and the vehicle the other way. W is the speed relative
+to the vehicle; what the vehicle's own turning takes of u is left out, as a loop that controls the speed would have it.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.noise import Seed, normal_sample
+
+
+class WheelsModel(NamedTuple):
+    """The wheels.
+
+    Attributes:
+        axes: about which they turn, unit vectors, body axes, shape (n, 3).
+        inertias: about these, as stated, slug-ft^2 or kg-m^2, shape (n,).
+        most: largest torque of each motor, ft-lbf or N-m, shape (n,).
+        quanta, noise_std: of a reading of each speed, rad/s, zero: none, shape (n,).
+        dispersion: 1-sigma by which true inertias are off those for good, relative.
+        start: speeds at the start, rad/s, shape (n,).
+    """
+
+    axes: Array
+    inertias: Array
+    most: Array
+    quanta: Array
+    noise_std: Array
+    dispersion: float
+    start: Array
+
+
+def true_inertias(model: WheelsModel, seed: Seed) -> Array:
+    """Inertias as a seed draws them, shape (n,)."""
+    if model.dispersion == 0.0:
+        return model.inertias
+    drawn = normal_sample(seed, "reaction wheels", 0, model.inertias.size)
+    return np.asarray(model.inertias * (1.0 + model.dispersion * drawn))
+
+
+def acceleration(torque: Any, inertias: Array, model: WheelsModel) -> Any:
+    """What motors make of the speeds, rad/s^2, shape (n,); they give no more than they can."""
+    return np.clip(torque, -model.most, model.most) / inertias
+
+
+def momentum(speeds: Any, accelerations: Any, inertias: Array, model: WheelsModel) -> Any:
+    """Angular momentum of the wheels, body axes, and its time derivative, shape (6,)."""
+    arms = inertias[:, None] * model.axes
+    return np.concatenate((speeds @ arms, accelerations @ arms))
+
+
+def speed_read(speed: Any, noise: Any, place: int, model: WheelsModel) -> Any:
+    """What is read of a wheel's speed.
+
+    Args:
+        speed: rad/s.
+        noise: standard normal.
+        place: of the wheel.
+        model: see `WheelsModel`.
+    """
+    shown, step = speed + model.noise_std[place] * noise, model.quanta[place]
+    return shown if step == 0.0 else step * np.floor(shown / step + 0.5)

@@ -1,0 +1,98 @@
+"""The true reaction wheels."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from pydrake.common import RandomDistribution
+from pydrake.systems.framework import LeafSystem
+
+from massprop_drake.maths.vehicle.reaction_wheels import WheelsModel, acceleration, momentum, speed_read, true_inertias
+from massprop_drake.systems.caching import Cached
+from massprop_drake.systems.vehicle.noise_source import seed_in
+
+
+class ReactionWheels(LeafSystem):
+    """Spins reaction wheels up and down by the torques of their motors.
+
+    Ports:
+        wheel_torque (in, n): torque of each motor on its wheel over the coming sample, ft-lbf or N-m. Required.
+        noise (in, n): independent standard normal numbers, new at each sample. Required.
+        seed (in, 1): varies the seed, see `noise_seed`. Optional.
+        wheels (out, 6): angular momentum relative to the vehicle and its time derivative, body axes, see
+            `RigidBodyPlant`: for a stepped plant as the coming sample begins, for a continuous one at this instant.
+        wheel_speeds (out, n): rad/s. No feedthrough.
+        <wheel> (out, 1): what is read of the speed of each wheel, rad/s.
+
+    State: speeds at the last sample, rad/s (n), the accelerations that followed, rad/s^2 (n), and its time, s (1).
+
+    Timing: a torque at t_k acts on [t_k, t_k+1).
+
+    Args:
+        model: see `WheelsModel`.
+        names: of the wheels.
+        period_s: sample period, s.
+        stepped: whether the body is carried by steps of a sample.
+        seed: of the run.
+    """
+
+    def __init__(self, model: WheelsModel, names: tuple[str, ...], *, period_s: float, stepped: bool, seed: int):
+        super().__init__()
+        self.set_name("reaction_wheels")
+        self._model, self._seed, self._stepped = model, seed, stepped
+        n = self._n = len(names)
+        self._torque = self.DeclareVectorInputPort("wheel_torque", n)
+        self._noise = self.DeclareVectorInputPort("noise", n, RandomDistribution.kGaussian)
+        self._varied = self.DeclareVectorInputPort("seed", 1)
+        start = np.concatenate((model.start, np.zeros(n), [-period_s]))
+        self._state = self.DeclareDiscreteState(start)
+        self._period_s = period_s
+        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
+        varied, torque, noise = (
+            self.input_port_ticket(port.get_index()) for port in (self._varied, self._torque, self._noise)
+        )
+        self._inertias = Cached(self, "inertias", self._compute_inertias, {varied})
+        running = {self._inertias.ticket, self.time_ticket(), self.xd_ticket()}
+        self.DeclareVectorOutputPort(
+            "wheels", 6, self._calc_momentum, prerequisites_of_calc={*running, *((torque,) if stepped else ())}
+        )
+        self.DeclareVectorOutputPort("wheel_speeds", n, self._calc_speeds, prerequisites_of_calc=running)
+        for place, name in enumerate(names):
+
+            def calc(context: Any, output: Any, place: int = place) -> None:
+                speed, noise = self._speeds(context)[place], self._noise.Eval(context)[place]
+                output.SetFromVector([speed_read(speed, noise, place, model)])
+
+            self.DeclareVectorOutputPort(name, 1, calc, prerequisites_of_calc={*running, noise})
+
+    @property
+    def n_noise(self) -> int:
+        """Count of the numbers that it takes at each sample."""
+        return self._n
+
+    def _compute_inertias(self, context: Any) -> Any:
+        return true_inertias(self._model, seed_in(context, self._varied, self._seed))
+
+    def _speeds(self, context: Any) -> Any:
+        """Speeds at this instant, rad/s; at the first sample those of the start."""
+        state, n = context.get_discrete_state(self._state).CopyToVector(), self._n
+        return state[:n] + (context.get_time() - state[-1]) * state[n : 2 * n]
+
+    def _calc_speeds(self, context: Any, output: Any) -> None:
+        output.SetFromVector(self._speeds(context))
+
+    def _coming(self, context: Any) -> Any:
+        return acceleration(self._torque.Eval(context), self._inertias.get(context), self._model)
+
+    def _calc_momentum(self, context: Any, output: Any) -> None:
+        if self._stepped:
+            changing = self._coming(context)
+        else:
+            changing = context.get_discrete_state(self._state).CopyToVector()[self._n : 2 * self._n]
+        inertias = self._inertias.get(context)
+        output.SetFromVector(momentum(self._speeds(context), changing, inertias, self._model))
+
+    def _update(self, context: Any, state: Any) -> None:
+        after = np.concatenate((self._speeds(context), self._coming(context), [context.get_time()]))
+        state.set_value(self._state, after)
