@@ -278,8 +278,16 @@ class PoseMap(_Attitude):
     unit: LengthUnit = described("m", "of the position, such as mm")
 
 
+class WheelMap(_Read):
+    """The speed of a reaction wheel relative to the vehicle."""
+
+    kind: Literal["wheel"] = described(..., "speed of a reaction wheel")
+    column: Column = described(..., "column of the speed")
+    unit: Annotated[Text, _unit("rate")] = described("rad/s", "such as rpm")
+
+
 SensorMap = Annotated[
-    GyroMap | AccelerometerMap | VelocityMap | AttitudeMap | PoseMap,
+    GyroMap | AccelerometerMap | VelocityMap | AttitudeMap | PoseMap | WheelMap,
     Field(discriminator="kind"),
 ]
 

@@ -25,6 +25,7 @@ from massprop_drake.inputs.record_map import (
     RecordMap,
     RecordTime,
     VelocityMap,
+    WheelMap,
     rotation_of,
 )
 from massprop_drake.inputs.units import factor, is_of
@@ -62,10 +63,12 @@ COMPONENTS: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys(("gyro", "accelerometer", "velocity"), AXES),
     "attitude": ("q_w", "q_x", "q_y", "q_z"),
     "pose": (*AXES, "q_w", "q_x", "q_y", "q_z"),
+    "wheel": ("speed",),
 }
 _KINDS = {
     **{"gyros": "gyro", "accelerometers": "accelerometer", "velocities": "velocity"},
     "poses": "pose",
+    "wheels": "wheel",
 }  # of a map, by what the vehicle calls them; an attitude is a pose without position
 
 
@@ -74,11 +77,11 @@ class Channel(NamedTuple):
 
     Attributes:
         name: of the sensor.
-        kind: "gyro", "accelerometer", "velocity", "attitude" or "pose".
+        kind: "gyro", "accelerometer", "velocity", "attitude", "pose" or "wheel".
         time_s: of each sample, in the clock of the rows, strictly increasing, shape (n,).
         values: as COMPONENTS names them, in the vehicle's units and axes, NaN where missing, shape (n, m): rates,
             rad/s; accelerations or their integrals as `gives` says; velocities; positions; attitudes as quaternions
-            that turn body to world, scalar first.
+            that turn body to world, scalar first; speeds of wheels, rad/s.
         places: row of each sample in its topic, shape (n,).
         gives: of an accelerometer "integral", "increment", "mean" or "instant"; else "".
     """
@@ -172,7 +175,7 @@ def _require_of_the_vehicle(by: RecordMap, vehicle: Vehicle, source: str) -> Non
             problems.append(
                 f"{source}: sensors.{name}: is a {kinds[name]} of the vehicle, and the map has a {sensor.kind}"
             )
-        elif kind in ("gyro", "accelerometer") or kind in kinds.values() or vehicle.needs_pose_filter:
+        elif kind in ("gyro", "accelerometer", "wheel") or kind in kinds.values() or vehicle.needs_pose_filter:
             known = [one for one, of in kinds.items() if of == kind]
             hint = suggestion(name, known) or f"; it has no {kind}"
             problems.append(f"{source}: sensors.{name}: vehicle '{vehicle.name}' has no {kind} of this name{hint}")
@@ -336,6 +339,8 @@ class _Mapping:
             self._require_accelerations(name, topic, sensor, values, time_s)
         elif isinstance(sensor, VelocityMap):
             values = self._vector(topic, sensor, factor(sensor.unit, "velocity") / self._length, places)
+        elif isinstance(sensor, WheelMap):
+            values = topic.numbers(sensor.column)[places, None] * factor(sensor.unit, "rate")
         else:
             values = self._attitude(topic, sensor, places)
             self._require_turning(name, topic, sensor, values, time_s)
@@ -709,6 +714,10 @@ def table(record: Mapped, gyro: str | None) -> MappedTable:
     names, parts = ["time_s"], [time_s[:, None]]
     trackers = {tracker.name for tracker in vehicle.poses}
     for name, channel in record.channels.items():
+        if channel.kind == "wheel":
+            names.append(f"{name}_speed")
+            parts.append(_at(channel, time_s, vehicle.sample_period_s))
+            continue
         if name in trackers and channel.time_s.size:
             rates = _at(record.channels[gyro], time_s, vehicle.sample_period_s)
             names += [f"{name}_{part.replace('_', '')}" for part in COMPONENTS["attitude"]]

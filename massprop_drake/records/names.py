@@ -47,11 +47,13 @@ WORDS: Mapping[str, frozenset[str]] = {
     "velocity": frozenset({"v", "vel", "velocity", "speed", "linear"}),
     "position": frozenset({"p", "pos", "position", "r", "xyz", "translation"}),
 }
+WHEELS = frozenset({"wheel", "wheels", "rw", "rwa", "reactionwheel"})
 # beside those: no reading of the vehicle's own motion
 _NO_READINGS = frozenset(
     {"covariance", "cov", "std", "sigma", "variance", "bias", "error", "err", "innovation", "residual", "noise"}
     | {"cmd", "command", "commanded", "ref", "reference", "des", "desired", "target", "setpoint", "sp", "goal"}
-    | {"wheel", "wheels", "rw", "rwa", "motor", "rotor", "mag", "magnetometer", "sun", "torque", "force", "momentum"}
+    | WHEELS
+    | {"motor", "rotor", "mag", "magnetometer", "sun", "torque", "force", "momentum"}
     | {"temp", "temperature", "clipping", "flag", "status", "valid", "limit"}
 )
 _TURNING = {"roll": 0, "pitch": 1, "yaw": 2, "heading": 2, "psi": 2, "hdg": 2}

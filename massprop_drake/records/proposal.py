@@ -18,6 +18,7 @@ from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.records import evidence, mapping
 from massprop_drake.records.clocks import TopicClock, clock_fault, find_clock
 from massprop_drake.records.names import (
+    WHEELS,
     WORDS,
     ColumnName,
     JetColumns,
@@ -123,6 +124,7 @@ class _Search:
         self._free |= {
             "pose": [one.name for one in vehicle.poses],
             "velocity": [one.name for one in vehicle.velocities],
+            "wheel": [one.name for one in vehicle.wheels],
         }
         self._called = {kind: {_plainly(one) for one in self._free[kind]} for kind in ("gyro", "accelerometer")}
         self._scales: list[dict[str, Any]] = []  # of the commands, as a map has them, the likelier first
@@ -291,10 +293,29 @@ class _Search:
             if package:
                 self._add(package, {"kind": "velocity", "columns": _columns(members), "unit": unit})
                 self._say(f"{package}: {_listed(members)}, by their names")
+        self._add_wheels(names)
         quaternion = next((one for one in found.get("quaternion", []) if len(one) == 4), {})
         self._add_pose(position, angles, quaternion)
         if pairs:
             self._use_differences(topic, pairs)
+
+    def _add_wheels(self, names: Sequence[ColumnName]) -> None:
+        """Adds speeds of the vehicle's wheels: the columns that are called as these, or else all that are of wheels."""
+        of_wheels = [one for one in names if set(one.words) & WHEELS or one.unit == "rpm"]
+        called = {_plainly("".join(one.words)): one for one in names}
+        by_order = dict(zip(self._free["wheel"], of_wheels, strict=False)) if self._numbered(of_wheels) else {}
+        for name in list(self._free["wheel"]):
+            column = called.get(_plainly(name)) or called.get(_plainly(f"{name}speed")) or by_order.get(name)
+            if column is None:
+                continue
+            unit = self._unit({0: column}, "rate", "rad/s")
+            self._free["wheel"].remove(name)
+            self._add(name, {"kind": "wheel", "column": column.column, "unit": unit})
+            self._say(f"{name}: {column.column}, in {unit}, by its name")
+
+    def _numbered(self, columns: Sequence[ColumnName]) -> bool:
+        """Tests whether there is a column for every wheel of the vehicle."""
+        return len(columns) == len(self.vehicle.wheels)
 
     def _order(self, kind: str, members: Mapping[int, ColumnName]) -> tuple[bool, bool, bool]:
         """Order among groups of columns: those called as a package first, whole ones, readings before estimates."""

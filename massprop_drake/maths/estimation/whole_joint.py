@@ -114,14 +114,14 @@ class Past(NamedTuple):
         roots: of the same, shape (ONSETS, size, size).
         places: of each onset's among them, oldest first, shape (ONSETS,).
         links: of the last cycles, packed as `LINK`, each in the row of its number, shape (n, size of a link).
-        likelihoods: log likelihood that each of these added, nats, shape (n,).
+        excess: by how much less likely the readings of each of these were than expected, nats, shape (n,).
     """
 
     states: Array
     roots: Array
     places: NDArray[np.int_]
     links: Array
-    likelihoods: Array
+    excess: Array
 
 
 class Rows(NamedTuple):
@@ -267,8 +267,8 @@ def _watched(kept: Memory, desk: Desk, row: int, params: JointParams) -> tuple[M
         likelihood = found.tested.likelihood.max()
         if alarming(likelihood, found.tested.total.max()):
             return kept, False
-    newest = found.link.log_likelihood
-    if _usual(desk.past.likelihoods, found.since.cycles[0], cycle, newest) - newest > SURPRISE:
+    newest = 0.5 * (found.link.nis - found.link.degrees)
+    if newest - _usual(desk.past.excess, found.since.cycles[0], cycle, newest) > SURPRISE:
         return kept, False
     _remember(desk.past, after, found, cycle)
     _log(desk.rows, row, impulses, done, params)
@@ -293,15 +293,15 @@ def _remember(past: Past, after: JointState, found: Followed, cycle: float) -> N
     past.roots[place] = after.root
     fill(past.states[place], after)
     fill(past.links[int(cycle) % _LINKS], found.link)
-    past.likelihoods[int(cycle) % _LINKS] = found.link.log_likelihood
+    past.excess[int(cycle) % _LINKS] = 0.5 * (found.link.nis - found.link.degrees)
 
 
 @kernel
-def _usual(likelihoods: Array, oldest: float, cycle: float, newest: float) -> float:
-    """Log likelihood that a cycle adds in the mean between the oldest onset and the newest; of none, the newest's."""
+def _usual(excess: Array, oldest: float, cycle: float, newest: float) -> float:
+    """The mean of what cycles between the oldest onset and the newest added; of none, the newest's."""
     total, count = 0.0, 0
     for number in range(int(oldest) + 1, int(cycle)):
-        total += likelihoods[number % _LINKS]
+        total += excess[number % _LINKS]
         count += 1
     return total / count if count > 0 else newest
 
@@ -482,7 +482,7 @@ class Quiet:
         self._cycles.clear()
         for number, record in enumerate(records, start=tree.cycle - len(records) + 1):
             self._past.links[number % _LINKS] = layout.pack(record.link)
-            self._past.likelihoods[number % _LINKS] = record.link.log_likelihood
+            self._past.excess[number % _LINKS] = 0.5 * (record.link.nis - record.link.degrees)
             self._cycles.append(record.sample)
         fill(self._rules.detector_row, faults.unremarkable(detector))
         memory = Memory(

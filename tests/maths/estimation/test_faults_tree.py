@@ -16,9 +16,10 @@ from massprop_drake.maths.estimation.faults.declarations import (
     Word,
 )
 from massprop_drake.maths.estimation.faults.priors import Params
+from massprop_drake.maths.estimation.faults.proposals import Record, loss
 from massprop_drake.maths.estimation.faults.tree import probabilities
 from massprop_drake.maths.estimation.faults.verdicts import odds
-from massprop_drake.maths.estimation.joint.hypotheses import Kind, slot_of
+from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Kind, Score, slot_of
 
 ROUNDED, NOISY = make_params(quantum=3e-3), make_params()
 THRUSTS = NOISY.joint.thrusts
@@ -203,3 +204,17 @@ def test_a_force_is_known_as_well_as_its_filter_knows_it() -> None:
     row = NOISY.joint.places.force + slot_of(state, 3, 1)
     assert found.forces[3] == state.mean[row]
     assert found.sigmas[3] == pytest.approx(np.linalg.norm(state.root[row]))
+
+
+def test_a_sample_that_lacks_a_sensor_is_no_surprise() -> None:
+    """A tracker in every third sample adds to its log likelihood what others lack; misfit alone is news."""
+    flown = flight(NOISY, COMMANDS)
+    hypothesis, score, records = flown.tree.leader, NO_SCORE, []
+    for number in range(12):
+        tracked = 25.0 if number % 3 == 0 else 0.0
+        score = score.plus(Score(50.0 + tracked, 12.0, 12.0))
+        records.append(Record(None, None, score))
+    watch = hypothesis.watch._replace(records=tuple(records))
+    assert loss(hypothesis._replace(watch=watch)) == 0.0
+    off = Record(None, None, score.plus(Score(20.0, 42.0, 12.0)))
+    assert loss(hypothesis._replace(watch=watch._replace(records=(*records, off)))) == pytest.approx(15.0)

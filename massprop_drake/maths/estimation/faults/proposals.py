@@ -114,7 +114,6 @@ class Alarm(NamedTuple):
         scores: at each of its onsets.
         screen: see `Screen`.
         read: readings at the first onset, shape (m,).
-        usual: log likelihood that a cycle adds while its readings are explained, nats.
         drawn: age of the newest draw.
         rest: of that draw; None: nothing is left.
     """
@@ -124,7 +123,6 @@ class Alarm(NamedTuple):
     scores: tuple[Score, ...]
     screen: Screen
     read: Array
-    usual: float = 0.0
     drawn: int = -1
     rest: Rest | None = None
 
@@ -214,13 +212,16 @@ def _is_judged(evidence: JointEvidence, params: JointParams) -> bool:
 
 
 def loss(each: Hypothesis) -> float:
-    """By how much less likely the newest readings of a watched hypothesis are than its readings before, nats."""
+    """By how much less likely the newest readings of a watched hypothesis are than its readings before, nats.
+
+    Each as it is expected, since not every sample has a reading of every sensor.
+    """
     records = each.watch.records if each.watch is not None else ()
     if len(records) < _FEWEST + 1:
         return 0.0
-    first, last, newest = (records[place].score.likelihood for place in (0, -2, -1))
+    first, last, newest = (records[place].score.excess for place in (0, -2, -1))
     usual = (last - first) / (len(records) - 2)
-    return usual - (newest - last)
+    return newest - last - usual
 
 
 def surprised(each: Hypothesis, cycle: int, params: JointParams) -> Hypothesis:
@@ -260,9 +261,7 @@ def _alarm(bank: Bank, records: tuple[Record, ...], index: int, cycle: int, para
     for record in records[len(records) - (cycle - began) :]:
         screen = screens.screened(screen, record.link, params)
     scores = tuple(records[onset - cycle - 1].score for onset in onsets)
-    before = max(began - cycle + len(records) - 1, 1)  # cycles
-    usual = (scores[0].likelihood - records[0].score.likelihood) / before
-    return Alarm(cycle, tuple(bank.states[k] for k in chosen), scores, screen, read, usual)
+    return Alarm(cycle, tuple(bank.states[k] for k in chosen), scores, screen, read)
 
 
 # -------------------------------------------------------------------------------------------- draws
@@ -278,7 +277,8 @@ def drawn(each: Hypothesis, cycle: int, among: Sequence[Hypothesis], params: Par
         params: see `Params`.
     """
     alarm: Alarm = each.watch.alarm
-    explained = alarm.scores[0].likelihood + alarm.usual * (cycle - alarm.screen.onsets[0])
+    since = each.watch.records[-1].score.without(alarm.scores[0])
+    explained = alarm.scores[0].likelihood + since.likelihood + since.excess  # as if what has been read were expected
     level = explained + each.prior - 0.5 * alarm.screen.misfit
     births, left = ranked(each, alarm, level, among, params, off=_OFF)
     best = max(other.weight for other in among)

@@ -105,6 +105,11 @@ class Score(NamedTuple):
         return Score(*(whole - less for whole, less in zip(self, part, strict=True)))
 
     @property
+    def excess(self) -> float:
+        """By how much less likely its readings are than the predictions expect such readings to be, nats."""
+        return 0.5 * (self.nis - self.degrees)
+
+    @property
     def misfit(self) -> float:
         """NIS above its expectation in its own standard deviations."""
         return (self.nis - self.degrees) / max(np.sqrt(2.0 * self.degrees), 1.0)
