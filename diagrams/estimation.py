@@ -274,11 +274,10 @@ def _add_findings(builder: DiagramBuilder, scenario: Scenario) -> None:
             found[own if port.get_name() == "report" else port.get_name()] = port
     jets = len(scenario.vehicle_data.jets)
     layouts = {layout.name: layout.sized(jets=jets) for layout in _REPORTS if layout.name in found}
-    sensors = [package.name for package in (*params.gyros(scenario), *params.accelerometers(scenario))]
     monitor = builder.AddNamedSystem(
         "findings_monitor",
         FindingsMonitor(
-            FlightMonitor(scenario.vehicle_data, sensors, layouts),
+            FlightMonitor(scenario.vehicle_data, params.read(scenario), layouts),
             reports={name: layout.size for name, layout in layouts.items()},
             period_s=scenario.vehicle_data.sample_period_s,
         ),

@@ -363,6 +363,11 @@ def _trackers(scenario: Scenario) -> AttitudeSensors:
     return AttitudeSensors(attitude_std**2, time_std_s**2, outliers.copy())
 
 
+def read(scenario: Scenario) -> list[str]:
+    """Names of the sensors of three components that a filter reads, in its order: gyros, accelerometers, trackers."""
+    return [one.name for one in (*gyros(scenario), *accelerometers(scenario), *trackers(scenario))]
+
+
 def weighs(scenario: Scenario) -> bool:
     """Whether what is read shows the mass: by an accelerometer, or by where the vehicle is."""
     return bool(scenario.vehicle_data.accelerometers) or scenario.estimation.filter == "pose"
@@ -717,10 +722,10 @@ def jets(scenario: Scenario) -> Jets:
 
 
 def detector(scenario: Scenario) -> Detector | None:
-    """The detector that a scenario names; None: off, or the filter is not `pose` and has no accelerometer."""
+    """The detector that a scenario names; None: off, or one of the thesis, which needs an accelerometer."""
     if scenario.detector.kind == "off":
         return None
-    if scenario.estimation.filter != "pose" and not scenario.vehicle_data.accelerometers:
+    if scenario.estimation.filter == "thesis" and not scenario.vehicle_data.accelerometers:
         return None
     return DETECTORS[scenario.detector.kind]
 

@@ -218,8 +218,8 @@ def _whole(scenario: Scenario, signals: Spool) -> list[Stretch]:
 
 def _without_lies(parts: Sequence[Stretch], events: Iterable[EventRecord], names: Names) -> list[Stretch]:
     """Stretches without the readings that were said to be false, from when on until a while after it was said."""
-    lies = [each for each in events if each.kind == "false_reading"]
     sensors = [*names.gyros, *names.accelerometers]
+    lies = [each for each in events if each.kind == "false_reading" and each.sensor in sensors]
     found = list(parts)
     for number, part in enumerate(parts if lies else ()):
         readings = part.readings.copy()

@@ -149,8 +149,8 @@ class Estimator:
             `execution.compiled`; default: all at their defaults.
 
     Raises:
-        InputError: (a ValueError) when the scenario names what the vehicle does not have, or it has no
-            accelerometer.
+        InputError: (a ValueError) when the scenario names what the vehicle does not have, or it has no accelerometer
+            and the filters are those of the thesis.
     """
 
     def __init__(self, vehicle: Vehicle, scenario: Scenario | None = None):
@@ -158,8 +158,9 @@ class Estimator:
         problems = check_against_vehicle(scenario, vehicle)
         if problems:
             raise InputError(*(f"scenario: {dotted(path)}: {problem}" for path, problem in problems))
-        if not params.weighs(scenario):
-            raise InputError(f"vehicle '{vehicle.name}' has no accelerometer: its mass cannot be observed")
+        if scenario.estimation.filter == "thesis" and not params.weighs(scenario):
+            problem = "has no accelerometer, which the filters of the thesis need; use estimation.filter: joint"
+            raise InputError(f"vehicle '{vehicle.name}' {problem}")
         self._vehicle, self._scenario = vehicle, scenario
         self._made_with = made_with(scenario)
         self._gyros, self._accelerometers = params.gyros(scenario), params.accelerometers(scenario)
@@ -419,8 +420,7 @@ class Estimator:
         """Size and place of a jump, and which reading is false."""
         if math.isfinite(own.lying_component):
             component = int(own.lying_component)
-            packages = (*self._gyros, *self._accelerometers)
-            return {"sensor": packages[component // 3].name, "axis": AXES[component % 3]}
+            return {"sensor": params.read(self._scenario)[component // 3], "axis": AXES[component % 3]}
         there = bool(np.isfinite(own.jump_position).all())
         return {
             "mass": own.jump_mass,

@@ -154,7 +154,7 @@ class Intake:
         self.spool = Spool(folder, index="time_s")
         self.recent_s = np.array(() if earlier is None else earlier.recent_s, dtype=float)
         self._scenario, self._vehicle = scenario, scenario.vehicle_data
-        self._sensors = [package.name for package in (*params.gyros(scenario), *params.accelerometers(scenario))]
+        self._sensors = params.read(scenario)
         self._entries: list[DetectionRecord] = [] if earlier is None else list(earlier.detections)
         self._events: list[EventRecord] = [] if earlier is None else list(earlier.events)
         suspected = ((), ()) if earlier is None else (earlier.unconfirmed, earlier.commanded)

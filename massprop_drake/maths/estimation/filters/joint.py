@@ -144,7 +144,7 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
     of_accelerometers, acceleration_prior = _scaled(np.repeat(accelerometers.bias_std, 3))
     of_wheels, wheel_prior = _scaled(setup.wheel_uncertainty)
     uncertain = tuple(prior.shape[0] > 0 for prior in (gyro_prior, acceleration_prior, wheel_prior))
-    detects = options.detector.kind == "hypotheses" and counts[2] > 0
+    detects = options.detector.kind == "hypotheses"
     slots = options.faults.slots if detects else 0  # forces of failed jets, as states
     of_attitudes = np.repeat(setup.trackers.variances, 3)
     of_trackers = np.zeros_like(of_attitudes)

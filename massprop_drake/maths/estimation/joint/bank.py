@@ -11,7 +11,8 @@ jet j since the onset adds c_j f, c_j = (effect of unit force) x seconds, and
     T = e^T Y^-1 e,    l_j = (c_j^T Y^-1 e)^2 / (c_j^T Y^-1 c_j).
 
 The prediction need not be run for every onset: what the filter has learned since, D, is carried by the filter's own
-linearization (`sensitivity`), and e is the filter's innovation and H D. Mean over packages: six rows, rate first.
+linearization (`sensitivity`), and e is the filter's innovation and H D. Mean over packages: six rows, rate first; or
+three, where no accelerometer reads: then rates alone tell.
 """
 
 from __future__ import annotations
@@ -223,26 +224,29 @@ def _dispensable(ages: Array) -> int:
 
 
 def averaging(read: Array, places: Places) -> Array | None:
-    """Means over the packages that read, rate first, shape (6, m); None where an axis has no reading."""
+    """Means over the packages that read, rate first, shape (6 or 3, m); None where an axis has no rate."""
     weights, complete = _averaging(read, places)
     return weights if complete else None
 
 
 @kernel
 def _averaging(read: Array, places: Places) -> tuple[Array, bool]:
-    """The means, and whether every axis has a reading."""
-    weights, complete = np.zeros((6, read.shape[0])), True
+    """The means, and whether every axis has a rate."""
+    weights, turns, moves = np.zeros((6, read.shape[0])), True, True
     for row, begin, packages in ((0, 0, places.gyros), (3, 3 * places.gyros, places.accelerometers)):
         for axis in range(3):
             present = 0
             for package in range(packages):
                 if not np.isnan(read[begin + 3 * package + axis]):
                     present += 1
-            complete = complete and present > 0
+            if row == 0:
+                turns = turns and present > 0
+            else:
+                moves = moves and present > 0
             for package in range(packages):
                 if not np.isnan(read[begin + 3 * package + axis]):
                     weights[row + axis, begin + 3 * package + axis] = 1.0 / present
-    return weights, complete
+    return weights if moves else weights[:3].copy(), turns
 
 
 def tested(bank: Bank, over: Link, least: float, params: JointParams) -> Telescoped | None:
@@ -309,8 +313,8 @@ def _resolved(looked_at: np.ndarray, covariance: Array, variances: Array) -> tup
 
     Args:
         looked_at: which onsets, shape (k,).
-        covariance: of the averaged outputs from each, their readings' own included, shape (k, 6, 6).
-        variances: of the readings, averaged, shape (6,).
+        covariance: of the averaged outputs from each, their readings' own included, shape (k, r, r).
+        variances: of the readings, averaged, shape (r,).
     """
     resolved = np.ones(looked_at.shape[0], dtype=np.bool_)
     for place in range(looked_at.shape[0]):
@@ -320,8 +324,8 @@ def _resolved(looked_at: np.ndarray, covariance: Array, variances: Array) -> tup
 
 @kernel
 def _on_outputs(jacobian: Array, places: Places) -> Array:
-    """Derivative of the averaged outputs by w and by what all c gather, shape (6, 6)."""
-    result = np.zeros((6, 6))
+    """Derivative of the averaged outputs by w and by what all c gather, shape (r, 6)."""
+    result = np.zeros((jacobian.shape[0], 6))
     result[:, :3] = jacobian[:, RATE]
     for package in range(places.accelerometers):
         result[:, 3:] += jacobian[:, VELOCITY + 3 * package : VELOCITY + 3 * package + 3]
@@ -329,7 +333,7 @@ def _on_outputs(jacobian: Array, places: Places) -> Array:
 
 
 def output_rows(bank: Bank, index: int, jacobian: Array, params: JointParams) -> Array:
-    """M: derivative of the averaged outputs now by the state at an onset, shape (6, size)."""
+    """M: derivative of the averaged outputs now by the state at an onset, shape (r, size)."""
     return _output_rows(Since(*bank[1:]), index, jacobian, _on_outputs(jacobian, params.places), params)
 
 
@@ -355,7 +359,7 @@ def _covariances(
     derivatives: tuple[Array, Array],
     params: JointParams,
 ) -> Array:
-    """Covariance of the prediction's averaged outputs from each onset, shape (number, 6, 6).
+    """Covariance of the prediction's averaged outputs from each onset, shape (number, r, r).
 
     Args:
         since, roots: of the onsets.
@@ -364,7 +368,7 @@ def _covariances(
         params: see `JointParams`.
     """
     jacobian, on_outputs = derivatives
-    result = np.empty((looked_at.shape[0], 6, 6))
+    result = np.empty((looked_at.shape[0], jacobian.shape[0], jacobian.shape[0]))
     for place in range(looked_at.shape[0]):
         index = looked_at[place]
         rows = _output_rows(since, index, jacobian, on_outputs, params)
@@ -390,7 +394,7 @@ class Followed(NamedTuple):
         link: see `Link`.
         tested: see `Telescoped`.
         some: whether it says anything.
-        complete: whether there was a reading of every axis.
+        complete: whether there was a rate about every axis.
         since: after the cycle.
         keep: indices of the onsets that stay.
     """
@@ -425,7 +429,7 @@ def followed(since: Since, roots: Roots, seen: Traces, cycle: float, least: floa
 def followed_on(
     bank: Bank, seen: Traces, state: JointState, cycle: int, least: float, params: JointParams
 ) -> tuple[Link, Telescoped | None, bool, Bank]:
-    """`followed`, compiled where it is to be: link, test, whether there was a reading of every axis, and the bank.
+    """`followed`, compiled where it is to be: link, test, whether there was a rate about every axis, and the bank.
 
     Args:
         bank, seen, cycle, least: see `followed`.
