@@ -142,7 +142,8 @@ def _verdict(run: Run) -> list[dict[str, Any]]:
         say(None, "The mass is not observable: no accelerometer was read.")
     for good, text in _of_failures(results, run.scenario.vehicle_data.unit_names):
         say(good, text)
-    lying = list(dict.fromkeys(f"{one.sensor}_{one.axis}" for one in results.events if one.kind == "false_reading"))
+    false = [one for one in results.events if one.kind == "false_reading"]
+    lying = list(dict.fromkeys("_".join(filter(None, (one.sensor, one.axis))) for one in false))
     if lying:
         say(False, f"Read falsely: {', '.join(lying)}.")
     if any(one.kind == "unexplained" for one in results.events):

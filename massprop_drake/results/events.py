@@ -51,7 +51,7 @@ class EventRecord(NamedTuple):
         pattern: of an erratic jet, "intermittent" (its force comes and goes) or "drifting".
         mass, mass_std: gained in a jump (released: negative), slug or kg; None while no filter of it fits.
         position, position_std: where, vehicle frame, ft or m.
-        sensor, axis: package and axis of a false reading.
+        sensor, axis: package and axis of a false reading; of a wheel "speed"; None: the attitude of a tracker.
         statistic, alarms: likelihood argument, None where there is none, and how many alarms led to it.
         jet_index: index of the likeliest jet of the vehicle, while the run goes on; None in a summary.
     """
@@ -107,6 +107,20 @@ def said(
     return found[len(earlier) :]
 
 
+def reading_of(component: int, sensors: Sequence[str], vehicle: Vehicle) -> tuple[str, str | None]:
+    """Sensor and axis of a reading that is false, see `EventRecord`.
+
+    Args:
+        component: see `joint.hypotheses.Cause`.
+        sensors: of three components each, in the filter's order.
+        vehicle: for its wheels.
+    """
+    beyond, wheels = component - 3 * len(sensors), vehicle.wheels
+    if beyond < 0:
+        return sensors[component // 3], AXES[component % 3]
+    return (wheels[beyond].name, "speed") if beyond < len(wheels) else (vehicle.poses[beyond - len(wheels)].name, None)
+
+
 def _without_nan(event: EventRecord) -> EventRecord:
     """An event with None for what a detector left NaN, which no file can hold."""
     lacking: dict[str, Any] = {
@@ -160,10 +174,8 @@ def _by_hypotheses(
             **how,
         )
     if not np.isnan(row["lying_component"][0]):
-        component = int(row["lying_component"][0])
-        yield EventRecord(
-            time_s, "false_reading", at["onset"], sensor=sensors[component // 3], axis=AXES[component % 3], **how
-        )
+        sensor, axis = reading_of(int(row["lying_component"][0]), sensors, vehicle)
+        yield EventRecord(time_s, "false_reading", at["onset"], sensor=sensor, axis=axis, **how)
     if not np.isnan(row["unexplained_since"][0]):
         yield EventRecord(time_s, "unexplained", float(row["unexplained_since"][0]), **how)
 
@@ -234,7 +246,10 @@ def in_words(event: EventRecord, units: Mapping[str, str]) -> str:
             told = f": {size}{f' at {where}' if where else ''}" if size else ""
             return f"{of}, seen after {event.onset_s:.2f} s{told}{'; how large it is will show' if unknown else ''}"
         case "false_reading":
-            return f"{event.sensor}_{event.axis} reads falsely {since}; it is left out until it fits again"
+            if event.axis is None:
+                return f"{event.sensor} reads another attitude {since}, and turns on from there"
+            until = "for good" if event.axis == "speed" else "until it fits again"
+            return f"{event.sensor}_{event.axis} reads falsely {since}; it is left out {until}"
         case _:
             return (
                 f"something {since} that no failed jet, no jump and no false reading explains; "

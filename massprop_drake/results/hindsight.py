@@ -219,9 +219,12 @@ def _whole(scenario: Scenario, signals: Spool) -> list[Stretch]:
 def _without_lies(parts: Sequence[Stretch], events: Iterable[EventRecord], names: Names) -> list[Stretch]:
     """Stretches without the readings that were said to be false, from when on until a while after it was said."""
     sensors = [*names.gyros, *names.accelerometers]
-    lies = [each for each in events if each.kind == "false_reading" and each.sensor in sensors]
-    found = list(parts)
-    for number, part in enumerate(parts if lies else ()):
+    false = [each for each in events if each.kind == "false_reading"]
+    lies, found = [each for each in false if each.sensor in sensors], list(parts)
+    unheard_s = min((each.onset_s for each in false if each.sensor in names.wheels), default=math.inf)
+    if unheard_s < math.inf:  # then gyros do not show what has acted on the vehicle, and it may be so from there on
+        found = [cut for part in parts if (cut := _until(part, unheard_s)).time_s.size > 2]
+    for number, part in enumerate(found if lies else ()):
         readings = part.readings.copy()
         for lie in lies:
             rows = (part.time_s > lie.onset_s) & (part.time_s <= lie.time_s + _LIES_ON_S)

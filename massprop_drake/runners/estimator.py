@@ -26,11 +26,11 @@ from massprop_drake.maths.mass_properties import converged_rows
 from massprop_drake.maths.possible_inertia import nearest_possible
 from massprop_drake.maths.vehicle.on_times import levels_alone, told_onsets
 from massprop_drake.maths.vehicle.sensing import unsaturated
+from massprop_drake.results.events import reading_of
 from massprop_drake.results.stored import FORMAT, EstimatorState, FilterState, made_with, require_made_with
 from massprop_drake.results.summary import kept_onsets, null_for_nan
 from massprop_drake.runners.cycles import RecordRows, Whole
 from massprop_drake.runners.logs import EstimationLog, kept, restored
-from massprop_drake.signals import AXES
 from massprop_drake.telemetry.tables import LARGEST
 
 Array = NDArray[np.float64]
@@ -419,8 +419,8 @@ class Estimator:
     def _of_no_jet(self, own: Any) -> dict[str, Any]:
         """Size and place of a jump, and which reading is false."""
         if math.isfinite(own.lying_component):
-            component = int(own.lying_component)
-            return {"sensor": params.read(self._scenario)[component // 3], "axis": AXES[component % 3]}
+            named = reading_of(int(own.lying_component), params.read(self._scenario), self._vehicle)
+            return dict(zip(("sensor", "axis"), named, strict=True))
         there = bool(np.isfinite(own.jump_position).all())
         return {
             "mass": own.jump_mass,

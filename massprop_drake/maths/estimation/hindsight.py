@@ -36,8 +36,8 @@ from numpy.typing import NDArray
 from massprop_drake.maths.estimation.joint.disturbance import NO_DISTURBANCE, DisturbanceParams
 from massprop_drake.maths.estimation.joint.impulses import LEAST_LAG, Lingering, fire, lingering
 from massprop_drake.maths.estimation.joint.prediction import PARABOLA
-from massprop_drake.maths.estimation.whitening import Gathering, Whitener, whitener
 from massprop_drake.maths.estimation.joint.wheels import NO_WHEELS, WheelParams
+from massprop_drake.maths.estimation.whitening import Gathering, Whitener, whitener
 from massprop_drake.maths.kernels import chosen, idiom, kernel, listed
 from massprop_drake.maths.linear_algebra import Array, crosses, is_positive_definite
 from massprop_drake.maths.mass_properties import ELEMENT

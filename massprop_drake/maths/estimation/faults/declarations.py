@@ -76,7 +76,7 @@ class ReadingDeclared(NamedTuple):
     """A reading that lies.
 
     Attributes:
-        component: index among all, gyros first.
+        component: index among all, gyros first, see `joint.hypotheses.Cause`.
         onset_s: before its first wrong sample.
     """
 

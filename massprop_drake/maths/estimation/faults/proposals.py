@@ -23,6 +23,7 @@ from massprop_drake.maths.estimation.joint.guard import knows_rotation
 from massprop_drake.maths.estimation.joint.hypotheses import (
     DRIFT,
     JUMP_SHARES,
+    TURNED,
     Cause,
     Kind,
     Runner,
@@ -35,7 +36,9 @@ from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.screen import PAIR_PRIOR, Contender, Screen
 from massprop_drake.maths.estimation.joint.sensitivity import Link, Traces, linked, traces
 from massprop_drake.maths.estimation.joint.unknown import is_anything
+from massprop_drake.maths.estimation.joint.wheels import size_of
 from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.mass_properties import ELEMENT
 
 _SHARE = 0.7  # of the largest statistic: older onsets explain the end point as well
 _SINGLES, _PAIRS = 12, 24  # proposals of a draw: compute budget
@@ -287,6 +290,7 @@ def drawn(each: Hypothesis, cycle: int, among: Sequence[Hypothesis], params: Par
         child = _pushed(each, push, alarm, params)
         spent = _NATS_OF_A_PUSH * (cycle - alarm.screen.onsets[0]) * (1.0 + 0.3 * math.log10(push))
         births.append(Birth(child, explained - best + child.prior - spent, None, _NEAR))
+    births += _false(each, alarm, explained - best, cycle, params)
     return births, left
 
 
@@ -612,6 +616,39 @@ def _jumps(each: Hypothesis, alarm: Alarm, level: float, params: Params) -> list
             run = Runner(Cause(Kind.JUMP), onset, (), onset, state, score, share=share)
             child = _born(each, run, prior, params.joint)
             found.append(Birth(child, level + lead + child.prior - each.prior, None, _NEAR))
+    return found
+
+
+def _false(each: Hypothesis, alarm: Alarm, entry: float, cycle: int, params: Params) -> list[Birth]:
+    """Proposals that the speed of a wheel is false, or that the attitude of the tracker has jumped.
+
+    Of several trackers one that jumps contradicts the others, and lies.
+
+    Args:
+        each: the hypothesis.
+        alarm: see `Alarm`.
+        entry: log weight, over that of the likeliest, of what explains all.
+        cycle: number of the newest sample.
+        params: see `Params`.
+    """
+    joint, found = params.joint, list[Birth]()
+    places, inverse = joint.places, each.run.state.mean[:6][ELEMENT]
+    finest = float(np.sqrt(joint.variances[: 3 * places.gyros].min(initial=np.inf)))
+    causes = []
+    for wheel in range(places.wheels):
+        if math.isnan(each.run.state.assumed[wheel]):
+            wide = size_of(wheel, inverse, each.watch.records[-1].link.duration_s, joint.wheels) / finest
+            causes.append((Cause(Kind.SPEED, component=places.outputs + wheel), 0.0, math.log1p(wide)))
+    if places.trackers == 1:
+        wide = TURNED / math.sqrt(float(joint.trackers.variances[0]))
+        causes.append((Cause(Kind.TURN, component=places.outputs + places.wheels), 3.0 * math.log1p(wide), 0.0))
+    for cause, at_once, by_sample in causes:
+        for place, onset in enumerate(alarm.screen.onsets):
+            state, score = alarm.states[place], alarm.scores[place]
+            prior = log_rate(params.priors.reading_per_hour, _seconds(alarm, place))
+            child = _born(each, Runner(cause, onset, (), onset, state, score), prior, joint)
+            spent = at_once + by_sample * (cycle - onset)
+            found.append(Birth(child, entry + child.prior - spent, None, _NEAR))
     return found
 
 

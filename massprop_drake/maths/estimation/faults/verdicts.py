@@ -169,7 +169,8 @@ def judged(verdicts: Verdicts, tree: Tree, params: Params) -> tuple[Verdicts, tu
 
 def _enough(part: Part, priors: Priors) -> float:
     """Probability at which a part is declared: of what is more common than that a jet fails, a larger one."""
-    rates = {Kind.JUMP: priors.payload_per_hour, Kind.LIES: priors.reading_per_hour}
+    rates = dict.fromkeys((Kind.LIES, Kind.SPEED, Kind.TURN), priors.reading_per_hour)
+    rates[Kind.JUMP] = priors.payload_per_hour
     return 1.0 - priors.doubt(max(rates.get(part[0], 0.0), priors.jet_per_hour))
 
 
@@ -246,7 +247,7 @@ def _declared(part: Part, verdicts: Verdicts, tree: Tree, params: JointParams) -
     match part[0]:
         case Kind.JUMP:
             return verdicts._replace(earlier=holder.earlier), [JumpDeclared(False, event.onset_s, *UNKNOWN)]
-        case Kind.LIES:
+        case Kind.LIES | Kind.SPEED | Kind.TURN:
             return verdicts, [ReadingDeclared(event.cause.component, event.onset_s)]
         case _:
             begins = part[2] % 2 == 0  # pushes begin and end in turn

@@ -265,6 +265,7 @@ def initial(params: JointParams) -> JointState:
         guarded=False,
         firing_count=0.0,
         lag_open=np.zeros(places.n_lag),
+        assumed=np.full(places.wheels, np.nan),
     )
 
 
@@ -816,6 +817,7 @@ def _learned(
         state.guarded,
         state.firing_count,
         state.lag_open,
+        state.assumed,
     )
 
 

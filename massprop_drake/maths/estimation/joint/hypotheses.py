@@ -7,6 +7,8 @@ r"""What a hypothesis is: the joint filter's own cycle from another state, and h
     jump    rebased, the ten parameters uncertain again, see `jump_sigma`, s one of `JUMP_SHARES`; guard and settling
             begin anew; in its own interval jets may have given otherwise by that share
     lies    one component is not read from the onset on, until it fits again
+    speed   the speed of a wheel is not believed from the onset on, for good: what it is off by turns with the vehicle
+    turn    the attitude that a tracker reads is another from the onset on, as by another star that it takes for its own
 
 *Log-likelihood*: the sum of ln Z over the readings that its own filter takes in (`quantized`), so that what a filter
 learns from a reading and what it is worth for it are one number. A reading that lies is one of 4e4 steps, each as
@@ -40,6 +42,7 @@ UNTIMED = 1.0 / np.sqrt(12.0)  # of an interval, 1 sigma: when an impulse at an 
 _LEFT = 1e-6  # of a force that builds up: less is not felt
 _RANGE = 4e4  # steps that a sensor's range has
 _STILL = 2.0  # a lie is as likely as not the same as the one before
+TURNED = 0.3  # rad, 1 sigma: a tracker that takes other stars for its own reads any attitude; small enough to linearize
 _LIES = 5.0  # sigmas off: a reading that does not fit
 
 
@@ -51,6 +54,8 @@ class Kind(IntEnum):
     JUMP = 2
     LIES = 3
     UNKNOWN = 4  # something pushes as jets could, or has ceased to
+    SPEED = 5
+    TURN = 6
 
 
 class Cause(NamedTuple):
@@ -61,7 +66,8 @@ class Cause(NamedTuple):
         jets: indices of the jets that have failed.
         signs: 1: that jet gives more than it is told to, -1: less.
         on_top: 1: it gives that on top of what it is told to, as a leak; 0: as a jet that is stuck.
-        component: index of the reading that lies, else -1.
+        component: index of the reading that lies, else -1; that of a wheel's speed comes after those of all others, and
+            after the wheels that of a tracker's attitude as a whole.
     """
 
     kind: Kind
@@ -211,6 +217,10 @@ def opened(
         columns = np.zeros((fresh.root.shape[0], N_PROPERTIES))
         np.fill_diagonal(columns, jump_sigma(params, share))
         return unguarded(fresh._replace(root=compressed(np.hstack((fresh.root, columns)), params.places.thrust)))
+    if cause.kind == Kind.TURN:
+        columns = np.zeros((state.root.shape[0], 3))
+        columns[params.places.attitude : params.places.attitude + 3] = TURNED * np.eye(3)
+        return state._replace(root=compressed(np.hstack((state.root, columns)), params.places.thrust))
     if cause.kind != Kind.JETS:
         return state
     mean = state.mean.copy()
@@ -364,6 +374,10 @@ def prepared(
     state, crossing = crossed(run.state, run.state.mean[:N_PROPERTIES], sample, floors(run.state, params), params)
     if run.age == 0:
         state = opened(state, run.cause, params, run.share, run.expected)
+        if run.cause.kind == Kind.SPEED:
+            wheel, assumed = run.cause.component - params.places.outputs, state.assumed.copy()
+            assumed[wheel] = sample.speeds.start[wheel]
+            state = state._replace(assumed=assumed)
         if run.cause.kind == Kind.JUMP:
             state = torn(state, run.share, over, params)
     kicks = kicks_at(run, over.duration_s, params)

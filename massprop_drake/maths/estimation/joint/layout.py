@@ -275,6 +275,7 @@ class JointState(NamedTuple):
         guarded: whether the convergence guard holds.
         firing_count: samples with a jet commanded since the guard holds.
         lag_open: 1 for each kind of jets whose lag has the wide prior, see `lag_prior`; 0: as stated, shape (n_lag,).
+        assumed: speed of each wheel whose readings are not believed, NaN: they are, rad/s, shape (n_wheels,).
     """
 
     mean: Array
@@ -295,6 +296,7 @@ class JointState(NamedTuple):
     guarded: bool
     firing_count: float
     lag_open: Array
+    assumed: Array
 
 
 _STATE = Layout(
@@ -317,14 +319,14 @@ _STATE = Layout(
     guarded=FLAG,
     firing_count=NUMBER,
     lag_open="lags",
+    assumed="wheels",
 )
 
 
 def state_layout(places: Places) -> Layout:
     """The layout of a state packed into one vector."""
-    return _STATE.sized(
-        size=places.size, jets=places.jets, outputs=places.outputs, forces=places.n_force, lags=places.n_lag
-    )
+    counts = {"jets": places.jets, "outputs": places.outputs, "wheels": places.wheels}
+    return _STATE.sized(size=places.size, forces=places.n_force, lags=places.n_lag, **counts)
 
 
 def pack(state: JointState, places: Places) -> Array:
@@ -415,6 +417,7 @@ def _remade(
         guarded,
         firing_count,
         lag_open,
+        state.assumed,
     )
 
 

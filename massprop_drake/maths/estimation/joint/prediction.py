@@ -75,7 +75,7 @@ from massprop_drake.maths.estimation.joint.layout import (
 from massprop_drake.maths.estimation.joint.orientation import STILL, turned
 from massprop_drake.maths.estimation.joint.ticks import Timing
 from massprop_drake.maths.estimation.joint.unknown import Directions, directions, indifferent, spread
-from massprop_drake.maths.estimation.joint.wheels import UNSPUN, Spun, exchanged, misread
+from massprop_drake.maths.estimation.joint.wheels import UNSPUN, Spun, believed, exchanged, misread
 from massprop_drake.maths.estimation.joint.wheels import momenta as of_wheels
 from massprop_drake.maths.kernels import idiom, kernel, numbers, picked
 from massprop_drake.maths.linear_algebra import (
@@ -323,7 +323,8 @@ def predict(
         params: see `JointParams`.
         around: frames, see `orientation.turned`, and speeds of the wheels.
     """
-    frames, speeds = around
+    frames = around[0]
+    speeds = believed(around[1], state.assumed, acting.firing.duration_s, params.wheels)
     mean, places, duration = state.mean, params.places, acting.firing.duration_s
     covariance = state.root[:N_PROPERTIES] @ state.root[:N_PROPERTIES].T
     inverse, reciprocal = picked(mean, ELEMENT), mean[MASS]

@@ -96,6 +96,32 @@ def first_spread(missing: Array, wheels: WheelParams) -> Array:
 
 
 @kernel
+def believed(speeds: Spun, assumed: Array, duration_s: float, wheels: WheelParams) -> Spun:
+    """Speeds of which those that are not believed count as if they were not read.
+
+    Args:
+        speeds: as they are read.
+        assumed: speed of each wheel whose readings are not believed, NaN: they are, rad/s, shape (n,).
+        duration_s: of the interval.
+        wheels: see `WheelParams`.
+    """
+    if np.isnan(assumed).all():
+        return speeds
+    start, end, kept, drawn = speeds.start.copy(), speeds.end.copy(), speeds.kept.copy(), speeds.drawn.copy()
+    for k in range(assumed.shape[0]):
+        if not np.isnan(assumed[k]):
+            start[k], end[k], kept[k] = assumed[k], assumed[k], 1.0
+            drawn[k] = wheels.most[k] * duration_s / wheels.speed_std[k]
+    return Spun(start, end, kept, drawn)
+
+
+def size_of(wheel: int, inverse: Array, duration_s: float, wheels: WheelParams) -> float:
+    """Most that the motor of a wheel turns the vehicle by in an interval, rad/s."""
+    turned = inverse @ wheels.axes[wheel] * wheels.inertias[wheel] * wheels.most[wheel]
+    return float(np.linalg.norm(turned)) * duration_s
+
+
+@kernel
 def turn_by(speeds: Spun, wheels: WheelParams) -> bool:
     """Whether the speed of any wheel changes by more than the errors of readings."""
     for k in range(speeds.end.shape[0]):
@@ -106,7 +132,7 @@ def turn_by(speeds: Spun, wheels: WheelParams) -> bool:
 
 @kernel
 def momenta(speeds: Spun, factors: Array, wheels: WheelParams) -> Array:
-    """h at the start and at the end of an interval, body axes, shape (2, 3).
+    """Angular momentum h at the start and at the end of an interval, body axes, shape (2, 3).
 
     Args:
         speeds: see `Spun`.
@@ -123,7 +149,7 @@ def momenta(speeds: Spun, factors: Array, wheels: WheelParams) -> Array:
 
 @kernel
 def exchanged(speeds: Spun, start: Array, end: Array, duration_s: float, wheels: WheelParams) -> Array:
-    """E_k, the angular impulse by each wheel, shape (n, 3).
+    """Angular impulse E_k by each wheel, shape (n, 3).
 
     Args:
         speeds: see `Spun`.
