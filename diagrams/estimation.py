@@ -126,15 +126,13 @@ def _add_parts(builder: DiagramBuilder, scenario: Scenario, *, findings: bool) -
 
 def _add_cycle(builder: DiagramBuilder, scenario: Scenario) -> None:
     """A filter and its detector in one system, all ports of which but `predicted` are the diagram's."""
-    vehicle = scenario.vehicle_data
-    seen = vehicle.tracked if scenario.estimation.filter == "pose" else (*params.trackers(scenario), *vehicle.wheels)
     estimator = builder.AddSystem(
         CycleEstimator(
             params.estimation_params(scenario),
             jets=params.jets(scenario),
             gyros=_packages(params.gyros(scenario)),
             accelerometers=_packages(params.accelerometers(scenario)),
-            tracked={sensor.name: len(sensor.columns) for sensor in seen},
+            tracked={sensor.name: len(sensor.columns) for sensor in params.read_besides(scenario)},
             weighs=params.weighs(scenario),
             known=params.known_parameters(scenario),
             within=scenario.vehicle_data.has_on_times,

@@ -122,7 +122,7 @@ def build(scenario: Scenario, body: System | None = None, trackers: Sequence[Sys
             builder.ExportOutput(wheels.GetOutputPort(name), name)
         sensors.append(wheels)
 
-    followed = (*vehicle.poses, *vehicle.velocities)
+    followed: tuple[PoseSensor | VelocitySensor, ...] = (*vehicle.poses, *vehicle.velocities)
     for tracker in (*(_tracker(seen, scenario) for seen in followed), *trackers):
         builder.AddSystem(tracker)
         for name in ("body_state", "structure"):

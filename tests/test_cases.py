@@ -473,7 +473,6 @@ def test_wheels_that_no_file_has_are_named(tmp_path: Path, seed: int) -> None:
     assert "unmodeled torques without a force, such as wheels whose speed changes" in reasons[0]
 
 
-@pytest.mark.xfail(reason="a vehicle file has no wheels: what they do is taken for unmodeled torques", strict=True)
 def test_wheels_that_are_in_the_vehicle_file_show_the_inertia(tmp_path: Path) -> None:
     """16: four wheels in a pyramid, speeds to .1 rpm."""
     time_s, rates, speeds = turned_by_wheels(0.1, 300)

@@ -26,7 +26,7 @@ from massprop_drake.inputs.scenario import (
     SensorErrors,
     jump_terms,
 )
-from massprop_drake.inputs.vehicle import Accelerometer, Gyro, PoseSensor, SensorPackage, Vehicle
+from massprop_drake.inputs.vehicle import Accelerometer, Gyro, PoseSensor, SensorPackage, Vehicle, VelocitySensor, Wheel
 from massprop_drake.maths.autopilot.jet_selection import forces_of
 from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, Window
 from massprop_drake.maths.estimation.cycle import EstimationParams
@@ -356,6 +356,12 @@ def trackers(scenario: Scenario) -> tuple[PoseSensor, ...]:
     return () if scenario.estimation.filter == "pose" else scenario.vehicle_data.poses
 
 
+def read_besides(scenario: Scenario) -> tuple[PoseSensor | VelocitySensor | Wheel, ...]:
+    """What a filter reads besides gyros and accelerometers."""
+    vehicle = scenario.vehicle_data
+    return vehicle.tracked if scenario.estimation.filter == "pose" else (*vehicle.poses, *vehicle.wheels)
+
+
 def _trackers(scenario: Scenario) -> AttitudeSensors:
     found = trackers(scenario)
     each = ((one.attitude_std or math.inf, one.time_std_s, one.outliers) for one in found)
@@ -365,7 +371,8 @@ def _trackers(scenario: Scenario) -> AttitudeSensors:
 
 def read(scenario: Scenario) -> list[str]:
     """Names of the sensors of three components that a filter reads, in its order: gyros, accelerometers, trackers."""
-    return [one.name for one in (*gyros(scenario), *accelerometers(scenario), *trackers(scenario))]
+    packages: tuple[SensorPackage | PoseSensor, ...] = (*gyros(scenario), *accelerometers(scenario))
+    return [one.name for one in (*packages, *trackers(scenario))]
 
 
 def weighs(scenario: Scenario) -> bool:

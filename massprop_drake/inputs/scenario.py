@@ -940,7 +940,8 @@ class ExecutionBlock(Model):
 
     engine: Literal["diagram", "loop"] = described(
         "diagram",
-        "diagram: Drake's simulator; loop: the same functions in a plain loop, faster, for a plant that is stepped",
+        "diagram: Drake's simulator; loop: the same functions in a plain loop, faster, for a plant that is stepped; a "
+        "vehicle with wheels is flown by the diagram all the same",
     )
     compiled: Flag = described(
         False,
@@ -1175,15 +1176,9 @@ def check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[Fi
             problems.append((path, problem))
 
     problems.extend(_not_followed(scenario, vehicle))
-    for index, pulse in enumerate(scenario.jet_schedule):
-        require("jet", pulse.jet, vehicle.designations, "jet_schedule", index, "jet")
-    for index, failure in enumerate(scenario.failures):
-        require("jet", failure.jet, vehicle.designations, "failures", index, "jet")
-    wheels = [wheel.name for wheel in vehicle.wheels]
-    for index, turn in enumerate(scenario.wheel_schedule):
-        require("wheel", turn.wheel, wheels, "wheel_schedule", index, "wheel")
-    for name in scenario.plant.wheel_speeds if isinstance(scenario.plant, PlantBlock) else ():
-        require("wheel", name, wheels, "plant", "wheel_speeds", name)
+    known = {"jet": vehicle.designations, "wheel": tuple(wheel.name for wheel in vehicle.wheels)}
+    for what, name, path in _named(scenario):
+        require(what, name, known[what], *path)
     problems.extend(_open_twice(scenario, vehicle))
     problems.extend(_impossible_jumps(scenario, vehicle))
     faulty: list[str] = []
@@ -1249,8 +1244,6 @@ def _of_the_plant(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldP
             yield ("plant", "time_step"), problem
         if step == 0.0 and loop:
             yield ("execution", "engine"), f"{covers}, or leave out plant.time_step"
-        if vehicle.wheels and loop:
-            yield ("execution", "engine"), "loop does not cover reaction wheels; use diagram"
         return
     if loop:
         yield ("execution", "engine"), covers
@@ -1273,6 +1266,18 @@ def _not_followed(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldP
     elif vehicle.needs_pose_filter != (named == "pose") and not (vehicle.tracked and named == "pose"):
         needs = "which needs pose" if vehicle.needs_pose_filter else "which has no pose or velocity sensor; use joint"
         yield ("estimation", "filter"), f"{named} does not go with vehicle '{vehicle.name}', {needs}"
+
+
+def _named(scenario: Scenario) -> Iterator[tuple[Literal["jet", "wheel"], str, FieldPath]]:
+    """Yields the jets and wheels of the vehicle that a scenario has in its schedules and its plant, and where."""
+    for index, pulse in enumerate(scenario.jet_schedule):
+        yield "jet", pulse.jet, ("jet_schedule", index, "jet")
+    for index, failure in enumerate(scenario.failures):
+        yield "jet", failure.jet, ("failures", index, "jet")
+    for index, turn in enumerate(scenario.wheel_schedule):
+        yield "wheel", turn.wheel, ("wheel_schedule", index, "wheel")
+    for name in scenario.plant.wheel_speeds if isinstance(scenario.plant, PlantBlock) else ():
+        yield "wheel", name, ("plant", "wheel_speeds", name)
 
 
 def _open_twice(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:

@@ -392,9 +392,7 @@ class Wheel(Model):
         0.01, "1-sigma of the inertia, relative, which is estimated; 0: known", "-", ge=0.0, le=0.3
     )
     quantum: Real = described(0.0, "step of a reading of its speed", "rad/s", ge=0.0, span=plausible.SPEED_STEP)
-    noise_std: Real = described(
-        0.01, "white noise of a reading, 1-sigma", "rad/s", ge=0.0, span=plausible.SPEED_STEP
-    )
+    noise_std: Real = described(0.01, "white noise of a reading, 1-sigma", "rad/s", ge=0.0, span=plausible.SPEED_STEP)
     torque: Real | None = described(
         None,
         "largest torque of its motor; null: as much as gives it 1000 rad/s in a second; counts where readings of the "

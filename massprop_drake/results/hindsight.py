@@ -164,7 +164,7 @@ def stretches(scenario: Scenario, signals: Spool) -> Iterator[Stretch]:
             readings[saturated, number] = np.nan
         outside = block["outside_wrench"] if "outside_wrench" in block else np.zeros((time_s.size, 6))
         onsets_s = block.get("command_onset")
-        opening = (None, None) if onsets_s is None else (onsets_s, opened)
+        opening: tuple[Array | None, Array | None] = (None, None) if onsets_s is None else (onsets_s, opened)
         speeds = np.hstack([block[name] for name in wheels]) if wheels else None
         if speeds is not None:  # without them a gyro does not show what has acted on the vehicle
             readings[np.isnan(speeds).any(axis=1), : len(params.gyros(scenario))] = np.nan

@@ -79,7 +79,7 @@ def _engine(scenario: Scenario, diagram: Any, log: Sequence[Any], truth: Mapping
         raise InputError("simulate: log takes output ports of systems of a DiagramBuilder, given as diagram")
     if truth is not None and diagram is None:
         raise InputError("simulate: truth names output ports of a diagram of your own, given as diagram")
-    if scenario.execution.engine == "loop" and diagram is None:
+    if scenario.execution.engine == "loop" and diagram is None and not scenario.vehicle_data.wheels:
         from massprop_drake.runners.loop import Loop  # noqa: PLC0415 (each engine loads what it needs)
 
         return Loop(scenario)

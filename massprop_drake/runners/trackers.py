@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.inputs.vehicle import PoseSensor
+from massprop_drake.inputs.vehicle import PoseSensor, VelocitySensor
 from massprop_drake.maths.noise import normal_sample
 from massprop_drake.maths.vehicle.rigid_body import STRUCTURE
 from massprop_drake.maths.vehicle.tracking import N_NOISE, pose_read, velocity_read
@@ -33,7 +33,7 @@ class Trackers:
         self._seed = scenario.seed
         self._poses = {one.name: params.pose_model(scenario, one) for one in sensors if isinstance(one, PoseSensor)}
         self._points = {
-            one.name: (np.array(one.position), one.noise_std) for one in sensors if not isinstance(one, PoseSensor)
+            one.name: (np.array(one.position), one.noise_std) for one in sensors if isinstance(one, VelocitySensor)
         }
 
     def read(self, body: Array, structure: Array, sample: int) -> Array:

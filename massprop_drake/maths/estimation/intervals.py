@@ -267,7 +267,7 @@ def _outputs(stretch: Stretch, at: Array, rate: Array, biases: Array, model: Mod
     straight = held - held[..., :1]
     begun = straight.copy()
     begun[:, u:] = np.eye(3)[:, :, None]
-    derivatives[:gyros] = changes = coupled(begun, course, np.diff(stretch.time_s), at)
+    derivatives[:gyros] = changes = coupled(begun, course, np.zeros((3, m)), np.diff(stretch.time_s), at)
     for package in range(gyros, model.variances.size):
         arm = model.positions[package - gyros] - at[6:9]
         derivatives[package] += _turned(changes - straight, changes - held, course, arm, stretch.time_s)

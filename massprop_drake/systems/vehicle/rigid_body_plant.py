@@ -169,8 +169,8 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             refuse(T, f"plant '{other.get_name()}'", steps, "set plant.time_step: 0")
             chance = ["has mass properties that are drawn"] if other._spread is not None else []
             refuse(T, f"plant '{other.get_name()}'", chance, "leave out plant.dispersion, and set its parameters")
-            names = ("time_step", "lag_time_constants_s", "pieces", "initial_rate", "jumps", "period_s")
-            names += ("wheels", "compiled")
+            own = ("time_step", "lag_time_constants_s", "pieces", "initial_rate", "jumps", "period_s")
+            names = (*own, "wheels", "compiled")
             made = dict(zip(names, other._made[1:], strict=True))
             Plant._construct(self, properties, converter=converter, **made)
 

@@ -1,4 +1,4 @@
-"""Reaction wheels in the joint filter: against the equations of motion, differences, and what is read of their speeds."""
+"""Reaction wheels in the joint filter: against the equations of motion, differences, and readings of their speeds."""
 
 from __future__ import annotations
 
@@ -79,7 +79,14 @@ def test_derivatives_agree_with_central_differences() -> None:
     expected = central_differences(after, state.mean, 1e-4 * np.maximum(np.abs(state.mean), 1e-2))
     prediction = predict(state, driven(state, sample, PARAMS), unread(PARAMS), PARAMS, (sample.frames, READ))
     found = propagated(np.eye(PLACES.size), prediction, PARAMS)[:, : PLACES.size]
-    groups = (INERTIA, slice(6, 9), RATE, SLOW, slice(PLACES.wheel, PLACES.wheel + 3), slice(PLACES.scale, PLACES.scale + 1))
+    groups = (
+        INERTIA,
+        slice(6, 9),
+        RATE,
+        SLOW,
+        slice(PLACES.wheel, PLACES.wheel + 3),
+        slice(PLACES.scale, PLACES.scale + 1),
+    )
     for group in groups:  # what the bows of the rate depend on is left out
         scale = np.abs(expected[RATE, group]).max()
         np.testing.assert_allclose(found[RATE, group] / scale, expected[RATE, group] / scale, atol=5e-3)

@@ -63,7 +63,6 @@ GROUP = "joint_estimator"  # its part of a saved state
 _DITHERED = 0.25  # of a quantum: noise from which on a reading dithers itself
 _ROUNDING = 1e-9  # of a level
 _BETWEEN = 0.01  # probability that a missing command between two equal ones was another
-_MAY_LACK = ("read", "assumed")  # of a state's parts
 _UNIT = 1e-6  # of the square of a quaternion's length
 
 # what is logged of every cycle besides the reports that all filters give
@@ -565,7 +564,7 @@ def restored(groups: Groups, params: JointFilterParams) -> JointFilterState:
     """
     state = unpacked(groups[GROUP], params)
     joint, clock = state.joint, state.clock
-    told = joint._replace(**{name: part[~np.isnan(part)] for name, part in joint._asdict().items() if name in _MAY_LACK})
+    told = joint._replace(read=joint.read[~np.isnan(joint.read)], assumed=joint.assumed[~np.isnan(joint.assumed)])
     if abs(float(state.frame @ state.frame) - 1.0) > _UNIT:
         raise ValueError(f"{GROUP}: the shared attitude must be a unit quaternion")
     if not all(np.isfinite(part).all() for part in (*told, *clock[:-2])):

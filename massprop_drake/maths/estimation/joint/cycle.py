@@ -323,10 +323,7 @@ def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
             mean[row] = weights @ sample.attitudes[there, axis] / weights.sum()
             root[row, own + row] = np.sqrt(1.0 / weights.sum())
     if places.n_slow > 0:
-        kept, spread = np.zeros(places.n_slow), np.ones(places.n_slow)
-        others = places.n_slow - places.wheels
-        kept[:others] = kept_share(params.disturbance.time_constant_s, max(sample.time_s - state.time_s, 0.0))
-        spread[others:] = first_spread(sample.speeds.kept, params.wheels)
+        kept, spread = _kept_of_slow(max(sample.time_s - state.time_s, 0.0), sample, params)
         come = np.zeros((places.size, places.n_slow))
         come[last : places.thrust] = np.diag(spread * np.sqrt(1.0 - kept**2))
         mean[last : places.thrust] *= kept
@@ -343,6 +340,16 @@ def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
         time_s=sample.time_s,
         started=True,
     )
+
+
+def _kept_of_slow(since_s: float, sample: Sample, params: JointParams) -> tuple[Array, Array]:
+    """Share of each z that is left after some time of which nothing is known, and what it is then like, 1 sigma."""
+    places = params.places
+    others = places.n_slow - places.wheels
+    kept, spread = np.zeros(places.n_slow), np.ones(places.n_slow)
+    kept[:others] = kept_share(params.disturbance.time_constant_s, since_s)
+    spread[others:] = first_spread(sample.speeds.kept, params.wheels)
+    return kept, spread
 
 
 @kernel

@@ -5,12 +5,13 @@ The mean and the rows of the covariance's root are in this order,
     J (6: xx, yy, zz, yz, xz, xy) | r (3) | mu | w (3) | c_s (3 per accelerometer) | psi (3, with a tracker)
     | z (per component of a disturbance, and per wheel)
     b (thrust error per jet) | lag error per kind | gyro bias (3 per package)
-    | accelerometer bias (3 per package) | p (inertia error per wheel) | s | theta (2, of the ticks) | f (force of each slot of failed jets)
+    | accelerometer bias (3 per package) | p (inertia error per wheel) | s | theta (2, of the ticks)
+    | f (force of each slot of failed jets)
 
 with J the inverse inertia about the center of mass, r the center of mass in the vehicle frame, mu = 1/m, w the rate,
 c_s the integral of F/m as accelerometer s has gathered it, psi the attitude as `orientation` has it, and z as
-`disturbance` and `wheels` have it. What stands from b on are parameters in units of their sigmas, of about unit prior variance, but
-for f, which is in lbf or N. A kind of parameter whose sigma is zero has no place.
+`disturbance` and `wheels` have it. What stands from b on are parameters in units of their sigmas, of about unit prior
+variance, but for f, which is in lbf or N. A kind of parameter whose sigma is zero has no place.
 
 Nothing is scaled: the covariance is kept as a root that is made triangular by Householder reflections, and these treat
 every row of the root by its own size, so that a change of units changes no digit.

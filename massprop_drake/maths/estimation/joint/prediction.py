@@ -323,16 +323,13 @@ def predict(
         params: see `JointParams`.
         around: frames, see `orientation.turned`, and speeds of the wheels.
     """
-    frames = around[0]
-    speeds = believed(around[1], state.assumed, acting.firing.duration_s, params.wheels)
     mean, places, duration = state.mean, params.places, acting.firing.duration_s
+    speeds = believed(around[1], state.assumed, duration, params.wheels)
     covariance = state.root[:N_PROPERTIES] @ state.root[:N_PROPERTIES].T
     inverse, reciprocal = picked(mean, ELEMENT), mean[MASS]
     seconds = effective_seconds(state, acting.firing, params)
-    scale = 1.0 - params.thrust_sigma * mean[places.scale] if places.n_scale > 0 else 1.0
-    impulse = seconds @ params.wrenches + scale * acting.outside
-    momenta = scale * of_wheels(speeds, wheel_factors(mean, params), params.wheels)
-    impulse[:3] -= momenta[1] - momenta[0]
+    known, momenta, scale = _known_impulse(mean, acting, speeds, params)
+    impulse = seconds @ params.wrenches + known
     linear, moment = impulse[3:], impulse[:3] + cross(impulse[3:], mean[CENTER])
     flow = float(seconds @ params.flows) if 0.0 < reciprocal < _MOST_LIGHT * params.nominal[MASS] else 0.0
 
@@ -340,20 +337,13 @@ def predict(
     rate_rows[:, INERTIA] = angular_block(moment)
     rate_rows[:, CENTER] = inverse @ skew(linear)
     velocity_rows[:, MASS] = linear * (1.0 + reciprocal * flow)
-    wander, own = wandered(params.disturbance, duration), slice(places.slow, places.thrust)
-    exchange = np.zeros((0, 3))
-    if places.wheels > 0:
-        turned, line = duration * mean[RATE], mean[RATE] + inverse @ moment
-        wander = misread(wander, speeds, scale * inverse, turned, params.wheels)
-        exchange = exchanged(speeds, mean[RATE], line, duration, params.wheels)
-        rate_rows = _with_wheels(rate_rows, mean, exchange, scale, params)
+    own, wander = slice(places.slow, places.thrust), wandered(params.disturbance, duration)
+    wander = misread(wander, speeds, scale * inverse, duration * mean[RATE], params.wheels)
+    exchange = exchanged(speeds, mean[RATE], mean[RATE] + inverse @ moment, duration, params.wheels)
+    rate_rows = _with_wheels(rate_rows, mean, exchange, scale, params)
     rate_rows[:, own], velocity_rows[:, own] = wander.begun[:3], wander.begun[3:]
     rate_rows, velocity_rows = indifferent(rate_rows, velocity_rows, acting.anything)
-    bias, noise = _second_order(state, acting, linear, covariance, params)
-    if places.wheels > 0 and params.second_order:
-        product_mean, product_noise = _wheel_products(state, exchange, covariance, params)
-        bias += product_mean
-        noise += product_noise
+    bias, noise = _second_order(state, acting, (linear, exchange), covariance, params)
     noise += _white_noise(mean, acting, params)
     bias += slowly(wander, mean[own])
     change = inverse @ moment + bias[:3]
@@ -362,11 +352,8 @@ def predict(
     end_rows = rate_rows.copy()
     end_rows[:, RATE] += _IDENTITY
     share, left = _share_of_reading(end_rows @ state.root, noise + come(wander), rate_read)
-    end, bowed = _corrected(mean[RATE] + change, rate_read, share), np.zeros((3, 3))
-    coupled = _knows_inertia(mean, covariance)
+    coupled, through, end, bowed = _coupled(state, acting, change, (rate_read, share), momenta, params)
     if coupled or places.wheels > 0:
-        carries = inverse_positive_definite(inverse, "inverse inertia") if coupled else np.zeros((3, 3))
-        through, end, bowed = _coupled(state, acting, change, (rate_read, share), (carries, momenta), params)
         rate_rows = _with_coupling(rate_rows, through, rate_read, share)
         change = change + through.change
     if not coupled:
@@ -376,20 +363,19 @@ def predict(
         noise[3:, 3:] += left.max() * np.trace(covariance[CENTER, CENTER]) * _IDENTITY
     apart = turned_by(mean[RATE], end, params.accelerometer_positions - mean[CENTER], duration)
     middle = apart.sum(axis=1) / max(places.accelerometers, 1)
-    by_start, by_end = middle[0], middle[1]
     apart -= middle.reshape(2, 1, 3, 3)
-    velocity_rows[:, RATE] += by_start + by_end
-    velocity_rows += by_end @ rate_rows
-    noise, wander = _through_turning(noise, wander, by_end)
+    velocity_rows[:, RATE] += middle[0] + middle[1]
+    velocity_rows += middle[1] @ rate_rows
+    noise, wander = _through_turning(noise, wander, middle[1])
     gap = mean[RATE] + change - end
-    velocity_change = velocity_change + by_end @ gap
+    velocity_change = velocity_change + middle[1] @ gap
 
     after = mean.copy()
     after[RATE] += change
     after = _with_gathered(after, velocity_change, (apart[1], gap), duration, params)
     after[own] *= wander.kept
     after[MASS] += reciprocal * reciprocal * flow
-    after, attitude = _with_attitude(state, after, acting, (frames, bowed[0], coupled), params)
+    after, attitude = _with_attitude(state, after, acting, (around[0], bowed[0], coupled), params)
     return Prediction(
         mean=after,
         rate_rows=rate_rows,
@@ -406,6 +392,17 @@ def predict(
         duration_s=duration,
         coupled=coupled,
     )
+
+
+@kernel
+def _known_impulse(mean: Array, acting: Drive, speeds: Spun, params: JointParams) -> tuple[Array, Array, float]:
+    """Impulse of known outside forces and wheels, shape (6,); h at both ends, shape (2, 3); and 1 - sigma_T s."""
+    places = params.places
+    scale = 1.0 - params.thrust_sigma * mean[places.scale] if places.n_scale > 0 else 1.0
+    momenta = scale * of_wheels(speeds, wheel_factors(mean, params), params.wheels)
+    impulse = scale * acting.outside
+    impulse[:3] -= momenta[1] - momenta[0]
+    return impulse, momenta, scale
 
 
 @kernel
@@ -458,14 +455,27 @@ def _with_attitude(
 
 @kernel
 def _second_order(
-    state: JointState, acting: Drive, linear: Array, covariance: Array, params: JointParams
+    state: JointState, acting: Drive, pulls: tuple[Array, Array], covariance: Array, params: JointParams
 ) -> tuple[Array, Array]:
-    """Mean, shape (6,), and covariance, shape (6, 6), on w and c, of the products of errors."""
+    """Mean, shape (6,), and covariance, shape (6, 6), on w and c, of the products of errors.
+
+    Args:
+        state: before the interval.
+        acting: see `Drive`.
+        pulls: linear impulse, shape (3,), and E_k of the wheels, shape (n_wheels, 3).
+        covariance: of the ten parameters.
+        params: see `JointParams`.
+    """
     bias, noise = np.zeros(6), np.zeros((6, 6))
+    linear, exchange = pulls
     if params.second_order:
         bias[:3], noise[:3, :3] = second_order_terms(covariance[:9, :9], linear)
         if params.places.n_thrust > 0:
             product_mean, product_noise = _thrust_products(state, acting, covariance, params)
+            bias += product_mean
+            noise += product_noise
+        if exchange.shape[0] > 0:
+            product_mean, product_noise = _wheel_products(state, exchange, covariance, params)
             bias += product_mean
             noise += product_noise
         if acting.anything.number > 0.0:
@@ -511,6 +521,8 @@ def _with_wheels(rows: Array, mean: Array, exchange: Array, scale: float, params
         scale: 1 - sigma_T s.
         params: see `JointParams`.
     """
+    if exchange.shape[0] == 0:
+        return rows
     places, result, turns = params.places, rows.copy(), exchange @ picked(mean, ELEMENT)
     if places.n_wheel > 0:
         result[:, places.wheel : places.wheel + places.n_wheel] = (scale * params.wheels.sigma) * turns.T
@@ -520,9 +532,7 @@ def _with_wheels(rows: Array, mean: Array, exchange: Array, scale: float, params
 
 
 @kernel
-def _wheel_products(
-    state: JointState, exchange: Array, covariance: Array, params: JointParams
-) -> tuple[Array, Array]:
+def _wheel_products(state: JointState, exchange: Array, covariance: Array, params: JointParams) -> tuple[Array, Array]:
     """Mean, shape (6,), and covariance, shape (6, 6), of what wheels are off by times errors of the ten parameters.
 
     They are off by the errors of their inertias, and in the scale of thrust by its error.
@@ -551,24 +561,35 @@ def _coupled(
     acting: Drive,
     change: Array,
     read: tuple[RateRead, Array],
-    turning: tuple[Array, Array],
+    momenta: Array,
     params: JointParams,
-) -> tuple[Coupling, Array, Array]:
+) -> tuple[bool, Coupling, Array, Array]:
     """Dynamic coupling with the rate as a reading corrects it, by its share; that rate; and the bows of the rate.
+
+    Before all these, whether coupling counts: where it does not, only that by the wheels' momentum is in it.
 
     Args:
         state: before the interval.
         acting: see `Drive`.
         change: of the rate without coupling, rad/s, shape (3,).
         read: see `RateRead`, and its share, shape (3,).
-        turning: inertia that counts, shape (3, 3), and h at the start and the end, shape (2, 3).
+        momenta: h at the start and the end, shape (2, 3).
         params: see `JointParams`.
     """
-    mean, duration, momenta = state.mean, acting.firing.duration_s, turning[1]
-    inverse = picked(mean, ELEMENT)
-    inertias = inverse, turning[0]
+    mean, duration = state.mean, acting.firing.duration_s
+    inverse, start, none = picked(mean, ELEMENT), mean[RATE], np.zeros((3, 3))
+    counts = _knows_inertia(mean, state.root[:N_PROPERTIES] @ state.root[:N_PROPERTIES].T)
+    if not (counts or params.places.wheels > 0):
+        return (
+            False,
+            Coupling(none[0], np.zeros((3, 6)), none, none),
+            _corrected(start + change, read[0], read[1]),
+            none,
+        )
+    inertias = inverse, inverse_positive_definite(inverse, "inverse inertia") if counts else none
+    turning = inertias[1], momenta
     of_thrust = _bows_of_thrust(state, acting, params)
-    line, start = mean[RATE] + change, mean[RATE]
+    line = start + change
     end = _corrected(line, read[0], read[1])
     bows = of_thrust + bows_of_coupling(turning, start, end, duration)
     found = coupling(inertias, (start, end), momenta, bows, duration)
@@ -579,7 +600,7 @@ def _coupled(
         end = end + np.linalg.solve(_IDENTITY - (1.0 - read[1]).reshape(3, 1) * found.by_end, off)
         bows = of_thrust + bows_of_coupling(turning, start, end, duration)
         found = coupling(inertias, (start, end), momenta, bows, duration)
-    return found, end, bows @ inverse
+    return counts, found, end, bows @ inverse
 
 
 @kernel

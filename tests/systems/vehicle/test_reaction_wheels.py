@@ -1,0 +1,137 @@
+"""True reaction wheels: against bodies and joints of Drake's MultibodyPlant, in both kinds of plants; readings."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from pydrake.multibody.math import SpatialVelocity
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import RevoluteJoint, SpatialInertia, UnitInertia
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
+
+from massprop_drake import simulate
+from massprop_drake.inputs.scenario import Scenario, load_scenario
+from massprop_drake.inputs.vehicle import load_vehicle
+from massprop_drake.maths.mass_properties import MassProperties
+from massprop_drake.maths.vehicle import rigid_body
+from massprop_drake.maths.vehicle.reaction_wheels import WheelsModel, speed_read, true_inertias
+
+Array = NDArray[np.float64]
+AXES = np.array([[0.6, 0.0, 0.8], [0.0, 1.0, 0.0]])
+SPIN = np.array([0.02, 0.015])  # kg-m^2, about each axis
+WHEELS = [
+    {"name": "W1", "axis": [0.6, 0.0, 0.8], "inertia": 0.02, "quantum": 0.05, "torque": 0.2},
+    {"name": "W2", "axis": [0.0, 1.0, 0.0], "inertia": 0.015, "quantum": 0.05, "torque": 0.2},
+]
+
+
+def model(**changed: Any) -> WheelsModel:
+    """Two wheels that stand."""
+    nothing = np.zeros(2)
+    return WheelsModel(AXES, SPIN, np.full(2, 0.2), nothing, nothing, 0.0, nothing)._replace(**changed)
+
+
+def multibody(torques: Array, step_s: float, steps: int) -> tuple[Array, Array, Array]:
+    """Rates of a body in which two wheels turn, their speeds, at each step, and its inertia with the wheels locked."""
+    plant = MultibodyPlant(0.0)
+    body = plant.AddRigidBody("bus", SpatialInertia(40.0, np.zeros(3), UnitInertia(0.1, 0.15, 0.2, 0.01, -0.02, 0.01)))
+    inertia = 40.0 * np.array([[0.1, 0.01, -0.02], [0.01, 0.15, 0.01], [-0.02, 0.01, 0.2]])
+    joints = []
+    for place, axis in enumerate(AXES):
+        spin = SPIN[place]
+        own = 0.6 * spin * (np.eye(3) - np.outer(axis, axis)) + spin * np.outer(axis, axis)
+        unit = own / 2.0
+        made = UnitInertia(unit[0, 0], unit[1, 1], unit[2, 2], unit[0, 1], unit[0, 2], unit[1, 2])
+        wheel = plant.AddRigidBody(f"wheel{place}", SpatialInertia(2.0, np.zeros(3), made))
+        joint = plant.AddJoint(RevoluteJoint(f"spin{place}", body.body_frame(), wheel.body_frame(), axis))
+        plant.AddJointActuator(f"motor{place}", joint)
+        joints.append(joint)
+        inertia = inertia + own
+    plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
+    plant.Finalize()
+    builder = DiagramBuilder()
+    builder.AddSystem(plant)
+    motors = builder.AddSystem(ConstantVectorSource(torques))
+    builder.Connect(motors.get_output_port(), plant.get_actuation_input_port())
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    simulator.get_mutable_integrator().set_target_accuracy(1e-10)
+    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    plant.SetFreeBodySpatialVelocity(context, body, SpatialVelocity(np.array([0.1, -0.05, 0.08]), np.zeros(3)))
+    joints[0].set_angular_rate(context, 30.0)
+    simulator.Initialize()
+    rates, speeds = [], []
+    for step in range(steps + 1):
+        simulator.AdvanceTo(step * step_s)
+        pose, velocity = plant.EvalBodyPoseInWorld(context, body), plant.EvalBodySpatialVelocityInWorld(context, body)
+        rates.append(pose.rotation().matrix().T @ velocity.rotational())
+        speeds.append([joint.get_angular_rate(context) for joint in joints])
+    return np.array(rates), np.array(speeds), inertia
+
+
+def test_a_body_with_wheels_moves_as_bodies_and_joints_do() -> None:
+    step_s, steps = 0.02, 100
+    rates, speeds, inertia = multibody(np.array([0.05, -0.08]), step_s, steps)
+    body = rigid_body.body_of(MassProperties(44.0, np.zeros(3), inertia))
+    state = rigid_body.initial_state(44.0)
+    state[rigid_body.RATE] = rates[0]
+    momenta = (speeds * SPIN) @ AXES
+    for before, after in pairwise(momenta):
+        carried = rigid_body.carrying(body, np.concatenate((before, (after - before) / step_s)))
+        state = rigid_body.step(state, np.zeros(7), np.zeros((0, 7)), (), step_s, carried)
+    np.testing.assert_allclose(state[rigid_body.RATE], rates[-1], atol=1e-7)
+    assert np.abs(rates[-1] - rates[0]).max() > 0.01
+
+
+def scenario(**changed: Any) -> Scenario:
+    """The small satellite with two wheels, which turn it for four seconds."""
+    data = load_vehicle("small_satellite").model_dump()
+    vehicle = {**data, "wheels": WHEELS}
+    for jet in vehicle["jets"]:
+        jet.pop("mass_flow", None)
+    pulses = [
+        {"wheel": "W1", "start_s": 0.5, "end_s": 2.5, "torque": 0.1},
+        {"wheel": "W2", "start_s": 1.0, "end_s": 3.0, "torque": -0.5},
+    ]
+    made = {"vehicle": vehicle, "duration_s": 4.0, "wheel_schedule": pulses, "detector": {"kind": "off"}}
+    plant = {"wheel_speeds": {"W1": 20.0}, "initial_rate": [0.01, -0.02, 0.005], **changed.pop("plant", {})}
+    return Scenario.model_validate({**made, "plant": plant, **changed})
+
+
+def test_the_stepped_plant_is_the_continuous_one() -> None:
+    stepped, continuous = (simulate(scenario(plant={"time_step": step}), look_back=False) for step in (None, 0.0))
+    np.testing.assert_allclose(stepped["rate"], continuous["rate"], atol=1e-9)
+    assert np.abs(stepped["rate"][-1] - stepped["rate"][0]).max() > 1e-3
+
+
+def test_speeds_are_those_of_the_motors_as_far_as_these_go() -> None:
+    run = simulate(scenario(), look_back=False)
+    first, second = run["W1"][:, 0], run["W2"][:, 0]
+    assert abs(first[-1] - (20.0 + 0.1 / 0.02 * 2.0)) < 0.1
+    assert abs(second[-1] + 0.2 / 0.015 * 2.0) < 0.1  # not by 0.5 N m
+    np.testing.assert_allclose(first / 0.05, np.round(first / 0.05), atol=1e-9)
+
+
+def test_the_seed_draws_the_inertias() -> None:
+    drawn = np.array([true_inertias(model(dispersion=0.05), seed) for seed in range(200)]) / SPIN - 1.0
+    assert drawn.std() == pytest.approx(0.05, rel=0.15)
+    np.testing.assert_array_equal(true_inertias(model(), 3), SPIN)
+
+
+def test_a_speed_is_read_with_noise_and_in_steps() -> None:
+    read = model(quanta=np.array([0.5, 0.0]), noise_std=np.array([0.1, 0.2]))
+    assert speed_read(10.2, 1.0, 0, read) == 10.5
+    assert speed_read(10.2, -2.0, 1, read) == pytest.approx(9.8)
+
+
+def test_wheels_that_the_vehicle_has_not_are_refused() -> None:
+    with pytest.raises(ValueError, match="'W3' is no wheel of vehicle 'small_satellite'; valid are: W1, W2"):
+        scenario(wheel_schedule=[{"wheel": "W3", "start_s": 0.0, "end_s": 1.0, "torque": 0.1}])
+    with pytest.raises(ValueError, match="'W1' is no wheel of vehicle 'small_satellite'"):
+        load_scenario("small_satellite_leak", ["plant.wheel_speeds={W1: 3.0}"])
