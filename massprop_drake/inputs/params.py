@@ -58,7 +58,6 @@ from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, deviation
 from massprop_drake.maths.vehicle.joint_moves import Move
 from massprop_drake.maths.vehicle.on_times import levels_alone, most_pieces, shares
 from massprop_drake.maths.vehicle.reaction_jets import drawn_factors, jets_params, true_wrenches
-from massprop_drake.maths.vehicle.reaction_wheels import WheelsModel
 from massprop_drake.maths.vehicle.rigid_body import (
     RATE,
     Jump,
@@ -79,6 +78,7 @@ from massprop_drake.maths.vehicle.sensing import (
 from massprop_drake.maths.vehicle.thrust import lag_factors
 from massprop_drake.maths.vehicle.tracking import PoseModel
 from massprop_drake.maths.vehicle.true_failures import as_levels
+from massprop_drake.maths.vehicle.wheel_motors import WheelsModel
 
 Array = NDArray[np.float64]
 

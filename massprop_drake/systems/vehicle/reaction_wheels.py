@@ -8,7 +8,7 @@ import numpy as np
 from pydrake.common import RandomDistribution
 from pydrake.systems.framework import LeafSystem
 
-from massprop_drake.maths.vehicle.reaction_wheels import WheelsModel, acceleration, momentum, speed_read, true_inertias
+from massprop_drake.maths.vehicle.wheel_motors import WheelsModel, acceleration, momentum, speed_read, true_inertias
 from massprop_drake.systems.caching import Cached
 from massprop_drake.systems.vehicle.noise_source import seed_in
 

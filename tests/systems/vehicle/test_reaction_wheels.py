@@ -20,7 +20,7 @@ from massprop_drake.inputs.scenario import Scenario, load_scenario
 from massprop_drake.inputs.vehicle import load_vehicle
 from massprop_drake.maths.mass_properties import MassProperties
 from massprop_drake.maths.vehicle import rigid_body
-from massprop_drake.maths.vehicle.reaction_wheels import WheelsModel, speed_read, true_inertias
+from massprop_drake.maths.vehicle.wheel_motors import WheelsModel, speed_read, true_inertias
 
 Array = NDArray[np.float64]
 AXES = np.array([[0.6, 0.0, 0.8], [0.0, 1.0, 0.0]])
