@@ -183,7 +183,7 @@ def _unit(understood: mapping.Mapped, channel: mapping.Channel, component: str) 
     if component.startswith("q_"):
         return ""
     length = understood.vehicle.unit_names["length"]
-    by_kind = {"gyro": "rad/s", "velocity": f"{length}/s", "pose": length}
+    by_kind = {"gyro": "rad/s", "wheel": "rad/s", "velocity": f"{length}/s", "pose": length}
     integrates = channel.gives in ("integral", "increment")
     return " " + by_kind.get(channel.kind, f"{length}/s" if integrates else f"{length}/s^2")
 

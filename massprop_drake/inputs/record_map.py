@@ -57,6 +57,7 @@ _NAMING = {
     "column",
     "columns",
     "date",
+    "speed",
     "fraction",
     "value",
     "rate",
@@ -282,7 +283,7 @@ class WheelMap(_Read):
     """The speed of a reaction wheel relative to the vehicle."""
 
     kind: Literal["wheel"] = described(..., "speed of a reaction wheel")
-    column: Column = described(..., "column of the speed")
+    speed: Column = described(..., "column of the speed")
     unit: Annotated[Text, _unit("rate")] = described("rad/s", "such as rpm")
 
 

@@ -340,7 +340,7 @@ class _Mapping:
         elif isinstance(sensor, VelocityMap):
             values = self._vector(topic, sensor, factor(sensor.unit, "velocity") / self._length, places)
         elif isinstance(sensor, WheelMap):
-            values = topic.numbers(sensor.column)[places, None] * factor(sensor.unit, "rate")
+            values = topic.numbers(sensor.speed)[places, None] * factor(sensor.unit, "rate")
         else:
             values = self._attitude(topic, sensor, places)
             self._require_turning(name, topic, sensor, values, time_s)

@@ -310,7 +310,7 @@ class _Search:
                 continue
             unit = self._unit({0: column}, "rate", "rad/s")
             self._free["wheel"].remove(name)
-            self._add(name, {"kind": "wheel", "column": column.column, "unit": unit})
+            self._add(name, {"kind": "wheel", "speed": column.column, "unit": unit})
             self._say(f"{name}: {column.column}, in {unit}, by its name")
 
     def _numbered(self, columns: Sequence[ColumnName]) -> bool:

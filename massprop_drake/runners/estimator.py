@@ -83,8 +83,8 @@ class EstimatorStep(NamedTuple):
 
     Attributes:
         time_s: of the cycle, s.
-        estimate: the ten parameters, see `maths.mass_properties`, shape (10,).
-        standard_deviation: 1-sigma of each, shape (10,).
+        estimate: the ten parameters, see `maths.mass_properties`, shape (10,); NaN for 1/m without an accelerometer.
+        standard_deviation: 1-sigma of each, likewise, shape (10,).
         converged: whether the estimates may be acted on.
         used: whether the rotation filter used the sample.
         mass_used: whether the mass filter used it.
@@ -359,16 +359,16 @@ class Estimator:
 
     def _told(self, time_s: float, done: _Cycle) -> EstimatorStep:
         """What is known after a cycle."""
-        ten, deviation = done.known
+        (ten, deviation), mass = done.known, done.mass
         return EstimatorStep(
             time_s,
             ten,
             deviation,
             self._converged(ten, deviation),
             bool(done.rotation.rotation_used),
-            bool(done.mass.mass_used),
+            mass is not None and bool(mass.mass_used),
             done.rotation.rotation_nis,
-            done.mass.mass_nis,
+            math.nan if mass is None else mass.mass_nis,
             done.status is not None and bool(done.status.alarm),
             None if done.status is None else self._detection(done.status, done.own),
             done.force @ self._unit_wrenches,
@@ -441,9 +441,9 @@ def _seen(readings: Mapping[str, ArrayLike] | None, vehicle: Vehicle) -> Array |
     """What is read besides gyros and accelerometers, NaN where missing, shape (columns,); None: nothing ever is."""
     given = dict(readings or {})
     names = [sensor.name for sensor in vehicle.tracked]
-    unknown = [name for name in given if name not in names]
+    unknown, or_wheel = [name for name in given if name not in names], ", and no wheel" if vehicle.wheels else ""
     if unknown:
-        raise ValueError(f"tracked: '{unknown[0]}' is no such sensor or wheel; the vehicle has {names}")
+        raise ValueError(f"tracked: '{unknown[0]}' is no sensor in a fixed frame{or_wheel}; the vehicle has {names}")
     if not names:
         return None
     sizes = {sensor.name: len(sensor.columns) for sensor in vehicle.tracked}

@@ -20,6 +20,7 @@ from massprop_drake.maths.estimation.joint.measurement import outputs, told_by_t
 from massprop_drake.maths.estimation.joint.orientation import STILL, UNTURNED, shared_attitude, turned
 from massprop_drake.maths.estimation.joint.prediction import Prediction, predict
 from massprop_drake.maths.estimation.joint.sensitivity import carried, link
+from massprop_drake.maths.estimation.joint.wheels import UNSPUN
 from massprop_drake.maths.linear_algebra import Array
 
 STD = 5e-5  # rad, of a tracker's reading
@@ -108,9 +109,9 @@ def test_readings_and_state_tell_of_one_attitude_whatever_is_shared() -> None:
 def about_itself(state: JointState, sample: Sample) -> tuple[Array, Prediction]:
     """Frames whose second one is the attitude that is predicted from the first, and the prediction with them."""
     acting = driven(state, sample, PARAMS)
-    reached = predict(state, acting, unread(PARAMS), PARAMS, FRAMES).mean[ATTITUDE]
+    reached = predict(state, acting, unread(PARAMS), PARAMS, (FRAMES, UNSPUN)).mean[ATTITUDE]
     frames = np.stack((FRAMES[0], multiply(from_rotation_vector(reached), FRAMES[1])))
-    return frames, predict(state, acting, unread(PARAMS), PARAMS, frames)
+    return frames, predict(state, acting, unread(PARAMS), PARAMS, (frames, UNSPUN))
 
 
 def test_how_errors_go_over_to_the_attitude_agrees_with_central_differences() -> None:
@@ -120,7 +121,7 @@ def test_how_errors_go_over_to_the_attitude_agrees_with_central_differences() ->
 
     def after(mean: Array) -> Array:
         there = state._replace(mean=mean)
-        return predict(there, driven(there, sample, PARAMS), unread(PARAMS), PARAMS, frames).mean[ATTITUDE]
+        return predict(there, driven(there, sample, PARAMS), unread(PARAMS), PARAMS, (frames, UNSPUN)).mean[ATTITUDE]
 
     expected = central_differences(after, state.mean, 1e-5 * np.maximum(np.abs(state.mean), 1e-2))
     found = predictions.propagated(np.eye(PLACES.size), prediction, PARAMS)[ATTITUDE, : PLACES.size]
