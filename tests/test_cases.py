@@ -473,8 +473,8 @@ def test_wheels_that_no_file_has_are_named(tmp_path: Path, seed: int) -> None:
     assert "unmodeled torques without a force, such as wheels whose speed changes" in reasons[0]
 
 
-def test_wheels_that_are_in_the_vehicle_file_show_the_inertia(tmp_path: Path) -> None:
-    """16: four wheels in a pyramid, speeds to .1 rpm."""
+def wheels_alone(folder: Path, factor: float = 1.0) -> Any:
+    """What is found of four wheels in a pyramid, speeds to .1 rpm, the inertia of the second stated so many times."""
     time_s, rates, speeds = turned_by_wheels(0.1, 300)
     random = np.random.default_rng(16)
     columns = {"time_s": list(map(repr, time_s.tolist()))}
@@ -487,8 +487,20 @@ def test_wheels_that_are_in_the_vehicle_file_show_the_inertia(tmp_path: Path) ->
     for wheel, column in enumerate(speeds.T):
         columns[f"RW{wheel + 1}_speed"] = [repr(tick * round(value / tick)) for value in column.tolist()]
     stated = [{"name": f"RW{n + 1}", "axis": axis, "inertia": SPIN} for n, axis in enumerate(WHEELS.tolist())]
-    case = scenario(tmp_path, {"vehicle": "client_servicer.yaml"}, f"vehicle.wheels={json.dumps(stated)}")
-    derived = estimate(written(tmp_path / "log.csv", columns), case).summary["derived"]
-    deviation = np.array(derived["inertia_std"])
-    assert (np.abs(np.array(derived["inertia"]) - INERTIA) < 4.0 * deviation).all()
+    stated[1]["inertia"] = factor * SPIN
+    case = scenario(folder, {"vehicle": "client_servicer.yaml"}, f"vehicle.wheels={json.dumps(stated)}")
+    return estimate(written(folder / "log.csv", columns), case).summary
+
+
+def test_wheels_that_are_in_the_vehicle_file_show_the_inertia(tmp_path: Path) -> None:
+    """16: four wheels in a pyramid, speeds to .1 rpm."""
+    found = wheels_alone(tmp_path)
+    deviation = np.array(found["derived"]["inertia_std"])
+    assert (np.abs(np.array(found["derived"]["inertia"]) - INERTIA) < 4.0 * deviation).all()
     assert (deviation.diagonal() < 0.05 * INERTIA.diagonal()).all()
+    assert found["consistency"]["verdict"] == "consistent"
+
+
+def test_a_wheel_whose_inertia_is_another_than_stated_is_named(tmp_path: Path) -> None:
+    reasons = wheels_alone(tmp_path, 1.2)["consistency"]["reasons"]
+    assert reasons[0].startswith("wheel RW2: its inertia is 0.83")

@@ -379,6 +379,9 @@ def looked_back(
             every = _some(parts, math.inf, made)
             whole = hindsight.fitted(every, _from(begin, made), made)
             diagnoses = _oscillating(every, whole, made, names) or diagnoses
+        if until_s < math.inf and names.wheels:  # or of a wheel that is not as stated
+            whole_of_it, _ = diagnosed(_some(parts, math.inf, made), begin, made, names)
+            diagnoses = whole_of_it if any(one.kind == "wheel" for one in whole_of_it) else diagnoses
         if diagnoses or apart is not None or _excess(fit) > 0.0 or fit.normal.readings < _FEWEST:
             scaled = _rescaled(parts, begin, made, scenario)
             if scaled is not None:

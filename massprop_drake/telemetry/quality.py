@@ -758,6 +758,12 @@ class QualityReport:
             found.append("the vehicle has no accelerometer: its mass is not observable")
         elif self._accelerometers and set(self._accelerometers) <= set(quality["absent_sensors"]):
             found.append("the record has no accelerometer: the mass is not observable in it")
+        unread = [wheel.name for wheel in self._vehicle.wheels if wheel.name in quality["absent_sensors"]]
+        if unread:
+            columns = ", ".join(f"{name}_speed" for name in unread)
+            found.append(
+                f"the record has no {columns}: what these wheels do turns the vehicle untold, and hides the rest"
+            )
         for entry in quality["unanswered"][:_LISTED]:
             found.append(
                 f"{', '.join(entry['jets'])} told to fire {_during(entry)}, but no "

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from massprop_drake import Estimator, Run, simulate
+from massprop_drake import Estimator, Run, estimate, load_scenario, simulate
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import load_vehicle
 
@@ -122,6 +123,17 @@ def product(left: Array, right: Array) -> Array:
     """Of two quaternions, scalar first."""
     vector = left[0] * right[1:] + right[0] * left[1:] + np.cross(left[1:], right[1:])
     return np.concatenate(([left[0] * right[0] - left[1:] @ right[1:]], vector))
+
+
+def test_a_record_without_the_speed_of_a_wheel_is_told_so(tmp_path: Path) -> None:
+    made = simulate(load_scenario("cubesat_leak", ["duration_s=3", "failures=[]"]), look_back=False)
+    made.save(tmp_path / "run", pictures=False, report=False)
+    rows = [line.split(",") for line in (tmp_path / "run" / "telemetry.csv").read_text().splitlines()]
+    place = rows[0].index("RWY_speed")
+    log = tmp_path / "log.csv"
+    log.write_text("".join(",".join(row[:place] + row[place + 1 :]) + "\n" for row in rows))
+    warnings = estimate(log, made.scenario).summary["data_quality"]["warnings"]
+    assert any("the record has no RWY_speed" in one for one in warnings)
 
 
 def test_a_leak_is_named_by_rotation_alone() -> None:
