@@ -51,9 +51,10 @@ ESTIMATION_OUT = {
     "held_closed": 44,
     "detector_report": 14 + 4 * 44,
 }
+PORTS_IN = {"command", "held_command", "closed", "held_closed"}
 # the orbiter's ports as they are documented: inputs and outputs
 PORTS: dict[ModuleType, tuple[dict[str, int], dict[str, int]]] = {
-    vehicle: ({"command": 44, "held_command": 44, "closed": 44, "held_closed": 44}, VEHICLE_OUT),
+    vehicle: (dict.fromkeys(PORTS_IN, 44), VEHICLE_OUT),
     autopilot: ({"gyro": 3, "estimate": 10, "converged": 1, "reconfiguration": 7 + 44}, AUTOPILOT_OUT),
     estimation: ({"jet_commands": 44, "outside_wrench": 6, **SENSORS}, ESTIMATION_OUT),
     closed_loop: ({}, {**VEHICLE_OUT, **AUTOPILOT_OUT, **ESTIMATION_OUT}),
@@ -95,11 +96,15 @@ def _ports_of(ports: dict[str, int], vehicle: Vehicle) -> dict[str, int]:
     n = len(vehicle.jets)
     sizes = {44: n, 7 + 44: 7 + n, 14 + 4 * 44: 14 + 4 * n, 21 + 12 * 44: 21 + 12 * n, 24 + 2 * 44: 24 + 2 * n}
     sizes[44 + 2] = n + 2
+    unlike = set() if vehicle.accelerometers or vehicle.needs_pose_filter else {"mass_report"}
+    wheels = {"wheel_speeds"} if "body_state" in ports else set()  # out of the vehicle, and torques into it
+    wheels |= {"wheel_torque"} if ports.keys() == PORTS_IN or {"body_state", "estimate"} <= ports.keys() else set()
     # the autopilot has one gyro port, whatever the package is called
     sensors = dict.fromkeys(vehicle.sensor_names(), 3) if "acc1" in ports else {"gyro": 3} if "gyro" in ports else {}
     if "acc1" in ports:
         sensors |= {sensor.name: len(sensor.columns) for sensor in vehicle.tracked}
-    return sensors | {name: sizes.get(size, size) for name, size in ports.items() if name not in SENSORS}
+    sensors |= dict.fromkeys(wheels if vehicle.wheels else (), len(vehicle.wheels))
+    return sensors | {name: sizes.get(size, size) for name, size in ports.items() if name not in {*SENSORS, *unlike}}
 
 
 def _inputs(dut: Diagram) -> dict[str, int]:

@@ -35,7 +35,7 @@ def made(*overrides: str) -> JointParams:
 
 NEW = {
     *("orbiter_maneuver", "leak_named", "leak_small", "two_at_once", "intermittent_jet", "dispersed_thrust"),
-    *("payload_docking", "air_bearing_pulses", "small_satellite_leak"),
+    *("payload_docking", "air_bearing_pulses", "small_satellite_leak", "cubesat_leak"),
     *("servicer_arm", "servicer_panel", "servicer_slosh"),
 }
 

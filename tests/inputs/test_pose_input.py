@@ -137,7 +137,7 @@ def test_an_autopilot_needs_a_gyro() -> None:
 def test_a_tracked_vehicle_chooses_its_filter_and_detector() -> None:
     for name in bundled_vehicles():
         scenario = resolved({"name": "usual", "vehicle": name})
-        tracked = bool(load_vehicle(name).tracked)
+        tracked = load_vehicle(name).needs_pose_filter
         assert (scenario.estimation.filter == "pose") == tracked
         assert (scenario.detector.kind == "thrust_factors") == tracked
     bench = again(load_vehicle("tracked_flyer"), poses=(PoseSensor(name="stars", attitude_std=1e-3),))

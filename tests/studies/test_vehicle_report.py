@@ -35,7 +35,7 @@ def _jets(data: dict[str, Any], *jets: tuple[tuple[float, ...], tuple[float, ...
     return data
 
 
-@pytest.mark.parametrize("name", bundled_vehicles())
+@pytest.mark.parametrize("name", [name for name in bundled_vehicles() if name != "cubesat"])  # which turns by wheels
 def test_every_bundled_vehicle_pushes_everywhere_and_shows_everything(name: str) -> None:
     vehicle = load_vehicle(name)
     report = vehicle_report(vehicle)
