@@ -474,7 +474,7 @@ def test_wheels_that_no_file_has_are_named(tmp_path: Path, seed: int) -> None:
 
 
 def wheels_alone(folder: Path, factor: float = 1.0) -> Any:
-    """What is found of four wheels in a pyramid, speeds to .1 rpm, the inertia of the second stated so many times."""
+    """Estimate with four wheels in a pyramid, speeds to .1 rpm, the inertia of the second stated so many times."""
     time_s, rates, speeds = turned_by_wheels(0.1, 300)
     random = np.random.default_rng(16)
     columns = {"time_s": list(map(repr, time_s.tolist()))}

@@ -357,7 +357,7 @@ def trackers(scenario: Scenario) -> tuple[PoseSensor, ...]:
 
 
 def read_besides(scenario: Scenario) -> tuple[PoseSensor | VelocitySensor | Wheel, ...]:
-    """What a filter reads besides gyros and accelerometers."""
+    """Sensors of the vehicle that a filter reads, other than gyros and accelerometers."""
     vehicle = scenario.vehicle_data
     return vehicle.tracked if scenario.estimation.filter == "pose" else (*vehicle.poses, *vehicle.wheels)
 

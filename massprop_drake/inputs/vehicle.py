@@ -62,7 +62,7 @@ _UNIT_LENGTH_TOLERANCE = 0.002  # of a direction, as printed tables have it
 _LARGEST_NUMBER = 1_000_000  # of a jet or a cluster
 _WITHOUT_RATES = "without measured rates neither inertia nor center of mass can be estimated"
 _MOST_JETS = 500  # several times what any vehicle has
-_FASTEST_WHEEL = 1e3  # rad/s^2: no motor accelerates a wheel by more
+_FASTEST_WHEEL = 1e3  # rad/s^2, physics: no motor accelerates a wheel by more
 
 
 _Fixable = Literal["Ixx_inv", "Iyy_inv", "Izz_inv", "Iyz_inv", "Ixz_inv", "Ixy_inv", "x_cm", "y_cm", "z_cm", "m_inv"]
@@ -708,7 +708,7 @@ class Vehicle(Model):
 
     @property
     def tracked(self) -> tuple[PoseSensor | VelocitySensor | Wheel, ...]:
-        """What is read besides the packages: the sensors in a fixed frame, poses first, and the wheels' speeds."""
+        """Sensors other than the packages: those in a fixed frame, poses first, and the wheels' speeds."""
         return (*self.poses, *self.velocities, *self.wheels)
 
     @property

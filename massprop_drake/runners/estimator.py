@@ -438,7 +438,7 @@ def _kind(own: Any) -> str:
 
 
 def _seen(readings: Mapping[str, ArrayLike] | None, vehicle: Vehicle) -> Array | None:
-    """What is read besides gyros and accelerometers, NaN where missing, shape (columns,); None: nothing ever is."""
+    """Readings other than gyros' and accelerometers', NaN where missing, shape (columns,); None: nothing ever is."""
     given = dict(readings or {})
     names = [sensor.name for sensor in vehicle.tracked]
     unknown, or_wheel = [name for name in given if name not in names], ", and no wheel" if vehicle.wheels else ""

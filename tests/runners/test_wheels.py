@@ -94,7 +94,7 @@ def test_speeds_at_a_lower_rate_cost_little() -> None:
 
 @pytest.mark.parametrize("off", [5.0, None])
 def test_a_false_speed_is_named_and_no_jet(off: float | None) -> None:
-    """Of a wheel whose readings jump, or stand still."""
+    """Leave a wheel whose speed reads false, by a jump or a standstill, out of the estimation."""
     stands = list[float]()
 
     def false(row: int, tracked: dict[str, Array]) -> None:
@@ -120,7 +120,7 @@ def test_a_tracker_that_takes_other_stars_for_its_own_turns_nothing() -> None:
 
 
 def product(left: Array, right: Array) -> Array:
-    """Of two quaternions, scalar first."""
+    """Product of two quaternions, scalar first."""
     vector = left[0] * right[1:] + right[0] * left[1:] + np.cross(left[1:], right[1:])
     return np.concatenate(([left[0] * right[0] - left[1:] @ right[1:]], vector))
 
@@ -137,7 +137,7 @@ def test_a_record_without_the_speed_of_a_wheel_is_told_so(tmp_path: Path) -> Non
 
 
 def test_a_leak_is_named_by_rotation_alone() -> None:
-    """Of a vehicle that has no accelerometer; its mass is not observable."""
+    """Name a leak from gyros alone, on a vehicle without an accelerometer; its mass is not observable."""
     leak = {"kind": "leak", "jet": "YP2", "start_s": 12.0, "force": 0.05}
     run = simulate(scenario(2, (leak,), accelerometers=[]), look_back=False)
     (found,) = run.summary["detections"]

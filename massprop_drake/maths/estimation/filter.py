@@ -87,7 +87,7 @@ class Setup(NamedTuple):
         disturbance: see `DisturbanceParams`, for the nominal vehicle.
         opens_at: where in a sample an on-time lies of which no onset is told, see `maths.vehicle.on_times`; None:
             commands are levels.
-        wheels: see `WheelParams`; their sigma is one, and `wheel_uncertainty` is each one's.
+        wheels: see `WheelParams`; the filter sets their sigma from `wheel_uncertainty`.
         wheel_uncertainty: 1-sigma of each wheel's inertia, relative, shape (n_wheels,).
         tracking: of a vehicle that is followed in a fixed frame, see `pose.setting.Tracking`; None: it is not.
     """

@@ -44,7 +44,7 @@ def true_inertias(model: WheelsModel, seed: Seed) -> Array:
 
 
 def acceleration(torque: Any, inertias: Array, model: WheelsModel) -> Any:
-    """What motors make of the speeds, rad/s^2, shape (n,); they give no more than they can."""
+    """Angular accelerations that the motors give the wheels, rad/s^2, shape (n,), limited by their torques."""
     return np.clip(torque, -model.most, model.most) / inertias
 
 
@@ -55,7 +55,7 @@ def momentum(speeds: Any, accelerations: Any, inertias: Array, model: WheelsMode
 
 
 def speed_read(speed: Any, noise: Any, place: int, model: WheelsModel) -> Any:
-    """What is read of a wheel's speed.
+    """Speed of one wheel as its tachometer reads it.
 
     Args:
         speed: rad/s.

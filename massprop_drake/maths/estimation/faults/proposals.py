@@ -215,7 +215,7 @@ def _is_judged(evidence: JointEvidence, params: JointParams) -> bool:
 
 
 def loss(each: Hypothesis) -> float:
-    """By how much less likely the newest readings of a watched hypothesis are than its readings before, nats.
+    """Loss of likelihood of a watched hypothesis, its newest readings against its readings before, nats.
 
     Each as it is expected, since not every sample has a reading of every sensor.
     """

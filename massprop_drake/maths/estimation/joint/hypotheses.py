@@ -42,7 +42,7 @@ UNTIMED = 1.0 / np.sqrt(12.0)  # of an interval, 1 sigma: when an impulse at an 
 _LEFT = 1e-6  # of a force that builds up: less is not felt
 _RANGE = 4e4  # steps that a sensor's range has
 _STILL = 2.0  # a lie is as likely as not the same as the one before
-TURNED = 0.3  # rad, 1 sigma: a tracker that takes other stars for its own reads any attitude; small enough to linearize
+TURNED = 0.3  # rad, a prior 1-sigma: other stars taken for its own turn what a tracker reads; within linearization
 _LIES = 5.0  # sigmas off: a reading that does not fit
 
 
@@ -112,7 +112,7 @@ class Score(NamedTuple):
 
     @property
     def excess(self) -> float:
-        """By how much less likely its readings are than the predictions expect such readings to be, nats."""
+        """Log-likelihood that its predictions expect of its readings, minus the one they have, nats."""
         return 0.5 * (self.nis - self.degrees)
 
     @property

@@ -29,8 +29,8 @@ from massprop_drake.maths.estimation.joint.disturbance import Wander
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array, cross
 
-_ACTS = 4.0  # 1-sigmas of a change of speed: less is what readings of a wheel at rest show
-_FASTEST = 1e3  # rad/s: what nobody has read may be as fast as this
+_ACTS = 4.0  # a probability, in 1-sigmas of a change of speed: errors of readings alone exceed it 6 times in 100 000
+_FASTEST = 1e3  # rad/s, physics: no wheel turns faster, so the prior 1-sigma of a speed that was not read
 
 
 class WheelParams(NamedTuple):
@@ -123,7 +123,7 @@ def size_of(wheel: int, inverse: Array, duration_s: float, wheels: WheelParams) 
 
 @kernel
 def turn_by(speeds: Spun, wheels: WheelParams) -> bool:
-    """Whether the speed of any wheel changes by more than the errors of readings."""
+    """Tell whether the speed of any wheel changes by more than the errors of readings."""
     for k in range(speeds.end.shape[0]):
         if abs(speeds.end[k] - speeds.start[k]) > _ACTS * math.sqrt(2.0) * wheels.speed_std[k]:
             return True
