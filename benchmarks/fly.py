@@ -57,7 +57,7 @@ def _simulated(spec: Mapping[str, Any], random: Random, number: int, compiled: b
     flight = drawn(spec, random, number)
     scenario = loaded(flight, number, compiled)
     run = simulate(scenario)
-    flown, truth = run, np.array(run["truth"][-1])
+    flown, truth = run, from_names(run.summary["truth"])
     if flight.recorded is not None:
         record = flight.recorded(run, random)
         with TemporaryDirectory() as folder:
