@@ -9,6 +9,7 @@ from pydrake.systems.framework import DiagramBuilder, System
 
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.systems.autopilot.engine_commands import EngineCommands
 from massprop_drake.systems.autopilot.wheel_schedule import WheelSchedule
 
 ONSETS = ("command_onset", "held_command_onset")  # ports beside those of commands, where jets open within a sample
@@ -42,21 +43,40 @@ def connect_estimation(
     """Feeds the estimators with every sensor, and with the command of the interval that ended."""
     seen = (sensor.name for sensor in scenario.vehicle_data.tracked)
     for name in (*scenario.vehicle_data.sensor_names(), *seen):
-        if estimation.HasInputPort(name):
+        if estimation.HasInputPort(name) and vehicle.HasOutputPort(name):  # engines that never burn are not there
             builder.Connect(vehicle.GetOutputPort(name), estimation.GetInputPort(name))
     builder.Connect(commander.GetOutputPort("held_command"), estimation.GetInputPort("jet_commands"))
     if commander.HasOutputPort("held_command_onset") and estimation.HasInputPort("held_command_onset"):
         builder.Connect(commander.GetOutputPort("held_command_onset"), estimation.GetInputPort("held_command_onset"))
 
 
-def connect_wheel_schedule(builder: DiagramBuilder, vehicle: framework.Diagram, scenario: Scenario) -> list[System]:
-    """Plays the prescribed torques of a vehicle's wheels to it; returns what plays them, nothing without wheels."""
+def connect_wheels(
+    builder: DiagramBuilder, vehicle: framework.Diagram, commander: System, scenario: Scenario
+) -> list[System]:
+    """Gives a vehicle's wheels the torques of the autopilot, or plays those prescribed; returns what plays them."""
     if not scenario.vehicle_data.wheels:
+        return []
+    if commander.HasOutputPort("wheel_torque"):
+        builder.Connect(commander.GetOutputPort("wheel_torque"), vehicle.GetInputPort("wheel_torque"))
+        for wheel in scenario.vehicle_data.wheels:
+            builder.Connect(vehicle.GetOutputPort(wheel.name), commander.GetInputPort(wheel.name))
         return []
     torques, period_s = params.wheel_torques(scenario), scenario.vehicle_data.sample_period_s
     schedule = builder.AddSystem(WheelSchedule(torques, period_s=period_s))
     builder.Connect(schedule.get_output_port(), vehicle.GetInputPort("wheel_torque"))
     return [schedule]
+
+
+def connect_engine_commands(builder: DiagramBuilder, vehicle: framework.Diagram, scenario: Scenario) -> list[System]:
+    """Tells a vehicle's engines what to do; returns what does, nothing where none ever burns."""
+    if not scenario.engine_schedule:
+        return []
+    control = params.gimbal_control(scenario)
+    commands = builder.AddSystem(EngineCommands(params.engine_commands(scenario), control))
+    builder.Connect(commands.get_output_port(), vehicle.GetInputPort("engine_command"))
+    if control.bandwidth > 0.0:
+        builder.Connect(vehicle.GetOutputPort(params.gyro(scenario).name), commands.GetInputPort("gyro"))
+    return [commands]
 
 
 def export_outputs(builder: DiagramBuilder, systems: Iterable[System], *, but: Container[str] = ()) -> None:

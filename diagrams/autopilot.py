@@ -3,19 +3,22 @@
 hand_controllers --> attitude_reference --attitude_error--> phase_space_controller --request--> jet_selection
 gyro ----------------^--------------------------------------^                                    |   |  command
                                                             ^------------- delivered ------------'   '--------->
+With `autopilot.wheels` the wheel controller has the attitude error and the gyro, too, gives the wheels their torques,
+and stands between the gyro and the phase-space controller.
 """
 
 from __future__ import annotations
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from massprop_drake.diagrams._wiring import built
+from massprop_drake.diagrams._wiring import ONSETS, built
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.systems.autopilot.attitude_reference import AttitudeReference
 from massprop_drake.systems.autopilot.hand_controllers import HandControllers
 from massprop_drake.systems.autopilot.jet_selection import JetSelection
 from massprop_drake.systems.autopilot.phase_space_controller import PhaseSpaceController
+from massprop_drake.systems.autopilot.wheel_controller import WheelController
 
 
 def build(scenario: Scenario) -> Diagram:
@@ -25,10 +28,12 @@ def build(scenario: Scenario) -> Diagram:
         gyro (in, 3): measured rate, rad/s, body axes.
         estimate (in, 10), converged (in, 1), reconfiguration (in, 7 + n_jets): see `JetSelection`; may
             stay unconnected.
-        command (out, n_jets), held_command (out, n_jets): see `JetSelection`.
+        command (out, n_jets), held_command (out, n_jets), command_onset (out, n_jets), held_command_onset (out,
+            n_jets): see `JetSelection`; the onsets where the autopilot flies on-times.
         hand_controllers (out, 6): see `HandControllers`.
         attitude_error (out, 3): rad, body axes.
         request (out, 8): see `PhaseSpaceController`.
+        <wheel> (in, 1), wheel_torque (out, n): see `WheelController`; where wheels turn the vehicle.
         selection_counts (out, 4), out_of_use (out, n_jets): see `JetSelection`.
     """
     vehicle = scenario.vehicle_data
@@ -53,12 +58,24 @@ def build(scenario: Scenario) -> Diagram:
     builder.Connect(selection.GetOutputPort("delivered"), controller.GetInputPort("delivered"))
 
     gyro = builder.ExportInput(reference.GetInputPort("gyro"), "gyro")
-    builder.ConnectInput(gyro, controller.GetInputPort("gyro"))
+    law = params.wheel_control(scenario)
+    if law is None:
+        builder.ConnectInput(gyro, controller.GetInputPort("gyro"))
+    else:
+        names = [wheel.name for wheel in vehicle.wheels]
+        wheels = builder.AddSystem(WheelController(law, names))
+        builder.ConnectInput(gyro, wheels.GetInputPort("gyro"))
+        builder.Connect(controllers.GetOutputPort("hand_controllers"), wheels.GetInputPort("hand_controllers"))
+        builder.Connect(reference.GetOutputPort("attitude_error"), wheels.GetInputPort("attitude_error"))
+        builder.Connect(wheels.GetOutputPort("rate_for_jets"), controller.GetInputPort("gyro"))
+        for name in names:
+            builder.ExportInput(wheels.GetInputPort(name), name)
+        builder.ExportOutput(wheels.GetOutputPort("wheel_torque"), "wheel_torque")
     builder.ExportInput(selection.GetInputPort("estimate"), "estimate")
     builder.ExportInput(selection.GetInputPort("converged"), "converged")
     builder.ExportInput(selection.GetInputPort("reconfiguration"), "reconfiguration")
-    builder.ExportOutput(selection.GetOutputPort("command"), "command")
-    builder.ExportOutput(selection.GetOutputPort("held_command"), "held_command")
+    for name in ("command", "held_command", *filter(selection.HasOutputPort, ONSETS)):
+        builder.ExportOutput(selection.GetOutputPort(name), name)
     builder.ExportOutput(controllers.GetOutputPort("hand_controllers"), "hand_controllers")
     builder.ExportOutput(reference.GetOutputPort("attitude_error"), "attitude_error")
     builder.ExportOutput(controller.GetOutputPort("request"), "request")

@@ -11,7 +11,14 @@ from __future__ import annotations
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from massprop_drake.diagrams import autopilot, estimation, vehicle
-from massprop_drake.diagrams._wiring import built, connect_estimation, connect_wheel_schedule, export_outputs
+from massprop_drake.diagrams._wiring import (
+    ONSETS,
+    built,
+    connect_engine_commands,
+    connect_estimation,
+    connect_wheels,
+    export_outputs,
+)
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 
@@ -36,8 +43,8 @@ def build(scenario: Scenario, *, findings: bool = False) -> Diagram:
     estimators = builder.AddNamedSystem("estimation", estimation.build(scenario, findings=findings))
 
     builder.Connect(body.GetOutputPort(gyro), pilot.GetInputPort("gyro"))
-    builder.Connect(pilot.GetOutputPort("command"), body.GetInputPort("command"))
-    builder.Connect(pilot.GetOutputPort("held_command"), body.GetInputPort("held_command"))
+    for name in ("command", "held_command", *filter(pilot.HasOutputPort, ONSETS)):
+        builder.Connect(pilot.GetOutputPort(name), body.GetInputPort(name))
     connect_estimation(builder, body, pilot, estimators, scenario)
     if estimators.HasOutputPort("reconfiguration"):
         builder.Connect(estimators.GetOutputPort("reconfiguration"), pilot.GetInputPort("reconfiguration"))
@@ -48,6 +55,7 @@ def build(scenario: Scenario, *, findings: bool = False) -> Diagram:
         for name in ("estimate", "converged"):
             builder.Connect(estimators.GetOutputPort(name), pilot.GetInputPort(name))
 
-    wheels = connect_wheel_schedule(builder, body, scenario)
-    export_outputs(builder, (body, pilot, estimators, *wheels))
+    wheels = connect_wheels(builder, body, pilot, scenario)
+    engines = connect_engine_commands(builder, body, scenario)
+    export_outputs(builder, (body, pilot, estimators, *wheels, *engines))
     return built(builder, "closed_loop")

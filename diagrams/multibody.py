@@ -31,8 +31,12 @@ from massprop_drake.systems.multibody.plants import (
 from massprop_drake.systems.multibody.star_tracker import StarTracker
 
 
-def body(block: MultibodyBlock) -> MultibodyVehicle:
+def body(block: MultibodyBlock, *, wheels: bool = False) -> MultibodyVehicle:
     """The multibody plant of a scenario's block, with the ports of a rigid one.
+
+    Args:
+        block: of the scenario.
+        wheels: whether its vehicle has reaction wheels.
 
     Raises:
         InputError: when Drake cannot make a plant of its model, or body and joints that it names are not in it.
@@ -48,6 +52,7 @@ def body(block: MultibodyBlock) -> MultibodyVehicle:
             moves=params.joint_moves(block),
             drive_frequency_hz=block.drive_frequency_hz,
             shown=[joint.name for joint in model_joints(block.model)],
+            wheels=wheels,
         )
 
 
@@ -105,9 +110,9 @@ def add_thrusters_and_sensors(
 ) -> Diagram:
     """Adds jets and sensors of a vehicle to a MultibodyPlant that is in a builder already, and connects them.
 
-    The diagram that is added has the ports of the `vehicle` diagram: `command` and `held_command` in; each gyro and
-    accelerometer, `body_state`, `structure`, `mass_properties` and `thrust` out. The plant's port
-    `applied_spatial_force` is connected then.
+    The diagram that is added has the ports of the `vehicle` diagram: `command` and `held_command`, of wheels
+    `wheel_torque` in; each gyro and accelerometer, `body_state`, `structure`, `mass_properties` and `thrust` out. The
+    plant's port `applied_spatial_force` is connected then.
 
     Args:
         builder: that the plant is in.
@@ -126,6 +131,7 @@ def add_thrusters_and_sensors(
     if scenario.vehicle_data.motion == "planar":
         raise ValueError(f"vehicle '{scenario.vehicle_data.name}' moves in a plane, which a MultibodyPlant knows not")
     taken = [*TRUTH, "thrust", "spatial_forces", "reaction_jets", "body_bridge", "noise_source", "noise_seed"]
+    taken += ["reaction_wheels", "wheel_torque", "wheel_speeds"]
     taken += [sensor.name for sensor in (*scenario.vehicle_data.sensors, *scenario.vehicle_data.tracked)]
     for tracker in star_trackers:
         if tracker.get_name() in taken:
@@ -134,7 +140,7 @@ def add_thrusters_and_sensors(
     if isinstance(scenario.plant, PlantBlock):
         continuous = scenario.plant.model_copy(update={"time_step": 0.0})
         scenario = scenario.model_copy(update={"plant": continuous})
-    bridge = BodyBridge(plant, body)
+    bridge = BodyBridge(plant, body, wheels=bool(scenario.vehicle_data.wheels))
     forces = plant.get_applied_spatial_force_input_port()
     if builder.IsConnectedOrExported(forces):
         raise ValueError(

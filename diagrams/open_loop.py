@@ -8,7 +8,14 @@ from __future__ import annotations
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from massprop_drake.diagrams import estimation, vehicle
-from massprop_drake.diagrams._wiring import ONSETS, built, connect_estimation, connect_wheel_schedule, export_outputs
+from massprop_drake.diagrams._wiring import (
+    ONSETS,
+    built,
+    connect_engine_commands,
+    connect_estimation,
+    connect_wheels,
+    export_outputs,
+)
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.systems.autopilot.jet_schedule import JetSchedule
@@ -39,6 +46,7 @@ def build(scenario: Scenario, *, findings: bool = False) -> Diagram:
     if scenario.estimation.filter == "pose":  # a jet may act before its command, as the clocks have it
         builder.Connect(schedule.GetOutputPort("command"), estimators.GetInputPort("command"))
 
-    wheels = connect_wheel_schedule(builder, body, scenario)
-    export_outputs(builder, (body, schedule, estimators, *wheels))
+    wheels = connect_wheels(builder, body, schedule, scenario)
+    engines = connect_engine_commands(builder, body, scenario)
+    export_outputs(builder, (body, schedule, estimators, *wheels, *engines))
     return built(builder, "open_loop")

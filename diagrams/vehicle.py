@@ -27,6 +27,7 @@ from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import PlantBlock, Scenario
 from massprop_drake.inputs.vehicle import Accelerometer, PoseSensor, SensorPackage, VelocitySensor
 from massprop_drake.systems.vehicle.disturbance import Disturbance
+from massprop_drake.systems.vehicle.engines import Engines
 from massprop_drake.systems.vehicle.integrating_accelerometer import IntegratingAccelerometer
 from massprop_drake.systems.vehicle.noise_source import NoiseSource, noise_seed
 from massprop_drake.systems.vehicle.rate_gyro import RateGyro
@@ -53,19 +54,21 @@ def build(scenario: Scenario, body: System | None = None, trackers: Sequence[Sys
         <accelerometer> (out, 3): integrated specific force, ft/s or m/s, body axes, for each package.
         <pose> (out, 7), <velocity> (out, 3): see `PoseTracker` and `VelocityTracker`, for each sensor in a fixed frame.
         wheel_torque (in, n), wheel_speeds (out, n), <wheel> (out, 1): see `ReactionWheels`; of a vehicle that has them.
+        engine_command (in, 3 n), engine_state (out, 3 n), <engine> (out, 1 or 3): see `Engines`; where they burn.
         body_state (out, 23), structure (out, 9), mass_properties (out, 10): the truth, see
             `RigidBodyPlant`.
+        propellant (out, n_tanks): in each tank, see `RigidBodyPlant`; of a vehicle that has them.
         thrust (out, n_jets): mean force over the coming sample, see `ReactionJets`.
         joint_positions (out, n): of a multibody plant that has joints, see `MultibodyVehicle`.
     """
-    vehicle, pieces = scenario.vehicle_data, params.pieces(scenario)
+    vehicle, pieces, tanks = scenario.vehicle_data, params.pieces(scenario), params.true_tanks(scenario)
     period = vehicle.sample_period_s
     builder = DiagramBuilder()
 
     jets = builder.AddNamedSystem(
         "reaction_jets",
         ReactionJets(
-            wrenches=params.nominal_wrenches(scenario),
+            wrenches=params.mounted_wrenches(scenario),
             time_constants_s=params.plant_time_constants(scenario),
             period_s=period,
             dispersion=scenario.plant.thrust_dispersion,
@@ -73,6 +76,7 @@ def build(scenario: Scenario, body: System | None = None, trackers: Sequence[Sys
             thrusts=np.array([jet.thrust for jet in vehicle.jets]),
             planar=vehicle.motion == "planar",
             pieces=pieces,
+            feeds=None if tanks is None else tanks[0].feeds,
             seed=scenario.seed,
             compiled=scenario.execution.compiled,
         ),
@@ -80,26 +84,9 @@ def build(scenario: Scenario, body: System | None = None, trackers: Sequence[Sys
     body = builder.AddSystem(_body(scenario, jets.lag_time_constants_s, pieces) if body is None else body)
     stepped = params.time_step(scenario) != 0.0
     wrench = "wrench_profile" if stepped else "wrench"
-    pushed: list[System] = []
-    model_of_disturbance = params.disturbance(scenario)
-    if model_of_disturbance is None:
-        builder.Connect(jets.GetOutputPort(wrench), body.GetInputPort(wrench))
-    else:
-        n_lags = len(jets.lag_time_constants_s) if stepped else 0
-        disturbance = builder.AddSystem(
-            Disturbance(
-                model_of_disturbance,
-                period_s=period,
-                stepped=stepped,
-                n_lags=n_lags,
-                pieces=pieces if stepped else 1,
-                seed=scenario.seed,
-            )
-        )
-        builder.Connect(jets.GetOutputPort(wrench), disturbance.GetInputPort("jets"))
-        builder.Connect(body.GetOutputPort("structure"), disturbance.GetInputPort("structure"))
-        builder.Connect(disturbance.GetOutputPort("wrench"), body.GetInputPort(wrench))
-        pushed.append(disturbance)
+    pushed = _with_others(builder, scenario, jets, body, pieces if stepped else 1)
+    if jets.HasOutputPort("drained") and body.HasInputPort("drained"):
+        builder.Connect(jets.GetOutputPort("drained"), body.GetInputPort("drained"))
     if vehicle.motion == "planar":
         builder.Connect(body.GetOutputPort("structure"), jets.GetInputPort("structure"))
     for name in ("command", "held_command", *(ONSETS if pieces > 1 else ()), "closed", "held_closed"):
@@ -132,11 +119,50 @@ def build(scenario: Scenario, body: System | None = None, trackers: Sequence[Sys
 
     _connect_chance(builder, scenario, jets, [*pushed, *sensors, body])
     for port in map(body.get_input_port, range(body.num_input_ports())):
-        if port.get_name() not in (wrench, "seed", "wheels"):
+        if port.get_name() not in (wrench, "seed", "wheels", "drained"):
             builder.ExportInput(port, port.get_name())
     export_outputs(builder, [body])
     builder.ExportOutput(jets.GetOutputPort("thrust"), "thrust")
     return built(builder, "vehicle")
+
+
+def _with_others(builder: DiagramBuilder, scenario: Scenario, jets: System, body: System, pieces: int) -> list[System]:
+    """Puts engines and a disturbance between jets and body; returns these.
+
+    Args:
+        builder: of the diagram.
+        scenario: with the vehicle.
+        jets: see `ReactionJets`.
+        body: see `build`.
+        pieces: of the jets' profile that the body gets.
+    """
+    vehicle, stepped = scenario.vehicle_data, params.time_step(scenario) != 0.0
+    wrench = "wrench_profile" if stepped else "wrench"
+    how: dict[str, Any] = {
+        "period_s": vehicle.sample_period_s,
+        "stepped": stepped,
+        "n_lags": len(jets.lag_time_constants_s) if stepped else 0,
+        "pieces": pieces,
+        "seed": scenario.seed,
+    }
+    pushed, acting = list[System](), jets.GetOutputPort(wrench)
+    if scenario.engine_schedule:  # a vehicle whose engines never burn flies without them
+        names = tuple(engine.name for engine in vehicle.engines)
+        engines = builder.AddSystem(Engines(params.true_engines(scenario), names, **how))
+        builder.ExportInput(engines.GetInputPort("engine_command"), "engine_command")
+        for name in ("engine_state", *names):
+            builder.ExportOutput(engines.GetOutputPort(name), name)
+        pushed.append(engines)
+    model = params.disturbance(scenario)
+    if model is not None:
+        disturbance = builder.AddSystem(Disturbance(model, **how))
+        builder.Connect(body.GetOutputPort("structure"), disturbance.GetInputPort("structure"))
+        pushed.append(disturbance)
+    for system in pushed:
+        builder.Connect(acting, system.GetInputPort("jets"))
+        acting = system.GetOutputPort("wrench")
+    builder.Connect(acting, body.GetInputPort(wrench))
+    return pushed
 
 
 def _connect_chance(builder: DiagramBuilder, scenario: Scenario, jets: System, others: list[System]) -> None:
@@ -164,7 +190,7 @@ def _body(scenario: Scenario, lag_time_constants_s: tuple[float, ...], pieces: i
     if not isinstance(scenario.plant, PlantBlock):
         from massprop_drake.diagrams import multibody  # noqa: PLC0415 (loads Drake's multibody library)
 
-        return multibody.body(scenario.plant)
+        return multibody.body(scenario.plant, wheels=bool(scenario.vehicle_data.wheels))
     return RigidBodyPlant(
         params.undrawn_properties(scenario),
         time_step=params.time_step(scenario),
@@ -176,6 +202,7 @@ def _body(scenario: Scenario, lag_time_constants_s: tuple[float, ...], pieces: i
         spread=params.mass_spread(scenario),
         seed=scenario.seed,
         wheels=bool(scenario.vehicle_data.wheels),
+        tanks=params.true_tanks(scenario),
         compiled=scenario.execution.compiled,
     )
 

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from massprop_drake.results.run import Run as Run
     from massprop_drake.runners.estimator import Estimator as Estimator
     from massprop_drake.runners.estimator import EstimatorStep as EstimatorStep
+    from massprop_drake.runners.foretelling import foretell as foretell
     from massprop_drake.runners.recorded import estimate as estimate
     from massprop_drake.runners.simulate import simulate as simulate
     from massprop_drake.studies.campaign.campaign import Campaign as Campaign
@@ -35,6 +36,7 @@ _HOMES = {
     "estimate": "runners.recorded",
     "Estimator": "runners.estimator",
     "EstimatorStep": "runners.estimator",
+    "foretell": "runners.foretelling",
     "Run": "results.run",
     "Scenario": "inputs.scenario",
     "load_scenario": "inputs.scenario",

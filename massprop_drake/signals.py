@@ -162,7 +162,19 @@ def wheel_signal(name: str) -> Signal:
     return Signal(name, f"speed of {name} as it is read", "rad/s", ("speed",))
 
 
+def engine_signal(name: str, *, turns: bool) -> Signal:
+    """Describes the level and, of an engine with a gimbal, the angles that are read of it."""
+    angles, unit = (("gimbal_1", "gimbal_2"), "- (1); rad (2)") if turns else ((), "-")
+    return Signal(name, f"{name} as it is read", unit, ("level", *angles))
+
+
+PROPELLANT = "propellant"
 JOINTS = "joint_positions"
+
+
+def propellant_signal(tanks: tuple[str, ...]) -> Signal:
+    """Describes the true propellant in the tanks of a vehicle, by their names."""
+    return Signal(PROPELLANT, "propellant in the tank", "{mass}", tanks)
 
 
 def joint_signal(columns: tuple[str, ...], units: tuple[str, ...]) -> Signal:

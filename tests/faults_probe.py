@@ -13,8 +13,10 @@ from massprop_drake.maths.estimation.faults.declarations import Declaration
 from massprop_drake.maths.estimation.faults.priors import Params, Priors
 from massprop_drake.maths.estimation.faults.tree import Tree, advance
 from massprop_drake.maths.estimation.faults.verdicts import Verdicts, judged, odds
+from massprop_drake.maths.estimation.joint import disturbance
 from massprop_drake.maths.estimation.joint.cycle import JointEvidence, Sample, driven, initial, step
 from massprop_drake.maths.estimation.joint.hypotheses import without_increments
+from massprop_drake.maths.estimation.joint.impulses import effects_of
 from massprop_drake.maths.estimation.joint.layout import CENTER, MASS, JointParams, JointState, make_places
 from massprop_drake.maths.estimation.joint.measurement import outputs, rebased
 from massprop_drake.maths.estimation.joint.prediction import predict
@@ -27,16 +29,17 @@ NOISE = (1e-3, 5e-3)  # 1 sigma of a gyro, rad/s, and of an accelerometer, ft/s
 Change = Callable[[JointState], JointState]
 
 
-def make_params(*, quantum: float = 0.0, **priors: float) -> Params:
+def make_params(*, quantum: float = 0.0, unstated: int = 0, **priors: float) -> Params:
     """Parameters of a vehicle with six jets, all faults possible.
 
     Args:
         quantum: of the gyros, rad/s, and ten times that of the accelerometers; 0: noise alone.
+        unstated: components of a disturbance that nobody states: six, or none.
         priors: see `Priors`.
     """
     cells, noise = np.repeat([quantum, 10.0 * quantum], 6), np.repeat(NOISE, 6) if quantum == 0.0 else np.full(12, 1e-5)
     joint = small_params(
-        places=make_places((JETS, 2, 2), 0, (False, False), False, SLOTS),
+        places=make_places((JETS, 2, 2, 0, 0, 0, 0, 0, unstated), 0, (False, False), False, SLOTS),
         prior_sigma=np.zeros(SLOTS),
         time_constants_s=np.zeros(JETS),
         flows=np.zeros(JETS),
@@ -47,6 +50,8 @@ def make_params(*, quantum: float = 0.0, **priors: float) -> Params:
         floors=noise**2 + (FLOOR * cells) ** 2,
         dithered=np.full(12, float(quantum == 0.0)),
     )
+    if unstated:
+        joint = joint._replace(unstated=disturbance.unstated(effects_of(joint.wrenches, TRUTH), 2))
     return Params(without_increments(joint), Priors(**priors), np.ones(2 * JETS), np.ones(JETS))
 
 
@@ -56,6 +61,7 @@ def known_vehicle(params: JointParams) -> JointState:
     root = np.zeros_like(state.root)
     root[range(10), range(10)] = 1e-3 * np.abs(TRUTH)
     root[range(10, params.places.force), range(10, params.places.force)] = 1e-4
+    root[params.places.slow : params.places.thrust] = 0.0
     return state._replace(root=root, started=True, guarded=True, firing_count=100.0)
 
 
@@ -72,6 +78,18 @@ def fail(jet: int, force: float, sign: int = 1, on_top: int = 0) -> Change:
             slot_sign=np.where(at > 0.0, float(sign), truth.slot_sign),
             slot_on_top=np.where(at > 0.0, float(on_top), truth.slot_on_top),
         )
+
+    return change
+
+
+def push(params: JointParams, accelerations: Array) -> Change:
+    """Something besides the jets that pushes from now on: change of w and c by it in a second, shape (6,)."""
+
+    def change(truth: JointState) -> JointState:
+        mean = truth.mean.copy()
+        begin = params.places.unstated
+        mean[begin : begin + 6] = accelerations / params.unstated.diagonal()
+        return truth._replace(mean=mean, stir_s=1e9)
 
     return change
 

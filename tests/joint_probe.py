@@ -10,10 +10,10 @@ from scipy.stats import chi2
 
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.estimation.joint import ticks
-from massprop_drake.maths.estimation.joint.cycle import Sample, initial
+from massprop_drake.maths.estimation.joint.cycle import Sample, driven, initial
 from massprop_drake.maths.estimation.joint.disturbance import NO_DISTURBANCE
 from massprop_drake.maths.estimation.joint.layout import NO_ATTITUDE_SENSORS, JointParams, JointState, make_places
-from massprop_drake.maths.estimation.joint.prediction import RateRead
+from massprop_drake.maths.estimation.joint.prediction import RateRead, predict, propagated
 from massprop_drake.maths.estimation.joint.quantized import DITHER, FLOOR
 from massprop_drake.maths.estimation.joint.ticks import Clock, Commanded, Elapsed, Pace, on_ticks
 from massprop_drake.maths.linear_algebra import Array
@@ -23,7 +23,7 @@ from massprop_drake.maths.vehicle.on_times import levels_alone
 PERIOD = 0.1  # s
 INVERSE = np.linalg.inv(np.array([[2.0, 0.1, -0.2], [0.1, 3.0, 0.3], [-0.2, 0.3, 4.0]]))
 TRUTH = np.concatenate([six_elements(INVERSE), [0.05, -0.03, 0.02, 0.1]])
-_POSITIONS = np.array([[1.0, 0.2, 0], [-1, 0, 0.3], [0, 1, -0.1], [0.2, -1, 0], [0, 0.1, 1], [0.3, 0, -1]])
+POSITIONS = np.array([[1.0, 0.2, 0], [-1, 0, 0.3], [0, 1, -0.1], [0.2, -1, 0], [0, 0.1, 1], [0.3, 0, -1]])
 _FORCES = np.array([[0, 1.0, 0.2], [0.1, 0, 1], [1, 0, 0.1], [0.2, 0.3, -1], [-1, 0.2, 0], [0.4, -1, 0]])
 
 
@@ -34,11 +34,23 @@ def elapsed(clock: Clock, stamp_s: float, levels: tuple[Array, Array | None], pa
     return ticks.elapsed(clock, stamp_s, (before, coming), pace)
 
 
+def derivatives(state: JointState, sample: Sample, params: JointParams) -> tuple[Array, Array]:
+    """Derivative of the predicted state by the state: as the covariance goes over, and by central differences."""
+
+    def after(mean: Array) -> Array:
+        there = state._replace(mean=mean)
+        return predict(there, driven(there, sample, params), unread(params), params).mean
+
+    expected = central_differences(after, state.mean, 1e-4 * np.maximum(np.abs(state.mean), 1e-2))
+    prediction = predict(state, driven(state, sample, params), unread(params), params)
+    return propagated(np.eye(params.places.size), prediction, params)[:, : params.places.size], expected
+
+
 def small_params(**changed: Any) -> JointParams:
     """Six jets of two kinds, two gyros and two accelerometers, every kind of parameter, two slots."""
     settings: dict[str, Any] = {
         "places": make_places((6, 2, 2), 2, (True, True), True, 2, ticks=2),
-        "wrenches": np.hstack([np.cross(_POSITIONS, _FORCES), _FORCES]),
+        "wrenches": np.hstack([np.cross(POSITIONS, _FORCES), _FORCES]),
         "thrusts": np.linalg.norm(_FORCES, axis=1),
         "flows": np.full(6, 0.01),
         "time_constants_s": np.array([0.015, 0.015, 0.015, 0.03, 0.03, 0.03]),

@@ -115,8 +115,8 @@ def test_the_simulator_of_a_drake_user_stops_at_the_leak_and_the_run_names_it(
 ) -> None:
     notebook, _ = in_drake
     text = printed(notebook)
-    assert "YP1 has failed, known at 36.9 s\ninnovations: consistent" in text
-    assert "YP1: leak, +0.20 N, named at 36.8 s" in text
+    assert "YP1 has failed, known at 37.1 s\ninnovations: consistent" in text
+    assert "YP1: leak, +0.20 N, named at 37.1 s" in text
     assert "rad ('slosh_y', 'slosh_x')" in text
     assert complaints(notebook) == []
 

@@ -168,3 +168,8 @@ def test_consistency(tutorial: Tutorial, tmp_path: Path) -> None:
     assert neighbors == pytest.approx(-0.5, abs=0.15)  # a moving average of two: the difference of readings
     assert results["quantized"][1].mean() < 2.5  # an axis without acceleration shows no noise at all
     assert (tmp_path / "nis.png").stat().st_size > 0
+
+
+def test_your_spacecraft(tutorial: Tutorial) -> None:
+    left = tutorial("your_spacecraft")
+    assert [found.jet for found in left["again"].results.detections] == ["YP2"]

@@ -15,6 +15,7 @@ from massprop_drake.cli import campaigns, completion
 from massprop_drake.cli.options import (
     Compiled,
     Figures,
+    Flight,
     Force,
     Guaranteed,
     Json,
@@ -79,13 +80,7 @@ def list_everything(as_json: Json = False) -> None:
 @app.command(epilog="Example: `massprop run sample_maneuver --seed 3 --set rotation.filter=extended --out runs/ekf`")
 def run(
     context: typer.Context,
-    scenario: Annotated[
-        str,
-        typer.Argument(
-            help="A bundled scenario, a YAML file, or an earlier run's folder.",
-            autocompletion=completion.named("scenario"),
-        ),
-    ],
+    scenario: Flight,
     intervals: Guaranteed = False,
     out: Annotated[Path | None, typer.Option(help="Folder to write; default runs/<name>.")] = None,
     seed: Annotated[int | None, typer.Option(help="Replaces the scenario's seed.")] = None,
@@ -143,6 +138,31 @@ def run(
         show.simulated(result.results, case.vehicle_data, folder)
 
 
+@app.command(epilog="Example: `massprop foretell small_satellite_maneuver --leak 0.02`")
+def foretell(
+    scenario: Flight,
+    nominal: Annotated[
+        bool, typer.Option("--nominal", help="About the vehicle as its file has it, not as the scenario's plant is.")
+    ] = False,
+    leak: Annotated[float, typer.Option(help="Share of its thrust that each suspect jet leaks.")] = 0.05,
+    since: Annotated[
+        float | None, typer.Option(help="From when on it leaks, s; default the middle of the flight.")
+    ] = None,
+    overrides: Overrides = None,
+    as_json: Json = False,
+) -> None:
+    """Says what a flight will tell before it is flown: sigmas, floors, propellant, and how soon each leak shows."""
+    from massprop_drake.cli import show, sources
+    from massprop_drake.runners import foretelling
+
+    case = sources.recovered(scenario, overrides or [])
+    found = foretelling.foretell(case, nominal=nominal, share=leak, since_s=since)
+    if as_json:
+        show.as_json(foretelling.as_data(found))
+    else:
+        show.foretold(found, case.vehicle_data)
+
+
 class Start(StrEnum):
     """The mass properties that the estimators start from."""
 
@@ -153,7 +173,13 @@ class Start(StrEnum):
 @app.command(epilog="Example: `massprop estimate flight.csv --vehicle orbiter --out runs/flight`")
 def estimate(
     context: typer.Context,
-    telemetry: Annotated[str, typer.Argument(help="A CSV or Parquet file, or - for rows on standard input.")],
+    records: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="TELEMETRY...",
+            help="A CSV or Parquet file, or several, each with its own times; or - for rows on standard input.",
+        ),
+    ],
     record_map: Annotated[
         Path | None,
         typer.Option("--map", help="What the columns of another program's file mean; see `massprop map`."),
@@ -202,7 +228,8 @@ def estimate(
     from massprop_drake.runners.against import beside, require_comparable
     from massprop_drake.telemetry.reader import scenario_name
 
-    name = scenario_name(telemetry)
+    telemetry: str | list[str] = records[0] if len(records) == 1 else records
+    name = scenario_name(records[0])
     chosen = [*(overrides or []), *([] if start is None else [f"estimation.start={start}"])]
     chosen += ["execution.compiled=true"] if compiled else []
     if against is not None:
@@ -212,7 +239,7 @@ def estimate(
         case = sources.case_of_a_record(name, vehicle, like, resume_from, chosen)
     if against is not None:
         require_comparable(case, against)  # before the work
-    reads = sources.reads([telemetry, record_map, vehicle, like, resume_from, against], files)
+    reads = sources.reads([*records, record_map, vehicle, like, resume_from, against], files)
     place = context.with_resource(reserved(out or Path("runs") / name, force=force, reads=reads))
     context.obj.watch(place.path / "summary.json", f"the run is saved in {place.shown}/")
     sources.note_doubts(case.estimation_doubts, quiet=quiet)

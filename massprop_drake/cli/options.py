@@ -7,6 +7,14 @@ from typing import Annotated
 
 import typer
 
+from massprop_drake.cli.completion import named
+
+Flight = Annotated[
+    str,
+    typer.Argument(
+        help="A bundled scenario, a YAML file, or an earlier run's folder.", autocompletion=named("scenario")
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON alone on standard output.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 View = Annotated[bool, typer.Option("--view", help="Write replay.html, the run in three dimensions, too.")]

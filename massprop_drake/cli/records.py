@@ -156,7 +156,9 @@ def _refusals(understood: mapping.Mapped) -> list[str]:
     vehicle = understood.vehicle
     gyro = None if vehicle.needs_pose_filter or not vehicle.gyros else vehicle.gyros[0].name
     try:
-        for _ in Reader(mapping.table(understood, gyro), vehicle, gyro=gyro):
+        reader = Reader(mapping.table(understood, gyro, own_times=mapping.comes_faster(understood)), vehicle, gyro=gyro)
+        reader.own_times = mapping.comes_faster(understood)
+        for _ in reader:
             pass
     except InputError as error:
         return [f"'massprop estimate' will refuse it as it stands: {one}" for one in error.problems]
@@ -169,7 +171,7 @@ def _table(understood: mapping.Mapped, rows: list[dict[str, Any]]) -> Table:
     for row in rows:
         table.add_column(f"{moment(row['time_s'])} s", justify="right")
     for name, channel in understood.channels.items():
-        for component in mapping.COMPONENTS[channel.kind]:
+        for component in mapping.COMPONENTS[channel.kind][: channel.values.shape[1]]:
             values = [row["sensors"][name][component] for row in rows]
             if any(value is not None for value in values):
                 unit = _unit(understood, channel, component)
@@ -180,10 +182,10 @@ def _table(understood: mapping.Mapped, rows: list[dict[str, Any]]) -> Table:
 
 def _unit(understood: mapping.Mapped, channel: mapping.Channel, component: str) -> str:
     """The unit of a channel's component, after a blank."""
-    if component.startswith("q_"):
+    if component.startswith("q_") or component == "level":
         return ""
     length = understood.vehicle.unit_names["length"]
-    by_kind = {"gyro": "rad/s", "wheel": "rad/s", "velocity": f"{length}/s", "pose": length}
+    by_kind = {"gyro": "rad/s", "wheel": "rad/s", "engine": "rad", "velocity": f"{length}/s", "pose": length}
     integrates = channel.gives in ("integral", "increment")
     return " " + by_kind.get(channel.kind, f"{length}/s" if integrates else f"{length}/s^2")
 

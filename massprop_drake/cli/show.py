@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from massprop_drake.results.detections import DetectionRecord
     from massprop_drake.results.events import EventRecord
     from massprop_drake.results.summary import AutopilotSummary, Parameter, Summary
+    from massprop_drake.runners.foretelling import Forecast
     from massprop_drake.studies.reproduction.report import Reproduced
 
 _VERDICT_STYLES = {"holds": "green", "holds within spread": "cyan", "differs": "yellow"}
@@ -41,6 +42,7 @@ _CLAIM_COLUMNS = {"claim": 4, "source": None, "its words": 4, "expected": 3, "me
 _ABOUT = ("parameter", "unit", "")  # headings of what a row is about
 _READABLE = 60  # characters, of a column of sentences
 _ANY_WIDTH = 10_000  # characters, for a table as wide as it needs
+_DIAGONAL = 3  # elements of the inverse inertia that are on its diagonal come first
 
 
 class Terminal(Console):
@@ -99,6 +101,28 @@ def json_text(content: Any) -> str:
 def as_json(content: Any) -> None:
     """Prints JSON alone on standard output."""
     sys.stdout.write(json_text(content))
+
+
+def foretold(found: Forecast, vehicle: Vehicle) -> None:
+    """Prints a forecast: a table of the parameters, and one of the jets."""
+    console, rows = Terminal(), []
+    before, after = found.deviations[0], found.deviations[-1]
+    for place, (symbol, unit) in enumerate(zip(SYMBOLS, mass_property_units(vehicle.unit_names), strict=True)):
+        value, floor = found.properties[place], found.floors[place]
+        scaled = place < _DIAGONAL or place == len(SYMBOLS) - 1  # products and centers may be zero
+        percent = f"{100.0 * after[place] / abs(value):.3g}" if scaled else ""
+        numbers = f"{value:.5g}", f"{before[place]:.3g}", f"{after[place]:.3g}"
+        rows.append([symbol, unit, *numbers, percent, f"{floor:.3g}" if floor else ""])
+    headings = ["parameter", "unit", "value", "1-sigma before", "1-sigma after", "%", "floor"]
+    print_table(console, "mass properties", headings, rows, spare=["1-sigma before", "unit"])
+    console.say(f"propellant:  {found.propellant:.4g} {vehicle.unit_names['mass']}")
+    jets = []
+    for one in found.suspects:
+        times = ("not" if time_s is None else f"{time_s:.3g}" for time_s in (one.noticed_s, one.after_s))
+        jets.append([one.jet, f"{one.force:.3g}", *times, one.alike or ""])
+    leak = f"leak, {vehicle.unit_names['force']}"
+    headings = ["jet", leak, "something is wrong, s", "which it is, s", "longest taken for"]
+    print_table(console, f"a jet that leaks from {found.fails_s:g} s on is told, in the mean", headings, jets)
 
 
 def listing(found: Mapping[str, Mapping[str, str]]) -> None:
@@ -394,7 +418,15 @@ def _shortfalls(autopilot: AutopilotSummary) -> list[str | tuple[str, str]]:
 
 
 _DETECTIONS = ("failed", "group", "jump")  # events that are the beginning of a detection
-_BESIDE = ("changed", "withdrawn", "erratic", "false_reading", "unexplained")  # events that are no new detection
+_BESIDE = (
+    "changed",
+    "withdrawn",
+    "erratic",
+    "false_reading",
+    "engine_failed",
+    "disturbance",
+    "unexplained",
+)  # events that are no new detection
 _MOST_SUSPECTED = 5  # suspicions that are printed
 
 

@@ -142,12 +142,8 @@ def _verdict(run: Run) -> list[dict[str, Any]]:
         say(None, "The mass is not observable: no accelerometer was read.")
     for good, text in _of_failures(results, run.scenario.vehicle_data.unit_names):
         say(good, text)
-    false = [one for one in results.events if one.kind == "false_reading"]
-    lying = list(dict.fromkeys("_".join(filter(None, (one.sensor, one.axis))) for one in false))
-    if lying:
-        say(False, f"Read falsely: {', '.join(lying)}.")
-    if any(one.kind == "unexplained" for one in results.events):
-        say(False, "Something happened that no failed jet, no jump and no false reading explains.")
+    for text in _of_the_rest(results, run.scenario.vehicle_data.unit_names):
+        say(False, text)
     if results.unconfirmed:
         least = max(results.unconfirmed, key=lambda one: one.statistic)
         jets = f", above all {' or '.join(least.jets)}" if least.jets else ""
@@ -157,6 +153,20 @@ def _verdict(run: Run) -> list[dict[str, Any]]:
     for text in _of_the_record(results):
         say(False, text)
     return sentences
+
+
+def _of_the_rest(results: Summary, units: Mapping[str, str]) -> Iterator[str]:
+    """Sentences of the verdict on what was found besides jets and jumps."""
+    false = [one for one in results.events if one.kind == "false_reading"]
+    lying = list(dict.fromkeys("_".join(filter(None, (one.sensor, one.axis))) for one in false))
+    if lying:
+        yield f"Read falsely: {', '.join(lying)}."
+    for one in results.events:
+        if one.kind in ("engine_failed", "disturbance"):
+            text = said.in_words(one, units)
+            yield f"{text[0].upper()}{text[1:]}."
+    if any(one.kind == "unexplained" for one in results.events):
+        yield "Something happened that no failed jet, no jump and no false reading explains."
 
 
 def _of_the_record(results: Summary) -> Iterator[str]:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError
+from massprop_drake.inputs.moving import mode_params
 from massprop_drake.inputs.scenario import (
     Degraded,
     Drift,
@@ -26,9 +27,22 @@ from massprop_drake.inputs.scenario import (
     SensorErrors,
     jump_terms,
 )
-from massprop_drake.inputs.vehicle import Accelerometer, Gyro, PoseSensor, SensorPackage, Vehicle, VelocitySensor, Wheel
+from massprop_drake.inputs.vehicle import (
+    STANDARD_GRAVITY,
+    Accelerometer,
+    Gyro,
+    PoseSensor,
+    RocketEngine,
+    SensorPackage,
+    Vehicle,
+    VelocitySensor,
+    Wheel,
+)
+from massprop_drake.maths.autopilot.gimbal_control import GimbalControl
 from massprop_drake.maths.autopilot.jet_selection import forces_of
 from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, Window
+from massprop_drake.maths.autopilot.pulses import Pulses, most_edges, valve_pulses, whole_cycles
+from massprop_drake.maths.autopilot.wheel_control import WheelControlParams, shares_of
 from massprop_drake.maths.estimation.cycle import EstimationParams
 from massprop_drake.maths.estimation.detector import Detector, Jets
 from massprop_drake.maths.estimation.detectors import DETECTORS
@@ -41,10 +55,14 @@ from massprop_drake.maths.estimation.filters.rotation_filter import RotationPara
 from massprop_drake.maths.estimation.filters.thesis import ThesisParams
 from massprop_drake.maths.estimation.joint.disturbance import NO_DISTURBANCE, DisturbanceParams
 from massprop_drake.maths.estimation.joint.layout import AttitudeSensors
+from massprop_drake.maths.estimation.joint.modes import ModeParams
+from massprop_drake.maths.estimation.joint.rates import EVERY_PERIOD, Rates
+from massprop_drake.maths.estimation.joint.tanks import TankParams
 from massprop_drake.maths.estimation.joint.wheels import WheelParams
 from massprop_drake.maths.estimation.pose import setting as pose_setting
 from massprop_drake.maths.estimation.pose.setting import Around, Tracking, Valves
 from massprop_drake.maths.flight import FlightParams, PilotParams
+from massprop_drake.maths.linear_algebra import normals
 from massprop_drake.maths.mass_properties import (
     MASS_RECIPROCAL,
     NAMES,
@@ -52,11 +70,15 @@ from massprop_drake.maths.mass_properties import (
     Spread,
     initial_standard_deviation,
 )
+from massprop_drake.maths.noise import normal_sample
 from massprop_drake.maths.vehicle import true_failures as failures
-from massprop_drake.maths.vehicle.cycle import VehicleParams, truth
+from massprop_drake.maths.vehicle.cycle import NO_FILL, VehicleParams, truth
+from massprop_drake.maths.vehicle.depletion import NO_TANKS, Tanks
 from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, deviation_before, kept_share
+from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS, N_ERRORS, NO_ENGINES, EngineParams
 from massprop_drake.maths.vehicle.joint_moves import Move
-from massprop_drake.maths.vehicle.on_times import levels_alone, most_pieces, shares
+from massprop_drake.maths.vehicle.mounting import mounting, true_mounting
+from massprop_drake.maths.vehicle.on_times import PLACES, levels_alone, most_pieces, shares
 from massprop_drake.maths.vehicle.reaction_jets import drawn_factors, jets_params, true_wrenches
 from massprop_drake.maths.vehicle.rigid_body import (
     RATE,
@@ -77,10 +99,13 @@ from massprop_drake.maths.vehicle.sensing import (
 )
 from massprop_drake.maths.vehicle.thrust import lag_factors
 from massprop_drake.maths.vehicle.tracking import PoseModel
+from massprop_drake.maths.vehicle.true_engines import OUT, EngineFailure, EnginesModel
 from massprop_drake.maths.vehicle.true_failures import as_levels
 from massprop_drake.maths.vehicle.wheel_motors import WheelsModel
 
 Array = NDArray[np.float64]
+
+_WHOLE = 1e-6  # of a step: rounding of rates
 
 
 def initial_estimate(scenario: Scenario) -> Array:
@@ -119,8 +144,28 @@ def setup(scenario: Scenario) -> Setup:
         opens_at=vehicle.opens_at,
         wheels=wheels(vehicle),
         wheel_uncertainty=np.array([wheel.inertia_uncertainty for wheel in vehicle.wheels]),
+        engines=engines(vehicle),
+        engine_sigmas=engine_sigmas(vehicle),
+        rates=rates(scenario),
+        tanks=tanks(vehicle),
+        modes=modes(vehicle),
         tracking=tracking(scenario) if scenario.estimation.filter == "pose" else None,
     )
+
+
+def rates(scenario: Scenario) -> Rates:
+    """Steps of the joint filter."""
+    vehicle = scenario.vehicle_data
+    if not steps_by_readings(scenario):
+        return EVERY_PERIOD
+    per_s = scenario.estimation.readings_per_s or vehicle.readings_per_s
+    return Rates(vehicle.sample_period_s, max(math.ceil(per_s * vehicle.sample_period_s - _WHOLE), 1))
+
+
+def steps_by_readings(scenario: Scenario) -> bool:
+    """Tests whether the filter takes a step whenever anything is read, and not once a sample period."""
+    stated = scenario.estimation.readings_per_s is not None or scenario.vehicle_data.has_own_rates
+    return stated and scenario.estimation.filter == "joint"
 
 
 def stated_disturbance(scenario: Scenario) -> DisturbanceParams:
@@ -146,6 +191,80 @@ def wheels(vehicle: Vehicle) -> WheelParams:
         speed_std=np.array([wheel.speed_std for wheel in vehicle.wheels]),
         most=np.array([wheel.most_acceleration for wheel in vehicle.wheels]),
     )
+
+
+def engines(vehicle: Vehicle) -> EngineParams:
+    """The engines, without errors."""
+    stated = vehicle.engines
+    if not stated:
+        return NO_ENGINES
+    directions = np.array([engine.direction for engine in stated])
+    directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    across = normals(directions)
+    axes = across.copy()
+    for place, engine in enumerate(stated):
+        if engine.gimbal is not None:
+            axes[place] = np.array(engine.gimbal.axes)
+            across[place] = normals(directions[[place]], axes[[place], 0])[0]
+    axes = axes / np.linalg.norm(axes, axis=2, keepdims=True)
+    levels = np.unique([0.0, 1.0, *(level for engine in stated for level, _ in engine.impulses)])
+    own = np.array([(one.level_rate, one.level_time_constant_s, 1.0, one.level_noise_std) for one in stated])
+    fixed = (1.0, 0.0, 0.0, 0.0)
+    of_gimbals = np.array(
+        [fixed if g is None else (g.rate, g.time_constant_s, g.stop, g.noise_std) for g in (e.gimbal for e in stated)]
+    )
+    rates, constants_s, stops, read_std = np.stack((own, of_gimbals, of_gimbals), axis=2).transpose(1, 0, 2)
+    return EngineParams(
+        positions=np.array([engine.position for engine in stated]),
+        directions=directions,
+        axes=axes,
+        normals=across,
+        thrusts=np.array([engine.thrust for engine in stated]),
+        levels=levels,
+        flows=np.stack([_flows(engine, levels, STANDARD_GRAVITY[vehicle.units]) for engine in stated]),
+        rates=rates.copy(),
+        constants_s=constants_s.copy(),
+        stops=stops.copy(),
+        read_std=read_std.copy(),
+        least=np.array([engine.least_level for engine in stated]),
+        measured=np.array([float(engine.telemetry == "measured") for engine in stated]),
+    )
+
+
+def _flows(engine: RocketEngine, levels: Array, gravity: float) -> Array:
+    """Flow of propellant at some levels, shape (k,)."""
+    given, impulses = np.array(engine.impulses).T
+    return np.asarray(engine.thrust * levels / (gravity * np.interp(levels, given, impulses)))
+
+
+def engine_sigmas(vehicle: Vehicle) -> Array:
+    """1-sigma of the errors of the engines, shape (6 n,)."""
+    return np.array(
+        [
+            sigma
+            for engine in vehicle.engines
+            for sigma in (engine.thrust_uncertainty, engine.direction_std, engine.position_std)
+            for _ in range(2)
+        ]
+    )
+
+
+def tanks(vehicle: Vehicle) -> TankParams:
+    """The tanks that jets empty, as they are stated."""
+    stated, geometry = vehicle.tanks, vehicle.tank_geometry
+
+    def each(key: str) -> Array:
+        return np.array([getattr(tank, key) for tank in stated], dtype=float)
+
+    sigmas = each("propellant_std"), each("flow_uncertainty")
+    return TankParams(*geometry, each("capacity"), each("propellant"), *sigmas)
+
+
+def modes(vehicle: Vehicle) -> ModeParams:
+    """The modes of the parts that move inside a vehicle."""
+    nominal = vehicle.nominal
+    known = nominal.mass, nominal.center_of_mass, nominal.inertia
+    return mode_params(vehicle.moving, known, vehicle.wrenches, vehicle.rms_arm)
 
 
 def disturbance_sigmas(vehicle: Vehicle) -> Array:
@@ -228,6 +347,7 @@ def thrust_model(scenario: Scenario) -> ThrustModel:
         repeatability=np.array([kind.repeatability for kind in kinds])[of_jets],
         arm=vehicle.rms_arm,
         tank_fraction=vehicle.tank_fraction,
+        mounting=mounting(vehicle.wrenches, vehicle.positions, vehicle.mounting_sigmas),
     )
 
 
@@ -309,7 +429,19 @@ def selection(scenario: Scenario) -> dict[str, Any]:
         "selectable": selectable(scenario),
         "mass_properties": vehicle.nominal.vector(),
         "period_s": vehicle.sample_period_s,
+        "pulses": pulses(scenario),
     }
+
+
+def pulses(scenario: Scenario) -> Pulses:
+    """On-times as the autopilot flies them; whole cycles where none flies, and unless the scenario says otherwise."""
+    vehicle, selected = scenario.vehicle_data, scenario.autopilot.jet_selection
+    if scenario.jet_schedule or selected.output == "cycles":
+        return whole_cycles(len(vehicle.jets))
+    place, accumulates = PLACES[vehicle.jet_commands.at], selected.below_minimum == "accumulate"
+    return valve_pulses(
+        vehicle.minimum_on_times_s, vehicle.on_time_quanta_s, vehicle.sample_period_s, place, accumulates
+    )
 
 
 def convergence_limits(scenario: Scenario) -> Array:
@@ -356,10 +488,18 @@ def trackers(scenario: Scenario) -> tuple[PoseSensor, ...]:
     return () if scenario.estimation.filter == "pose" else scenario.vehicle_data.poses
 
 
-def read_besides(scenario: Scenario) -> tuple[PoseSensor | VelocitySensor | Wheel, ...]:
+def read_besides(scenario: Scenario) -> tuple[PoseSensor | VelocitySensor | Wheel | RocketEngine, ...]:
     """Sensors of the vehicle that a filter reads, other than gyros and accelerometers."""
     vehicle = scenario.vehicle_data
-    return vehicle.tracked if scenario.estimation.filter == "pose" else (*vehicle.poses, *vehicle.wheels)
+    return (
+        vehicle.tracked if scenario.estimation.filter == "pose" else (*vehicle.poses, *vehicle.wheels, *vehicle.engines)
+    )
+
+
+def simulated_besides(scenario: Scenario) -> tuple[PoseSensor | VelocitySensor | Wheel | RocketEngine, ...]:
+    """Sensors that a simulation has, other than gyros and accelerometers: engines only where they burn."""
+    vehicle = scenario.vehicle_data
+    return tuple(one for one in vehicle.tracked if scenario.engine_schedule or one not in vehicle.engines)
 
 
 def _trackers(scenario: Scenario) -> AttitudeSensors:
@@ -490,6 +630,7 @@ def vehicle_params(scenario: Scenario) -> VehicleParams:
         )
         for sensor in vehicle.sensors
     )
+    tanks, fill = true_tanks(scenario) or (NO_TANKS, NO_FILL)
     return VehicleParams(
         period_s=period,
         seed=scenario.seed,
@@ -500,6 +641,8 @@ def vehicle_params(scenario: Scenario) -> VehicleParams:
         body=body,
         structure=packed_structure(properties),
         planar=vehicle.motion == "planar",
+        tanks=tanks,
+        fill=fill,
     )
 
 
@@ -514,6 +657,7 @@ def flight_params(scenario: Scenario, true: VehicleParams) -> FlightParams:
         float(vehicle.nominal.vector()[MASS_RECIPROCAL]),
         flies and scenario.autopilot.mass_properties == "estimated",
         convergence_limits(scenario),
+        pulses(scenario),
     )
     return FlightParams(
         truth(true),
@@ -577,6 +721,8 @@ def pose_model(scenario: Scenario, sensor: PoseSensor) -> PoseModel:
         time_std_s=sensor.time_std_s,
         outliers=sensor.outliers,
         planar=scenario.vehicle_data.motion == "planar",
+        rate_hz=sensor.rate_hz or math.inf,
+        period_s=scenario.vehicle_data.sample_period_s,
     )
 
 
@@ -587,7 +733,17 @@ def plant_wrenches(scenario: Scenario) -> Array:
     mass but about z.
     """
     floor = true_properties(scenario).center_of_mass if scenario.vehicle_data.motion == "planar" else None
-    return true_wrenches(nominal_wrenches(scenario), thrust_factors(scenario), floor)
+    return true_wrenches(mounted_wrenches(scenario), thrust_factors(scenario), floor)
+
+
+def mounted_wrenches(scenario: Scenario) -> Array:
+    """Torque, force and mass flow of each jet at nominal thrust, mounted as it truly is, shape (n_jets, 7)."""
+    vehicle, nominal, spread = scenario.vehicle_data, nominal_wrenches(scenario), scenario.plant.mounting_dispersion
+    sigmas = spread * np.repeat(vehicle.mounting_sigmas, 2, axis=1)  # of two angles and two shifts
+    if not sigmas.any():
+        return nominal
+    drawn = normal_sample(scenario.seed, "mounting", 0, sigmas.size).reshape(sigmas.shape)
+    return true_mounting(nominal, vehicle.positions, sigmas * drawn)
 
 
 def plant_mass_flows(scenario: Scenario) -> Array:
@@ -627,7 +783,6 @@ def commands(scenario: Scenario) -> tuple[Array, Array | None]:
 def wheels_model(scenario: Scenario) -> WheelsModel:
     """The true reaction wheels, before their inertias are drawn."""
     stated, plant = scenario.vehicle_data.wheels, scenario.plant
-    assert isinstance(plant, PlantBlock)  # which alone has wheels
     known = wheels(scenario.vehicle_data)
     return WheelsModel(
         axes=known.axes,
@@ -637,7 +792,38 @@ def wheels_model(scenario: Scenario) -> WheelsModel:
         noise_std=np.array([wheel.noise_std for wheel in stated]),
         dispersion=plant.wheel_dispersion,
         start=np.array([plant.wheel_speeds.get(wheel.name, 0.0) for wheel in stated]),
+        fastest=np.array([wheel.fastest for wheel in stated]),
     )
+
+
+def wheel_control(scenario: Scenario) -> WheelControlParams | None:
+    """The law by which the autopilot turns the vehicle by its wheels; None: it does not."""
+    vehicle, block = scenario.vehicle_data, scenario.autopilot.wheels
+    if block is None:
+        return None
+    known, settings = wheels(vehicle), phase_space_params(scenario)
+    return WheelControlParams(
+        axes=known.axes,
+        shares=shares_of(known.axes),
+        inertias=known.inertias,
+        most=known.most * known.inertias,
+        fastest=np.array([wheel.fastest for wheel in vehicle.wheels]),
+        inertia=vehicle.nominal.inertia,
+        rate_gain=block.rate_gain,
+        unload_above=math.inf if block.unload_above is None else block.unload_above,
+        unload_below=block.unload_below,
+        unload_rate=1.5 * settings.rate_deadband if block.unload_rate is None else block.unload_rate,
+        settings=settings,
+    )
+
+
+def true_tanks(scenario: Scenario) -> tuple[Tanks, Array] | None:
+    """Tanks of the true vehicle, and propellant in each at the start, slug or kg; None: nothing is drawn from any."""
+    vehicle, plant = scenario.vehicle_data, scenario.plant
+    if not (vehicle.tanks and isinstance(plant, PlantBlock) and plant.depletion):
+        return None
+    fill = [plant.propellant.get(tank.name, tank.propellant) for tank in vehicle.tanks]
+    return vehicle.tank_geometry, np.array(fill, dtype=float)
 
 
 def wheel_torques(scenario: Scenario) -> Array:
@@ -651,10 +837,49 @@ def wheel_torques(scenario: Scenario) -> Array:
     return table
 
 
+def true_engines(scenario: Scenario) -> EnginesModel:
+    """The true engines, before their errors are drawn."""
+    vehicle, plant = scenario.vehicle_data, scenario.plant
+    assert isinstance(plant, PlantBlock)  # which alone has engines
+    names = [engine.name for engine in vehicle.engines]
+    errors = np.zeros((len(names), N_ERRORS))
+    for name, stated in plant.engine_errors.items():
+        errors[names.index(name)] = (*stated.thrust, *stated.direction, *stated.position)
+    return EnginesModel(
+        engines=engines(vehicle),
+        errors=errors.ravel(),
+        spread=plant.engine_dispersion * engine_sigmas(vehicle),
+        failures=tuple(
+            EngineFailure(names.index(one.engine), _ENGINE_FAILURES[one.kind], one.start_s, one.end_s or math.inf)
+            for one in scenario.engine_failures
+        ),
+    )
+
+
+def gimbal_control(scenario: Scenario) -> GimbalControl:
+    """Control of the rate by the engines' gimbals."""
+    vehicle, bandwidth = scenario.vehicle_data, scenario.autopilot.gimbal_bandwidth
+    return GimbalControl(engines(vehicle), vehicle.nominal, bandwidth, vehicle.sample_period_s)
+
+
+_ENGINE_FAILURES = {"out": OUT, "level_stuck": 0, "gimbal_1_stuck": 1, "gimbal_2_stuck": 2}
+
+
+def engine_commands(scenario: Scenario) -> Array:
+    """The prescribed levels and angles of the engines, a row per sample, shape (n_samples, 3 n_engines)."""
+    vehicle = scenario.vehicle_data
+    names, period = [engine.name for engine in vehicle.engines], vehicle.sample_period_s
+    table = np.zeros((sample_count(scenario), len(names), N_CHANNELS))
+    for burn in scenario.engine_schedule:
+        first, last = (math.ceil(time / period - 1e-9) for time in (burn.start_s, burn.end_s))
+        table[first:last, names.index(burn.engine)] = (burn.level, *burn.gimbal)
+    return table.reshape(len(table), -1)
+
+
 def pieces(scenario: Scenario) -> int:
     """The largest number of pieces of a sample, as true jets open and close within it; 1: they switch with samples."""
     if not scenario.jet_schedule:
-        return 1
+        return 1 + most_edges(pulses(scenario))
     table, onset_s = commands(scenario)
     return 1 if onset_s is None else most_pieces(table, onset_s, scenario.vehicle_data.sample_period_s)
 

@@ -45,9 +45,12 @@ SPECIFIC_IMPULSE = Span(1.0, 3e4, "cold gas gives tens of seconds, chemical jets
 PERIOD = Span(
     1e-4, 100.0, "no valve acts within less, and in more a vehicle turns too far for rates to count as steady"
 )
+FREQUENCY = Span(1e-4, 1e4, "from a fix every few hours to the fastest inertial sensors")
 VALVE = Span(1e-6, 1e4, "no valve is faster; 0: instantaneous")
 WHEEL = Span(1e-10, 1e9, "from the wheel of a satellite on a chip to that of a space station")
+SPIN = Span(1e-3, 1e5, "from a wheel that hardly turns to one that bursts")
 SPEED_STEP = Span(1e-9, 1e3, "a revolution is counted in finer steps than that")
+FREQUENCY = Span(1e-6, 1e4, "from propellant that drifts in orbit to the ringing of a plate")
 RATE_STEP = Span(1e-13, 1e3, "from the largest ring lasers to the speed of a turbine")
 RATE = Span(0.0, 1e4, "a vehicle or gyro that turns faster bursts")
 VELOCITY_STEP = Span(1e-16, 1e3, "from drag-free test masses to all that jets give a vehicle")

@@ -287,8 +287,18 @@ class WheelMap(_Read):
     unit: Annotated[Text, _unit("rate")] = described("rad/s", "such as rpm")
 
 
+class EngineMap(_Read):
+    """The level of an engine and the angles of its gimbal."""
+
+    kind: Literal["engine"] = described(..., "level and gimbal angles of an engine")
+    level: Column = described(..., "column of the level")
+    full: Real = described(1.0, "its number at full thrust, such as 100", gt=0.0)
+    gimbal: tuple[Column, Column] | None = described(None, "columns of its two angles; null: it is fixed")
+    unit: Annotated[Text, _unit("angle")] = described("rad", "of the angles, such as deg")
+
+
 SensorMap = Annotated[
-    GyroMap | AccelerometerMap | VelocityMap | AttitudeMap | PoseMap | WheelMap,
+    GyroMap | AccelerometerMap | VelocityMap | AttitudeMap | PoseMap | WheelMap | EngineMap,
     Field(discriminator="kind"),
 ]
 

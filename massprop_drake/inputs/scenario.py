@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib import resources
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,7 @@ from massprop_drake.inputs.model import (
     validated,
 )
 from massprop_drake.inputs.model_file import model_joints, model_text
+from massprop_drake.inputs.moving import MovingPart, not_followed
 from massprop_drake.inputs.vehicle import MassPropertiesModel, Vehicle, load_vehicle, symmetric_inertia
 from massprop_drake.inputs.yaml import Document, FieldPath, exists, read_text
 from massprop_drake.maths.estimation.faults.priors import Priors
@@ -66,10 +67,19 @@ _KEYS_OF: dict[str, tuple[tuple[str, ...], ...]] = {
     ),
     "joint": (("joint",), ("faults",)),
 }
+_T = TypeVar("_T", bound=Any)
 _USUAL_VEHICLE = "orbiter"
 _PRIORS = Priors()
 _INDEX = re.compile(r"[0-9]{1,6}")
 _LONGEST_NAME = 200  # characters; those of a folder's name are limited
+
+
+def _in_order(timed: _T) -> _T:
+    """An interval as it is; raises ValueError where it ends before it begins, or as it does."""
+    start_s, end_s = timed.start_s, timed.end_s
+    if end_s is not None and end_s <= start_s:
+        raise ValueError(f"end_s must be later than start_s, got {moment(start_s)} to {moment(end_s)}")
+    return timed
 
 
 class HandControllerWindow(Model):
@@ -82,10 +92,7 @@ class HandControllerWindow(Model):
     start_s: Real = described(..., "leaves detent", "s", ge=0.0, span=plausible.TIME)
     end_s: Real = described(..., "returns to detent", "s", gt=0.0, span=plausible.TIME)
 
-    @model_validator(mode="after")
-    def _ordered(self) -> HandControllerWindow:
-        _require_order(self.start_s, self.end_s)
-        return self
+    _ordered = model_validator(mode="after")(_in_order)
 
 
 class JetPulse(Model):
@@ -95,10 +102,7 @@ class JetPulse(Model):
     start_s: Real = described(..., "first commanded", "s", ge=0.0, span=plausible.TIME)
     end_s: Real = described(..., "no longer commanded", "s", gt=0.0, span=plausible.TIME)
 
-    @model_validator(mode="after")
-    def _ordered(self) -> JetPulse:
-        _require_order(self.start_s, self.end_s)
-        return self
+    _ordered = model_validator(mode="after")(_in_order)
 
 
 class WheelPulse(Model):
@@ -111,15 +115,42 @@ class WheelPulse(Model):
         ..., "on the wheel about its axis; the vehicle gets the opposite", "ft-lbf | N-m", span=plausible.OUTSIDE_TORQUE
     )
 
-    @model_validator(mode="after")
-    def _ordered(self) -> WheelPulse:
-        _require_order(self.start_s, self.end_s)
-        return self
+    _ordered = model_validator(mode="after")(_in_order)
 
 
-def _require_order(start_s: float, end_s: float) -> None:
-    if end_s <= start_s:
-        raise ValueError(f"end_s must be later than start_s, got {moment(start_s)} to {moment(end_s)}")
+class EngineBurn(Model):
+    """An interval in which an engine burns at a level, or has its gimbal turned."""
+
+    engine: Text = described(..., "name")
+    start_s: Real = described(..., "of the first sample with it", "s", ge=0.0, span=plausible.TIME)
+    end_s: Real = described(..., "of the first sample without it", "s", gt=0.0, span=plausible.TIME)
+    level: Real = described(1.0, "of its thrust", "-", ge=0.0, le=1.0)
+    gimbal: tuple[Real, Real] = described((0.0, 0.0), "angles of its gimbal", "rad")
+
+    _ordered = model_validator(mode="after")(_in_order)
+
+
+class EngineErrors(Model):
+    """Errors of a true engine, in the order of its axes."""
+
+    thrust: tuple[Real, Real] = described((0.0, 0.0), "at level 0 and at level 1, relative", "-")
+    direction: tuple[Real, Real] = described((0.0, 0.0), "angles about its axes", "rad")
+    position: tuple[Real, Real] = described((0.0, 0.0), "across its direction", "ft | m")
+
+
+class EngineFailureBlock(Model):
+    """A failure of an engine."""
+
+    engine: Text = described(..., "name")
+    kind: Literal["out", "level_stuck", "gimbal_1_stuck", "gimbal_2_stuck"] = described(
+        ..., "out: it gives nothing; the others: level or angle stays where it is"
+    )
+    start_s: Real = described(..., "of the first sample with it", "s", ge=0.0, span=plausible.TIME)
+    end_s: Real | None = described(
+        None, "of the first sample without it; null: never", "s", gt=0.0, span=plausible.TIME
+    )
+
+    _ordered = model_validator(mode="after")(_in_order)
 
 
 class DisturbanceBlock(Model):
@@ -169,10 +200,26 @@ class _Plant(Model):
     thrust_dispersion: Real = described(
         0.0, "each jet's thrust is off for good by a fraction of this 1-sigma, drawn from the seed", "-", ge=0.0, le=0.3
     )
+    mounting_dispersion: Real = described(
+        0.0,
+        "the mounting of each jet is off for good by so many of the 1-sigmas that the vehicle states, drawn from the "
+        "seed",
+        "-",
+        ge=0.0,
+        le=10.0,
+    )
     initial_rate: Vector3 = described(
         (0.0, 0.0, 0.0), "angular rate at the start, body axes", "rad/s", span=plausible.RATE
     )
     disturbance: DisturbanceBlock = described(DisturbanceBlock(), "what pushes besides the jets, drawn from the seed")
+    wheel_speeds: dict[Text, Real] = described({}, "of reaction wheels at the start, by name; others stand", "rad/s")
+    wheel_dispersion: Real = described(
+        0.0,
+        "the inertia of each wheel is off for good by a fraction of this 1-sigma, drawn from the seed",
+        "-",
+        ge=0.0,
+        le=0.3,
+    )
 
 
 class Dispersion(Model):
@@ -211,20 +258,27 @@ class PlantBlock(_Plant):
         "0: continuous, by Drake's integrator; the sample period: fixed steps of high order; null: the sample period",
         "s",
     )
-    depletion: Flag = described(True, "whether firing uses up mass (inertia and center of mass stay)")
+    depletion: Flag = described(
+        True,
+        "whether firing uses up mass; inertia and center of mass move with what is drawn from tanks, else they stay",
+    )
     mass_properties: MassPropertiesModel | None = described(
         None, "true mass properties at the start; null: the vehicle's nominal ones"
     )
     dispersion: Dispersion = described(
         Dispersion(), "true mass properties are off those for good by this, drawn from the seed"
     )
-    wheel_speeds: dict[Text, Real] = described({}, "of reaction wheels at the start, by name; others stand", "rad/s")
-    wheel_dispersion: Real = described(
+    engine_errors: dict[Text, EngineErrors] = described({}, "of engines, by name; others have none")
+    engine_dispersion: Real = described(
         0.0,
-        "the inertia of each wheel is off for good by a fraction of this 1-sigma, drawn from the seed",
+        "each error of the engines is off for good by so many of the 1-sigmas that the vehicle states, drawn from the "
+        "seed",
         "-",
         ge=0.0,
-        le=0.3,
+        le=10.0,
+    )
+    propellant: dict[Text, Real] = described(
+        {}, "in tanks at the start, by name; in others as much as the vehicle states", "slug | kg"
     )
 
 
@@ -247,10 +301,7 @@ class JointMove(Model):
     end_s: Real = described(..., "has arrived", "s", gt=0.0, span=plausible.TIME)
     position: Real = described(..., "at the end of the move", "rad | ft | m")
 
-    @model_validator(mode="after")
-    def _ordered(self) -> JointMove:
-        _require_order(self.start_s, self.end_s)
-        return self
+    _ordered = model_validator(mode="after")(_in_order)
 
 
 class MultibodyBlock(_Plant):
@@ -314,11 +365,7 @@ class _Timed(Model):
     start_s: Real = described(..., "onset", "s", ge=0.0, span=plausible.TIME)
     end_s: Real | None = described(None, "when the jet recovers; null: never", "s", gt=0.0, span=plausible.TIME)
 
-    @model_validator(mode="after")
-    def _ordered(self) -> _Timed:
-        if self.end_s is not None:
-            _require_order(self.start_s, self.end_s)
-        return self
+    _ordered = model_validator(mode="after")(_in_order)
 
 
 class StuckOn(_Timed):
@@ -463,6 +510,60 @@ class SensorsBlock(Model):
     errors: tuple[SensorErrors, ...] = described((), "errors beyond the vehicle file's quanta and noise")
 
 
+class JetSelectionBlock(Model):
+    """Flight of the on-times that the autopilot's linear program selects."""
+
+    output: Literal["cycles", "on_time"] = described(
+        "cycles",
+        "cycles: the nearest whole sample periods; on_time: pulses as long as selected, in steps of the valve's clock, "
+        "of a vehicle whose jets open and close within a sample",
+    )
+    below_minimum: Literal["accumulate", "drop"] = described(
+        "accumulate",
+        "with output: on_time, on-times below a jet's minimum: they add up from selection to selection until they "
+        "reach it, or are not flown",
+    )
+
+
+class WheelControlBlock(Model):
+    """Reaction wheels that hold attitude and follow rates, and are unloaded by jets."""
+
+    rate_gain: Real = described(
+        1.0,
+        "torque that is asked of the wheels per rate error and inertia: the time in which a rate is followed is its "
+        "inverse; four times hold_gain damps critically",
+        "1/s",
+        gt=0.0,
+        span=plausible.GAIN,
+    )
+    unload_above: Real | None = described(
+        None,
+        "share of its largest speed by which a wheel has jets unload all; null: they do not",
+        "-",
+        gt=0.0,
+        le=1.0,
+    )
+    unload_below: Real = described(
+        0.2, "share below which all must be for jets to stop, as far as they turn for the momentum", "-", ge=0.0, lt=1.0
+    )
+    unload_rate: Real | None = described(
+        None,
+        "largest rate by which jets are asked for at a time to unload, and so that the wheels must hold against; null: "
+        "1.5 times rate_deadband, below which nothing is asked for",
+        "rad/s",
+        gt=0.0,
+        span=plausible.RATE,
+    )
+
+    @model_validator(mode="after")
+    def _in_order(self) -> WheelControlBlock:
+        if self.unload_above is not None and self.unload_below >= self.unload_above:
+            raise ValueError(
+                f"unload_below must be less than unload_above, got {self.unload_below:g} and {self.unload_above:g}"
+            )
+        return self
+
+
 class AutopilotBlock(Model):
     """Manual modes of the thesis: discrete rate, attitude hold, acceleration."""
 
@@ -473,6 +574,10 @@ class AutopilotBlock(Model):
         None,
         "kinds of jets that may be selected; null: `primary` or, for a vehicle without such, all",
         min_length=1,
+    )
+    jet_selection: JetSelectionBlock = described(JetSelectionBlock(), "flying of the on-times that are selected")
+    wheels: WheelControlBlock | None = described(
+        None, "wheels turn the vehicle; null: they stand, or are turned by `wheel_schedule`"
     )
     discrete_rate: Real = described(
         0.5 * _DEGREE, "rate that the rotational hand controller commands", "rad/s", gt=0.0, span=plausible.RATE
@@ -506,6 +611,14 @@ class AutopilotBlock(Model):
     )
     resolve_after_s: Real = described(
         0.4, "least time between two selections in a translation", "s", ge=0.0, span=plausible.TIME
+    )
+    gimbal_bandwidth: Real = described(
+        0.0,
+        "natural frequency with which gimbals hold the rate at zero while engines burn, beside their schedule; 0: as "
+        "scheduled",
+        "rad/s",
+        ge=0.0,
+        span=plausible.GAIN,
     )
 
 
@@ -589,6 +702,15 @@ class EstimationBlock(Model):
         le=0.3,
     )
     convergence: ConvergenceLimits = described(ConvergenceLimits(), "when estimates may be acted on")
+    readings_per_s: Real | None = described(
+        None,
+        "with filter: joint; at how many times a second something is read, where the filter takes a step whenever "
+        "anything is; null: as `rate_hz` of the vehicle's sensors and the rows of a record say, else it takes one step "
+        "a sample period",
+        "1/s",
+        gt=0.0,
+        span=plausible.FREQUENCY,
+    )
 
     @model_validator(mode="after")
     def _start_is_given(self) -> EstimationBlock:
@@ -727,7 +849,11 @@ class JointBlock(Model):
         lt=1.0,
     )
     settled_after: Whole = described(
-        60, "samples with a jet commanded, from convergence on, after which the start is over", "-", ge=0, le=1_000_000
+        60,
+        "sample periods with a jet commanded, from convergence on, after which the start is over",
+        "-",
+        ge=0,
+        le=1_000_000,
     )
 
 
@@ -860,6 +986,12 @@ class FaultsBlock(Model):
         "1/h",
         gt=0.0,
     )
+    disturbed: Real = described(
+        _PRIORS.disturbed,
+        "probability that something acts which neither vehicle nor scenario states, such as slosh, drag or a vent",
+        gt=0.0,
+        lt=1.0,
+    )
     unknown_per_hour: Real = described(
         _PRIORS.unknown_per_hour,
         "pushes that nothing known explains: rarer than what is known, since they fit any reading",
@@ -941,7 +1073,7 @@ class ExecutionBlock(Model):
     engine: Literal["diagram", "loop"] = described(
         "diagram",
         "diagram: Drake's simulator; loop: the same functions in a plain loop, faster, for a plant that is stepped; a "
-        "vehicle with wheels is flown by the diagram all the same",
+        "vehicle with wheels or engines is flown by the diagram all the same",
     )
     compiled: Flag = described(
         False,
@@ -971,11 +1103,15 @@ class Scenario(Model):
     vehicle: Text | Vehicle = described(
         _USUAL_VEHICLE, "a bundled vehicle, a file (relative to this one), or a vehicle's data"
     )
+    moving: tuple[MovingPart, ...] = described(
+        (), "parts that move inside the vehicle, of which the estimators are told, besides those in its own file"
+    )
     duration_s: Real = described(50.0, "length of the run", "s", gt=0.0, le=1e6)
     seed: Whole = described(0, "of everything drawn by chance", "-", ge=0, lt=2**63)
     maneuver: tuple[HandControllerWindow, ...] = described((), "hand-controller windows, flown by the autopilot")
     jet_schedule: tuple[JetPulse, ...] = described((), "jet commands prescribed instead, with no autopilot")
     wheel_schedule: tuple[WheelPulse, ...] = described((), "torques of reaction wheels, prescribed")
+    engine_schedule: tuple[EngineBurn, ...] = described((), "levels and gimbal angles of engines, prescribed")
     plant: Annotated[PlantBlock | MultibodyBlock, Field(discriminator="kind")] = described(
         PlantBlock(), "the true vehicle; each kind has keys of its own, rigid unless one is named"
     )
@@ -994,6 +1130,7 @@ class Scenario(Model):
         FaultsBlock(), "with estimation.filter: joint; what may fail, and how likely that is"
     )
     failures: tuple[Failure, ...] = described((), "failures of jets")
+    engine_failures: tuple[EngineFailureBlock, ...] = described((), "failures of engines")
     jumps: tuple[MassJump, ...] = described((), "payloads that leave or come")
     execution: ExecutionBlock = described(ExecutionBlock(), "how it is computed")
 
@@ -1044,6 +1181,11 @@ class Scenario(Model):
             *_overlaps("failures", [(f.jet, f.start_s, f.end_s or math.inf) for f in self.failures]),
             *_overlaps("jet_schedule", [(p.jet, p.start_s, p.end_s) for p in self.jet_schedule]),
             *_overlaps("wheel_schedule", [(p.wheel, p.start_s, p.end_s) for p in self.wheel_schedule]),
+            *_overlaps("engine_schedule", [(p.engine, p.start_s, p.end_s) for p in self.engine_schedule]),
+            *_overlaps(
+                "engine_failures",
+                [(f"{f.engine} {f.kind}", f.start_s, f.end_s or math.inf) for f in self.engine_failures],
+            ),
         ]
         if not problems and isinstance(self.vehicle, Vehicle):
             problems = check_against_vehicle(self, self.vehicle)
@@ -1064,10 +1206,11 @@ class Scenario(Model):
 
     @property
     def vehicle_data(self) -> Vehicle:
-        """The vehicle itself, loaded if the scenario only names it."""
-        if isinstance(self.vehicle, Vehicle):
-            return self.vehicle
-        return load_vehicle(self.vehicle)
+        """The vehicle itself, loaded if the scenario only names it, with the parts that move inside."""
+        vehicle = self.vehicle if isinstance(self.vehicle, Vehicle) else load_vehicle(self.vehicle)
+        if not self.moving:
+            return vehicle
+        return vehicle.model_copy(update={"moving": (*vehicle.moving, *self.moving)})
 
     @property
     def process_noise_std(self) -> tuple[float, ...]:
@@ -1176,10 +1319,17 @@ def check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[Fi
             problems.append((path, problem))
 
     problems.extend(_not_followed(scenario, vehicle))
-    known = {"jet": vehicle.designations, "wheel": tuple(wheel.name for wheel in vehicle.wheels)}
+    problems.extend(_impossible_parts(scenario, vehicle))
+    known = {
+        "jet": vehicle.designations,
+        "wheel": tuple(wheel.name for wheel in vehicle.wheels),
+        "engine": tuple(engine.name for engine in vehicle.engines),
+        "tank": tuple(tank.name for tank in vehicle.tanks),
+    }
     for what, name, path in _named(scenario):
         require(what, name, known[what], *path)
     problems.extend(_open_twice(scenario, vehicle))
+    problems.extend(_beyond_stops(scenario, vehicle))
     problems.extend(_impossible_jumps(scenario, vehicle))
     faulty: list[str] = []
     for index, errors in enumerate(scenario.sensors.errors):
@@ -1197,6 +1347,8 @@ def check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[Fi
         require("jet kind", kind, vehicle.jet_kinds, "autopilot", "jet_kinds", index)
     for name in scenario.faults.jets:
         require("jet", name, vehicle.designations, "faults", "jets", name)
+    problems.extend(_no_on_times(scenario, vehicle))
+    problems.extend(_no_wheels(scenario, vehicle))
     problems.extend(_too_many_faults(scenario.faults, vehicle))
     period = vehicle.sample_period_s
     problems.extend(_of_the_plant(scenario, vehicle))
@@ -1233,6 +1385,50 @@ def _too_many_faults(faults: FaultsBlock, vehicle: Vehicle) -> Iterator[tuple[Fi
         yield ("faults", "change_per_hour"), problem
 
 
+def _no_on_times(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
+    """Finds on-times that an autopilot is to fly with jets that do not know them, or whose clock is too coarse."""
+    if scenario.jet_schedule or scenario.autopilot.jet_selection.output != "on_time":
+        return
+    path: FieldPath = ("autopilot", "jet_selection", "output")
+    if not vehicle.has_on_times:
+        problem = (
+            f"on_time does not go with vehicle '{vehicle.name}', whose commands of jets are levels; use cycles, or "
+            "give the vehicle jet_commands: {as: on_time}"
+        )
+        yield path, problem
+    for name, kind in vehicle.jet_kinds.items():
+        if kind.on_time_quantum_s > vehicle.sample_period_s:
+            problem = (
+                f"on_time does not go with jets of kind '{name}', whose on_time_quantum_s of "
+                f"{kind.on_time_quantum_s:g} s is longer than a sample, {vehicle.sample_period_s:g} s"
+            )
+            yield path, problem
+
+
+def _no_wheels(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
+    """Finds what keeps wheels from turning the vehicle, and wheels that start faster than they can turn."""
+    speeds = scenario.plant.wheel_speeds
+    for wheel in vehicle.wheels:
+        if abs(speeds.get(wheel.name, 0.0)) > wheel.fastest:
+            problem = f"{speeds[wheel.name]:g} is beyond the wheel's speed_limit, {wheel.fastest:g} rad/s"
+            yield ("plant", "wheel_speeds", wheel.name), problem
+    block, path = scenario.autopilot.wheels, ("autopilot", "wheels")
+    if block is None:
+        return
+    if scenario.jet_schedule:
+        yield path, "does not go with jet_schedule, which has no autopilot; leave out one of the two"
+    if scenario.wheel_schedule:
+        yield ("wheel_schedule",), "does not go with autopilot.wheels, which turns the wheels; leave out one of the two"
+    axes = np.array([wheel.axis for wheel in vehicle.wheels]).reshape(-1, 3)
+    if np.linalg.matrix_rank(axes, tol=0.01) < 3:
+        problem = f"needs wheels about three axes, of which vehicle '{vehicle.name}' has {len(axes) or 'none'}"
+        yield path, problem
+    endless = [wheel.name for wheel in vehicle.wheels if wheel.speed_limit is None]
+    if block.unload_above is not None and endless:
+        problem = f"is a share of a wheel's speed_limit, which the vehicle does not give for '{endless[0]}'"
+        yield (*path, "unload_above"), problem
+
+
 def _of_the_plant(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
     """Finds what does not go with the kind of the plant, or with its time step."""
     period, loop = vehicle.sample_period_s, scenario.execution.engine == "loop"
@@ -1244,6 +1440,7 @@ def _of_the_plant(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldP
             yield ("plant", "time_step"), problem
         if step == 0.0 and loop:
             yield ("execution", "engine"), f"{covers}, or leave out plant.time_step"
+        yield from _of_true_tanks(scenario.plant, vehicle)
         return
     if loop:
         yield ("execution", "engine"), covers
@@ -1253,31 +1450,70 @@ def _of_the_plant(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldP
     if vehicle.motion == "planar":
         problem = f"multibody does not go with vehicle '{vehicle.name}', which moves in a plane; use rigid"
         yield ("plant", "kind"), problem
-    if vehicle.wheels:
-        problem = f"multibody does not go with vehicle '{vehicle.name}', whose wheels are no part of a model; use rigid"
+    if vehicle.engines:
+        problem = (
+            f"multibody does not go with vehicle '{vehicle.name}', whose engines are no part of a model; use rigid"
+        )
         yield ("plant", "kind"), problem
+    if vehicle.tanks:
+        problem = f"multibody does not go with vehicle '{vehicle.name}', whose tanks no firing empties; use rigid"
+        yield ("plant", "kind"), problem
+
+
+def _of_true_tanks(plant: PlantBlock, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
+    """Finds more propellant in a true tank than it holds, or less than none."""
+    for tank in vehicle.tanks:
+        held = plant.propellant.get(tank.name, tank.propellant)
+        if not 0.0 <= held <= tank.capacity:
+            problem = f"must be between 0 and the tank's capacity, {tank.capacity:g}, got {held:g}"
+            yield ("plant", "propellant", tank.name), problem
 
 
 def _not_followed(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
     """Finds a filter, or an engine, that does not go with a vehicle which is followed in a fixed frame, or is not."""
     named = scenario.estimation.filter
+    if scenario.moving and named != "joint":
+        yield ("moving",), f"plays no part in estimation.filter: {named}; use joint, or leave it out"
     if vehicle.wheels and named != "joint":
         yield ("estimation", "filter"), f"{named} knows no wheels, which vehicle '{vehicle.name}' has; use joint"
+    elif scenario.engine_schedule and named != "joint":
+        yield ("estimation", "filter"), f"{named} knows no engines, which engine_schedule burns; use joint"
+    elif vehicle.tanks and named != "joint":
+        yield ("estimation", "filter"), f"{named} knows no tanks, which vehicle '{vehicle.name}' has; use joint"
     elif vehicle.needs_pose_filter != (named == "pose") and not (vehicle.tracked and named == "pose"):
         needs = "which needs pose" if vehicle.needs_pose_filter else "which has no pose or velocity sensor; use joint"
         yield ("estimation", "filter"), f"{named} does not go with vehicle '{vehicle.name}', {needs}"
 
 
-def _named(scenario: Scenario) -> Iterator[tuple[Literal["jet", "wheel"], str, FieldPath]]:
-    """Yields the jets and wheels of the vehicle that a scenario has in its schedules and its plant, and where."""
+def _named(scenario: Scenario) -> Iterator[tuple[Literal["jet", "wheel", "engine", "tank"], str, FieldPath]]:
+    """Yields the jets, wheels, engines and tanks that a scenario names, and where."""
     for index, pulse in enumerate(scenario.jet_schedule):
         yield "jet", pulse.jet, ("jet_schedule", index, "jet")
     for index, failure in enumerate(scenario.failures):
         yield "jet", failure.jet, ("failures", index, "jet")
     for index, turn in enumerate(scenario.wheel_schedule):
         yield "wheel", turn.wheel, ("wheel_schedule", index, "wheel")
-    for name in scenario.plant.wheel_speeds if isinstance(scenario.plant, PlantBlock) else ():
+    for name in scenario.plant.wheel_speeds:
         yield "wheel", name, ("plant", "wheel_speeds", name)
+    for index, burn in enumerate(scenario.engine_schedule):
+        yield "engine", burn.engine, ("engine_schedule", index, "engine")
+    for index, lost in enumerate(scenario.engine_failures):
+        yield "engine", lost.engine, ("engine_failures", index, "engine")
+    if isinstance(scenario.plant, PlantBlock):
+        for name in scenario.plant.engine_errors:
+            yield "engine", name, ("plant", "engine_errors", name)
+        for name in scenario.plant.propellant:
+            yield "tank", name, ("plant", "propellant", name)
+
+
+def _beyond_stops(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
+    """Finds angles to which the gimbal of an engine does not go."""
+    stops = {engine.name: 0.0 if engine.gimbal is None else engine.gimbal.stop for engine in vehicle.engines}
+    for index, burn in enumerate(scenario.engine_schedule):
+        most = stops.get(burn.engine, math.inf)
+        if max(map(abs, burn.gimbal)) > most:
+            at = f"its gimbal's stop is at {most:g} rad" if most else "it has no gimbal"
+            yield ("engine_schedule", index, "gimbal"), f"{max(map(abs, burn.gimbal)):g} rad for {burn.engine}: {at}"
 
 
 def _open_twice(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
@@ -1297,6 +1533,14 @@ def _open_twice(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPat
                 )
                 break
             before[pulse.jet, sample] = index
+
+
+def _impossible_parts(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
+    """Yields what is wrong with parts that move inside, with those of the vehicle."""
+    nominal, every = vehicle.nominal, (*vehicle.moving, *scenario.moving)
+    known = nominal.mass, nominal.center_of_mass, nominal.inertia
+    if scenario.moving and (problem := not_followed(every, known, vehicle.sample_period_s)):
+        yield ("moving",), problem
 
 
 def _impossible_jumps(scenario: Scenario, vehicle: Vehicle) -> list[tuple[FieldPath, str]]:

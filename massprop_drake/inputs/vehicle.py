@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from importlib import resources
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -29,8 +30,10 @@ from massprop_drake.inputs.model import (
     refusal,
     validated,
 )
-from massprop_drake.inputs.yaml import Document, exists, read_text
-from massprop_drake.maths.mass_properties import MassProperties, could_be_inertia
+from massprop_drake.inputs.moving import MovingPart, not_followed
+from massprop_drake.inputs.yaml import Document, FieldPath, exists, read_text
+from massprop_drake.maths.mass_properties import MassProperties, could_be_inertia, six_elements, symmetric
+from massprop_drake.maths.vehicle.depletion import Tanks, emptied
 from massprop_drake.maths.vehicle.on_times import Place
 from massprop_drake.maths.vehicle.thrust import thrust_wrenches
 from massprop_drake.signals import SIGNALS
@@ -47,7 +50,8 @@ _RESERVED = {
     *SIGNALS,
     *("time_s", "file", "jet", "known_force", "known_torque"),
     *("reaction_jets", "rigid_body", "disturbance", "noise_source", "noise_seed"),
-    *("reaction_wheels", "wheels", "wheel_speeds", "wheel_torque"),
+    *("reaction_wheels", "wheels", "wheel_speeds", "wheel_torque", "engines", "engine_command", "engine_state"),
+    *("propellant", "drained"),
     *("body_state", "structure", "mass_properties"),
     *("telemetry_source", "record_time"),
     *("closed", "held_closed", "command", "held_command", "held_command_onset", "jet_commands"),
@@ -62,6 +66,7 @@ _UNIT_LENGTH_TOLERANCE = 0.002  # of a direction, as printed tables have it
 _LARGEST_NUMBER = 1_000_000  # of a jet or a cluster
 _WITHOUT_RATES = "without measured rates neither inertia nor center of mass can be estimated"
 _MOST_JETS = 500  # several times what any vehicle has
+_APART = 0.1  # sine of the angle between two axes: arithmetic, beyond it they count as two
 _FASTEST_WHEEL = 1e3  # rad/s^2, physics: no motor accelerates a wheel by more
 
 
@@ -132,12 +137,30 @@ class JetKind(Model):
         0.0, "first-order time constant of build-up and tail-off", "s", ge=0.0, span=plausible.VALVE
     )
     minimum_on_time_s: Real = described(0.0, "shortest firing", "s", ge=0.0, span=plausible.VALVE)
+    on_time_quantum_s: Real = described(
+        0.0,
+        "step of the valve's clock, of which on-times by `autopilot.jet_selection.output: on_time` are whole ones; "
+        "0: none",
+        "s",
+        ge=0.0,
+        span=plausible.VALVE,
+    )
     thrust_uncertainty: Real = described(
         0.01,
         "1-sigma of each jet's constant, unknown thrust error, relative; used by `estimation.filter: joint`",
         "-",
         ge=0.0,
         le=0.3,
+    )
+    direction_std: Real = described(
+        0.0, "1-sigma of the direction of a jet about either axis, estimated; likewise", "rad", ge=0.0, le=0.3
+    )
+    position_std: Real = described(
+        0.0,
+        "1-sigma of the place of a jet's force across its direction, estimated; likewise",
+        "ft | m",
+        ge=0.0,
+        span=plausible.POSITION,
     )
     lag_uncertainty: Real = described(
         0.2, "1-sigma of the time constant, relative; one error for the kind; likewise", "-", ge=0.0, le=1.0
@@ -236,6 +259,18 @@ class Jet(Model):
     _unit = field_validator("direction")(_of_length_1)
 
 
+_OVER_S = 10.0  # for which times of readings are counted
+
+
+def times_per_s(rates_hz: Sequence[float]) -> float:
+    """Different times a second of what recurs at several rates, from zero on."""
+    every = np.concatenate([np.arange(math.ceil(_OVER_S * rate)) / rate for rate in set(rates_hz)])
+    return float(np.unique(np.round(every, 6)).size) / _OVER_S
+
+
+_EACH_SAMPLE = "rate at which it is read, where that is another than the vehicle's; null: at every sample"
+
+
 class SensorPackage(Model):
     """A package of three sensors along the body axes: the fields common to gyros and accelerometers."""
 
@@ -248,6 +283,7 @@ class SensorPackage(Model):
     noise_std: Real = described(0.0, "white noise of a reading, 1-sigma", "rad/s | ft/s | m/s", ge=0.0)
     bias_std: Real = described(0.0, "1-sigma of a constant bias", "rad/s | ft/s^2 | m/s^2", ge=0.0)
     range: Real | None = described(None, _RANGE, "rad/s | ft/s | m/s", gt=0.0)
+    rate_hz: Real | None = described(None, _EACH_SAMPLE, "1/s", gt=0.0, span=plausible.FREQUENCY)
 
     @model_validator(mode="after")
     def _noisy(self) -> SensorPackage:
@@ -339,6 +375,7 @@ class PoseSensor(Model):
         ge=0.0,
         span=plausible.POSITION,
     )
+    rate_hz: Real | None = described(None, _EACH_SAMPLE, "1/s", gt=0.0, span=plausible.FREQUENCY)
 
     @model_validator(mode="after")
     def _measures(self) -> PoseSensor:
@@ -401,6 +438,11 @@ class Wheel(Model):
         gt=0.0,
         span=plausible.OUTSIDE_TORQUE,
     )
+    rate_hz: Real | None = described(None, _EACH_SAMPLE, "1/s", gt=0.0, span=plausible.FREQUENCY)
+
+    speed_limit: Real | None = described(
+        None, "largest speed either way, at which its motor leaves it; null: any", "rad/s", gt=0.0, span=plausible.SPIN
+    )
 
     _unit = field_validator("axis")(_of_length_1)
 
@@ -421,9 +463,172 @@ class Wheel(Model):
         return math.sqrt(self.quantum**2 / 12.0 + self.noise_std**2)
 
     @property
+    def fastest(self) -> float:
+        """Largest speed either way, rad/s; infinity: any."""
+        return math.inf if self.speed_limit is None else self.speed_limit
+
+    @property
     def most_acceleration(self) -> float:
         """Acceleration by the largest torque, rad/s^2."""
         return _FASTEST_WHEEL if self.torque is None else self.torque / self.inertia
+
+
+class Gimbal(Model):
+    """A gimbal that turns an engine about two axes."""
+
+    axes: tuple[Vector3, Vector3] = described(
+        ...,
+        "about which it turns, body axes at zero; the second turns along with the first; length 1 within 0.002",
+    )
+    stop: Real = described(..., "largest angle either way", "rad", gt=0.0, le=math.pi / 2.0)
+    rate: Real = described(
+        1.0, "most that an angle changes by in a second; counts where readings are missing", "rad/s", gt=0.0, le=100.0
+    )
+    time_constant_s: Real = described(0.0, "by which it follows a command", "s", ge=0.0, span=plausible.VALVE)
+    noise_std: Real = described(0.001, "error of a reading of an angle, 1-sigma", "rad", ge=0.0, le=0.3)
+
+    @field_validator("axes")
+    @classmethod
+    def _apart(cls, value: tuple[Vector3, Vector3]) -> tuple[Vector3, Vector3]:
+        for axis in value:
+            _of_length_1(axis)
+        if float(np.linalg.norm(np.cross(*value))) < _APART:
+            raise ValueError("the two axes must not be parallel: a gimbal turns about both")
+        return value
+
+
+class ImpulseAtLevel(Model):
+    """The specific impulse of an engine at one level of its throttle."""
+
+    level: Real = described(..., "1: full thrust", "-", gt=0.0, le=1.0)
+    specific_impulse_s: Real = described(..., "at it", "s", gt=0.0, span=plausible.SPECIFIC_IMPULSE)
+
+
+class RocketEngine(Model):
+    """An engine with a throttle, on a gimbal or fixed.
+
+    Its force is not in the jets' commands, and its error has no part in their common one: it shows a scale, as wheels
+    do, to as much as its own thrust is known.
+    """
+
+    name: Name = described(
+        ...,
+        "unique name of letters, digits and underscores; its columns in telemetry are <name>_level and, with a gimbal, "
+        "<name>_gimbal_1 and <name>_gimbal_2, rad",
+        pattern=_SENSOR_NAME,
+    )
+    position: Vector3 = described(
+        ..., "where its force acts, on the gimbal's axes, vehicle frame", "ft | m", span=plausible.POSITION
+    )
+    direction: Vector3 = described(
+        ..., "direction of the force on the vehicle with the gimbal at zero, body axes; length 1 within 0.002"
+    )
+    thrust: Real = described(..., "force at level 1", "lbf | N", gt=0.0, span=plausible.FORCE)
+    thrust_uncertainty: Real = described(
+        0.01,
+        "1-sigma of the thrust at level 0 and at level 1, relative, linear in between; estimated",
+        "-",
+        ge=0.0,
+        le=0.3,
+    )
+    direction_std: Real = described(
+        0.005, "1-sigma of the direction about either axis, estimated", "rad", ge=0.0, le=0.3
+    )
+    position_std: Real = described(
+        0.0,
+        "1-sigma of the place of the force across its direction, estimated",
+        "ft | m",
+        ge=0.0,
+        span=plausible.POSITION,
+    )
+    specific_impulse_s: PositiveReal | tuple[ImpulseAtLevel, ...] = described(
+        ..., "specific impulse, or those at some levels, rising; linear in between", "s"
+    )
+    level_rate: Real = described(
+        10.0, "most that the level changes by in a second; counts where readings are missing", "1/s", gt=0.0, le=1e4
+    )
+    level_time_constant_s: Real = described(0.0, "by which it follows a command", "s", ge=0.0, span=plausible.VALVE)
+    level_noise_std: Real = described(
+        0.002, "error of a reading of the level, 1-sigma, relative to it", "-", ge=0.0, le=0.3
+    )
+    least_level: Real = described(
+        0.0, "a level that is read and lies below says that the engine is shut", "-", ge=0.0, lt=1.0
+    )
+    gimbal: Gimbal | None = described(None, "what turns it; null: it is fixed")
+    telemetry: Literal["measured", "commanded"] = described(
+        "measured",
+        "measured: level and angles as they are at a sample, straight in between; commanded: as they are told to be "
+        "from the sample on, which they follow by the time constants and rates above",
+    )
+
+    _unit = field_validator("direction")(_of_length_1)
+
+    @model_validator(mode="after")
+    def _possible(self) -> RocketEngine:
+        if isinstance(self.specific_impulse_s, tuple):
+            levels = [each.level for each in self.specific_impulse_s]
+            if not levels or any(low >= high for low, high in pairwise(levels)):
+                raise refusal([(("specific_impulse_s",), "levels must rise, and there must be one at least")])
+        if self.gimbal is not None:
+            across = np.cross(self.gimbal.axes, self.direction)
+            if float(np.linalg.norm(across, axis=1).min()) < _APART:
+                problem = "an axis along the engine's direction does not turn its force"
+                raise refusal([(("gimbal", "axes"), problem)])
+        return self
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Its columns in telemetry."""
+        of_gimbal = () if self.gimbal is None else (f"{self.name}_gimbal_1", f"{self.name}_gimbal_2")
+        return (f"{self.name}_level", *of_gimbal)
+
+    @property
+    def impulses(self) -> tuple[tuple[float, float], ...]:
+        """Levels and the specific impulse at each, s."""
+        given = self.specific_impulse_s
+        if isinstance(given, tuple):
+            return tuple((each.level, each.specific_impulse_s) for each in given)
+        return ((1.0, given),)
+
+
+class Tank(Model):
+    """A propellant tank, in which propellant stands as a column at the outlet's end.
+
+    The vehicle's mass properties have its propellant in them. What jets use up lies at the column's surface.
+    """
+
+    name: Name = described(..., "unique name", min_length=1)
+    outlet: Vector3 = described(
+        ..., "middle of the end at which propellant stands, vehicle frame", "ft | m", span=plausible.POSITION
+    )
+    axis: Vector3 = described(
+        ..., "from there along the column of propellant, body axes; length 1 within 0.002, normalized"
+    )
+    length: Real = described(..., "of the column when the tank is full", "ft | m", gt=0.0, span=plausible.SIZE)
+    radius: Real = described(0.0, "of the column; 0: thin", "ft | m", ge=0.0, span=plausible.POSITION)
+    capacity: Real = described(..., "propellant in it when it is full", "slug | kg", gt=0.0, span=plausible.MASS)
+    propellant: Real = described(..., "propellant in it at the start", "slug | kg", ge=0.0, span=plausible.PAYLOAD)
+    propellant_std: Real = described(
+        0.0, "1-sigma of that, which is estimated; 0: known", "slug | kg", ge=0.0, span=plausible.PAYLOAD
+    )
+    flow_uncertainty: Real = described(
+        0.01,
+        "1-sigma of a constant error of the flow out of it beside that of thrusts, relative, as by specific impulse, "
+        "which is estimated; 0: known",
+        "-",
+        ge=0.0,
+        le=0.3,
+    )
+    feeds: tuple[Name, ...] = described(..., "jets, or kinds of jets, that draw from it", min_length=1)
+
+    _unit = field_validator("axis")(_of_length_1)
+
+    @model_validator(mode="after")
+    def _holds_it(self) -> Tank:
+        if self.propellant > self.capacity:
+            problem = f"is {self.propellant:g}, more than the capacity, {self.capacity:g}"
+            raise refusal([(("propellant",), problem)])
+        return self
 
 
 class Surroundings(Model):
@@ -586,8 +791,8 @@ class Vehicle(Model):
     )
     tank_fraction: Real = described(
         0.01,
-        "share of the jets' RMS arm by which propellant that is used shifts center of mass and inertia: 0.1 where "
-        "tanks lie far out; used by `estimation.filter: joint`",
+        "share of the jets' RMS arm by which propellant that is used from no stated tank shifts center of mass and "
+        "inertia: 0.1 where tanks lie far out; used by `estimation.filter: joint`",
         "-",
         ge=0.0,
         le=1.0,
@@ -621,6 +826,18 @@ class Vehicle(Model):
     poses: tuple[PoseSensor, ...] = described((), "sensors of position and attitude in a fixed frame")
     velocities: tuple[VelocitySensor, ...] = described((), "sensors of velocity in the fixed frame")
     wheels: tuple[Wheel, ...] = described((), "reaction wheels; used by `estimation.filter: joint`", max_length=8)
+    engines: tuple[RocketEngine, ...] = described(
+        (), "engines with a throttle or a gimbal; used by `estimation.filter: joint`", max_length=8
+    )
+    tanks: tuple[Tank, ...] = described(
+        (), "propellant tanks that are emptied by jets; used by `estimation.filter: joint`", max_length=8
+    )
+    moving: tuple[MovingPart, ...] = described(
+        (),
+        "parts that move inside, such as sloshing propellant or panels on hinges; mass properties are those with them "
+        "at rest; used by `estimation.filter: joint`",
+        max_length=8,
+    )
     gyros: tuple[Gyro, ...] = described(
         ..., "rate-gyro packages; [] only where a pose sensor gives the attitude", reason=_WITHOUT_RATES
     )
@@ -649,8 +866,9 @@ class Vehicle(Model):
         if self.disturbance is not None and self.needs_pose_filter:
             words = "is not estimated in a fixed frame; state surroundings.slope_std and surroundings.turn_std"
             raise refusal([(("disturbance",), words)])
-        if self.wheels and self.needs_pose_filter:
-            raise refusal([(("wheels",), "play no part in a fixed frame; leave them out")])
+        for key in ("wheels", "engines", "tanks", "moving"):
+            if getattr(self, key) and self.needs_pose_filter:
+                raise refusal([((key,), "play no part in a fixed frame; leave them out")])
         if self.motion == "planar":
             inertia = np.array(self.mass_properties.inertia)
             if inertia[0, 2] or inertia[1, 2]:
@@ -669,6 +887,10 @@ class Vehicle(Model):
     def _consistent(self) -> Vehicle:
         _require_unique("jets", "designation", [jet.designation for jet in self.jets])
         _require_unique("jets", "number", [jet.number for jet in self.jets])
+        nominal = self.mass_properties.properties()
+        known = nominal.mass, nominal.center_of_mass, nominal.inertia
+        if problem := not_followed(self.moving, known, self.sample_period_s):
+            raise refusal([(("moving",), problem)])
         names = [*self.sensor_names(), *(sensor.name for sensor in self.tracked)]
         _require_unique("sensors", "name", names)
         for name in names:
@@ -690,6 +912,13 @@ class Vehicle(Model):
         return self
 
     @model_validator(mode="after")
+    def _fed(self) -> Vehicle:
+        problems = list(_of_tanks(self))
+        if problems:
+            raise refusal(problems)
+        return self
+
+    @model_validator(mode="after")
     def _plausible(self) -> Vehicle:
         impossible = [(found.path, found.problem) for found in plausible.of_vehicle(self) if found.impossible]
         if impossible:
@@ -707,9 +936,23 @@ class Vehicle(Model):
         return (*self.gyros, *self.accelerometers)
 
     @property
-    def tracked(self) -> tuple[PoseSensor | VelocitySensor | Wheel, ...]:
-        """Sensors other than the packages: those in a fixed frame, poses first, and the wheels' speeds."""
-        return (*self.poses, *self.velocities, *self.wheels)
+    def tracked(self) -> tuple[PoseSensor | VelocitySensor | Wheel | RocketEngine, ...]:
+        """Sensors other than the packages: those in a fixed frame, poses first, the wheels' speeds and the engines."""
+        return (*self.poses, *self.velocities, *self.wheels, *self.engines)
+
+    @property
+    def has_own_rates(self) -> bool:
+        """Tests whether a sensor is read at a rate of its own."""
+        return any(sensor.rate_hz is not None for sensor in self._timed)
+
+    @property
+    def readings_per_s(self) -> float:
+        """Times at which anything is read or commanded, 1/s, all sensors being read at zero."""
+        return times_per_s([1.0 / self.sample_period_s, *(one.rate_hz for one in self._timed if one.rate_hz)])
+
+    @property
+    def _timed(self) -> tuple[SensorPackage | PoseSensor | Wheel, ...]:
+        return (*self.sensors, *self.poses, *self.wheels)
 
     @property
     def tracked_columns(self) -> tuple[str, ...]:
@@ -779,10 +1022,37 @@ class Vehicle(Model):
         kinds = list(self.jet_kinds)
         return np.array([kinds.index(jet.kind) for jet in self.jets])
 
+    def jets_of(self, tank: Tank) -> NDArray[np.bool_]:
+        """Tests which jets draw from a tank, shape (n_jets,)."""
+        return np.array([jet.designation in tank.feeds or jet.kind in tank.feeds for jet in self.jets])
+
+    @cached_property
+    def tank_geometry(self) -> Tanks:
+        """The tanks as arrays, see `maths.vehicle.depletion`."""
+        axes = np.array([tank.axis for tank in self.tanks]).reshape(-1, 3)
+        axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
+        heights = np.array([tank.length / tank.capacity for tank in self.tanks])
+        return Tanks(
+            outlets=np.array([tank.outlet for tank in self.tanks]).reshape(-1, 3),
+            columns=axes * heights[:, None],
+            spreads=np.array(
+                [
+                    0.25 * tank.radius**2 * (np.eye(3) + np.outer(axis, axis))
+                    for tank, axis in zip(self.tanks, axes, strict=True)
+                ]
+            ).reshape(-1, 3, 3),
+            feeds=np.array([self.jets_of(tank) for tank in self.tanks], dtype=float).reshape(-1, len(self.jets)),
+        )
+
     @cached_property
     def minimum_on_times_s(self) -> Array:
         """Minimum on-time of each jet, s, shape (n_jets,)."""
         return self._per_jet(lambda jet: self.jet_kinds[jet.kind].minimum_on_time_s)
+
+    @cached_property
+    def on_time_quanta_s(self) -> Array:
+        """Step of each valve's clock, zero: none, s, shape (n_jets,)."""
+        return self._per_jet(lambda jet: self.jet_kinds[jet.kind].on_time_quantum_s)
 
     @cached_property
     def thrust_uncertainties(self) -> Array:
@@ -793,6 +1063,12 @@ class Vehicle(Model):
             return self.jet_kinds[jet.kind].thrust_uncertainty if own is None else own
 
         return self._per_jet(of)
+
+    @cached_property
+    def mounting_sigmas(self) -> Array:
+        """1-sigma of the direction, rad, and of the place, ft or m, of each jet, shape (n_jets, 2)."""
+        kinds = [self.jet_kinds[jet.kind] for jet in self.jets]
+        return np.array([(kind.direction_std, kind.position_std) for kind in kinds])
 
     def _per_jet(self, value: Callable[[Jet], float]) -> Array:
         return np.array([value(jet) for jet in self.jets])
@@ -848,6 +1124,7 @@ class Vehicle(Model):
             "pose sensor": len(self.poses),
             "velocity sensor": len(self.velocities),
             "reaction wheel": len(self.wheels),
+            "engine": len(self.engines),
         }
         more = "".join(f", {count} {what}{'s' if count > 1 else ''}" for what, count in others.items() if count)
         return f"{len(self.gyros)} gyro and {len(self.accelerometers)} accelerometer packages{more}"
@@ -855,6 +1132,42 @@ class Vehicle(Model):
     def sensor_names(self) -> list[str]:
         """The names of all sensor packages, gyros first."""
         return [sensor.name for sensor in self.sensors]
+
+
+def _of_tanks(vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
+    """Finds what is wrong with a vehicle's tanks beside the vehicle, each with the path of its field."""
+    _require_unique("tanks", "name", [tank.name for tank in vehicle.tanks])
+    known, fed = [*vehicle.designations, *vehicle.jet_kinds], dict[str, str]()
+    for index, tank in enumerate(vehicle.tanks):
+        for place, name in enumerate(tank.feeds):
+            if name not in known:
+                problem = f"{name!r} is neither a jet nor one of jet_kinds{suggestion(name, known)}"
+                yield ("tanks", index, "feeds", place), problem
+        for jet in np.array(vehicle.designations)[vehicle.jets_of(tank)].tolist():
+            if jet in fed:
+                problem = f"jet {jet} draws from tank '{fed[jet]}' already; a jet draws from one tank"
+                yield ("tanks", index, "feeds"), problem
+                break
+            fed[jet] = tank.name
+    held = sum(tank.propellant for tank in vehicle.tanks)
+    if held >= vehicle.mass_properties.mass:
+        last, unit = len(vehicle.tanks) - 1, vehicle.unit_names["mass"]
+        problem = (
+            f"tanks hold {held:g} {unit} of propellant, and the vehicle's mass with it is "
+            f"{vehicle.mass_properties.mass:g} {unit}"
+        )
+        yield ("tanks", last, "propellant"), problem
+    elif held > 0.0:
+        fill = np.array([tank.propellant for tank in vehicle.tanks])
+        body = np.concatenate((six_elements(vehicle.nominal.inertia), vehicle.nominal.center_of_mass))
+        dry = symmetric(emptied(body, vehicle.nominal.mass, fill, fill, vehicle.tank_geometry)[:6])
+        if not could_be_inertia(dry):
+            moments = ", ".join(f"{moment:.6g}" for moment in np.linalg.eigvalsh(dry))
+            problem = (
+                "propellant so far out has a larger inertia than mass_properties leave for it: without it no rigid "
+                f"body has the principal moments {moments}"
+            )
+            yield ("tanks",), problem
 
 
 def _require_unique(where: str, what: str, values: list[Any]) -> None:

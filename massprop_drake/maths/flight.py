@@ -14,8 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.maths.autopilot.jet_selection import delivered_velocity, firing, must_select
+from massprop_drake.maths.autopilot.jet_selection import delivered_velocity, must_select
 from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, PilotMemory, initial_memory, piloted
+from massprop_drake.maths.autopilot.pulses import Pulses, after_pulse, coming_pulse, pulse_onsets
 from massprop_drake.maths.estimation import whole
 from massprop_drake.maths.estimation.whole import Asked
 from massprop_drake.maths.kernels import fill, kernel
@@ -42,6 +43,7 @@ class PilotParams(NamedTuple):
         mass_reciprocal: nominal.
         adapts: whether estimates are in use once they have converged.
         limits: see `mass_properties.converged`, shape (3,).
+        pulses: of the jets.
     """
 
     settings: PhaseSpaceParams
@@ -50,6 +52,7 @@ class PilotParams(NamedTuple):
     mass_reciprocal: float
     adapts: bool
     limits: Array
+    pulses: Pulses
 
 
 class FlightParams(NamedTuple):
@@ -114,6 +117,7 @@ class Rows(NamedTuple):
     velocities: Array
     told: Array
     told_onset: Array
+    propellant: Array
 
 
 class Desk(NamedTuple):
@@ -121,7 +125,7 @@ class Desk(NamedTuple):
 
     Attributes:
         remaining: cycles that each jet has still to fire, shape (n_jets,).
-        counts, refused, out_of_use: of jet selection, see `systems.autopilot.selector.SelectionState`.
+        counts, refused, out_of_use, owed: of jet selection, see `systems.autopilot.selector.SelectionState`.
         wrench: known force of failed jets, torque about the vehicle origin first, shape (6,).
         estimate, deviation: the ten parameters as published, and their 1-sigma, shape (10,) each.
         asked: what the detector asks for.
@@ -131,6 +135,7 @@ class Desk(NamedTuple):
     counts: Array
     refused: Array
     out_of_use: Array
+    owed: Array
     wrench: Array
     estimate: Array
     deviation: Array
@@ -144,8 +149,9 @@ def desk(n_jets: int, asked: Asked) -> Desk:
         n_jets: number of jets.
         asked: what the detector asks for.
     """
-    remaining, out_of_use = np.zeros((2, n_jets))
-    return Desk(remaining, np.zeros(4), np.zeros(4), out_of_use, np.zeros(6), np.zeros(10), np.zeros(10), asked)
+    remaining, out_of_use, owed = np.zeros((3, n_jets))
+    counts, refused, wrench, estimate, deviation = (np.zeros(size) for size in (4, 4, 6, 10, 10))
+    return Desk(remaining, counts, refused, out_of_use, owed, wrench, estimate, deviation, asked)
 
 
 def rows(count: int, sizes: tuple[int, int], params: FlightParams) -> Rows:
@@ -164,7 +170,9 @@ def rows(count: int, sizes: tuple[int, int], params: FlightParams) -> Rows:
     onset, told_onset = (levels_alone((count, jets)) for _ in range(2))
     controllers, error, request, counts = (np.zeros((count, size)) for size in (6, 3, 8, 4))
     of_pilot = (controllers, error, request, counts, out_of_use)
-    return Rows(body, structure, command, onset, thrust, *of_pilot, readings, rates, velocities, told, told_onset)
+    used_up = np.zeros((count, params.truth.tanks.outlets.shape[0]))
+    told_of = told, told_onset, used_up
+    return Rows(body, structure, command, onset, thrust, *of_pilot, readings, rates, velocities, *told_of)
 
 
 class FlightBlock(NamedTuple):
@@ -201,6 +209,7 @@ def fly(holder: Any, block: Any, reached: NDArray[np.int_], params: Any) -> int:
 
     Raises:
         OutOfMassError: when the jets use up the vehicle's mass.
+        OutOfPropellantError: when they draw more from a tank than is in it.
         SpunUpError: when the vehicle makes more than a turn in a sample.
     """
     return _flown(holder, block.value, reached, params.value)
@@ -249,7 +258,7 @@ def onward(holder: Any, known: Any, block: Any, reached: NDArray[np.int_], param
 
     Raises:
         NotPositiveDefiniteError: when a covariance loses definiteness.
-        OutOfMassError, SpunUpError: as `fly`.
+        OutOfMassError, OutOfPropellantError, SpunUpError: as `fly`.
     """
     rows, given = block.value, params.value
     while reached[ROW] < reached[UNTIL]:
@@ -268,6 +277,7 @@ def _sensed(state: FlightState, row: int, rows: Rows, coming: Ahead, params: Fli
     readings, memories = cycle.sense(vehicle, row, coming, truth)
     rows.body_state[row] = vehicle.body
     rows.structure[row] = vehicle.structure
+    rows.propellant[row] = vehicle.fill
     rows.readings[row] = readings
     rows.told[row], rows.told_onset[row] = state.command, state.onset
     for place in range(params.gyros.size):
@@ -284,6 +294,7 @@ def _sensed(state: FlightState, row: int, rows: Rows, coming: Ahead, params: Fli
         vehicle.target,
         vehicle.deviation,
         memories,
+        vehicle.fill,
     )
     return FlightState(after, state.pilot, state.command, state.onset, state.delivered)
 
@@ -318,13 +329,14 @@ def _stepped(
     rows, coming = given
     vehicle, pilot, delivered = state.vehicle, params.pilot, state.delivered
     if params.flies:
-        command = firing(desk.remaining)
+        command = coming_pulse(desk.remaining, pilot.pulses)
         rows.command[row] = command
+        rows.onset[row] = pulse_onsets(command, pilot.pulses, pilot.settings.period_s)
         reciprocal = pilot.mass_reciprocal
         if pilot.adapts and converged(desk.deviation, desk.estimate, pilot.limits):
             reciprocal = desk.estimate[MASS_RECIPROCAL]
         delivered = delivered_velocity(command, pilot.forces, reciprocal, pilot.settings.period_s)
-        desk.remaining[:] = np.maximum(desk.remaining - 1.0, 0.0)
+        desk.remaining[:] = after_pulse(desk.remaining, command)
     else:
         command = rows.command[row].copy()
     onset = rows.onset[row].copy()

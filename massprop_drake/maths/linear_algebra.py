@@ -70,6 +70,20 @@ def crosses(left: Array, right: Array) -> Array:
     return result
 
 
+def normals(along: Array, near: Array | None = None) -> Array:
+    """Two unit vectors normal to each direction and to each other, shape (n, 2, 3).
+
+    Args:
+        along: unit vectors, shape (n, 3).
+        near: what the first is as near to as it can be, shape (n, 3); None: the axis that is most across.
+    """
+    if near is None:
+        near = np.eye(3)[np.argmin(np.abs(along), axis=1)]
+    first = near - np.sum(near * along, axis=1, keepdims=True) * along
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return np.stack((first, np.cross(along, first)), axis=1)
+
+
 @kernel
 def congruence(matrix: Array, inner: Array) -> Array:
     """M S M^T; for small matrices numpy's `dot` takes a third to a half of the time of its operator."""

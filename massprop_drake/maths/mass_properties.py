@@ -49,6 +49,12 @@ class MassProperties(NamedTuple):
         return pack(inverse, self.center_of_mass, 1.0 / self.mass)
 
 
+@kernel
+def parallel_axis(arm: Array) -> Array:
+    """|a|^2 1 - a a^T: inertia of a unit mass at an arm, shape (3, 3)."""
+    return (arm @ arm) * np.eye(3) - np.outer(arm, arm)
+
+
 def joined(body: MassProperties, mass: float, position: Array, inertia: Array) -> MassProperties:
     """A body with another one fixed to it, or, with a negative mass, taken from it.
 
@@ -65,8 +71,7 @@ def joined(body: MassProperties, mass: float, position: Array, inertia: Array) -
     center = (body.mass * body.center_of_mass + mass * position) / total
 
     def offset(of_mass: Any, at: Array) -> Array:
-        arm = at - center
-        return of_mass * ((arm @ arm) * np.eye(3) - np.outer(arm, arm))
+        return np.asarray(of_mass * parallel_axis(at - center))
 
     moved = body.inertia + offset(body.mass, body.center_of_mass) + inertia + offset(mass, position)
     return MassProperties(total, center, symmetrized(moved))

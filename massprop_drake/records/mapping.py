@@ -20,6 +20,7 @@ from massprop_drake.inputs.record_map import (
     AccelerometerMap,
     AttitudeMap,
     CommandMap,
+    EngineMap,
     GyroMap,
     PoseMap,
     RecordMap,
@@ -64,12 +65,15 @@ COMPONENTS: Mapping[str, tuple[str, ...]] = {
     "attitude": ("q_w", "q_x", "q_y", "q_z"),
     "pose": (*AXES, "q_w", "q_x", "q_y", "q_z"),
     "wheel": ("speed",),
+    "engine": ("level", "gimbal_1", "gimbal_2"),
 }
 _KINDS = {
     **{"gyros": "gyro", "accelerometers": "accelerometer", "velocities": "velocity"},
     "poses": "pose",
     "wheels": "wheel",
+    "engines": "engine",
 }  # of a map, by what the vehicle calls them; an attitude is a pose without position
+_ESTIMATED_FROM = ("gyro", "accelerometer", "wheel", "engine")  # kinds that are of no use but for that
 
 
 class Channel(NamedTuple):
@@ -77,11 +81,12 @@ class Channel(NamedTuple):
 
     Attributes:
         name: of the sensor.
-        kind: "gyro", "accelerometer", "velocity", "attitude", "pose" or "wheel".
+        kind: "gyro", "accelerometer", "velocity", "attitude", "pose", "wheel" or "engine".
         time_s: of each sample, in the clock of the rows, strictly increasing, shape (n,).
         values: as COMPONENTS names them, in the vehicle's units and axes, NaN where missing, shape (n, m): rates,
             rad/s; accelerations or their integrals as `gives` says; velocities; positions; attitudes as quaternions
-            that turn body to world, scalar first; speeds of wheels, rad/s.
+            that turn body to world, scalar first; speeds of wheels, rad/s; of engines the level and, with a gimbal, its
+            angles, rad.
         places: row of each sample in its topic, shape (n,).
         gives: of an accelerometer "integral", "increment", "mean" or "instant"; else "".
     """
@@ -175,7 +180,7 @@ def _require_of_the_vehicle(by: RecordMap, vehicle: Vehicle, source: str) -> Non
             problems.append(
                 f"{source}: sensors.{name}: is a {kinds[name]} of the vehicle, and the map has a {sensor.kind}"
             )
-        elif kind in ("gyro", "accelerometer", "wheel") or kind in kinds.values() or vehicle.needs_pose_filter:
+        elif kind in _ESTIMATED_FROM or kind in kinds.values() or vehicle.needs_pose_filter:
             known = [one for one, of in kinds.items() if of == kind]
             hint = suggestion(name, known) or f"; it has no {kind}"
             problems.append(f"{source}: sensors.{name}: vehicle '{vehicle.name}' has no {kind} of this name{hint}")
@@ -341,6 +346,11 @@ class _Mapping:
             values = self._vector(topic, sensor, factor(sensor.unit, "velocity") / self._length, places)
         elif isinstance(sensor, WheelMap):
             values = topic.numbers(sensor.speed)[places, None] * factor(sensor.unit, "rate")
+        elif isinstance(sensor, EngineMap):
+            values = topic.numbers(sensor.level)[places, None] / sensor.full
+            if sensor.gimbal is not None:
+                angles = np.stack([topic.numbers(one)[places] for one in sensor.gimbal], axis=1)
+                values = np.hstack((values, angles * factor(sensor.unit, "angle")))
         else:
             values = self._attitude(topic, sensor, places)
             self._require_turning(name, topic, sensor, values, time_s)
@@ -620,7 +630,10 @@ class MappedTable:
         ragged: rows that were left out.
         notes: what is to be known, a sentence each.
         losses: what could not be read of the record.
+        own_times: see `Table`.
     """
+
+    own_times = False
 
     def __init__(self, header: list[str], values: Array, lines: Places, record: Mapped, notes: list[str]):
         self.source = record.recording.source
@@ -630,6 +643,10 @@ class MappedTable:
         self.ragged: Ragged = record.recording.ragged
         self.losses: Sequence[Loss] = record.recording.losses
         self._read = 0
+
+    def where(self, line: int, _column: str) -> str:
+        """The place of a row."""
+        return f"{self.source}, {self.place} {line}"
 
     @property
     def done(self) -> float:
@@ -688,11 +705,16 @@ def row_places(record: Mapped) -> Places:
         places.append(at - 1 if before else at)
 
 
-def table(record: Mapped, gyro: str | None) -> MappedTable:
+def comes_faster(record: Mapped) -> bool:
+    """Tests whether the channel of the rows has several samples in a sample period."""
+    return bool(record.rows.interval_s < record.vehicle.sample_period_s * (1.0 - JITTER))
+
+
+def table(record: Mapped, gyro: str | None, *, own_times: bool = False) -> MappedTable:
     """Makes rows of telemetry of a record, for the estimators.
 
-    Of a vehicle that is followed in a fixed frame there is a row whenever anything was read or commanded, and every
-    reading stands at its own time. Of others:
+    Of a vehicle that is followed in a fixed frame, or with times of their own, there is a row whenever anything was
+    read or commanded, and every reading stands at its own time. Of others:
 
     A reading that was not taken at the time of a row, within 5 % of the sample period, is missing in it. An attitude
     goes to the row that is nearest in time, turned there by the rate. Accelerations and increments are added up from
@@ -701,6 +723,7 @@ def table(record: Mapped, gyro: str | None) -> MappedTable:
     Args:
         record: mapped.
         gyro: name of the package that the estimators need; None: of a vehicle that is followed in a fixed frame.
+        own_times: whether every reading is wanted at its own time, also where rows are no samples.
 
     Raises:
         InputError: when the record has not what the estimators need.
@@ -708,14 +731,16 @@ def table(record: Mapped, gyro: str | None) -> MappedTable:
     if gyro is None:
         return _at_any_time(record)
     _require_usable(record, gyro)
+    if own_times:
+        return _at_any_time(record)
     places = row_places(record)
     time_s = record.rows.time_s[places]
     vehicle, notes = record.vehicle, list(record.notes)
     names, parts = ["time_s"], [time_s[:, None]]
     trackers = {tracker.name for tracker in vehicle.poses}
     for name, channel in record.channels.items():
-        if channel.kind == "wheel":
-            names.append(f"{name}_speed")
+        if channel.kind in ("wheel", "engine"):
+            names += [f"{name}_{part}" for part in COMPONENTS[channel.kind][: channel.values.shape[1]]]
             parts.append(_at(channel, time_s, vehicle.sample_period_s))
             continue
         if name in trackers and channel.time_s.size:
@@ -783,13 +808,21 @@ def _at_any_time(record: Mapped) -> MappedTable:
     names += [f"jet_{jet}" for jet in vehicle.designations]
     place = np.searchsorted(held.begin_s, time_s + _SAME_S, side="right") - 1
     known = (place >= 0) & (time_s < held.end_s[np.maximum(place, 0)] - _SAME_S)
-    parts.append(np.where(known[:, None], held.values[np.maximum(place, 0)], np.nan))
+    if record.by.commands.is_timed:  # an on-time is of the interval that begins with it
+        known &= np.append(True, np.diff(place) > 0)
+    told = np.where(known[:, None], held.values[np.maximum(place, 0)], np.nan)
+    parts.append(told)
+    if record.by.commands.is_timed:
+        names += onset_columns(vehicle)
+        parts.append(onsets(told, record.by.commands.at or vehicle.jet_commands.at, vehicle.sample_period_s))
     _add_known(record, time_s, names, parts)
     rows = np.clip(np.searchsorted(record.rows.time_s, time_s + _SAME_S, side="right") - 1, 0, None)
     topic = record.recording.topic(record.by.topic_of(record.by.sensors[record.by.row_sensor]))
     places = record.rows.places[rows]
     lines = places + 1 if topic.lines is None else topic.lines[places]
-    return MappedTable(names, np.hstack(parts), lines, record, list(dict.fromkeys(notes)))
+    made = MappedTable(names, np.hstack(parts), lines, record, list(dict.fromkeys(notes)))
+    made.own_times = True
+    return made
 
 
 def _integral(channel: Channel, values: Array, notes: list[str]) -> Array:
@@ -1004,7 +1037,7 @@ def preview(record: Mapped, most: int = 5) -> list[dict[str, Any]]:
         For each `time_s`, `sensors` (values by component, by name; None where missing), and `jets` (fraction by
         designation, of those that are open; None where not known).
     """
-    at_any_time = record.vehicle.needs_pose_filter  # each sample is a row then
+    at_any_time = record.vehicle.needs_pose_filter or comes_faster(record)  # each sample is a row then
     time_s = record.rows.time_s if at_any_time else record.rows.time_s[row_places(record)]
     shown = time_s[:most]
     fractions = _fractions(record, time_s)[:most]
@@ -1014,7 +1047,7 @@ def preview(record: Mapped, most: int = 5) -> list[dict[str, Any]]:
         sensors = {}
         for name, channel in record.channels.items():
             values = [None if math.isnan(one) else one for one in at[name][index].tolist()]
-            sensors[name] = dict(zip(COMPONENTS[channel.kind], values, strict=True))
+            sensors[name] = dict(zip(COMPONENTS[channel.kind], values, strict=False))  # an engine may have no angles
         told = dict(zip(record.vehicle.designations, fractions[index].tolist(), strict=True))
         jets = {jet: None if math.isnan(share) else share for jet, share in told.items() if share != 0.0}
         rows.append({"time_s": time, "sensors": sensors, "jets": jets})

@@ -125,6 +125,7 @@ class _Search:
             "pose": [one.name for one in vehicle.poses],
             "velocity": [one.name for one in vehicle.velocities],
             "wheel": [one.name for one in vehicle.wheels],
+            "engine": [one.name for one in vehicle.engines],
         }
         self._called = {kind: {_plainly(one) for one in self._free[kind]} for kind in ("gyro", "accelerometer")}
         self._scales: list[dict[str, Any]] = []  # of the commands, as a map has them, the likelier first
@@ -294,6 +295,7 @@ class _Search:
                 self._add(package, {"kind": "velocity", "columns": _columns(members), "unit": unit})
                 self._say(f"{package}: {_listed(members)}, by their names")
         self._add_wheels(names)
+        self._add_engines(names)
         quaternion = next((one for one in found.get("quaternion", []) if len(one) == 4), {})
         self._add_pose(position, angles, quaternion)
         if pairs:
@@ -312,6 +314,21 @@ class _Search:
             self._free["wheel"].remove(name)
             self._add(name, {"kind": "wheel", "speed": column.column, "unit": unit})
             self._say(f"{name}: {column.column}, in {unit}, by its name")
+
+    def _add_engines(self, names: Sequence[ColumnName]) -> None:
+        """Adds engines whose columns are called as these."""
+        called = {_plainly("".join(one.words)): one for one in names}
+        for engine in self.vehicle.engines:
+            columns = [called[name] for name in map(_plainly, engine.columns) if name in called]
+            if len(columns) < len(engine.columns) or engine.name not in self._free["engine"]:
+                continue
+            level, *angles = columns
+            entry: dict[str, Any] = {"kind": "engine", "level": level.column}
+            if angles:
+                entry |= {"gimbal": [one.column for one in angles], "unit": self._unit({0: angles[0]}, "angle", "rad")}
+            self._free["engine"].remove(engine.name)
+            self._add(engine.name, entry)
+            self._say(f"{engine.name}: {', '.join(one.column for one in (level, *angles))}, by their names")
 
     def _numbered(self, columns: Sequence[ColumnName]) -> bool:
         """Tests whether there is a column for every wheel of the vehicle."""

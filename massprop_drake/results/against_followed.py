@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.inputs.vehicle import PoseSensor
+from massprop_drake.inputs.vehicle import PoseSensor, VelocitySensor
 from massprop_drake.maths import attitude
 from massprop_drake.maths.estimation.pose import hindsight, setting
 from massprop_drake.maths.estimation.pose.hindsight import Assumed, Record
@@ -37,7 +37,8 @@ def residuals(scenario: Scenario, signals: Spool) -> tuple[Residual, ...]:
         some = ((time_s, off[:, list(axes)]) for time_s, off in left)
         found.extend(against.summed_up([name + AXES[axis] for axis in axes], unit, noise, some))
 
-    for sensor in vehicle.tracked:
+    followed: tuple[PoseSensor | VelocitySensor, ...] = (*vehicle.poses, *vehicle.velocities)
+    for sensor in followed:
         left, name = against.differences(signals, sensor.name), f"{sensor.name}_"
         if not isinstance(sensor, PoseSensor):
             add(name, moving, f"{length}/s", sensor.noise_std, left)

@@ -142,6 +142,10 @@ def _unconfined(scenario: Scenario) -> str | None:
         return "joint.rate_walk and joint.velocity_walk state torques or forces that no reading confines"
     if vehicle.wheels:
         return "speeds of wheels are read with noise that no reading of a gyro confines"
+    if vehicle.engines:
+        return "levels and gimbals of engines are read with noise that no reading of a gyro confines"
+    if vehicle.tanks:
+        return "flows out of tanks are stated with a 1-sigma, and no reading confines them"
     if joint and vehicle.disturbance is not None:
         return "the vehicle's disturbance states torques or forces that no reading confines"
     if any(kind.repeatability > 0.0 for kind in vehicle.jet_kinds.values()):

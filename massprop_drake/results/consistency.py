@@ -47,7 +47,7 @@ class Diagnosis(NamedTuple):
     Attributes:
         kind: "factor", "jet", "thrust", "lag", "delay", "torque", "drag", "momentum", "gyro_bias",
             "acceleration_bias", "gyro_scale", "gyro_sign", "accelerometer_scale", "accelerometer_sign",
-            "oscillation", "drift", "jitter", "noise" or "start".
+            "oscillation", "drift", "disturbance", "jitter", "noise" or "start".
         reason: in words.
         statistic: of its test.
         threshold: that it exceeds.

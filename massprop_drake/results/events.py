@@ -20,7 +20,17 @@ from massprop_drake.signals import AXES, with_deviation
 Array = NDArray[np.float64]
 
 EventKind = Literal[
-    "failed", "group", "changed", "withdrawn", "erratic", "jump", "jump_measured", "false_reading", "unexplained"
+    "failed",
+    "group",
+    "changed",
+    "withdrawn",
+    "erratic",
+    "jump",
+    "jump_measured",
+    "false_reading",
+    "engine_failed",
+    "unexplained",
+    "disturbance",
 ]
 _OF_HYPOTHESES = tuple(HYPOTHESIS_REPORT)
 _OF_JETS: dict[Word, EventKind] = {
@@ -30,6 +40,7 @@ _OF_JETS: dict[Word, EventKind] = {
     Word.WITHDRAWN: "withdrawn",
     Word.ERRATIC: "erratic",
 }
+_OF_ENGINES = ("level", "gimbal_1", "gimbal_2")
 _Three = tuple[Real, Real, Real]
 
 
@@ -40,7 +51,9 @@ class EventRecord(NamedTuple):
         time_s: when, s.
         kind: "failed" (a jet, or one of a cluster), "group" (one of `jets`, which look alike), "changed" (the force of
             a failed jet), "withdrawn", "erratic" (its force has changed again and again), "jump" (of the mass
-            properties), "jump_measured" (the size of an earlier one), "false_reading" or "unexplained".
+            properties), "jump_measured" (the size of an earlier one), "false_reading", "engine_failed" (its level or an
+            angle of its gimbal stays where it was), "disturbance" (something acts that nobody stated, and changes
+            slowly) or "unexplained".
         onset_s: since when, s.
         jets: designations, the likeliest first; none where only a cluster is named, and where it is not of jets. What
             is said of a group later names all its members, until it is told apart.
@@ -51,7 +64,10 @@ class EventRecord(NamedTuple):
         pattern: of an erratic jet, "intermittent" (its force comes and goes) or "drifting".
         mass, mass_std: gained in a jump (released: negative), slug or kg; None while no filter of it fits.
         position, position_std: where, vehicle frame, ft or m.
-        sensor, axis: package and axis of a false reading; of a wheel "speed"; None: the attitude of a tracker.
+        sensor, axis: package and axis of a false reading; of a wheel "speed"; None: the attitude of a tracker; an
+            engine, and "level", "gimbal_1" or "gimbal_2".
+        torque_std, force_std: of a disturbance, 1-sigma about and along an axis to an order of magnitude, ft-lbf and
+            lbf, or N-m and N; the force None without an accelerometer.
         statistic, alarms: likelihood argument, None where there is none, and how many alarms led to it.
         jet_index: index of the likeliest jet of the vehicle, while the run goes on; None in a summary.
     """
@@ -72,6 +88,8 @@ class EventRecord(NamedTuple):
     position_std: _Three | None = None
     sensor: Text | None = None
     axis: Text | None = None
+    torque_std: NotNegative | None = None
+    force_std: NotNegative | None = None
     statistic: Real | None = None
     alarms: Count = 0
     jet_index: Count | None = None
@@ -118,7 +136,19 @@ def reading_of(component: int, sensors: Sequence[str], vehicle: Vehicle) -> tupl
     beyond, wheels = component - 3 * len(sensors), vehicle.wheels
     if beyond < 0:
         return sensors[component // 3], AXES[component % 3]
-    return (wheels[beyond].name, "speed") if beyond < len(wheels) else (vehicle.poses[beyond - len(wheels)].name, None)
+    if beyond < len(wheels):
+        return wheels[beyond].name, "speed"
+    beyond -= len(wheels)
+    trackers = [pose.name for pose in vehicle.poses if pose.name in sensors]
+    if beyond < len(trackers):
+        return trackers[beyond], None
+    engine, channel = divmod(beyond - len(trackers), len(_OF_ENGINES))
+    return vehicle.engines[engine].name, _OF_ENGINES[channel]
+
+
+def kind_of(sensor: str, vehicle: Vehicle) -> Literal["false_reading", "engine_failed"]:
+    """Kind of an event of a sensor, or of an engine."""
+    return "engine_failed" if any(engine.name == sensor for engine in vehicle.engines) else "false_reading"
 
 
 def _without_nan(event: EventRecord) -> EventRecord:
@@ -175,9 +205,13 @@ def _by_hypotheses(
         )
     if not np.isnan(row["lying_component"][0]):
         sensor, axis = reading_of(int(row["lying_component"][0]), sensors, vehicle)
-        yield EventRecord(time_s, "false_reading", at["onset"], sensor=sensor, axis=axis, **how)
+        yield EventRecord(time_s, kind_of(sensor, vehicle), at["onset"], sensor=sensor, axis=axis, **how)
     if not np.isnan(row["unexplained_since"][0]):
         yield EventRecord(time_s, "unexplained", float(row["unexplained_since"][0]), **how)
+    if not np.isnan(row["disturbed_since"][0]):
+        torque, force = (float(row[f"disturbance_{of}"][0]) for of in ("torque", "force"))
+        event = EventRecord(time_s, "disturbance", float(row["disturbed_since"][0]), **how)
+        yield event._replace(torque_std=torque, force_std=force)
 
 
 def _of_jets(vehicle: Vehicle, time_s: float, jets: list[int], row: Mapping[str, Array]) -> EventRecord:
@@ -250,11 +284,33 @@ def in_words(event: EventRecord, units: Mapping[str, str]) -> str:
                 return f"{event.sensor} reads another attitude {since}, and turns on from there"
             until = "for good" if event.axis == "speed" else "until it fits again"
             return f"{event.sensor}_{event.axis} reads falsely {since}; it is left out {until}"
+        case "engine_failed":
+            stays = {"level": "its thrust", "gimbal_1": "the first angle of its gimbal", "gimbal_2": "the second angle"}
+            return f"engine {event.sensor} has failed: {stays[str(event.axis)]} is not as told {since}"
+        case "disturbance":
+            return (
+                f"{acting(event, units)} acts besides the jets {since}, which nobody stated; from then on it is taken "
+                "into account"
+            )
         case _:
             return (
                 f"something {since} that no failed jet, no jump and no false reading explains; "
                 "the estimates are less sure from here on"
             )
+
+
+def acting(event: EventRecord, units: Mapping[str, str]) -> str:
+    """Torque and force of a disturbance in words, to an order of magnitude.
+
+    Args:
+        event: see `EventRecord`.
+        units: names of the vehicle's units, see `Vehicle.unit_names`.
+    """
+    force, length = units["force"], units["length"]
+    unit = f"{force}-{length}" if force == "N" else f"{length}-{force}"
+    torque = f"a torque of the order of {event.torque_std:.0e} {unit}"
+    more = "" if event.force_std is None else f", and a force of {event.force_std:.0e} {force},"
+    return torque + more
 
 
 def telling_apart(event: Any) -> str:

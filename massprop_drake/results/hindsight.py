@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import product
 from typing import NamedTuple
 
@@ -14,16 +14,20 @@ from massprop_drake.inputs import factors, params
 from massprop_drake.inputs.factors import Factor
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.estimation import hindsight, oscillation
-from massprop_drake.maths.estimation.filter import Instruments
+from massprop_drake.maths.estimation.filter import Instruments, Setup
 from massprop_drake.maths.estimation.filters.joint import chi_square_limit
 from massprop_drake.maths.estimation.hindsight import Fit, Model, Reckoned, ScoreTest, Stretch
+from massprop_drake.maths.estimation.joint.burns import Burn, EngineSettings, at_rest, burnt, push
 from massprop_drake.maths.estimation.joint.disturbance import NO_DISTURBANCE
 from massprop_drake.maths.estimation.joint.prediction import propellant_drift
+from massprop_drake.maths.mass_properties import MassProperties
+from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS, N_ERRORS, channels
+from massprop_drake.maths.vehicle.mounting import EXACT
 from massprop_drake.maths.vehicle.on_times import levels_alone
 from massprop_drake.results import prior
 from massprop_drake.results.consistency import Diagnosis
 from massprop_drake.results.detections import JUMP, DetectionRecord
-from massprop_drake.results.events import EventRecord
+from massprop_drake.results.events import EventRecord, acting
 from massprop_drake.results.spool import Spool
 
 Array = NDArray[np.float64]
@@ -36,7 +40,9 @@ _STRETCHES = 32  # of so many rows, at the most, evenly spread
 _LINGERS = 1e-4  # of full thrust: less is not felt
 _HOLE = 2  # rows without a gyro's axis over which the rate is taken to be what jets make of it
 _DRIFTED = 0.01  # of the mass, used: inertia and center of mass then have a walk's 1-sigma, of one that is stated by it
+_GATHERS_S = 60.0  # seconds: noise that gathers to less than a reading's 1-sigma by then is left out
 _LIES_ON_S = 2.0  # after a reading was said to be false it is not believed again
+_OF_DISTURBANCES = ("oscillation", "drift", "torque", "drag", "momentum")  # diagnoses of what acts besides the jets
 _PRIOR = 0.3  # of the widest start: nothing known of a vehicle is more wrong
 _OFF = 3.0  # 1-sigma from the widest start, beyond which the vehicle's file is not held against the readings
 _OPEN_LAG_S = 0.05  # 1-sigma of a lag that the filters do not reckon with
@@ -56,6 +62,8 @@ class Names(NamedTuple):
     torque: str
     acceleration: str
     wheels: Sequence[str] = ()
+    engines: Sequence[str] = ()
+    length: str = ""
 
 
 def names_of(scenario: Scenario) -> Names:
@@ -70,6 +78,8 @@ def names_of(scenario: Scenario) -> Names:
         f"{units['length']}-{units['force']}",
         f"{units['length']}/s^2",
         [wheel.name for wheel in vehicle.wheels],
+        [engine.name for engine in vehicle.engines],
+        units["length"],
     )
 
 
@@ -79,7 +89,9 @@ def model(scenario: Scenario) -> Model:
     thrust, gyros, accelerometers = setup.thrust, setup.gyros, setup.accelerometers
     joint = scenario.estimation.filter == "joint"
     n_jets, n_kinds, n_accelerometers = len(vehicle.jets), thrust.lag_uncertainty.shape[0], accelerometers.quanta.size
-    n_others = 12 + 3 * gyros.quanta.size + 6 * n_accelerometers + len(vehicle.wheels) + 9
+    mounting = thrust.mounting if joint else EXACT
+    of_others = setup.engine_sigmas.size, mounting.jets.size, setup.modes.sigmas.size, 2 * len(vehicle.tanks), 9
+    n_others = 12 + 3 * gyros.quanta.size + 6 * n_accelerometers + len(vehicle.wheels) + sum(of_others)
     of_kinds = np.array([thrust.time_constants_s[thrust.kinds == kind].max(initial=0.0) for kind in range(n_kinds)])
     if joint:
         block = scenario.joint
@@ -108,10 +120,15 @@ def model(scenario: Scenario) -> Model:
         prior=prior,
         sigma=sigma,
         compute=hindsight.compute(compiled=scenario.execution.compiled),
-        at_stamps=scenario.joint.switching == "stamps" if joint else None,
-        walks=(scenario.joint.rate_walk, scenario.joint.velocity_walk) if joint else (0.0, 0.0),
+        at_stamps=(scenario.joint.switching == "stamps" or params.steps_by_readings(scenario)) if joint else None,
+        walks=_walks(scenario, setup) if joint else (0.0, 0.0),
         disturbance=setup.disturbance if joint else NO_DISTURBANCE,
         wheels=setup.wheels,
+        engines=setup.engines,
+        own_times=params.steps_by_readings(scenario),
+        tanks=setup.tanks,
+        mounting=mounting,
+        modes=setup.modes,
     )
     places = hindsight.columns(made)
     sigma[places.properties] = _PRIOR * setup.widest
@@ -120,10 +137,44 @@ def model(scenario: Scenario) -> Model:
     sigma[places.gyro_bias] = gyros.bias_std.max(initial=0.0)
     sigma[places.acceleration_bias] = np.repeat(accelerometers.bias_std, 3)
     sigma[places.wheel] = setup.wheel_uncertainty
-    if thrust.flows.any():  # one way, by as much as what drifts has become once so much has been used
+    sigma[places.engine] = setup.engine_sigmas
+    sigma[places.mount] = 1.0
+    sigma[places.moving] = (setup.modes.sigmas > 0.0).astype(np.float64).ravel()
+    sigma[places.fill], sigma[places.flow] = setup.tanks.fill_sigma, setup.tanks.flow_sigma
+    fed = setup.tanks.feeds.sum(axis=0)  # of each jet 1 or 0
+    if (thrust.flows * (1.0 - fed)).any():  # one way, by as much as what drifts has become once so much has been used
         share = setup.nominal[9] / _DRIFTED
         sigma[places.shift] = np.sqrt(_drift(scenario, setup.nominal)[:9] * share)
     return made
+
+
+def _walks(scenario: Scenario, setup: Setup) -> tuple[float, float]:
+    """Walks of rate and velocity: those stated, and that by errors of readings of engines at full thrust.
+
+    By so much a flight with engines may drift all through, though it does so as long as they burn alone.
+    """
+    at = np.zeros((setup.engines.thrusts.size, 3, N_CHANNELS))
+    at[:, :, 0] = 1.0
+    full = push(Burn(at, setup.engines.read_std), np.zeros(setup.engine_sigmas.size), setup.period_s, setup.engines)
+    gathered = _by_noise(full.noise, scenario.vehicle_data.nominal) / math.sqrt(setup.period_s)
+    least = (setup.gyro_variances, setup.accelerometer_variances)
+    for place, variances in enumerate(least):
+        if gathered[place] * math.sqrt(_GATHERS_S) < math.sqrt(variances.min(initial=math.inf)):
+            gathered[place] = 0.0
+    rate, velocity = np.hypot((scenario.joint.rate_walk, scenario.joint.velocity_walk), gathered).tolist()
+    return rate, velocity
+
+
+def _by_noise(noise: Array, body: MassProperties) -> Array:
+    """1-sigma of a body's rate and velocity by independent impulses, shape (2,).
+
+    Args:
+        noise: impulses about the vehicle origin, angular and linear, 1-sigma, shape (k, 6).
+        body: its mass properties.
+    """
+    moments = noise[:, :3] + np.cross(noise[:, 3:], body.center_of_mass)
+    rates = np.linalg.solve(np.asarray(body.inertia), moments.T).T
+    return np.array([math.sqrt((each**2).sum(axis=0).max()) for each in (rates, noise[:, 3:] / body.mass)])
 
 
 def steady(made: Model) -> Model:
@@ -148,15 +199,20 @@ def stretches(scenario: Scenario, signals: Spool) -> Iterator[Stretch]:
     packages = (*params.gyros(scenario), *params.accelerometers(scenario))
     optional = ("gap", "outside_wrench", "command_onset")
     wanted = ["time_s", "command", *(name for name in optional if name in signals)]
-    flows, period_s = scenario.vehicle_data.mass_flows, scenario.vehicle_data.sample_period_s
+    flows, lengths_s = scenario.vehicle_data.mass_flows, _lengths(scenario)
     felt = _felt(scenario)
     before, used, since = np.zeros((felt, flows.size)), 0.0, -1 if "gap" in signals else -1 - felt
+    fired_s, has_tanks = np.zeros(flows.size), bool(scenario.vehicle_data.tanks)
     opened = levels_alone((felt, flows.size))  # onsets of these
     wheels = [wheel.name for wheel in scenario.vehicle_data.wheels]
-    for block in _windows(signals, *wanted, *(package.name for package in packages), *wheels):
+    engines = [engine.name for engine in scenario.vehicle_data.engines if engine.name in signals]
+    setting: EngineSettings | None = None
+    for block in _windows(signals, *wanted, *(package.name for package in packages), *wheels, *engines):
         time_s, commands = block["time_s"], block["command"]
         known = np.nan_to_num(commands)
-        spent = used + np.concatenate(([0.0], np.cumsum(known[:-1] @ flows * period_s)))
+        burns = _burns(scenario, block, setting)
+        setting = burns.setting
+        spent = used + np.concatenate(([0.0], np.cumsum(known[:-1] @ flows * lengths_s(time_s) + burns.used)))
         used = float(spent[-1])
         readings = np.stack([block[package.name] for package in packages], axis=1)
         for number, package in enumerate(packages):
@@ -168,8 +224,12 @@ def stretches(scenario: Scenario, signals: Spool) -> Iterator[Stretch]:
         speeds = np.hstack([block[name] for name in wheels]) if wheels else None
         if speeds is not None:  # without them a gyro does not show what has acted on the vehicle
             readings[np.isnan(speeds).any(axis=1), : len(params.gyros(scenario))] = np.nan
-        whole = Stretch(time_s, readings, known, before, outside, -spent, *opening, speeds)
-        unknown = np.asarray(np.isnan(commands[:-1]).any(axis=1))
+        whole = Stretch(time_s, readings, known, before, outside, -spent, *opening, speeds, burns.points)
+        if has_tanks:
+            lasted_s = np.reshape(lengths_s(time_s), (-1, 1))
+            gone_s = fired_s + np.vstack((np.zeros(flows.size), np.cumsum(known[:-1] * lasted_s, axis=0)))
+            whole, fired_s = whole._replace(seconds=np.stack((gone_s, -gone_s), axis=1)), gone_s[-1]
+        unknown = np.asarray(np.isnan(commands[:-1]).any(axis=1)) | burns.loose
         if "gap" in block:
             gap = block["gap"][:, 0] != 0.0
             unknown |= gap[:-1] | gap[1:]
@@ -183,11 +243,59 @@ def stretches(scenario: Scenario, signals: Spool) -> Iterator[Stretch]:
         opened = opened if onsets_s is None else _with_rows(opened, onsets_s[:-1])
 
 
+class _Burns(NamedTuple):
+    """Engines in rows of a record, of which the first was the last of those before."""
+
+    points: Array | None  # see `Stretch.burns`; None: there are no engines
+    used: Array  # propellant of each interval, (m - 1,)
+    loose: NDArray[np.bool_]  # intervals whose impulse is known less well than a reading shows it, (m - 1,)
+    setting: EngineSettings | None  # after the last row
+
+
+def _burns(scenario: Scenario, block: dict[str, Array], before: EngineSettings | None) -> _Burns:
+    """Engines in some rows.
+
+    Args:
+        scenario: as run.
+        block: the rows.
+        before: setting of the engines at the first row; None: it is that of the record.
+    """
+    vehicle, rows = scenario.vehicle_data, block["time_s"].size
+    used, loose = np.zeros(rows - 1), np.zeros(rows - 1, dtype=np.bool_)
+    if not any(engine.name in block for engine in vehicle.engines):
+        return _Burns(None, used, loose, before)
+    setup = params.setup(scenario)
+    made, has, period_s = setup.engines, channels(setup.engines), setup.period_s
+    least = np.sqrt([each.min(initial=np.inf) for each in (setup.gyro_variances, setup.accelerometer_variances)])
+    read, nothing = np.zeros((rows, *has.shape)), np.zeros(setup.engine_sigmas.size)
+    each = (block.get(one.name, np.full((rows, len(one.columns)), np.nan)) for one in vehicle.engines)
+    read[:, has] = np.hstack(list(each))
+    points = np.zeros((rows, len(has), 3, N_CHANNELS))
+    if before is None:
+        _, before = burnt(at_rest(len(has)), read[0], period_s, made)
+    lengths_s = np.broadcast_to(_lengths(scenario)(block["time_s"]), rows - 1)
+    for row in range(1, rows):
+        length_s = float(lengths_s[row - 1])
+        burn, before = burnt(before, read[row], length_s, made)
+        if burn.points.any():
+            given = push(burn, nothing, length_s, made)
+            points[row - 1], used[row - 1] = burn.points, given.used
+            loose[row - 1] = (_by_noise(given.noise, vehicle.nominal) > least).any()
+    return _Burns(points, used, loose, before)
+
+
 def _felt(scenario: Scenario) -> int:
     """For how many intervals what jets have given is felt that may not be known: after a gap, and before a record."""
     vehicle = scenario.vehicle_data
     longest = float(vehicle.time_constants_s.max(initial=0.0)) / vehicle.sample_period_s
-    return max(1, math.ceil(longest * math.log(1.0 / _LINGERS)))
+    return max(1, math.ceil(longest * params.rates(scenario).steps * math.log(1.0 / _LINGERS)))
+
+
+def _lengths(scenario: Scenario) -> Callable[[Array], Array | float]:
+    """Lengths of the intervals between rows, by their times, s: the sample period, or what they are."""
+    if params.steps_by_readings(scenario):
+        return np.diff
+    return lambda _: scenario.vehicle_data.sample_period_s
 
 
 def _runs(there: NDArray[np.bool_]) -> list[tuple[int, int]]:
@@ -213,15 +321,30 @@ def _whole(scenario: Scenario, signals: Spool) -> list[Stretch]:
     """All stretches, with the propellant counted to the end of the last."""
     parts = list(stretches(scenario, signals))
     used = max((-float(part.used_after[-1]) for part in parts), default=0.0)
-    return [part._replace(used_after=part.used_after + used) for part in parts]
+    return _ended(parts, used)
 
 
-def _without_lies(parts: Sequence[Stretch], events: Iterable[EventRecord], names: Names) -> list[Stretch]:
+def _ended(parts: Sequence[Stretch], used: float) -> list[Stretch]:
+    """Stretches with all that is used counted to another end.
+
+    Args:
+        parts: in order.
+        used: propellant from the end up to which it was counted to that one, slug or kg; negative: it is earlier.
+    """
+    found = [part._replace(used_after=part.used_after + used) for part in parts]
+    if not parts or parts[-1].seconds is None:
+        return found
+    later = np.stack((np.zeros_like(parts[-1].seconds[-1, 1]), parts[-1].seconds[-1, 1]))
+    return [one._replace(seconds=one.seconds - later) for one in found if one.seconds is not None]
+
+
+def _without_lies(parts: Sequence[Stretch], events: Sequence[EventRecord], names: Names) -> list[Stretch]:
     """Stretches without the readings that were said to be false, from when on until a while after it was said."""
     sensors = [*names.gyros, *names.accelerometers]
     false = [each for each in events if each.kind == "false_reading"]
     lies, found = [each for each in false if each.sensor in sensors], list(parts)
-    unheard_s = min((each.onset_s for each in false if each.sensor in names.wheels), default=math.inf)
+    ends = [each.onset_s for each in false if each.sensor in names.wheels]
+    unheard_s = min([*ends, *(each.onset_s for each in events if each.kind == "engine_failed")], default=math.inf)
     if unheard_s < math.inf:  # then gyros do not show what has acted on the vehicle, and it may be so from there on
         found = [cut for part in parts if (cut := _until(part, unheard_s)).time_s.size > 2]
     for number, part in enumerate(found if lies else ()):
@@ -268,10 +391,9 @@ def believed(
     Returns:
         Stretches, and whether their stamps lie on the ticks at which commands switch.
     """
-    parts = _without_lies(_whole(scenario, signals), events, names_of(scenario))
+    parts = _without_lies(_whole(scenario, signals), list(events), names_of(scenario))
     found = [cut for part in parts if (cut := _until(part, until_s)).time_s.size > 2]
-    later = found[-1].used_after[-1] if found else 0.0
-    found = [part._replace(used_after=part.used_after - later) for part in found]
+    found = _ended(found, -found[-1].used_after[-1] if found else 0.0)
     return found, bool(made.at_stamps) or not _off_ticks(found, made)
 
 
@@ -301,9 +423,13 @@ def _with_rows(before: Array, later: Array) -> Array:
 def _seen(part: Stretch, made: Model) -> Iterator[Stretch]:
     """Yields a stretch in pieces over which the rate is known, which coupling takes as it is read."""
     unread = np.asarray(np.isnan(part.readings[:, : made.gyros]).all(axis=1))
-    lost = np.asarray(unread.any(axis=1))
+    lost, hole = np.asarray(unread.any(axis=1)), _HOLE
+    if made.own_times:  # rows of other sensors have no rate
+        hole = max(
+            _HOLE, math.ceil(_HOLE * made.period_s / float(np.median(np.diff(part.time_s)))) if lost.size > 1 else 0
+        )
     for first, last in _runs(lost):
-        if last - first <= _HOLE:
+        if last - first <= hole:
             lost[first:last] = False
     for first, last in _runs(~lost):
         yield _rows_of(part, slice(first, last))
@@ -315,7 +441,8 @@ def _slow_enough(part: Stretch, made: Model) -> Iterator[Stretch]:
     if n <= 2:
         return
     rates = part.readings[:, : made.gyros]
-    fastest = float(np.nanmax(np.abs(rates), initial=0.0)) * made.period_s
+    length_s = float(part.time_s[-1] - part.time_s[0]) / (n - 1) if made.own_times else made.period_s
+    fastest = float(np.nanmax(np.abs(rates), initial=0.0)) * length_s
     rows = n if fastest * math.sqrt(n) <= _ADDED else int((_ADDED / fastest) ** 2)
     if rows >= _SHORTEST:
         for first in range(0, n - 2, rows):
@@ -357,6 +484,30 @@ def looked_back(
         events: what was said besides; readings that were said to be false are left out.
         resumed: whether it goes on from another run, of which the signals tell nothing.
     """
+    back = _looked_back(scenario, signals, estimate, (found, events), resumed=resumed)
+    return back._replace(diagnoses=(*back.diagnoses, *_disturbed(scenario, events, back.diagnoses)))
+
+
+def _disturbed(scenario: Scenario, events: Sequence[EventRecord], told: Sequence[Diagnosis]) -> list[Diagnosis]:
+    """Diagnosis of a disturbance that nobody stated, where no other says what it is."""
+    found = [one for one in events if one.kind == "disturbance" and one.torque_std is not None]
+    if not found or any(one.kind in _OF_DISTURBANCES for one in told):
+        return []
+    largest = max(found, key=lambda one: one.torque_std or 0.0)
+    words = f"{acting(largest, scenario.vehicle_data.unit_names)} acts besides the jets; nothing states it"
+    return [Diagnosis("disturbance", words, largest.torque_std or 0.0, 0.0)]
+
+
+def _looked_back(
+    scenario: Scenario,
+    signals: Spool,
+    estimate: Array,
+    said: tuple[Sequence[DetectionRecord], Sequence[EventRecord]],
+    *,
+    resumed: bool,
+) -> Hindsight:
+    """Looks back on what readings contradict by themselves; `said` are the failures and jumps, and the events."""
+    found, events = said
     standing = [one for one in found if one.withdrawn_s is None]
     jumped = any(one.kind == JUMP for one in standing)
     apart = None if resumed or jumped else prior.contradiction(scenario, signals, estimate)
@@ -366,7 +517,7 @@ def looked_back(
     unseen_s = made.period_s if scenario.estimation.filter == "joint" else _UNSEEN_S
     until_s = min((one.onset_s - unseen_s for one in standing), default=math.inf)
     with np.errstate(all="ignore"):
-        parts = _without_lies(_whole(scenario, signals), events, names_of(scenario))
+        parts = _without_lies(_whole(scenario, signals), list(events), names_of(scenario))
         begin = np.where(np.isnan(estimate) | jumped, made.prior[:10], estimate)  # that at the end is of after a jump
         if until_s < math.inf and _off_ticks(parts, made):  # what was declared may be the clock's doing
             every = _some(parts, math.inf, made)
@@ -402,9 +553,10 @@ def looked_back(
 
 def _drift(scenario: Scenario, at: Array) -> Array:
     """Variances that each unit of propellant adds, as the joint filter reckons them, shape (10,)."""
-    if scenario.estimation.filter != "joint":
-        return np.zeros(10)
     joint, vehicle = scenario.joint, scenario.vehicle_data
+    fed = any(vehicle.jets_of(tank).any() for tank in vehicle.tanks)
+    if scenario.estimation.filter != "joint" or (fed and vehicle.tank_geometry.feeds.sum(axis=0).all()):
+        return np.zeros(10)
     fraction = vehicle.tank_fraction if joint.tank_fraction is None else joint.tank_fraction
     return propellant_drift(at, 1.0, fraction, vehicle.rms_arm)
 
@@ -500,7 +652,7 @@ def _explanations(parts: Sequence[Stretch], fit: Fit, made: Model, names: Names)
             reason = _late_thrust(cause, after, made, names) if cause.kind == "lag" else cause.reason
             found = Diagnosis(cause.kind, reason, one.statistic, one.threshold)
             yield _Explanation(found, _cost(after, wider) + per_unknown * one.score.degrees, parts, after, wider)
-    for rows in (1, -1) if _excess(fit) > 0.0 else ():
+    for rows in (1, -1) if _excess(fit) > 0.0 and not made.own_times else ():
         moved = [_commanded_later(part, rows) for part in parts]
         after = hindsight.fitted(moved, made.prior, made)
         if not _explains(after, fit):
@@ -733,6 +885,8 @@ def _groups(made: Model) -> dict[str, NDArray[np.int_]]:
         "gyro_scale": places.gyro_gain,
         "accelerometer_scale": places.accelerometer_gain,
         "wheel": places.wheel,
+        "engine": places.engine,
+        "mounting": places.mount,
     }
     return {kind: np.arange(part.start, part.stop) for kind, part in every.items()}
 
@@ -790,7 +944,7 @@ class _Cause(NamedTuple):
 def _named(worst: _Suspect, fit: Fit, made: Model, names: Names) -> _Cause:
     """Puts a failed test into words."""
     kind, group, size = worst.kind, worst.group, worst.score.size
-    if kind in ("thrust", "gyro_scale", "accelerometer_scale", "wheel"):
+    if kind in ("thrust", "gyro_scale", "accelerometer_scale", "wheel", "engine"):
         return _of_many(worst, fit, made, names)
     if kind == "lag":
         return _Cause(kind, "lag wrong", group, 1.0)  # by how much, the fit with it says
@@ -799,10 +953,11 @@ def _named(worst: _Suspect, fit: Fit, made: Model, names: Names) -> _Cause:
         "torque": f"a torque that nobody commands: {largest:.3g} {names.torque}",
         "drag": "a torque that opposes or follows the rate, such as drag",
         "momentum": f"wheels that turn: an angular momentum of {largest:.3g} {names.torque}-s, untold",
+        "mounting": "jets are mounted, or point, farther off than is stated",
         "gyro_bias": f"gyro bias of {largest:.3g} rad/s, beyond what is stated",
         "acceleration_bias": f"a steady force or an accelerometer bias of {largest:.3g} {names.acceleration}",
     }[kind]
-    return _Cause(kind, words, group, 1.0 if kind == "gyro_bias" else 1e6)
+    return _Cause(kind, words, group, 1.0 if kind in ("gyro_bias", "mounting") else 1e6)
 
 
 def _of_many(worst: _Suspect, fit: Fit, made: Model, names: Names) -> _Cause:
@@ -828,12 +983,27 @@ def _of_many(worst: _Suspect, fit: Fit, made: Model, names: Names) -> _Cause:
         gain_of = f"its inertia is {1.0 + gain:.3g} times the stated one"
         words = "turns the other way: its axis, or its speed, is reversed" if turned else gain_of
         return _Cause(kind, f"wheel {names.wheels[best]}: {words}", each[best].group, 3.0)
+    if kind == "engine":
+        return _of_engines(gain, each[best], names, best, alone=alone)
     sensors = names.gyros if kind == "gyro_scale" else names.accelerometers
     axis = f"axis {sensors[best // 3]} {'xyz'[best % 3]}"
     if turned:
         return _Cause(kind.replace("scale", "sign"), f"{axis} has the wrong sign", each[best].group, 3.0)
     what = axis if alone else sensors[best // 3]
     return _Cause(kind, f"{what}: scale factor off by {100.0 * gain:.3g} %", group, 3.0)
+
+
+def _of_engines(gain: float, suspect: _Suspect, names: Names, place: int, *, alone: bool) -> _Cause:
+    """Cause by an error of an engine: by how much, or that there are several."""
+    if not alone:
+        return _Cause("engine", "engines are off by more than is stated", suspect.group, 1.0)
+    engine, error = divmod(place, N_ERRORS)
+    what = (
+        f"its thrust is {1.0 + gain:.3g} times the stated one",
+        f"its force points {gain:.2g} rad beside the stated direction",
+        f"its force acts {gain:.2g} {names.length} beside the stated place",
+    )[error // 2]
+    return _Cause("engine", f"engine {names.engines[engine]}: {what}", suspect.group, 1.0)
 
 
 def _scattered(parts: Sequence[Stretch], fit: Fit, made: Model, names: Names) -> list[Diagnosis]:

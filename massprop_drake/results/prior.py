@@ -152,6 +152,11 @@ def _start(scenario: Scenario, signals: Spool, estimate: Array, used: float) -> 
 def _propellant(scenario: Scenario, signals: Spool) -> float:
     """Propellant that the commands have used, slug or kg."""
     vehicle = scenario.vehicle_data
+    if params.steps_by_readings(scenario):
+        every = [
+            np.diff(block["time_s"])[:, None] * block["command"][:-1] for block in signals.blocks("time_s", "command")
+        ]
+        return float(sum(np.nansum(part, axis=0) for part in every) @ vehicle.mass_flows)
     told = sum(np.nansum(block["command"], axis=0) for block in signals.blocks("command"))
     return float(told @ vehicle.mass_flows) * vehicle.sample_period_s
 

@@ -28,15 +28,18 @@ from massprop_drake.results.summary import Summary, SummaryFile, null_for_nan
 from massprop_drake.results.thinning import outstanding_rows, picked
 from massprop_drake.signals import (
     JOINTS,
+    PROPELLANT,
     SIGNALS,
     Signal,
     accelerometer_signal,
+    engine_signal,
     gyro_signal,
     in_units,
     is_own,
     joint_signal,
     own_signal,
     pose_signal,
+    propellant_signal,
     simulated_signal,
     velocity_signal,
     wheel_signal,
@@ -160,6 +163,8 @@ class Run:
         packages |= {sensor.name: pose_signal(sensor.name) for sensor in vehicle.poses}
         packages |= {sensor.name: velocity_signal(sensor.name) for sensor in vehicle.velocities}
         packages |= {wheel.name: wheel_signal(wheel.name) for wheel in vehicle.wheels}
+        packages |= {one.name: engine_signal(one.name, turns=one.gimbal is not None) for one in vehicle.engines}
+        packages[PROPELLANT] = propellant_signal(tuple(tank.name for tank in vehicle.tanks))
         packages |= {against.name: against for against in map(simulated_signal, packages.values())}
         if isinstance(plant := self.scenario.plant, MultibodyBlock):
             packages[JOINTS] = joint_signal(plant.joint_columns, plant.joint_units)
@@ -400,17 +405,20 @@ class Run:
     def _telemetry(self) -> Iterator[telemetry.Rows]:
         """The readings and commands, block by block."""
         sensors = self.scenario.vehicle_data.sensor_names()
-        tracked = [sensor.name for sensor in self.scenario.vehicle_data.tracked]
+        tracked = self.scenario.vehicle_data.tracked
+        named = [sensor.name for sensor in tracked if sensor.name in self.signals]
         recorded = "gap" in self.signals
         optional = [name for name in ("gap", "outside_wrench", "command_onset") if name in self.signals]
         left = self._n_rows
-        for block in blocks(self._rows, "time_s", "command", *sensors, *tracked, *optional):
+        for block in blocks(self._rows, "time_s", "command", *sensors, *named, *optional):
             left -= block["time_s"].size
             commands, readings = block["command"], {name: block[name] for name in sensors}
             if not (recorded or left):
                 commands = np.vstack([commands[:-1], np.full(commands.shape[1], np.nan)])  # none beyond the end
             there = block["gap"][:, 0] == 0.0 if recorded else np.ones(len(commands), dtype=bool)
-            followed = np.hstack([block[name] for name in tracked]) if tracked else None
+            unread = (np.full((len(commands), len(sensor.columns)), np.nan) for sensor in tracked)
+            read = [block.get(one.name, none) for one, none in zip(tracked, unread, strict=True)]
+            followed = np.hstack(read) if read else None
             more = block.get("outside_wrench"), there, followed, block.get("command_onset")
             yield telemetry.Rows(block["time_s"], readings, commands, *more)
 

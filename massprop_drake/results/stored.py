@@ -35,7 +35,7 @@ from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.events import EventRecord
 from massprop_drake.results.parts import PartsMade
 from massprop_drake.results.unconfirmed import UnconfirmedRecord
-from massprop_drake.signals import AXES, JOINTS, SIGNALS, is_own
+from massprop_drake.signals import AXES, JOINTS, PROPELLANT, SIGNALS, is_own
 
 Array = NDArray[np.float64]
 
@@ -285,6 +285,7 @@ def read_history(
     columns = {name: len(signal.components) or len(vehicle.jets) for name, signal in SIGNALS.items()}
     columns |= {name: len(AXES) for name in vehicle.sensor_names()} | ({JOINTS: joints} if joints else {})
     columns |= {one.name: len(one.columns) for one in vehicle.tracked}
+    columns |= {PROPELLANT: len(vehicle.tanks)} if vehicle.tanks else {}
     try:
         with path.open("rb") as file, zipfile.ZipFile(file) as archive:
             members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}

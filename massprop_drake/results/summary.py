@@ -15,7 +15,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, field_validator
 
 from massprop_drake.inputs import params
 from massprop_drake.inputs.model import Count, Flag, Model, NotNegative, Real, Text, Whole, digest, validated
-from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.scenario import MultibodyBlock, Scenario
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths import mass_properties, possible_inertia
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, N_ROTATION, Derived, six_elements
@@ -475,7 +475,7 @@ def summarize(
         parts: makes what may fail.
     """
     estimate, deviation = signals.last("estimate"), signals.last("standard_deviation")
-    truth = _true_at_end(signals)
+    truth = _true_at_end(scenario, signals)
     return composed(
         scenario,
         duration_s=float(signals.last("time_s")),
@@ -498,9 +498,17 @@ def summarize(
     )
 
 
-def _true_at_end(signals: Spool) -> Array:
-    """True ten parameters at the end, NaN where unknown, shape (10,)."""
-    return signals.last("truth") if "truth" in signals else np.full(10, np.nan)
+def _true_at_end(scenario: Scenario, signals: Spool) -> Array:
+    """True ten parameters at the end, NaN where unknown, shape (10,).
+
+    Where the estimators are told of parts that swing, and follow them, those at the start, when a model's parts rest.
+    """
+    if "truth" not in signals:
+        return np.full(10, np.nan)
+    if scenario.vehicle_data.moving and isinstance(scenario.plant, MultibodyBlock) and not scenario.plant.moves:
+        first: Array = next(iter(signals.blocks("truth")))["truth"][0]
+        return first
+    return signals.last("truth")
 
 
 def _flown(scenario: Scenario, signals: Spool) -> AutopilotSummary:
@@ -533,7 +541,7 @@ def not_summed_up(scenario: Scenario, signals: Spool, timing: Timing) -> Summary
         standard_deviations=signals.last("standard_deviation"),
         covariance=np.full((10, 10), np.nan),
         derived=Derived(None, None, None, None, False),
-        truth=_true_at_end(signals),
+        truth=_true_at_end(scenario, signals),
         percent_error=unknown,
         detections=(),
         consistency=Consistency(None, None, 0, TOO_LITTLE),

@@ -34,7 +34,15 @@ _MOST = 50  # suspicions that are told, the largest
 _SMALL_GROUP = 3  # jets that a group may have to be of use
 _PROBABLE = 0.5  # probability of a suspicion
 _POSSIBLE = 0.01  # probability that a jet keeps that looks like another
-_OF_RACES = {"failed", "group", "jump", "false_reading", "unexplained"}  # events that end a comparison
+_OF_RACES = {
+    "failed",
+    "group",
+    "jump",
+    "false_reading",
+    "engine_failed",
+    "disturbance",
+    "unexplained",
+}  # that end a comparison
 
 
 class UnconfirmedRecord(NamedTuple):

@@ -17,6 +17,7 @@ from massprop_drake.inputs.scenario import Scenario, load_scenario
 from massprop_drake.inputs.vehicle import MassPropertiesModel, Vehicle
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, all_ten
 from massprop_drake.maths.vehicle import cycle
+from massprop_drake.maths.vehicle.depletion import OutOfPropellantError
 from massprop_drake.maths.vehicle.on_times import levels_alone
 from massprop_drake.maths.vehicle.rigid_body import RATE, OutOfMassError, SpunUpError
 from massprop_drake.results.against import Against, Simulated, explained, residuals
@@ -209,10 +210,10 @@ class _Twin:
                     self._state = cycle.jumped(self._state, self._sample, self._true)
                 told = (np.nan_to_num(command), onset_s, self._open)
                 after, _ = cycle.step(self._state, told, self._sample, (coming, row), self._truth)
-            except (OutOfMassError, SpunUpError) as error:
+            except (OutOfMassError, OutOfPropellantError, SpunUpError) as error:
                 raise InputError(
                     f"{self._source}: its vehicle cannot fly the record's commands: at t = {moment(time_s[row])} s it "
-                    "runs out of mass or makes more than a turn in a sample; give a run of the vehicle of the record"
+                    "runs out of propellant or makes over a turn in a sample; give a run of the vehicle of the record"
                 ) from error
             self._state = after._replace(memories=memories)
             self._sample += 1

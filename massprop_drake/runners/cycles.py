@@ -109,7 +109,7 @@ class Stepped:
     def advance(self, until: int) -> None:
         """Goes on to a row, which is not taken any more."""
         for row in range(self._next, until):
-            self._one(_sample(self._record, row), row)
+            self._one(row_sample(self._record, row), row)
             self._next = row + 1
 
     @property
@@ -149,8 +149,8 @@ class Stepped:
         return published or cycle.known(self._state, self._params)
 
 
-def _sample(record: RecordRows, row: int) -> Sample:
-    """A row of a record."""
+def row_sample(record: RecordRows, row: int) -> Sample:
+    """Sample of a row of a record."""
     time_s, rates, velocities, command, outside = (part[row] for part in record.samples)
     stamp_s, coming, tracked = (
         None if part is None else part[row] for part in (record.stamps_s, record.coming, record.tracked)
@@ -172,6 +172,7 @@ class Watched(Stepped):
     def __init__(self, made: EstimationParams, state: EstimationState, *, compiled: bool):
         super().__init__(made, state)
         self._watch, self._apart = whole_joint.Quiet(made, compiled=compiled), False
+        self._own_times = made.filter_params.joint.rates.period_s > 0.0
         self._watch.take_up(state)
 
     def state(self) -> EstimationState:
@@ -181,14 +182,15 @@ class Watched(Stepped):
     def begin(self, record: RecordRows, log: EstimationLog) -> None:
         """Takes rows that cycles are to go through, and the log whose rows they fill in."""
         super().begin(record, log)
-        self._apart = record.onsets_s is not None  # the kernel's jets switch with samples
+        self._apart = record.onsets_s is not None and not self._own_times  # the kernel's jets switch with samples
         if self._apart and self._watch.on:
             self._state = self._watch.state()
             self._watch.on = False
         samples = _writable(record.samples)
         stamps_s = samples.time_s if record.stamps_s is None else np.require(record.stamps_s, requirements=["C", "W"])
         rows = whole_joint.Rows(*(log.rows[name] for name in whole_joint.Rows._fields))
-        self._watch.begin(samples, stamps_s, rows)
+        onsets_s = None if record.onsets_s is None else record.onsets_s[:-1]
+        self._watch.begin(samples, stamps_s, (record.tracked, onsets_s), rows)
 
     def advance(self, until: int) -> None:
         """Goes on to a row, which is not taken any more."""
@@ -196,7 +198,7 @@ class Watched(Stepped):
             if self._watch.on:
                 self._watch_on(until)
                 continue
-            self._one(_sample(self._record, self._next), self._next)
+            self._one(row_sample(self._record, self._next), self._next)
             self._next += 1
             if not self._apart:
                 self._watch.take_up(self._state)
@@ -340,6 +342,17 @@ class Whole:
     def known(self) -> tuple[Array, Array]:
         """Estimate and covariance of the ten parameters that the last cycle published, shapes (10,) and (10, 10)."""
         return cycle.known(self.state(), self._params)
+
+
+class Unattended(Stepped):
+    """Cycles in which nothing is estimated, for a flight of which the course alone is wanted, see `Cycles`."""
+
+    def _one(self, _sample: Sample, _row: int) -> None:
+        pass
+
+    def reported(self) -> tuple[Array, Array]:
+        """Zero with a 1-sigma of infinity: nothing is known, shape (10,) each."""
+        return np.zeros(10), np.full(10, math.inf)
 
 
 def cycles(scenario: Scenario, made: EstimationParams, state: EstimationState | None = None) -> Cycles:

@@ -24,13 +24,14 @@ from massprop_drake.maths.estimation.filters.joint import JointFilterState
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.maths.mass_properties import converged_rows
 from massprop_drake.maths.possible_inertia import nearest_possible
-from massprop_drake.maths.vehicle.on_times import levels_alone, told_onsets
+from massprop_drake.maths.vehicle.on_times import continued, levels_alone, told_onsets
 from massprop_drake.maths.vehicle.sensing import unsaturated
-from massprop_drake.results.events import reading_of
+from massprop_drake.results.events import kind_of, reading_of
 from massprop_drake.results.stored import FORMAT, EstimatorState, FilterState, made_with, require_made_with
 from massprop_drake.results.summary import kept_onsets, null_for_nan
 from massprop_drake.runners.cycles import RecordRows, Whole
 from massprop_drake.runners.logs import EstimationLog, kept, restored
+from massprop_drake.telemetry.reader import HELD
 from massprop_drake.telemetry.tables import LARGEST
 
 Array = NDArray[np.float64]
@@ -44,7 +45,7 @@ class Detection(NamedTuple):
     Attributes:
         kind: "jet", "mass_property_jump" or "withdrawn"; with the detector by hypotheses besides "changed" (of the
             force of a failed jet), "erratic" (it has changed again and again), "jump_measured" (the size of an earlier
-            jump), "false_reading" and "unexplained". Of several at a cycle the first.
+            jump), "false_reading", "engine_failed", "disturbance" and "unexplained". Of several at a cycle the first.
         onset_s: end of the last sample that showed nothing, s.
         cluster: number of the suspected jet's cluster; None for a jump.
         jet: designation of the suspected jet, the likeliest of its cluster; None for a jump.
@@ -58,6 +59,8 @@ class Detection(NamedTuple):
         told_apart_by: designation of the jet of a group that, fired alone, would tell it apart.
         told_apart_s: time without any jet after which it would be, s; NaN: with no jet either, nothing would.
         sensor, axis: package and axis of a false reading.
+        torque_std, force_std: of a disturbance that nobody stated, 1-sigma to an order of magnitude, ft-lbf and lbf, or
+            N-m and N; NaN: not known.
     """
 
     kind: str
@@ -76,6 +79,8 @@ class Detection(NamedTuple):
     told_apart_s: float = math.nan
     sensor: str | None = None
     axis: str | None = None
+    torque_std: float = math.nan
+    force_std: float = math.nan
 
 
 class EstimatorStep(NamedTuple):
@@ -138,10 +143,10 @@ class _Cycle(NamedTuple):
 class Estimator:
     """Estimates mass properties and finds failed jets, cycle by cycle.
 
-    From gyro, accelerometers and commands. The same mathematics as the `estimation` diagram, and the same
-    answers. Call `step` once per sample
-    period, in order of time; nothing it keeps grows, and `state` and `restore` carry it over a restart. A copy by
-    `pickle` or `copy.deepcopy` goes on bit for bit, under the same version of this package.
+    From gyro, accelerometers and commands. The same mathematics as the `estimation` diagram, and the same answers. Call
+    `step` once per sample period, or whenever a sensor with a rate of its own is read, in order of time; nothing it
+    keeps grows, and `state` and `restore` carry it over a restart. A copy by `pickle` or `copy.deepcopy` goes on bit
+    for bit, under the same version of this package.
 
     Args:
         vehicle: jets, sensors and nominal mass properties.
@@ -171,7 +176,8 @@ class Estimator:
         self._published: tuple[Array, Array] | None = None  # where they are not those of the state
         self._command = np.zeros(len(vehicle.jets))  # of the interval that starts at the last sample
         self._outside, self._onset_s = np.zeros(6), levels_alone(len(vehicle.jets))  # likewise
-        self._time_s = -math.inf
+        self._time_s = self._told_s = -math.inf
+        self._own_times = params.steps_by_readings(scenario)
 
     def __repr__(self) -> str:
         at = "before its first sample" if self._time_s == -math.inf else f"at {moment(self._time_s)} s"
@@ -180,7 +186,7 @@ class Estimator:
 
     def __getstate__(self) -> dict[str, Any]:
         """All that the next cycle depends on, for `pickle` and `copy`; the rest follows from the scenario."""
-        kept = ("_scenario", "_published", "_command", "_onset_s", "_outside", "_time_s")
+        kept = ("_scenario", "_published", "_command", "_onset_s", "_outside", "_time_s", "_told_s")
         return {**{name: self.__dict__[name] for name in kept}, "_kept": self._state}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -266,14 +272,14 @@ class Estimator:
         onset_s = kept.onset_s
         self._onset_s = levels_alone(self._command.size) if onset_s is None else onset_s
         self._outside = np.array(kept.outside_wrench)
-        self._time_s = -math.inf if kept.time_s is None else kept.time_s
+        self._time_s = self._told_s = -math.inf if kept.time_s is None else kept.time_s
 
     def step(
         self,
         time_s: float,
-        gyro: ArrayLike | Mapping[str, ArrayLike] | None,
-        accelerometers: ArrayLike | Mapping[str, ArrayLike] | None,
-        commands: ArrayLike,
+        gyro: ArrayLike | Mapping[str, ArrayLike] | None = None,
+        accelerometers: ArrayLike | Mapping[str, ArrayLike] | None = None,
+        commands: ArrayLike | None = None,
         outside_wrench: ArrayLike | None = None,
         tracked: Mapping[str, ArrayLike] | None = None,
         *,
@@ -281,15 +287,19 @@ class Estimator:
     ) -> EstimatorStep:
         """Takes in the readings of one sample, and the commands that act from now on.
 
+        Where sensors have rates of their own (`rate_hz` of the vehicle's, or `estimation.readings_per_s`) there is a
+        call whenever anything is read or commanded, with that alone.
+
         Args:
             time_s: of the sample, s; one sample period after the last call's, or, of a vehicle that is followed in a
-                fixed frame, any time later.
+                fixed frame and with rates of their own, any time later.
             gyro: angular rate, rad/s, body axes, shape (3,) of the package in use, or a mapping from
                 package names. NaN where missing; None: the vehicle has none, or none was read.
             accelerometers: likewise, integrated specific force, ft/s or m/s, body axes, shape (3,) of the package
                 in use, or a mapping from package names. NaN where missing.
             commands: fraction commanded over the interval that starts now, 0 to 1, NaN where not known,
-                shape (n_jets,).
+                shape (n_jets,). None, where sensors have rates of their own: those told last go on, for 1.2 sample
+                periods at the most, after which they are not known.
             outside_wrench: torque about the vehicle origin and force of known outside forces, mean over
                 that interval, shape (6,); None: none.
             tracked: by name, what was read besides: of a pose, position and quaternion from body to fixed frame,
@@ -311,10 +321,7 @@ class Estimator:
             raise ValueError(f"time must go forward: {time_s} s after {self._time_s} s")
         rates = _readings(gyro, self._gyros, "gyro")
         velocities = _readings(accelerometers, self._accelerometers, "accelerometers")
-        coming = _numbers(commands, self._command.shape, "commands")
-        if ((coming < 0.0) | (coming > 1.0)).any():
-            raise ValueError("commands must be fractions from 0 to 1")
-        opening = self._opening(coming, onsets_s)
+        coming, opening, told_s = self._coming(time_s, commands, onsets_s)
         outside = np.zeros(6) if outside_wrench is None else _numbers(outside_wrench, (6,), "outside_wrench")
         if not np.isfinite(outside).all():
             raise ValueError("outside_wrench must be finite")
@@ -323,7 +330,27 @@ class Estimator:
         told = (self._command, self._outside, time_s, coming, seen, self._onset_s, opening)
         done = self._one(cycle.Sample(time_s, rates, velocities, *told))
         self._command, self._outside, self._time_s, self._onset_s = coming, outside, time_s, opening
+        self._told_s = told_s
         return self._told(time_s, done)
+
+    def _coming(
+        self, time_s: float, commands: ArrayLike | None, onsets_s: ArrayLike | None
+    ) -> tuple[Array, Array, float]:
+        """Commands from now on and their onsets, shape (n_jets,) each, and when they were told, s."""
+        if commands is not None:
+            coming = _numbers(commands, self._command.shape, "commands")
+            if ((coming < 0.0) | (coming > 1.0)).any():
+                raise ValueError("commands must be fractions from 0 to 1")
+            return coming, self._opening(coming, onsets_s), time_s
+        if not self._own_times:
+            raise ValueError("commands must be given with every sample; only with rate_hz of a sensor do they go on")
+        period_s = self._vehicle.sample_period_s
+        if not time_s - self._told_s < HELD * period_s:
+            unknown = np.full(self._command.size, np.nan)
+            return unknown, unknown.copy(), self._told_s
+        since_s = np.array([time_s - self._time_s])
+        coming, opening = continued(self._command[None], self._onset_s[None], since_s, period_s)
+        return coming[0], opening[0], self._told_s
 
     def _opening(self, commands: Array, onsets_s: ArrayLike | None) -> Array:
         """Onsets of commands, NaN where these are levels, shape (n_jets,)."""
@@ -390,9 +417,9 @@ class Estimator:
         if event == Event.NOTHING:
             return None
         if event == Event.JUMP or math.isnan(status.suspected_jet):
-            kind = "mass_property_jump" if event == Event.JUMP else _kind(own)
-            found = Detection(kind, status.onset, None, None, False, 0.0, 0.0)
-            return found if own is None else found._replace(**self._of_no_jet(own))
+            of_it = {} if own is None else self._of_no_jet(own)
+            kind = "mass_property_jump" if event == Event.JUMP else _kind(own, of_it.get("sensor"), self._vehicle)
+            return Detection(kind, status.onset, None, None, False, 0.0, 0.0)._replace(**of_it)
         jet = self._vehicle.jets[int(status.suspected_jet)]
         jets = [int(status.suspected_jet)] if status.jet_isolated else []
         if own is not None:
@@ -421,6 +448,8 @@ class Estimator:
         if math.isfinite(own.lying_component):
             named = reading_of(int(own.lying_component), params.read(self._scenario), self._vehicle)
             return dict(zip(("sensor", "axis"), named, strict=True))
+        if math.isfinite(own.disturbed_since):
+            return {"torque_std": own.disturbance_torque, "force_std": own.disturbance_force}
         there = bool(np.isfinite(own.jump_position).all())
         return {
             "mass": own.jump_mass,
@@ -430,11 +459,13 @@ class Estimator:
         }
 
 
-def _kind(own: Any) -> str:
+def _kind(own: Any, sensor: str | None, vehicle: Vehicle) -> str:
     """What the detector by hypotheses says that is not of jets and no new jump."""
     if not math.isnan(own.jump_measured):
         return "jump_measured"
-    return "unexplained" if math.isnan(own.lying_component) else "false_reading"
+    if not math.isnan(own.disturbed_since):
+        return "disturbance"
+    return "unexplained" if sensor is None else kind_of(sensor, vehicle)
 
 
 def _seen(readings: Mapping[str, ArrayLike] | None, vehicle: Vehicle) -> Array | None:

@@ -34,12 +34,14 @@ from massprop_drake.maths.kernels import chosen, held, released, shared
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.maths.mass_properties import converged
 from massprop_drake.maths.vehicle import cycle as vehicle_cycle
+from massprop_drake.maths.vehicle.depletion import OutOfPropellantError
 from massprop_drake.maths.vehicle.on_times import levels_alone
 from massprop_drake.maths.vehicle.rigid_body import QUATERNION, RATE, STRUCTURE, OutOfMassError, SpunUpError
 from massprop_drake.runners.cycles import ESTIMATOR, Cycles, RecordRows, Whole, cycles
 from massprop_drake.runners.logs import EstimationLog
 from massprop_drake.runners.moment import Moment
 from massprop_drake.runners.trackers import Trackers
+from massprop_drake.signals import PROPELLANT
 from massprop_drake.systems.autopilot.selector import Reconfiguration, SelectionState, Selector
 from massprop_drake.systems.layouts import REQUEST
 from massprop_drake.systems.stopwatch import JET_SELECTION, Stopwatch
@@ -69,13 +71,14 @@ class _Selection:
         """Finds the burst for a request, packed as `REQUEST`."""
         desk = self._desk
         _, command, delivered, *_ = self.selector.initial  # which it does not ask for
-        state = SelectionState(desk.remaining, command, delivered, desk.counts, desk.refused, desk.out_of_use)
+        kept = (desk.counts, desk.refused, desk.out_of_use, desk.owed)
+        state = SelectionState(desk.remaining, command, delivered, *kept)
         properties = None
         if self._adapts and converged(desk.deviation, desk.estimate, self._limits):
             properties = desk.estimate.copy()
         asked = Reconfiguration(bool(desk.asked.declared[0]), desk.wrench, desk.asked.removed)
         burst = self.selector.decide(state, REQUEST.read(request), properties, asked)
-        desk.remaining[:], desk.counts[:], desk.refused[:], desk.out_of_use[:] = burst
+        desk.remaining[:], desk.counts[:], desk.refused[:], desk.out_of_use[:], desk.owed[:] = burst
 
 
 class _Block(NamedTuple):
@@ -92,9 +95,10 @@ class Loop:
 
     Args:
         scenario: to run.
+        known: its estimation; None: that which it asks for.
     """
 
-    def __init__(self, scenario: Scenario):
+    def __init__(self, scenario: Scenario, known: Cycles | None = None):
         vehicle, self._compiled = scenario.vehicle_data, scenario.execution.compiled
         self._scenario, self._period_s = scenario, vehicle.sample_period_s
         self._true = params.vehicle_params(scenario)
@@ -109,7 +113,7 @@ class Loop:
         self._holder = held(flight.initial_state(start), self._compiled)
         self._reached = np.array([0, SENSING, 0, 0])
         self._params = params.estimation_params(scenario)
-        self._known: Cycles = cycles(scenario, self._params)
+        self._known: Cycles = cycles(scenario, self._params) if known is None else known
         self._desk = flight.desk(len(vehicle.jets), self._known.asked)
         self._selection = None if scenario.jet_schedule else _Selection(scenario, self._desk)
         self._names, self._trackers = vehicle.sensor_names(), Trackers(scenario)
@@ -140,7 +144,7 @@ class Loop:
             while self._sample * self._period_s <= reached_s:
                 try:
                     self._fill(reached_s)
-                except (OutOfMassError, SpunUpError) as error:
+                except (OutOfMassError, OutOfPropellantError, SpunUpError) as error:
                     raise error.at(self._sample * self._period_s) from None
 
     def _fill(self, reached_s: float) -> None:
@@ -238,7 +242,10 @@ class Loop:
         """The logged ports of the vehicle and the autopilot."""
         rows = block.rows
         logged = ("body_state", "structure", "command", "thrust", *(() if self._selection is None else _PILOTED))
-        readings = {} if self._onsets_s is None else {"command_onset": rows.onset}
+        within = self._onsets_s is not None or self._made.pilot.pulses.within
+        readings = {"command_onset": rows.onset} if within else {}
+        if rows.propellant.shape[1]:
+            readings[PROPELLANT] = rows.propellant
         readings |= {name: rows.readings[:, place] for place, name in enumerate(self._names)}
         return {**{name: getattr(rows, name) for name in logged}, **readings, **self._trackers.ports(block.tracked)}
 

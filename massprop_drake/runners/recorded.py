@@ -49,6 +49,8 @@ from massprop_drake.results.summary import (
 from massprop_drake.runners.cycles import RecordRows, cycles
 from massprop_drake.runners.logs import EstimationLog, Intake, estimation_signals, kept, restored
 from massprop_drake.signals import SYMBOLS
+from massprop_drake.telemetry.control_rows import Thinning
+from massprop_drake.telemetry.merging import MergedTable
 from massprop_drake.telemetry.quality import QualityReport
 from massprop_drake.telemetry.reader import AT_STAMPS, Continuation, Reader, Rows
 from massprop_drake.telemetry.tables import Table
@@ -57,10 +59,11 @@ Array = NDArray[np.float64]
 
 _LONGEST_S = 1e6  # duration that a scenario may have
 _ALIKE = 1e-9  # relative: what a replay may differ by
+_LESS = 0.01  # of a rate of rows, which is found from the first of them
 
 
 def estimate(
-    telemetry: str | Path,
+    telemetry: str | Path | Sequence[str | Path],
     scenario: Scenario,
     *,
     resume_from: str | Path | None = None,
@@ -78,7 +81,8 @@ def estimate(
     part; `diagrams.replay` does the same as a diagram.
 
     Args:
-        telemetry: a CSV or Parquet file, or "-" for standard input, whose rows are used as they come.
+        telemetry: a CSV or Parquet file, or several, each with times of its own; or "-" for standard input, whose rows
+            are used as they come.
         scenario: for the vehicle and the settings of sensors, estimators and detector; the rest of it plays
             no part.
         resume_from: folder of a run to go on from: its filter state is taken up, and rows up to its end are
@@ -106,14 +110,17 @@ def estimate(
     after = None if earlier is None else _continuation(earlier)
     vehicle = scenario.vehicle_data
     gyro = params.gyro(scenario).name if vehicle.gyros and not vehicle.needs_pose_filter else None
-    if record_map is None:
-        require_table(telemetry)
-    source = telemetry if record_map is None else _mapped_rows(telemetry, record_map, vehicle, gyro)
+    own_times = params.steps_by_readings(scenario)
+    joint = scenario.estimation.filter == "joint"
+    source = _source(telemetry, record_map, (vehicle, gyro), (own_times, joint))
     reader = Reader(source, vehicle, gyro=gyro, after=after, stream=stream)
-    if scenario.joint.switching == "stamps":
-        reader.jitter = AT_STAMPS
     can_be_read_again = stream is None and str(telemetry) != "-"
     try:
+        if not own_times and joint and can_be_read_again:
+            scenario = _at_own_times(scenario, reader.readings_per_s())
+        reader.own_times = params.steps_by_readings(scenario)
+        if scenario.joint.switching == "stamps":
+            reader.jitter = AT_STAMPS
         replayed = _Estimation(scenario, earlier, str(resume_from), folder)
         began, whole = time.perf_counter(), False
         try:
@@ -145,13 +152,44 @@ def estimate(
         reader.close()
 
 
-def _mapped_rows(
-    telemetry: str | Path, record_map: str | Path | RecordMap, vehicle: Vehicle, gyro: str | None
-) -> Table:
-    """Rows of telemetry that a map makes of another program's file."""
-    by = record_map if isinstance(record_map, RecordMap) else load_map(record_map)
-    source = "map" if isinstance(record_map, RecordMap) else str(record_map)
-    return mapping.table(mapping.mapped(open_recording(telemetry, by), by, vehicle, source), gyro)
+def _source(
+    telemetry: str | Path | Sequence[str | Path],
+    record_map: str | Path | RecordMap | None,
+    whose: tuple[Vehicle, str | None],
+    steps: tuple[bool, bool],
+) -> str | Path | Table:
+    """The record to be read.
+
+    Args:
+        telemetry, record_map: see `estimate`.
+        whose: vehicle, and its gyro; None: of a vehicle that is followed in a fixed frame.
+        steps: whether the filter takes one whenever anything is read, and whether it can.
+    """
+    first, *others = [telemetry] if isinstance(telemetry, (str, Path)) else telemetry
+    if others and "-" in (first, *others):
+        raise InputError("standard input cannot be joined with files: give '-' alone")
+    if record_map is not None:
+        for one in others:
+            raise InputError(f"{one}: a map goes with one record; give several files only where they need none")
+        by = record_map if isinstance(record_map, RecordMap) else load_map(record_map)
+        name = "map" if isinstance(record_map, RecordMap) else str(record_map)
+        (vehicle, gyro), (own_times, possible) = whose, steps
+        record = mapping.mapped(open_recording(first, by), by, vehicle, name)
+        faster = possible and mapping.comes_faster(record)
+        return mapping.table(record, gyro, own_times=own_times or faster)
+    for one in (first, *others):
+        require_table(one)
+    return MergedTable([first, *others]) if others else first
+
+
+def _at_own_times(scenario: Scenario, per_s: float | None) -> Scenario:
+    """The scenario with a step for every reading, where a record has rows at so many times a second."""
+    if per_s is None:
+        return scenario
+    period_s = scenario.vehicle_data.sample_period_s
+    steps = math.ceil(per_s * period_s * (1.0 - _LESS))
+    estimation = scenario.estimation.model_copy(update={"readings_per_s": steps / period_s})
+    return scenario.model_copy(update={"estimation": estimation})
 
 
 def settings_alone(scenario: Scenario) -> Scenario:
@@ -179,7 +217,7 @@ class _Estimation:
         n_jets = len(self._vehicle.jets)
         self._command, self._outside = np.zeros(n_jets), np.zeros(6)  # of the interval before the next row
         self._onset_s = levels_alone(n_jets)  # likewise
-        self._at_any_time = scenario.estimation.filter == "pose"
+        self._at_any_time = scenario.estimation.filter == "pose" or params.steps_by_readings(scenario)
         self._gyros, self._accelerometers = params.gyros(scenario), params.accelerometers(scenario)
         self._intake = Intake(scenario, folder, earlier)
         self._nis = {"rotation": Tally(), "mass": Tally()}
@@ -187,6 +225,10 @@ class _Estimation:
         self._firings = 0
         self._fired = np.zeros(n_jets)
         self._quality = QualityReport(scenario)
+        self._thinning: Thinning | None = None
+        self._before_s = math.nan
+        if params.steps_by_readings(scenario):
+            self._thinning = Thinning(self._period_s, [package.name for package in self._gyros])
 
     def take(
         self, rows: Rows, before: tuple[Array, Array, Array | None]
@@ -235,8 +277,8 @@ class _Estimation:
             self._onset_s = rows.onsets_s[count - 1]
         self._next_row += count
         signals = self._signals(rows, logs)
-        self._count(rows, signals)
-        self._quality.add(rows, signals)
+        self._count(rows, signals, coming[:count])
+        self._quality.add(*((rows, signals) if self._thinning is None else self._thinning.of(rows, signals)))
         return self._intake.take(signals)
 
     def _signals(self, rows: Rows, logs: Mapping[str, Array]) -> dict[str, Array]:
@@ -265,21 +307,29 @@ class _Estimation:
         found = np.where(rows >= first, found, recent_s[0] - (first - rows) * self._period_s)
         return found + (diagram_s - rows * self._period_s)  # exactly what it was where both times agree
 
-    def _count(self, rows: Rows, signals: Mapping[str, Array]) -> None:
+    def _count(self, rows: Rows, signals: Mapping[str, Array], before: Array) -> None:
+        """Counts what was used and fired; `before`: commands of the intervals that end with the rows."""
         for name, tally in self._nis.items():
             if f"{name}_nis" in signals:
                 tally.add(*used_nis(name, signals))
         on = rows.commands > 0.0
         self._firings += firings(on, self._on_before)
         self._on_before = on[-1]
-        self._fired += np.nansum(rows.commands, axis=0)
+        if self._thinning is None:
+            self._fired += np.nansum(rows.commands, axis=0)
+            return
+        steps = np.diff(rows.time_s, prepend=rows.time_s[0] if math.isnan(self._before_s) else self._before_s)
+        self._before_s = float(rows.time_s[-1])
+        self._fired += np.nansum(before * steps[:, None], axis=0) / self._period_s
 
     @property
     def has_rows(self) -> bool:
         """Tests whether any row has been taken in."""
         return self._intake.spool.n_rows > 0
 
-    def finish(self, reader: Reader, telemetry: str | Path, began: float, parts: PartsMade) -> Run:
+    def finish(
+        self, reader: Reader, telemetry: str | Path | Sequence[str | Path], began: float, parts: PartsMade
+    ) -> Run:
         """The run, once all rows have been taken.
 
         Args:
@@ -301,7 +351,9 @@ class _Estimation:
         state = parts.make("filter state", lambda: self._state_of(reader), nothing)
         return Run(self._scenario, replace(results, missing=tuple(parts.missing)), None, self._intake.spool, state)
 
-    def _composed(self, reader: Reader, telemetry: str | Path, timing: Timing, parts: PartsMade) -> Summary:
+    def _composed(
+        self, reader: Reader, telemetry: str | Path | Sequence[str | Path], timing: Timing, parts: PartsMade
+    ) -> Summary:
         """The summary; arguments as those of `finish`."""
         last = self._intake.spool.last
         found = parts.make("detections", self._intake.found, Findings())
@@ -334,7 +386,7 @@ class _Estimation:
             bound=back.bound,
             autopilot=AutopilotSummary(self._firings, float(self._fired @ self._vehicle.mass_flows) * self._period_s),
             timing=timing,
-            telemetry="standard input" if str(telemetry) == "-" else Path(telemetry).name,
+            telemetry=_name_of(telemetry),
             telemetry_sha256=parts.make("digest of the record", reader.sha256, None),
             data_quality=quality,
             losses=reader.losses,
@@ -368,6 +420,13 @@ class _Estimation:
         mean = {name: 1e6 * spent / self._intake.spool.n_rows for name, spent in self._known.spent_s.items()}
         detector = mean.get("detector") if self._params.detector is not None else None
         return {"estimators": mean["estimators"], "detector": detector, "jet_selection": None}
+
+
+def _name_of(telemetry: str | Path | Sequence[str | Path]) -> str:
+    """Name of a record in a summary."""
+    if isinstance(telemetry, (str, Path)):
+        return "standard input" if str(telemetry) == "-" else Path(telemetry).name
+    return ", ".join(Path(one).name for one in telemetry)
 
 
 def _by_sensor(rows: Rows, vehicle: Vehicle) -> dict[str, Array]:

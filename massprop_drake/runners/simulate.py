@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError, moment
 from massprop_drake.inputs import params
-from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.scenario import MultibodyBlock, Scenario
 from massprop_drake.maths.autopilot.jet_selection import activity_vectors
 from massprop_drake.maths.estimation.filter import Groups
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, N_ROTATION, MassProperties, symmetric
+from massprop_drake.maths.vehicle.depletion import OutOfPropellantError
 from massprop_drake.maths.vehicle.rigid_body import (
     MASS,
     POSITION,
@@ -36,7 +37,7 @@ from massprop_drake.results.spool import Spool
 from massprop_drake.results.summary import Findings, Timing, looked_back_on, not_summed_up, summarize
 from massprop_drake.runners.logs import Intake, estimation_signals, for_json
 from massprop_drake.runners.moment import Moment
-from massprop_drake.signals import JOINTS, is_own
+from massprop_drake.signals import JOINTS, PROPELLANT, is_own
 from massprop_drake.systems.autopilot.jet_selection_program import JetSelectionProgram
 from massprop_drake.systems.layouts import STRUCTURE
 
@@ -73,13 +74,18 @@ class Engine(Protocol):
         """Mean time per cycle spent in the mathematics of each part, microseconds."""
 
 
+def needs_diagram(scenario: Scenario) -> bool:
+    """Tests whether a vehicle has what the plain loop does not cover: wheels, burns of engines, bodies and joints."""
+    return bool(scenario.vehicle_data.wheels or scenario.engine_schedule or isinstance(scenario.plant, MultibodyBlock))
+
+
 def _engine(scenario: Scenario, diagram: Any, log: Sequence[Any], truth: Mapping[str, Any] | None) -> Engine:
     """The engine that a scenario names; a diagram of one's own has Drake's simulator."""
     if log and not hasattr(diagram, "GetMutableSystems"):
         raise InputError("simulate: log takes output ports of systems of a DiagramBuilder, given as diagram")
     if truth is not None and diagram is None:
         raise InputError("simulate: truth names output ports of a diagram of your own, given as diagram")
-    if scenario.execution.engine == "loop" and diagram is None and not scenario.vehicle_data.wheels:
+    if scenario.execution.engine == "loop" and diagram is None and not needs_diagram(scenario):
         from massprop_drake.runners.loop import Loop  # noqa: PLC0415 (each engine loads what it needs)
 
         return Loop(scenario)
@@ -229,6 +235,12 @@ def _scenario_to_blame(scenario: Scenario) -> Iterator[None]:
             f"{unit} are left, and its jets are about to use {error.wanted:.6g} {unit}; check the mass, and thrust and "
             "specific impulse of the jets, or set plant.depletion to false"
         ) from error
+    except OutOfPropellantError as error:
+        tank = scenario.vehicle_data.tanks[error.tank]
+        raise InputError(
+            f"scenario '{scenario.name}': at t = {moment(error.time_s)} s tank '{tank.name}' is empty; put more in it "
+            "(propellant of the vehicle's tanks, or plant.propellant), or end the run sooner"
+        ) from error
     except SpunUpError as error:
         raise InputError(
             f"scenario '{scenario.name}': at t = {moment(error.time_s)} s the vehicle makes {error.turns:.3g} turns in "
@@ -255,11 +267,11 @@ def _signals(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
     vehicle = scenario.vehicle_data
     signals = {"time_s": logs["time_s"]} | _of_the_truth(scenario, logs)
     of_autopilot = ("hand_controllers", "attitude_error", "request", "selection_counts", "out_of_use")
-    for name in ("command", "command_onset", JOINTS, *of_autopilot):
+    for name in ("command", "command_onset", JOINTS, PROPELLANT, *of_autopilot):
         if name in logs:
             signals[name] = logs[name]
     signals |= estimation_signals(scenario, logs)
-    seen = (sensor.name for sensor in vehicle.tracked)
+    seen = (sensor.name for sensor in params.simulated_besides(scenario))
     for name in (*vehicle.sensor_names(), *seen, *filter(is_own, logs)):
         signals[name] = logs[name]
     return signals
@@ -273,7 +285,7 @@ def _of_the_truth(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array
         body = logs["body_state"]
         parts = {"rate": RATE, "attitude": QUATERNION, "position": POSITION, "velocity": VELOCITY}
         signals = {name: body[:, part] for name, part in parts.items()}
-        signals["truth"] = _truth(body[:, MASS], logs["structure"])
+        signals["truth"] = true_parameters(body[:, MASS], logs["structure"])
     if "thrust" in logs:
         signals["thrust"] = logs["thrust"]
         level = logs["thrust"] / np.linalg.norm(scenario.vehicle_data.thrusts, axis=1)
@@ -285,8 +297,13 @@ def _of_the_truth(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array
     return signals
 
 
-def _truth(mass: Array, structure: Array) -> Array:
-    """True ten parameters at each sample; the inverse is taken once per distinct structure."""
+def true_parameters(mass: Array, structure: Array) -> Array:
+    """True ten parameters at each sample, shape (n, 10); the inverse is taken once per distinct structure.
+
+    Args:
+        mass: slug or kg, shape (n,).
+        structure: packed as `rigid_body.STRUCTURE`, a row a sample.
+    """
     truth, parts = np.empty((mass.size, 10)), STRUCTURE.columns(structure)
     inertia, center = parts["inertia"], parts["center_of_mass"]
     changes = np.flatnonzero(np.any(np.diff(structure, axis=0) != 0.0, axis=1)) + 1

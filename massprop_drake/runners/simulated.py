@@ -17,13 +17,14 @@ from pydrake.systems.primitives import LogVectorOutput, Multiplexer
 from massprop_drake.diagrams import closed_loop, open_loop
 from massprop_drake.diagrams.estimation import MassPropertyEstimator
 from massprop_drake.errors import InputError, moment, suggestion
+from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.estimation.filter import Groups
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS
 from massprop_drake.maths.vehicle.rigid_body import QUATERNION, RATE
 from massprop_drake.runners.logs import ESTIMATION, state_groups
 from massprop_drake.runners.moment import Moment
-from massprop_drake.signals import JOINTS, is_own
+from massprop_drake.signals import JOINTS, PROPELLANT, is_own
 from massprop_drake.systems.layouts import RECONFIGURATION, ROTATION_REPORT, STRUCTURE
 from massprop_drake.systems.stopwatch import DETECTOR, ESTIMATORS, JET_SELECTION, Stopwatch
 
@@ -233,8 +234,18 @@ class Simulated:
 
     def _found(self, scenario: Scenario, feeding: Mapping[str, OutputPort]) -> dict[str, OutputPort]:
         """The output ports that a run keeps, by name, but those of the truth."""
-        seen = [sensor.name for sensor in scenario.vehicle_data.tracked]
-        wanted = ("command", "command_onset", JOINTS, *_AUTOPILOT, *ESTIMATION, *_UNLOGGED, *self._sensors, *seen)
+        seen = [sensor.name for sensor in params.simulated_besides(scenario)]
+        wanted = (
+            "command",
+            "command_onset",
+            JOINTS,
+            PROPELLANT,
+            *_AUTOPILOT,
+            *ESTIMATION,
+            *_UNLOGGED,
+            *self._sensors,
+            *seen,
+        )
         found = {name: port for name in wanted if (port := self._named(name) or feeding.get(name)) is not None}
         if self._named("command") is None and "jet_commands" in feeding:
             found.pop("command", None)

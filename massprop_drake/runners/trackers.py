@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,7 +12,7 @@ from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import PoseSensor, VelocitySensor
 from massprop_drake.maths.noise import normal_sample
 from massprop_drake.maths.vehicle.rigid_body import STRUCTURE
-from massprop_drake.maths.vehicle.tracking import N_NOISE, pose_read, velocity_read
+from massprop_drake.maths.vehicle.tracking import N_NOISE, is_due, pose_read, velocity_read
 
 Array = NDArray[np.float64]
 
@@ -28,7 +30,9 @@ class Trackers:
     def __init__(self, scenario: Scenario):
         sensors = scenario.vehicle_data.tracked
         ends = np.cumsum([0, *(len(sensor.columns) for sensor in sensors)]).tolist()
-        self._parts = {sensor.name: slice(*ends[k : k + 2]) for k, sensor in enumerate(sensors)}
+        parts = zip(sensors, pairwise(ends), strict=True)
+        there = params.simulated_besides(scenario)
+        self._parts = {sensor.name: slice(*ends) for sensor, ends in parts if sensor in there}
         self.size: int = ends[-1]
         self._seed = scenario.seed
         self._poses = {one.name: params.pose_model(scenario, one) for one in sensors if isinstance(one, PoseSensor)}
@@ -45,11 +49,13 @@ class Trackers:
             sample: its number.
         """
         center = STRUCTURE.read(structure).center_of_mass
-        readings = np.empty(self.size)
+        readings = np.full(self.size, np.nan)
         for name, part in self._parts.items():
             if name in self._poses:
+                model = self._poses[name]
                 noise = normal_sample(self._seed, name, sample, N_NOISE)
-                readings[part] = pose_read(body, center, noise, self._poses[name])
+                there = is_due(sample * model.period_s, model)
+                readings[part] = pose_read(body, center, noise, model) if there else np.nan
             else:
                 noise = normal_sample(self._seed, name, sample, 3)
                 readings[part] = velocity_read(body, center, noise, *self._points[name])

@@ -45,6 +45,7 @@ _HOMES = {
     "TelemetrySource": "estimation.telemetry_source",
     "Thrusters": "multibody.thrusters",
     "VelocityTracker": "vehicle.trackers",
+    "WheelController": "autopilot.wheel_controller",
     "WheelSchedule": "autopilot.wheel_schedule",
 }
 

@@ -301,6 +301,7 @@ class QualityReport:
         self._weighs = params.weighs(scenario)
         filters = ["rotation", *(["mass"] if self._weighs else [])]
         self._filter, self._at_stamps = scenario.estimation.filter, scenario.joint.switching == "stamps"
+        self._own_times = params.steps_by_readings(scenario)
         reasons = {"joint": _JOINT_REASONS, "pose": _POSE_REASONS}.get(self._filter, _REASONS)
         self._samples = {name: {"used": 0, **dict.fromkeys(reasons, 0)} for name in filters}
 
@@ -730,7 +731,7 @@ class QualityReport:
                 f"{moment(first['time_s'])} s; estimates are kept over it"
             )
         period, nominal = quality["sample_period_s"], self._vehicle.sample_period_s
-        if self._filter == "joint" and quality["jitter"]["count"]:
+        if self._filter == "joint" and quality["jitter"]["count"] and not self._own_times:
             regular = "at regular ticks, found from the stamps; where they do at these, set joint.switching=stamps"
             taken = f"commands are taken to switch {'at the stamps' if self._at_stamps else regular}"
             found.append(
@@ -749,6 +750,20 @@ class QualityReport:
                 found.append(f"column '{name}' is not used; is '{meant}' meant?")
         return found
 
+    def _about_actuators(self, quality: dict[str, Any]) -> list[str]:
+        """Warnings of engines and wheels that a record tells nothing of."""
+        found, absent = list[str](), quality["absent_sensors"]
+        for engine in self._vehicle.engines:
+            if engine.name in absent:
+                found.append(f"the record has no {engine.columns[0]}: engine {engine.name} counts as shut")
+        unread = [column for wheel in self._vehicle.wheels if wheel.name in absent for column in wheel.columns]
+        if unread:
+            found.append(
+                f"the record has no {', '.join(unread)}: what these wheels do turns the vehicle untold, and hides the "
+                "rest"
+            )
+        return found
+
     def _about_sensors(self, quality: dict[str, Any]) -> list[str]:
         found = []
         for name, count in quality["missing"].items():
@@ -758,12 +773,7 @@ class QualityReport:
             found.append("the vehicle has no accelerometer: its mass is not observable")
         elif self._accelerometers and set(self._accelerometers) <= set(quality["absent_sensors"]):
             found.append("the record has no accelerometer: the mass is not observable in it")
-        unread = [wheel.name for wheel in self._vehicle.wheels if wheel.name in quality["absent_sensors"]]
-        if unread:
-            columns = ", ".join(f"{name}_speed" for name in unread)
-            found.append(
-                f"the record has no {columns}: what these wheels do turns the vehicle untold, and hides the rest"
-            )
+        found += self._about_actuators(quality)
         for entry in quality["unanswered"][:_LISTED]:
             found.append(
                 f"{', '.join(entry['jets'])} told to fire {_during(entry)}, but no "

@@ -22,7 +22,7 @@ from massprop_drake.errors import InputError, moment
 from massprop_drake.inputs import factors
 from massprop_drake.inputs.scenario import Scenario, filter_of, resolved, set_field
 from massprop_drake.inputs.vehicle import Vehicle
-from massprop_drake.maths.vehicle.on_times import onsets
+from massprop_drake.maths.vehicle.on_times import continued, levels_alone, onsets
 from massprop_drake.signals import AXES
 from massprop_drake.telemetry.command_scales import CommandTally, hint_about
 from massprop_drake.telemetry.tables import Block, CsvTable, Loss, Table, completeness, open_table
@@ -39,6 +39,8 @@ _SAME = 1e-6  # of the sample period: rows closer than this have one time
 _FRACTION_TOLERANCE = 1e-9  # of a commanded fraction
 _FIRST_INTERVALS = 20  # in which the sample period must show
 _HOLE = 2.5  # sample periods: where rows may come at any time, longer is a gap
+HELD = 1.2  # sample periods for which a command holds in rows that have none; longer, it is not known
+_LATE_READING = 1.5  # of the interval between readings: what is longer lacks one
 _STUCK_CLOCK = 25  # rows in a row whose time does not go on
 _LISTED_GAPS = 5
 _TURNING_FAST = {"rotation": {"coupling": "model"}, "mass": {"compensation": "transverse_centripetal"}}
@@ -115,6 +117,7 @@ class Rows(NamedTuple):
             shape (n, columns); None: the vehicle has none.
         onsets_s: of the commands, see `maths.vehicle.on_times`, NaN where not told, shape (n, n_jets); None: jets
             switch with samples.
+        told: rows that have commands of their own, shape (n,); None: all.
     """
 
     time_s: Array
@@ -124,13 +127,21 @@ class Rows(NamedTuple):
     recorded: Flags
     tracked: Array | None = None
     onsets_s: Array | None = None
+    told: Flags | None = None
 
     def first(self, count: int) -> Rows:
         """The first of them."""
-        readings = {name: values[:count] for name, values in self.readings.items()}
-        optional = (self.outside_wrench, self.tracked, self.onsets_s)
-        outside, *others = (None if part is None else part[:count] for part in optional)
-        return Rows(self.time_s[:count], readings, self.commands[:count], outside, self.recorded[:count], *others)
+        return self.chosen(slice(count))
+
+    def chosen(self, which: slice | NDArray[np.int_]) -> Rows:
+        """Some of them."""
+        readings = {name: values[which] for name, values in self.readings.items()}
+        outside, tracked, onsets_s = (
+            None if part is None else part[which] for part in (self.outside_wrench, self.tracked, self.onsets_s)
+        )
+        told = None if self.told is None else self.told[which]
+        recorded = self.recorded[which]
+        return Rows(self.time_s[which], readings, self.commands[which], outside, recorded, tracked, onsets_s, told)
 
 
 # ---------------------------------------------------------------------------------------- writing
@@ -241,6 +252,7 @@ class Reader:
         before: command, outside wrench and onsets of the row before the first, with `after`.
         velocity: integral of each acceleration so far, by package.
         jitter: of the sample period, by so much rows may be early or late; more is a gap; set before rows are read.
+        own_times: whether rows come whenever anything is read, and commands hold in those that have none; likewise.
 
     Raises:
         InputError: with file, line and column, when the record cannot be used; also from the iteration.
@@ -260,7 +272,7 @@ class Reader:
         self.jitter = JITTER
         self._vehicle = vehicle
         self._period_s = vehicle.sample_period_s
-        self._any_time = vehicle.needs_pose_filter  # rows may come whenever something is read
+        self.own_times = False
         if isinstance(telemetry, (str, Path)):
             self._table = _opened(telemetry, stream, rows_per_block)
         else:
@@ -280,11 +292,20 @@ class Reader:
             self.before = after.command, after.outside_wrench, after.onset_s
         start = {} if after is None else after.velocity
         self.velocity = {name: np.array(start.get(name, np.zeros(3))) for name in self._accelerations}
+        self._held = _Held(n_jets, after)
+        self._cadence = {package.name: _Cadence(package.rate_hz) for package in vehicle.sensors}
         self._last_s = math.nan if after is None else after.time_s
         self._before_s = self._last_s
         self._late_in_a_row = 0
         self._first_steps: list[float] = []
         self._tally = CommandTally(self._period_s)
+        self._first: Block | None = None
+        self._begun: Iterator[Block] | None = None
+
+    @property
+    def _any_time(self) -> bool:
+        """Tells whether rows may come whenever something is read."""
+        return self._vehicle.needs_pose_filter or self.own_times
 
     @property
     def done(self) -> float:
@@ -396,7 +417,7 @@ class Reader:
 
     def __iter__(self) -> Iterator[Rows]:
         try:
-            for block in self._table.blocks(self._wanted):
+            for block in self._blocks():
                 self._check_commands(block)
                 ordered = self._ordered(block)
                 if ordered is not None:
@@ -414,6 +435,34 @@ class Reader:
             )
             raise InputError(f"{self.source}: has no usable row{later}; expected a row per sample")
 
+    def _blocks(self) -> Iterator[Block]:
+        """The table's blocks, one that has been looked at first."""
+        if self._begun is None:
+            self._begun = iter(self._table.blocks(self._wanted))
+        if self._first is not None:
+            yield self._first
+        yield from self._begun
+
+    def readings_per_s(self) -> float | None:
+        """Times at which something is read a second, where rows come at times of their own; None: one a sample.
+
+        Looks at the first block, which is read as ever afterwards. Rows are so where some have no commands, and come
+        faster than samples do.
+        """
+        self._begun = iter(self._table.blocks(self._wanted))
+        self._first = next(self._begun, None)
+        if self._first is None:
+            return None
+        times = self._first.values[:, 0]
+        times = times[np.isfinite(times)]
+        steps = np.diff(times)
+        steps = steps[steps > 0.0]
+        told = ~np.isnan(self._first.values[:, self._command_places]).all(axis=1)
+        dense = steps.size and float(np.median(steps)) < self._period_s * (1.0 - JITTER)
+        if not dense or (told.all() and not self._table.own_times):
+            return None
+        return float(steps.size / steps.sum())
+
     def _check_commands(self, block: Block) -> None:
         self._check_on_times(block)
         commands = np.where(self._timed, np.nan, block.values[:, self._command_places])
@@ -422,10 +471,10 @@ class Reader:
         if not wrong.any():
             return
         row, jet = np.argwhere(wrong)[0]
-        value = float(commands[row, jet])
+        value, column = float(commands[row, jet]), f"jet_{self._vehicle.designations[jet]}"
         hint = hint_about(commands, self._period_s)
         raise InputError(
-            f"{self.source}, {self._table.place} {block.lines[row]}, column jet_{self._vehicle.designations[jet]}: "
+            f"{self._table.where(int(block.lines[row]), column)}, column {column}: "
             f"{value:g} is no fraction of 0 to 1{hint}"
         )
 
@@ -435,10 +484,10 @@ class Reader:
         wrong = self._timed & ((given < 0.0) | (given > period_s * (1.0 + JITTER)))
         if wrong.any():
             row, jet = np.argwhere(wrong)[0]
+            column = on_time_columns(self._vehicle)[jet]
             raise InputError(
-                f"{self.source}, {self._table.place} {block.lines[row]}, column "
-                f"{on_time_columns(self._vehicle)[jet]}: {given[row, jet]:g} s is no on-time of 0 to {period_s:g} s, "
-                "the sample period"
+                f"{self._table.where(int(block.lines[row]), column)}, column {column}: {given[row, jet]:g} s is no "
+                f"on-time of 0 to {period_s:g} s, the sample period"
             )
         on_s = np.where(self._timed, given, given * period_s)[:, self._opening]
         opens_s = block.values[:, self._opening_places]
@@ -447,7 +496,7 @@ class Reader:
             row, place = np.argwhere(late)[0]
             column = onset_columns(self._vehicle)[self._opening[place]]
             raise InputError(
-                f"{self.source}, {self._table.place} {block.lines[row]}, column {column}: opens after "
+                f"{self._table.where(int(block.lines[row]), column)}, column {column}: opens after "
                 f"{opens_s[row, place]:g} s for {on_s[row, place]:g} s, which is not within the sample of "
                 f"{period_s:g} s"
             )
@@ -526,7 +575,7 @@ class Reader:
             self._late_in_a_row += 1
             if self._late_in_a_row >= _STUCK_CLOCK:
                 raise InputError(
-                    f"{self.source}, {self._table.place} {line}: time_s has not gone beyond {self._last_s:.10g} s for "
+                    f"{self._table.where(line, 'time_s')}: time_s has not gone beyond {self._last_s:.10g} s for "
                     f"{_STUCK_CLOCK} rows, here {time:.10g}; has the clock been set back? Give the parts one by one"
                 )
             return
@@ -551,6 +600,8 @@ class Reader:
         wrench = np.zeros(6)
         wrench[self._outside] = np.nan_to_num(values[self._outside_places])
         commands, onsets_s = self._told(values[None])
+        if self.own_times and np.isnan(commands).all() and self._after is not None:
+            return self._after.command, self._after.outside_wrench, self._after.onset_s
         return np.clip(commands[0], 0.0, 1.0), wrench, None if onsets_s is None else onsets_s[0]
 
     def _count_steps(self, steps: Array, sum_s: float) -> None:
@@ -570,11 +621,15 @@ class Reader:
                 self._require_period()
 
     def _require_period(self, *, at_end: bool = False) -> None:
-        """Raises InputError for a record with a different sample period."""
-        if self._any_time or not self._first_steps or (at_end and len(self._first_steps) == _FIRST_INTERVALS):
+        """Raises InputError for a record with a different sample period, or none of whose rows follow each other."""
+        seldom = self.own_times and not at_end
+        if (self._any_time and not seldom) or not self._first_steps:
+            return
+        if at_end and len(self._first_steps) == _FIRST_INTERVALS:
             return
         median = float(np.median(self._first_steps))
-        if abs(median - self._period_s) > JITTER * self._period_s:
+        off = median > _HOLE * self._period_s if seldom else abs(median - self._period_s) > JITTER * self._period_s
+        if off:
             units = [one.words for one in factors.near(median / self._period_s, factors.of_times())]
             looks = f", as with {units[0]}" if units else ""
             raise InputError(
@@ -600,22 +655,35 @@ class Reader:
             places = self._sensor_places.get(name)
             reading = np.full((taken.size, 3), np.nan) if places is None else values[:, places]
             if places is not None:
-                lacking = int(np.isnan(reading[recorded]).any(axis=1).sum())
+                lacking = self._lacking(name, times[recorded], reading[recorded])
                 record.missing[name] = record.missing.get(name, 0) + lacking
             if name in self._accelerations:
-                reading = self._integrated(name, reading, steps)
+                since_s = self._cadence[name].steps(times, reading, self._period_s) if self.own_times else steps
+                reading = self._integrated(name, reading, since_s)
             readings[name] = reading
         outside = None
         if self._outside:
             outside = np.zeros((taken.size, 6))
-            outside[:, self._outside] = np.nan_to_num(values[:, self._outside_places])
+            outside[:, self._outside] = values[:, self._outside_places]
         commands, onsets_s = self._told(values)
         commands = np.clip(commands, 0.0, 1.0)
+        own: Flags | None = None
+        if self.own_times:
+            own, told = _any_told(commands), (commands, onsets_s, outside)
+            commands, onsets_s, outside = self._held.over(times, recorded, told, self._period_s)
+        if outside is not None:
+            outside = np.nan_to_num(outside)
         tracked = None
         if self._vehicle.tracked:
             tracked = np.full((taken.size, len(self._vehicle.tracked_columns)), np.nan)
             tracked[:, self._tracked] = values[:, self._tracked_places]
-        return Rows(times, readings, commands, outside, recorded, tracked, onsets_s)
+        return Rows(times, readings, commands, outside, recorded, tracked, onsets_s, own)
+
+    def _lacking(self, name: str, times: Array, reading: Array) -> int:
+        """Number of rows that lack a reading of a package, or of readings that lack in its own cadence."""
+        if not self.own_times:
+            return int(np.isnan(reading).any(axis=1).sum())
+        return self._cadence[name].lacking(times, reading)
 
     def _steps(self, times: Array) -> Array:
         """Length of the sample that ends with each row, s, shape (n, 1): the period, or what has passed."""
@@ -632,6 +700,98 @@ class Reader:
         velocity = np.cumsum(np.vstack([self.velocity[name], steps]), axis=0)[1:]
         self.velocity[name] = velocity[-1].copy()
         return np.where(missing, np.nan, velocity)
+
+
+class _Held:
+    """Commands and outside wrench that hold in rows which have none.
+
+    Args:
+        n_jets: number of jets.
+        after: see `Reader`.
+    """
+
+    def __init__(self, n_jets: int, after: Continuation | None):
+        self._command = np.full(n_jets, np.nan) if after is None else after.command
+        self._onset_s = levels_alone(n_jets) if after is None or after.onset_s is None else after.onset_s
+        self._wrench = np.zeros(6) if after is None else after.outside_wrench
+        self._told_s = -math.inf if after is None else after.time_s
+        self._pushed_s = self._told_s
+
+    def over(
+        self, times: Array, recorded: Flags, told: tuple[Array, Array | None, Array | None], period_s: float
+    ) -> tuple[Array, Array | None, Array | None]:
+        """Commands, onsets and outside wrench of rows, those that have none included.
+
+        Args:
+            times: of the rows, s, shape (n,).
+            recorded: see `Rows`.
+            told: commands, onsets and wrench as they stand in the rows, NaN where they do not.
+            period_s: sample period.
+        """
+        commands, onsets_s, wrench = told
+        here = np.vstack((self._command, commands))
+        opening = levels_alone(commands.shape) if onsets_s is None else onsets_s
+        opens = np.vstack((self._onset_s, opening))
+        since, place = _since(self._told_s, times, _any_told(commands))
+        known = (since < HELD * period_s) & recorded
+        acting, acting_s = continued(here[place], opens[place], np.where(known, since, 0.0), period_s)
+        acting[~known], acting_s[~known] = np.nan, np.nan
+        self._command, self._onset_s = here[place[-1]], opens[place[-1]]
+        self._told_s = float(times[-1] - since[-1])
+        if wrench is not None:
+            pushes = np.vstack((self._wrench, np.nan_to_num(wrench)))
+            since, place = _since(self._pushed_s, times, _any_told(wrench))
+            self._wrench, self._pushed_s = pushes[place[-1]], float(times[-1] - since[-1])
+            wrench = np.where(((since < HELD * period_s) & recorded)[:, None], pushes[place], 0.0)
+        return acting, None if onsets_s is None else acting_s, wrench
+
+
+def _any_told(values: Array) -> Flags:
+    """Rows in which anything is told, shape (n,)."""
+    told: Flags = np.asarray((~np.isnan(values)).any(axis=1))
+    return told
+
+
+def _since(before_s: float, times: Array, told: Flags) -> tuple[Array, NDArray[np.int_]]:
+    """Time since each row's value was told, s, and its row, 0: before the first, shape (n,) each."""
+    place = np.maximum.accumulate(np.where(told, np.arange(1, times.size + 1), 0))
+    return times - np.append(before_s, times)[place], place
+
+
+class _Cadence:
+    """Times at which a package is read.
+
+    Args:
+        rate_hz: as stated; None: as the first readings have it.
+    """
+
+    def __init__(self, rate_hz: float | None):
+        self._usual_s = None if rate_hz is None else 1.0 / rate_hz
+        self._last_s = self._before_s = math.nan
+
+    def lacking(self, times: Array, reading: Array) -> int:
+        """Number of readings that lack, or have not all axes."""
+        there = ~np.isnan(reading).any(axis=1)
+        partly = int((~there & ~np.isnan(reading).all(axis=1)).sum())
+        read = np.append(self._last_s, times[there]) if math.isfinite(self._last_s) else times[there]
+        steps = np.diff(read)
+        if self._usual_s is None and steps.size >= _FIRST_INTERVALS:
+            self._usual_s = float(np.median(steps))
+        self._last_s = float(read[-1]) if read.size else self._last_s
+        if self._usual_s is None or not steps.size:
+            return partly
+        long = steps[steps > _LATE_READING * self._usual_s]
+        return max(int((np.round(long / self._usual_s) - 1.0).sum()), partly)
+
+    def steps(self, times: Array, reading: Array, period_s: float) -> Array:
+        """Time from the reading before to that in each row, s, zero where there is none, shape (n, 1)."""
+        there = ~np.isnan(reading).any(axis=1)
+        read, steps = times[there], np.zeros((times.size, 1))
+        if read.size:
+            first = self._before_s if math.isfinite(self._before_s) else read[0] - (self._usual_s or period_s)
+            steps[there, 0] = np.diff(read, prepend=first)
+            self._before_s = float(read[-1])
+        return steps
 
 
 def _added_up(start: float, steps: Array) -> float:

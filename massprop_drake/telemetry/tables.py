@@ -176,8 +176,10 @@ class Table(Protocol):
         header: names of the columns, in order.
         place: what rows are counted in, "line" or "row".
         ragged: rows left out.
+        own_times: whether there is a row whenever anything is read or commanded, and not one a sample.
     """
 
+    own_times: bool
     source: str
     header: list[str]
     place: str
@@ -193,6 +195,9 @@ class Table(Protocol):
 
     def blocks(self, wanted: list[int]) -> Iterator[Block]:
         """Yields the values of the chosen columns, given by position, block by block."""
+
+    def where(self, line: int, column: str) -> str:
+        """The place of a row, given its number in a block, and the column that is meant, for messages."""
 
     @property
     def done(self) -> float:
@@ -287,7 +292,7 @@ class CsvTable:
         InputError: when the first line has no names, or one of them twice.
     """
 
-    place = "line"
+    place, own_times = "line", False
     notes: Sequence[str] = ()
 
     def __init__(self, binary: IO[bytes], source: str, rows_per_block: int, size: int = 0):
@@ -303,6 +308,10 @@ class CsvTable:
         self.ragged = Ragged()
         self._text = self._lines()
         self.header = self._read_header()
+
+    def where(self, line: int, _column: str) -> str:
+        """The place of a row."""
+        return f"{self.source}, {self.place} {line}"
 
     @property
     def done(self) -> float:
@@ -499,7 +508,7 @@ class ParquetTable:
         InputError: when pyarrow is not installed, or the file is no Parquet file.
     """
 
-    place = "row"
+    place, own_times = "row", False
     notes: Sequence[str] = ()
 
     def __init__(self, path: Path, rows_per_block: int):
@@ -513,6 +522,10 @@ class ParquetTable:
         self.header = list(self._file.schema_arrow.names)
         self._rows = self._file.metadata.num_rows
         _require_unique(self.header, str(path))
+
+    def where(self, line: int, _column: str) -> str:
+        """The place of a row."""
+        return f"{self.source}, {self.place} {line}"
 
     @property
     def done(self) -> float:

@@ -21,7 +21,7 @@ from record_probe import (
 
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.vehicle import load_vehicle
-from massprop_drake.records.mapping import Mapped, MappedTable, mapped, preview, table
+from massprop_drake.records.mapping import Mapped, MappedTable, comes_faster, mapped, preview, table
 from massprop_drake.records.recording import open_recording
 
 GYRO = "{kind: gyro, columns: [wx, wy, wz]"
@@ -384,6 +384,30 @@ def test_rows_keep_their_own_times(one: Flight, tmp_path: Path) -> None:
     assert len(found["time_s"]) == 60
     steps = np.diff(found["time_s"])
     assert 0.0 < np.abs(steps - 0.05).max() < 4e-4
+
+
+@pytest.mark.parametrize("gives", ["integral", "increment", "mean"])
+def test_a_faster_log_gives_every_reading_at_its_own_time(gives: str, one: Flight, tmp_path: Path) -> None:
+    count = 10
+    time_s, rows = dense(one, count)
+    integral = np.column_stack([np.interp(time_s, one.time_s, one.velocities[:, axis]) for axis in range(3)])
+    increments = np.diff(integral, axis=0, prepend=integral[:1])
+    step = one.vehicle.sample_period_s / count
+    values = {"integral": integral, "increment": increments, "mean": increments / step}[gives]
+    unit = "m/s^2" if gives == "mean" else "m/s"
+    record = understood(
+        dense_log(one, tmp_path, count, values), usual_map(one, acc=f"{ACC}, gives: {gives}, unit: {unit}}}"), one
+    )
+    assert comes_faster(record)
+    made = table(record, "gyro", own_times=True)
+    assert made.own_times
+    found = dict(
+        zip(made.header, np.vstack([b.values for b in made.blocks(list(range(len(made.header))))]).T, strict=True)
+    )
+    np.testing.assert_allclose(found["time_s"], time_s, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(found["acc_y"] - found["acc_y"][0], integral[:, 1] - integral[0, 1], atol=1e-12)
+    np.testing.assert_array_equal(found[f"jet_{one.jets[3]}"], one.commands[rows, 3])
+    assert not np.isnan(found["gyro_x"]).any()
 
 
 def test_a_period_that_is_no_multiple(one: Flight, tmp_path: Path) -> None:

@@ -177,6 +177,14 @@ FLOWN = {
     ),
     "a jump of mass properties": ("payload_release", "duration_s=6", "jumps[0].time_s=3"),
     "a schedule of jets": ("jet_pulses", "duration_s=6"),
+    "on-times that the autopilot flies about the middle of a cycle": (
+        "sample_maneuver",
+        "duration_s=6",
+        "vehicle.jet_kinds.primary.minimum_on_time_s=0.02",
+        "vehicle.jet_kinds.primary.on_time_quantum_s=0.004",
+        "vehicle.jet_commands={as: on_time, at: center}",
+        "autopilot.jet_selection.output=on_time",
+    ),
     "jets that fail each in its way": (
         "sample_maneuver",
         "duration_s=8",

@@ -104,3 +104,23 @@ def test_stated_ten_times_too_small_it_is_told_how_much_would_cover_it() -> None
     covered = flown(None, detector={"kind": "off"}, joint=walks)
     assert covered.summary["consistency"]["verdict"] == "consistent"
     assert errors(covered) < 4.0
+
+
+def test_untold_it_is_said_with_its_size_and_the_failed_jet_is_named_beside_it() -> None:
+    found = flown(None, failures=[LEAK])
+    assert [one["jets"] for one in found.summary["detections"]] == [["ZP1"]]
+    assert found.summary["consistency"]["verdict"] == "inconsistent"
+    first = next(one for one in found.summary["events"] if one["kind"] == "disturbance")
+    assert found.summary["fault_probability"]["unknown"] > 0.99  # something pushes that is no jet
+    assert 0.0005 < first["torque_std"] < 0.05
+    assert 0.001 < first["force_std"] < 0.1
+    assert errors(found) < 4.0
+
+
+def test_a_torque_that_hardly_changes_is_one_draw_of_what_is_stated() -> None:
+    """2.2 sigma about two axes: accelerometers that feel it as well are no second evidence, nor is its spectrum."""
+    plant = {"dispersion": {}, "thrust_dispersion": 0.01, "disturbance": {"torque": [0.011, -0.011, 0.0]}}
+    stated = {"torque_std": 0.005, "force_std": 0.001, "time_constant_s": 1000.0}
+    run = flown(stated, plant=plant, detector={"kind": "off"})
+    assert run.summary["consistency"]["verdict"] == "consistent"
+    assert errors(run) < 4.0

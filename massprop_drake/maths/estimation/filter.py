@@ -17,10 +17,15 @@ from massprop_drake.maths.estimation.detector import KnownForce
 from massprop_drake.maths.estimation.impulses import Impulses
 from massprop_drake.maths.estimation.joint.disturbance import NO_DISTURBANCE, DisturbanceParams
 from massprop_drake.maths.estimation.joint.layout import AttitudeSensors
+from massprop_drake.maths.estimation.joint.modes import NO_MODES, ModeParams
+from massprop_drake.maths.estimation.joint.rates import EVERY_PERIOD, Rates
+from massprop_drake.maths.estimation.joint.tanks import NO_TANKS, TankParams
 from massprop_drake.maths.estimation.joint.wheels import NO_WHEELS, WheelParams
 from massprop_drake.maths.kernels import idiom
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
+from massprop_drake.maths.vehicle.engine_thrust import NO_ENGINES, EngineParams
+from massprop_drake.maths.vehicle.mounting import EXACT, Mounting
 from massprop_drake.maths.vehicle.on_times import Place
 
 Groups = Mapping[str, Array]  # a state as vectors, by the part of the diagram that holds each
@@ -52,7 +57,8 @@ class ThrustModel(NamedTuple):
         lag_uncertainty: relative 1-sigma of each kind's time constant, shape (n_kinds,).
         repeatability: relative 1-sigma of each jet's impulse over a sample, white, shape (n_jets,).
         arm: root mean square distance of the jets from the nominal center of mass, ft or m.
-        tank_fraction: share of it by which propellant that is used shifts inertia and center of mass.
+        tank_fraction: share of it by which propellant from no tank shifts inertia and center of mass.
+        mounting: see `Mounting`.
     """
 
     wrenches: Array
@@ -64,6 +70,7 @@ class ThrustModel(NamedTuple):
     repeatability: Array
     arm: float
     tank_fraction: float
+    mounting: Mounting = EXACT
 
 
 class Setup(NamedTuple):
@@ -89,6 +96,11 @@ class Setup(NamedTuple):
             commands are levels.
         wheels: see `WheelParams`; the filter sets their sigma from `wheel_uncertainty`.
         wheel_uncertainty: 1-sigma of each wheel's inertia, relative, shape (n_wheels,).
+        engines: see `engine_thrust.EngineParams`.
+        engine_sigmas: 1-sigma of the six errors of each, shape (6 n_engines,).
+        rates: see `Rates`.
+        tanks: see `TankParams`.
+        modes: see `ModeParams`.
         tracking: of a vehicle that is followed in a fixed frame, see `pose.setting.Tracking`; None: it is not.
     """
 
@@ -110,6 +122,11 @@ class Setup(NamedTuple):
     opens_at: Place | None = None
     wheels: WheelParams = NO_WHEELS
     wheel_uncertainty: Array = NO_WHEELS.inertias
+    engines: EngineParams = NO_ENGINES
+    engine_sigmas: Array = np.zeros(0)
+    rates: Rates = EVERY_PERIOD
+    tanks: TankParams = NO_TANKS
+    modes: ModeParams = NO_MODES
     tracking: Any = None
 
 
@@ -124,8 +141,8 @@ class Told(NamedTuple):
         outside_wrench: torque about the vehicle origin and force of known outside forces, mean over the interval,
             shape (6,).
         tracked: what is read besides gyros and accelerometers: of each pose sensor position and quaternion from body
-            to fixed frame, of each velocity sensor the velocity, of each wheel the speed, NaN where missing, shape
-            (7 n_poses + 3 n_velocities + n_wheels,); None: nothing.
+            to fixed frame, of each velocity sensor the velocity, of each wheel the speed, of each engine level and two
+            angles, NaN where missing, shape (7 n_poses + 3 n_velocities + n_wheels + 3 n_engines,); None: nothing.
         onset_s, coming_onset_s: of `command` and `coming`, see `maths.vehicle.on_times`, shape (n_jets,) each; None:
             not told.
     """

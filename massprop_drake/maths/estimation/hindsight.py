@@ -17,7 +17,9 @@ h = X^T R^-1 e
 
 Initial values are eliminated by taking means off. Where stamps are off their ticks, these lie on a line through the
 stamps, as far as it is known: its two errors are unknowns of each stretch, and eliminated, too. A reading that has not
-moved by a quantum since one was used says nothing new and is left out, as in the joint estimator. Noise that gathers,
+moved by a quantum since one was used says nothing new and is left out, as in the joint estimator. What jets draw from
+tanks is known: about the middle of each stretch the ten parameters are those at the end with as much more propellant,
+and within it they go along a straight line. Noise that gathers,
 of walks and of a disturbance, is made white by `whitening`. Coupling is taken with the rates as they are read, and
 without such noise in the last passes of a fit with those that come of it.
 """
@@ -33,14 +35,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from massprop_drake.maths.estimation.joint.burns import pushes
 from massprop_drake.maths.estimation.joint.disturbance import NO_DISTURBANCE, DisturbanceParams
 from massprop_drake.maths.estimation.joint.impulses import LEAST_LAG, Lingering, fire, lingering
+from massprop_drake.maths.estimation.joint.modes import ERRORS, NO_MODES, ModeParams
 from massprop_drake.maths.estimation.joint.prediction import PARABOLA
+from massprop_drake.maths.estimation.joint.swing import swung
+from massprop_drake.maths.estimation.joint.tanks import NO_TANKS, TankParams
 from massprop_drake.maths.estimation.joint.wheels import NO_WHEELS, WheelParams
+from massprop_drake.maths.estimation.swings import Locked, Step, Swings, can_swing, of_start, with_modes
 from massprop_drake.maths.estimation.whitening import Gathering, Whitener, whitener
 from massprop_drake.maths.kernels import chosen, idiom, kernel, listed
 from massprop_drake.maths.linear_algebra import Array, crosses, is_positive_definite
 from massprop_drake.maths.mass_properties import ELEMENT
+from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS, N_ERRORS, NO_ENGINES, EngineParams
+from massprop_drake.maths.vehicle.mounting import EXACT, Mounting, displaced
 from massprop_drake.maths.vehicle.on_times import pieces, within
 
 _N = 10  # mass properties
@@ -62,6 +71,9 @@ _PASSES = 8
 _SETTLED = 1e-2  # squared sigmas that a pass would still gain
 _ROUNDS = 12  # of Newton's, for coupling with the rates that come of it
 _SMALL = 1e-12  # of a rate: these have settled
+_TOLD = 10.0  # times the stated torque that accelerometers are taken to feel: as good as unknown, a hundredth is left
+_STRAYED = 10.0  # arithmetic: times the fastest reading, from which on rates that follow from a model are none
+_DIGITS = 1e3  # arithmetic: of a mean that is solved for, three digits at the least
 _NEARLY = 100.0  # squared sigmas: a pass that would gain less is the last but one, as a rule
 
 
@@ -135,11 +147,12 @@ class Compute(NamedTuple):
 
     used: Callable[[Array, Array, float], NDArray[np.int_]] = used
     lag: Callable[[Array, Array, Array, Array], None] = lag
+    swing: Step = swung
 
 
 def compute(*, compiled: bool) -> Compute:
     """These functions."""
-    return Compute(chosen(used, compiled), chosen(lag, compiled)) if compiled else Compute()
+    return Compute(chosen(used, compiled), chosen(lag, compiled), chosen(swung, compiled)) if compiled else Compute()
 
 
 class Columns(NamedTuple):
@@ -156,7 +169,12 @@ class Columns(NamedTuple):
     gyro_gain: slice
     accelerometer_gain: slice
     wheel: slice  # errors of the wheels' inertias, relative
-    shift: slice  # of elements 0 to 8, for each unit of propellant that is still to be used
+    engine: slice  # errors of the engines, see `maths.vehicle.engine_thrust`
+    mount: slice  # errors of the jets' mounting, in 1-sigmas, see `maths.vehicle.mounting`
+    moving: slice  # errors of the parts that move inside, in units of their sigmas
+    fill: slice  # errors of the propellant in tanks at the beginning, slug or kg
+    flow: slice  # errors of the flow out of each, relative
+    shift: slice  # of elements 0 to 8, for each unit of propellant from no tank that is still to be used
 
 
 class Model(NamedTuple):
@@ -179,7 +197,12 @@ class Model(NamedTuple):
         walks: of the rate and of the velocity by unmodeled torques and forces, 1-sigma after one second.
         disturbance: see `joint.disturbance`.
         wheels: see `WheelParams`; what errors of their speeds make of the rate is in the gyros' variances.
+        engines: see `maths.vehicle.engine_thrust.EngineParams`.
+        tanks: see `TankParams`.
+        mounting: see `maths.vehicle.mounting.Mounting`.
+        modes: of parts that move inside, see `ModeParams`.
         followed: whether coupling is with the rates that come of it, in place of those that are read.
+        own_times: whether rows come whenever anything is read, and intervals are as long as they are.
     """
 
     period_s: float
@@ -198,7 +221,12 @@ class Model(NamedTuple):
     walks: tuple[float, float] = (0.0, 0.0)
     disturbance: DisturbanceParams = NO_DISTURBANCE
     wheels: WheelParams = NO_WHEELS
+    engines: EngineParams = NO_ENGINES
+    tanks: TankParams = NO_TANKS
+    mounting: Mounting = EXACT
+    modes: ModeParams = NO_MODES
     followed: bool = False
+    own_times: bool = False
 
 
 def gathers(model: Model) -> bool:
@@ -219,6 +247,10 @@ class Stretch(NamedTuple):
         onsets_s, before_onsets_s: of these commands, see `maths.vehicle.on_times`, shapes (m, n_jets) and (b, n_jets);
             None: jets switch with samples.
         speeds: of the wheels, NaN where not read, rad/s, shape (m, n_wheels); None: there are none.
+        burns: level and angles of the engines at the start, middle and end of each interval, see
+            `joint.burns.Burn`, shape (m, n_engines, 3, 3); None: there are none.
+        seconds: of full thrust that each jet was commanded from the beginning of the record to each row, and from there
+            to the end, s, shape (m, 2, n_jets); None: there are no tanks.
     """
 
     time_s: Array
@@ -230,6 +262,8 @@ class Stretch(NamedTuple):
     onsets_s: Array | None = None
     before_onsets_s: Array | None = None
     speeds: Array | None = None
+    burns: Array | None = None
+    seconds: Array | None = None
 
 
 class Normal(NamedTuple):
@@ -308,15 +342,18 @@ class ScoreTest(NamedTuple):
 
 def columns(model: Model) -> Columns:
     """Where the unknowns of a vehicle stand."""
-    parts = model.flows, model.positions, model.wheels.inertias
-    return _columns(model.prior.shape[0], model.gyros, *(part.shape[0] for part in parts))
+    counts = model.flows.size, model.positions.shape[0], model.wheels.inertias.size
+    sizes = model.engines.thrusts.size, model.mounting.jets.size, model.modes.sigmas.shape[0], model.tanks.fill.size
+    return _columns(model.prior.shape[0], model.gyros, counts, sizes)
 
 
 @cache
-def _columns(n_unknown: int, n_gyros: int, n_jets: int, n_accelerometers: int, n_wheels: int) -> Columns:
+def _columns(n_unknown: int, n_gyros: int, counts: tuple[int, int, int], of_others: tuple[int, ...]) -> Columns:
+    (n_jets, n_accelerometers, n_wheels), (n_engines, n_mounts, n_parts, n_tanks) = counts, of_others
     of_gyros, of_accelerometers = 3 * n_gyros, 3 * n_accelerometers
-    n_lags = n_unknown - (_N + n_jets + 12 + of_gyros + 2 * of_accelerometers + n_wheels + _MASS)
-    sizes = (_N, n_jets, n_lags, 3, of_accelerometers, 3, 3, 3, of_gyros, of_accelerometers, n_wheels, _MASS)
+    others = n_wheels, N_ERRORS * n_engines, n_mounts, ERRORS * n_parts, n_tanks, n_tanks, _MASS
+    n_lags = n_unknown - (_N + n_jets + 12 + of_gyros + 2 * of_accelerometers + sum(others))
+    sizes = (_N, n_jets, n_lags, 3, of_accelerometers, 3, 3, 3, of_gyros, of_accelerometers, *others)
     ends = list(accumulate(sizes))
     return Columns(*(slice(end - size, end) for end, size in zip(ends, sizes, strict=True)))
 
@@ -324,11 +361,24 @@ def _columns(n_unknown: int, n_gyros: int, n_jets: int, n_accelerometers: int, n
 # --------------------------------------------------------------------------------------------- rows
 
 
+Lengths = float | Array  # of all intervals, or of each, s
+
+
+def _weighed(each: Array, lengths_s: Lengths) -> Array:
+    """Terms of a sum over intervals, times their lengths where these differ; else the sum is multiplied."""
+    return each * lengths_s if isinstance(lengths_s, np.ndarray) else each
+
+
+def _common(lengths_s: Lengths) -> float:
+    """Factor of sums of `_weighed`."""
+    return 1.0 if isinstance(lengths_s, np.ndarray) else lengths_s
+
+
 class _Read(NamedTuple):
     """What a stretch shows, whatever the unknowns are."""
 
     stretch: Stretch
-    period_s: float  # of the ticks
+    period_s: Lengths  # of the ticks; of rows at times of their own lengths of the intervals, (m - 1,)
     late_s: Array  # of each stamp after its tick, (m,)
     lengths_s: Array  # from each switching to the next, (m - 1,)
     on: NDArray[np.int_]  # the jets that acted, (j,)
@@ -336,9 +386,13 @@ class _Read(NamedTuple):
     rate: Array  # (3, m), straight where none is read; zero about an axis of which none ever is
     there: NDArray[np.bool_]  # whether it is read, or zero, (3, m)
     known: NDArray[np.bool_]  # whether any gyro has read the axis, (3,)
-    to_use: Array  # propellant that is still to be used, in the middle of each interval, (m - 1,)
+    to_use: Array  # propellant from no tank that is still to be used, in the middle of each interval, (m - 1,)
     readings: Array  # (n_packages, 3, m)
     momenta: Array  # of each wheel, by its speeds as read and its inertia as stated, straight where none is, (w, 3, m)
+    to_draw: Array  # from each tank, beyond the middle of the stretch, in the middle of each interval, (n, m - 1)
+    by_draw: Array  # derivatives of elements 0 to 8 by that, about the middle, (n, 9)
+    shifts: Array  # of elements 0 to 8 by what is drawn, from those of the middle, (9, m - 1)
+    through: _Through | None = None  # None: without tanks
 
 
 def _read(stretch: Stretch, model: Model) -> _Read:
@@ -348,24 +402,147 @@ def _read(stretch: Stretch, model: Model) -> _Read:
     there = np.asarray(~np.isnan(rates).all(axis=0))
     known = np.asarray(there.any(axis=1))
     there[~known] = True
-    rate = _put_in(_mean(rates), there)
+    rate = _put_in(_mean(rates), there, _places_of(stretch, model))
     readings = np.ascontiguousarray(stretch.readings.transpose(1, 2, 0))
     period, late = _ticks(stretch.time_s, model.period_s)
     lengths = np.full(late.shape[0] - 1, period)
     if model.at_stamps:
         lengths, late = np.diff(stretch.time_s), np.zeros_like(late)
-    to_use, momenta = 0.5 * (stretch.used_after[:-1] + stretch.used_after[1:]), _momenta(stretch, model.wheels)
-    commands = stretch.commands[:-1, on]
-    return _Read(stretch, period, late, lengths, on, commands, rate, there, known, to_use, readings, momenta)
+    drawn, momenta = _drawn(stretch, model), _momenta(stretch, model)
+    left = stretch.used_after - drawn.sum(axis=0)
+    to_use, to_draw = 0.5 * (left[:-1] + left[1:]), 0.5 * (drawn[:, :-1] + drawn[:, 1:])
+    none = np.zeros((drawn.shape[0], _MASS)), np.zeros((_MASS, to_use.size))
+    of_tanks = to_draw - drawn[:, drawn.shape[1] // 2, None], *none
+    commands, each = stretch.commands[:-1, on], lengths if model.own_times else period
+    seen = stretch, each, late, lengths, on, commands, rate, there, known, to_use, readings, momenta
+    return _Read(*seen, *of_tanks)
 
 
-def _momenta(stretch: Stretch, wheels: WheelParams) -> Array:
+def _drawn(stretch: Stretch, model: Model) -> Array:
+    """Propellant that is drawn from each tank from each row to the end of the flight, as stated, shape (n, m)."""
+    if stretch.seconds is None or not model.tanks.fill.size:
+        return np.zeros((0, stretch.time_s.size))
+    return np.asarray((model.tanks.feeds * model.flows) @ stretch.seconds[:, 1].T)
+
+
+def _standing(at: Array, seconds: Array, model: Model, more: Array | None = None) -> Array:
+    """The ten parameters at some times of a flight, see `vehicle.depletion`, shape (..., 10).
+
+    Args:
+        at: all unknowns, of the end, shape (n,).
+        seconds: of full thrust of each jet until then, and from then to the end, shape (..., 2, n_jets).
+        model: see `Model`.
+        more: further propellant that is still to be drawn from each tank, shape (n_tanks,).
+    """
+    places, tanks = columns(model), model.tanks
+    flows = (tanks.feeds * model.flows) * (1.0 + at[places.flow])[:, None]
+    both = (seconds * (1.0 + at[places.thrust])) @ flows.T
+    left, coming = np.maximum(tanks.fill + at[places.fill] - both.sum(axis=-2), 0.0), both[..., 1, :]
+    coming = coming if more is None else coming + more
+    inertia, center, mass = np.linalg.inv(at[:6][ELEMENT]), at[_CENTER], np.full(coming.shape[:-1], 1.0 / at[_MASS])
+    for tank, column in enumerate(tanks.columns):
+        q = coming[..., tank]
+        arm = tanks.outlets[tank] + column * (left[..., tank] + 0.5 * q)[..., None] - center
+        whole = mass + q
+        spread = tanks.spreads[tank] + (q * q / 12.0)[..., None, None] * _about(column)
+        inertia = inertia + (q * mass / whole)[..., None, None] * _about(arm) + q[..., None, None] * spread
+        center, mass = center + (q / whole)[..., None] * arm, whole
+    inverse = np.linalg.inv(inertia)[..., _ROWS_OF, _COLUMNS_OF]
+    return np.concatenate((inverse, center, (1.0 / mass)[..., None]), axis=-1)
+
+
+_ROWS_OF, _COLUMNS_OF = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])  # of six elements
+
+
+def _about(arm: Array) -> Array:
+    """|a|^2 1 - a a^T of vectors, shape (..., 3, 3)."""
+    squares = np.sum(arm * arm, axis=-1)[..., None, None]
+    return np.asarray(squares * np.eye(3) - arm[..., :, None] * arm[..., None, :])
+
+
+_STEP = 1e-4  # arithmetic, relative: of central differences, which have half the digits
+
+
+class _Through(NamedTuple):
+    """Derivatives of what a stretch is like about its middle by the unknowns.
+
+    Attributes:
+        by: derivative of the ten parameters there by all unknowns, shape (10, n).
+        slopes: derivatives of `_Read.by_draw` by these, shape (n_tanks, 9, n).
+        by_jets: derivative of `_Read.to_draw` by the thrust error of each jet, shape (n_tanks, n_jets, m - 1).
+    """
+
+    by: Array
+    slopes: Array
+    by_jets: Array
+
+
+def _about_middle(course: _Course, at: Array, model: Model) -> tuple[_Course, Array]:
+    """A stretch seen from its middle, and all unknowns there; without tanks as they are.
+
+    Args:
+        course: of the stretch.
+        at: all unknowns, of the end of the flight, shape (n,).
+        model: see `Model`.
+    """
+    read = course.read
+    stretch, n = read.stretch, model.tanks.fill.size
+    if stretch.seconds is None or n == 0:
+        return course, at
+    places, row, given_s = columns(model), stretch.time_s.size // 2, stretch.seconds.copy()
+    to_come_s = course.level * model.time_constants_s[read.on]  # what thrust that lags has still to give
+    given_s[:, 0, read.on] -= to_come_s
+    given_s[:, 1, read.on] += to_come_s
+    seconds, middle = given_s[row], at.copy()
+    middle[:_N] = _standing(at, seconds, model)
+    size = np.zeros(at.size)
+    size[:6], size[_CENTER], size[_MASS] = np.abs(at[:6]).max(), 1.0, at[_MASS]
+    size[places.thrust], size[places.flow], size[places.fill] = 1.0, 1.0, model.tanks.capacities
+    by, slopes = np.zeros((_N, at.size)), np.zeros((n, _MASS, at.size))
+    for unknown in np.flatnonzero(size).tolist():
+        step = np.zeros(at.size)
+        step[unknown] = _STEP * size[unknown]
+        ahead, back = (_standing(at + way * step, seconds, model) for way in (1.0, -1.0))
+        by[:, unknown] = (ahead - back) / (2.0 * step[unknown])
+        wide = np.sqrt(_STEP) * step / _STEP  # of a difference of differences
+        further, nearer = (_slopes(at + way * wide, seconds, model) for way in (1.0, -1.0))
+        slopes[:, :, unknown] = (further - nearer) / (2.0 * wide[unknown])
+    within_s = 0.5 * (given_s[:-1] + given_s[1:])
+    after_s, shifts = within_s[:, 1] - seconds[1], (_standing(at, within_s, model) - middle[:_N])[:, :_MASS].T
+    by_jets = (model.tanks.feeds * model.flows * (1.0 + at[places.flow])[:, None])[:, :, None] * after_s.T
+    to_draw = np.einsum("kjm,j->km", by_jets, 1.0 + at[places.thrust])
+    given = np.einsum("kj,j->j", model.tanks.feeds * (1.0 + at[places.flow])[:, None], 1.0 + at[places.thrust])
+    drawn = (given_s[:, 1] - seconds[1]) @ (given * model.flows)
+    cut = stretch._replace(used_after=stretch.used_after - _drawn(stretch, model).sum(axis=0) + drawn)
+    through = _Through(by, slopes, by_jets)
+    of_tanks = {"to_draw": to_draw, "by_draw": _slopes(at, seconds, model), "shifts": shifts, "through": through}
+    return course._replace(read=read._replace(stretch=cut, **of_tanks)), middle
+
+
+def _slopes(at: Array, seconds: Array, model: Model) -> Array:
+    """Derivatives of elements 0 to 8 by what is still to be drawn from each tank, see `_standing`, (n_tanks, 9)."""
+    slopes = np.empty((model.tanks.fill.size, _MASS))
+    for tank, capacity in enumerate(model.tanks.capacities.tolist()):
+        more = np.zeros(slopes.shape[0])
+        more[tank] = _STEP * capacity
+        ahead, back = (_standing(at, seconds, model, way * more) for way in (1.0, -1.0))
+        slopes[tank] = (ahead - back)[:_MASS] / (2.0 * more[tank])
+    return slopes
+
+
+def _places_of(stretch: Stretch, model: Model) -> Array:
+    """Places of the rows along a straight line, shape (m,)."""
+    return stretch.time_s if model.own_times else np.arange(stretch.time_s.size, dtype=np.float64)
+
+
+def _momenta(stretch: Stretch, model: Model) -> Array:
     """J_k W_k a_k of each wheel at the rows, shape (w, 3, m); zero where nothing is read of one at all."""
+    wheels = model.wheels
     if stretch.speeds is None:
         return np.zeros((0, 3, stretch.time_s.size))
     read = np.asarray(~np.isnan(stretch.speeds.T))
     read[~read.any(axis=1)] = True
-    speeds = np.nan_to_num(_put_in(stretch.speeds.T, read))
+    speeds = np.nan_to_num(_put_in(stretch.speeds.T, read, _places_of(stretch, model)))
     return np.asarray((wheels.inertias[:, None] * wheels.axes)[:, :, None] * speeds[:, None])
 
 
@@ -376,7 +553,7 @@ class _Course(NamedTuple):
     amount: Array  # seconds of full thrust, (m - 1, j)
     by_lag: Array  # its derivative by the time constant
     lacking: Array  # how far each level is off at the beginning, (m - 1, j): times
-    shape: Array  # it is the bow, see `Firing`, s, (3, j)
+    shape: Array  # it is the bow, see `Firing`, s, (3, j), or by interval (3, m - 1, j)
     level: Array  # at each stamp, (m, j), where one is late
     bent: Array | None  # bow besides, of jets that open or close within a sample, s, (3, m - 1, j)
 
@@ -386,20 +563,23 @@ def _course(read: _Read, lag_error: Array, model: Model) -> _Course:
     m = late.shape[0]
     given, lag_error = model.time_constants_s[on], lag_error[on]
     constants = np.where(given > 0.0, np.maximum(given + lag_error, LEAST_LAG * given), 0.0)
-    lagged, left = constants > 0.0, lingering(constants / period)
+    each = period[:, None] if isinstance(period, np.ndarray) else period
+    lagged, left = constants > 0.0, lingering(constants / each)
     before = read.stretch.before[:, on]
     level = np.concatenate((before, commands))
-    slope, pulses = np.zeros_like(level), _pulses(read, constants, left, period)
+    slope, pulses = np.zeros_like(level), _pulses(read, constants, left, model.period_s if model.own_times else period)
     if pulses is not None:
         level = level + pulses.tends
-    if lagged.any():
+    if lagged.any() and isinstance(period, np.ndarray):
+        _lag_by_each(level, slope, left)
+    elif lagged.any():
         model.compute.lag(level, slope, left.remaining, left.by_logarithm)
     if pulses is not None:
         slope += pulses.slope
     level, slope = level[-m:], slope[-m:]
     off = level[:-1] - commands
-    amount = read.lengths_s[:, None] * commands + off * (period * left.mean)
-    share = period / np.where(lagged, constants, 1.0)
+    amount = read.lengths_s[:, None] * commands + off * (each * left.mean)
+    share = each / np.where(lagged, constants, 1.0)
     by_lag = off * (share * (left.mean - left.remaining)) + slope[:-1] * (share * left.mean)
     if pulses is not None:
         amount = amount + pulses.amount
@@ -413,7 +593,22 @@ def _course(read: _Read, lag_error: Array, model: Model) -> _Course:
         sided = np.where((late > 0.0)[:, None] & (np.arange(m) < m - 1)[:, None], told, level)
         level = np.where(lagged, level, np.nan_to_num(sided))
     bent = None if pulses is None else pulses.bow
-    return _Course(read, amount, by_lag, off, period * left.bow, level, bent)
+    return _Course(read, amount, by_lag, off, each * left.bow, level, bent)
+
+
+def _lag_by_each(level: Array, slope: Array, left: Lingering) -> None:
+    """`lagged` over intervals of different lengths; before the stretch they are as long as its first.
+
+    Args:
+        level, slope: see there, shape (b + m - 1, j).
+        left: shares by interval, shape (m - 1, j) each.
+    """
+    since = level.shape[0] - left.remaining.shape[0]
+    for row in range(1, level.shape[0]):
+        of = max(row - since, 0)
+        off = level[row - 1] - level[row]
+        level[row] += off * left.remaining[of]
+        slope[row] = slope[row - 1] * left.remaining[of] + off * left.by_logarithm[of]
 
 
 class _Pulses(NamedTuple):
@@ -430,14 +625,14 @@ class _Pulses(NamedTuple):
     bow: Array  # see `Firing`, s, (3, m - 1, j)
 
 
-def _pulses(read: _Read, constants: Array, left: Lingering, period_s: float) -> _Pulses | None:
+def _pulses(read: _Read, constants: Array, left: Lingering, period_s: Lengths) -> _Pulses | None:
     """Differences that jets of a stretch make so, see `_Pulses`; None: all switch with samples.
 
     Args:
         read: what the stretch shows.
         constants: time constant of each jet, s, shape (j,).
         left: what these leave over an interval.
-        period_s: length of an interval.
+        period_s: of control.
     """
     stretch, on = read.stretch, read.on
     if stretch.onsets_s is None or stretch.before_onsets_s is None:
@@ -449,19 +644,26 @@ def _pulses(read: _Read, constants: Array, left: Lingering, period_s: float) -> 
         return None
     tends, late, amount, by_logarithm = (np.zeros_like(commands) for _ in range(4))
     bow, shut, no_ticks = np.zeros((3, *commands.shape)), np.zeros((3, on.size)), np.zeros((0, 2))
+    since, alike = stretch.before.shape[0], not isinstance(read.period_s, np.ndarray)
+    remaining, by_tau = (each if alike else each[np.maximum(np.arange(-since, len(each)), 0)] for each in left[:2])
     for row in rows:
-        own = pieces(commands[row], onsets_s[row], period_s, (0.0, period_s))
+        length_s = float(period_s if alike else read.lengths_s[max(row - since, 0)])
+        own = pieces(commands[row], onsets_s[row], float(period_s), (0.0, length_s))
         pulse = fire((shut[0], shut[1], shut[2]), constants, *own, no_ticks)
-        whole = np.array([period_s]), commands[row : row + 1]
+        whole = np.array([length_s]), commands[row : row + 1]
+        kept, slower = (remaining, by_tau) if alike else (remaining[row], by_tau[row])
         level = fire((shut[0], shut[1], shut[2]), constants, *whole, no_ticks)
-        tends[row] = (pulse.level - level.level) / (1.0 - left.remaining)
-        late[row] = pulse.slope - level.slope + tends[row] * left.by_logarithm
+        tends[row] = (pulse.level - level.level) / (1.0 - kept)
+        late[row] = pulse.slope - level.slope + tends[row] * slower
         amount[row] = pulse.amount - level.amount
         by_logarithm[row] = pulse.amount_slope - level.amount_slope
         bow[:, row] = pulse.bow - level.bow
     late[0] = 0.0
-    _summed(late, left.remaining)
-    since = stretch.before.shape[0]
+    if alike:
+        _summed(late, left.remaining)
+    else:
+        for row in range(1, late.shape[0]):
+            late[row] += late[row - 1] * remaining[row]
     return _Pulses(tends, late, amount[since:], by_logarithm[since:], bow[:, since:])
 
 
@@ -478,7 +680,7 @@ def _ticks(time_s: Array, period_s: float) -> tuple[float, Array]:
 
 def off_ticks(stretch: Stretch, model: Model) -> bool:
     """Whether stamps of a stretch are off their ticks."""
-    return bool(_ticks(stretch.time_s, model.period_s)[1].any())
+    return not model.own_times and bool(_ticks(stretch.time_s, model.period_s)[1].any())
 
 
 def _mean(rates: Array) -> Array:
@@ -488,9 +690,9 @@ def _mean(rates: Array) -> Array:
     return mean
 
 
-def _put_in(rate: Array, there: NDArray[np.bool_]) -> Array:
-    """Rates, shape (k, m), with a straight line put in where none is there."""
-    rows, rate = np.arange(rate.shape[1]), rate.copy()
+def _put_in(rate: Array, there: NDArray[np.bool_], rows: Array) -> Array:
+    """Rates, shape (k, m), with a straight line over the places of rows put in where none is there."""
+    rate = rate.copy()
     for axis in np.flatnonzero(~there.all(axis=1)).tolist():
         rate[axis] = np.interp(rows, rows[there[axis]], rate[axis, there[axis]])
     return rate
@@ -531,7 +733,7 @@ def _moments(wrenches: Array, center: Array) -> Array:
     return moments
 
 
-def _bows(sums: _Sums, rate: Array, held: Array, period_s: float, at: Array) -> Array:
+def _bows(sums: _Sums, rate: Array, held: Array, period_s: Lengths, at: Array) -> Array:
     """Angular impulses of the bows of a rate, that by its own coupling included, see `joint.prediction`.
 
     Args:
@@ -599,7 +801,7 @@ class _Gained(NamedTuple):
     rate: Array
 
 
-def _gained(sums: _Sums, moving: _Moving, bows: Array, period_s: float, at: Array) -> _Gained:
+def _gained(sums: _Sums, moving: _Moving, bows: Array, period_s: Lengths, at: Array) -> _Gained:
     inverse, n = at[:6][ELEMENT], moving.middle.shape[1]
     coupling = _coupling(inverse)
     result = np.zeros((_BIASING.stop, n + 1))
@@ -614,11 +816,14 @@ def _gained(sums: _Sums, moving: _Moving, bows: Array, period_s: float, at: Arra
     by_force[0] = _outer(moving.middle, sums.bow[0, 3:]) + _outer(moving.gained, sums.bow[1, 3:])
     by_force[1] = _outer(bows[2], sums.bow[2, 3:])
     each[_BIASING][:3], each[_BIASING][3:] = moving.middle, bows[0]
+    if isinstance(period_s, np.ndarray):
+        for part in (each[_PRODUCTS], each[_SHIFTING][3:], each[_BIASING]):
+            part[:] = part * period_s
     np.cumsum(result, axis=-1, out=result)
     if sums.late is not None:
         result[_PULLED] += _moments(sums.late, at[_CENTER])
         result[_SHIFTING][:3] += sums.late[3:]
-    result[_PULLED] -= period_s * (_flat(coupling) @ result[_PRODUCTS])
+    result[_PULLED] -= _common(period_s) * (_flat(coupling) @ result[_PRODUCTS])
     return _Gained(result, coupling, inverse @ result[_PULLED])
 
 
@@ -627,7 +832,7 @@ def _flat(coupling: _Coupling) -> Array:
     return np.concatenate([part.reshape(*part.shape[:-2], 9) for part in coupling], axis=-1)
 
 
-def _moved(gained: _Gained, period_s: float, at: Array) -> tuple[Array, Array]:
+def _moved(gained: _Gained, period_s: Lengths, at: Array) -> tuple[Array, Array]:
     """Derivatives of the rate gained by the unknowns that it is not linear in.
 
     What the bow that coupling itself gives changes by is left out: it is a small part of a small part.
@@ -636,7 +841,7 @@ def _moved(gained: _Gained, period_s: float, at: Array) -> tuple[Array, Array]:
         By elements 0 to 8, shape (9, 3, m), and by gyro biases, shape (3, 3, m).
     """
     inverse, (straight, bent, bowed), sums = at[:6][ELEMENT], gained.coupling, gained.sums
-    coupled = -period_s * inverse
+    coupled = -_common(period_s) * inverse
     of_element = _flat(_coupling_by(_ELEMENTS, inverse, gained.coupling))
     by_elements = np.concatenate((_ELEMENTS, coupled @ of_element), axis=-1)
     both, ways = bowed + bowed.transpose(0, 2, 1), _CROSS[:, None]
@@ -651,7 +856,7 @@ def _moved(gained: _Gained, period_s: float, at: Array) -> tuple[Array, Array]:
     return moved, (by_bias.reshape(9, 6) @ sums[_BIASING]).reshape(3, 3, m)
 
 
-def _turning(whole: Array, moving: _Moving, bowed: Array, period_s: float) -> Array:
+def _turning(whole: Array, moving: _Moving, bowed: Array, period_s: Lengths) -> Array:
     """O = [(w - w_0) x] + the integral of [w x]^2, of rates at the rows, shape (3, m), and their bows between.
 
     Returns:
@@ -675,6 +880,7 @@ class _Expected(NamedTuple):
     gained: _Gained
     velocity: Array  # since the beginning, (3, m)
     by_shift: Array | None  # derivatives of the rate by `Columns.shift`, (9, 3, m), where that is reckoned with
+    locked: tuple[Array, Array]  # rate and velocity with the modes locked, (3, m) each
 
     @property
     def rate(self) -> Array:
@@ -686,15 +892,19 @@ def _expected(at: Array, course: _Course, model: Model) -> _Expected:
     places, read = columns(model), course.read
     wrenches, rate, stretch = _wrenches(at, course, model), read.rate, read.stretch
     impulse = wrenches @ course.amount.T + stretch.outside[:-1].T * read.lengths_s
+    impulse += _impulses(read, at, model)[0].T
     middle = 0.5 * (rate[:, :-1] + rate[:, 1:])
     turned = np.tensordot(at[places.momentum], _CROSS, 1).T @ middle  # momentum of wheels crossed with the rate
     unknown = at[places.torque, None] - at[places.drag, None] * middle + turned
-    impulse[:3] += model.period_s * unknown  # pure torques act about any point
+    impulse[:3] += (read.period_s if model.own_times else model.period_s) * unknown  # pure torques act about any point
     impulse[:3] -= np.diff(_held(read, at, model))
     acting = wrenches @ course.level.T if read.late_s.any() else None
     late = None if acting is None else read.late_s * acting
-    bow = (wrenches * course.shape[:, None]).reshape(18, read.on.size) @ course.lacking.T
-    bow = bow.reshape(3, 6, impulse.shape[1])
+    if model.own_times:
+        bow = wrenches @ (course.shape * course.lacking).swapaxes(1, 2)
+    else:
+        bow = (wrenches * course.shape[:, None]).reshape(18, read.on.size) @ course.lacking.T
+        bow = bow.reshape(3, 6, impulse.shape[1])
     if course.bent is not None:
         bow = bow + np.einsum("ij,kmj->kim", wrenches, course.bent)
     sums = _Sums(impulse, bow, late, acting)
@@ -705,13 +915,33 @@ def _expected(at: Array, course: _Course, model: Model) -> _Expected:
         velocity += late[3:] / mass
     gained = _gained_from(rate, sums, read, at, model)
     if not read.there.all():  # jets fire in between: what they give is no straight line, what is left over is
-        gained = _gained_from(gained.rate + _put_in(rate - gained.rate, read.there), sums, read, at, model)
+        left = _put_in(rate - gained.rate, read.there, _places_of(stretch, model))
+        gained = _gained_from(gained.rate + left, sums, read, at, model)
     by_shift = None
     if model.sigma[places.shift].any():
         later = _since(np.diff(gained.sums) * read.to_use)
         by_shift, _ = _moved(gained._replace(sums=later), read.period_s, at)
         gained = gained._replace(rate=gained.rate + np.tensordot(at[places.shift], by_shift, 1))
-    return _Expected(course, sums, lightness, gained, velocity, by_shift)
+    if read.through is not None:
+        moved, _ = _moved(gained, read.period_s, at)
+        shift, turn = read.shifts[_CENTER].T, read.shifts[:6][ELEMENT]
+        each = np.einsum("eim,em->im", np.diff(moved), read.shifts)
+        each += np.einsum("ijm,jm->im", turn, crosses(sums.impulse[3:].T, shift).T)  # of both at once
+        gained = gained._replace(rate=gained.rate + _since(each))
+    expected = _Expected(course, sums, lightness, gained, velocity, by_shift, (gained.rate, velocity))
+    if model.modes.frequencies.size == 0:
+        return expected
+    nothing = np.zeros((0, *velocity.shape))
+    swings = _swings(expected, (nothing, nothing), at, model)
+    return expected._replace(gained=gained._replace(rate=swings.rate), velocity=swings.velocity)
+
+
+def _swings(expected: _Expected, derivatives: tuple[Array, Array], at: Array, model: Model) -> Swings:
+    """A stretch with its modes, and derivatives of rate and velocity by k unknowns, shape (k, 3, m) each."""
+    read, places = expected.course.read, columns(model)
+    rate = read.rate - at[places.gyro_bias, None]
+    locked = Locked(*expected.locked, rate, expected.sums.impulse[3:], read.lengths_s, *derivatives)
+    return with_modes(locked, at[:_N], at[places.moving], model.modes, model.compute.swing)
 
 
 def _gained_from(rate: Array, sums: _Sums, read: _Read, at: Array, model: Model) -> _Gained:
@@ -740,8 +970,13 @@ def _crossed(rate: Array, momentum: Array) -> Array:
 def _wrenches(at: Array, course: _Course, model: Model) -> Array:
     """Of the jets that are on at some time, about the vehicle origin, shape (6, j)."""
     gains = 1.0 + at[columns(model).thrust][course.read.on]
-    wrenches: Array = (gains[:, None] * model.wrenches[course.read.on]).T
+    wrenches: Array = (gains[:, None] * _mounted(at, model)[course.read.on]).T
     return wrenches
+
+
+def _mounted(at: Array, model: Model) -> Array:
+    """Wrenches of all jets at full thrust, mounted as they are taken to be, shape (n_jets, 6)."""
+    return displaced(model.wrenches, at[columns(model).mount], model.mounting)
 
 
 def _by_columns(rows: Array) -> Array:
@@ -752,14 +987,16 @@ def _by_columns(rows: Array) -> Array:
 class _Design(NamedTuple):
     """Derivatives of what is expected of a stretch, at every row.
 
-    Of k unknowns that have any, and after them of ticks that are late, n in all.
+    Of k unknowns that have any, and after them of ticks that are late and of modes at the beginning, n in all.
     """
 
     kept: NDArray[np.int_]  # which unknowns, (k,)
+    own: Array  # variances of those of the stretch alone, which come after them, (n - k,)
     place: NDArray[np.int_]  # of each among them, -1: none
     by_rate: Array  # of the rate since the beginning, (n, 3, m)
     by_velocity: Array  # likewise, (n, 3, m)
     by_whole: Array  # of the rate with its initial value, (n, 3, m)
+    by_center: Array | None = None  # of the center of mass in the middle, (k, 3); None: it is one of the unknowns
 
 
 def _design(expected: _Expected, at: Array, model: Model, wanted: NDArray[np.bool_]) -> _Design:
@@ -769,14 +1006,16 @@ def _design(expected: _Expected, at: Array, model: Model, wanted: NDArray[np.boo
     if there.any():
         there &= ((course.amount != 0.0) | (course.by_lag != 0.0)).any(axis=0)
     has = wanted.copy()
-    unknowns = places.lag, places.gyro_bias, places.torque, places.drag, places.momentum, places.wheel
-    for group in (places.properties, *unknowns):
+    steady = places.gyro_bias, places.torque, places.drag, places.momentum
+    for group in (places.properties, places.lag, *steady, places.wheel, places.engine, places.mount):
         has[group] = wanted[group].any()
     has[places.properties], has[places.thrust], has[places.shift] = True, False, expected.by_shift is not None
+    has[places.moving] = True
     has[places.thrust][read.on[there]] = True
     kept, place = np.flatnonzero(has), np.where(has, np.cumsum(has) - 1, -1)
-    inverse, forces = at[:6][ELEMENT], model.wrenches[read.on, 3:]
-    moments = (model.wrenches[read.on, :3] + crosses(forces, at[_CENTER])) @ inverse
+    inverse, mounted = at[:6][ELEMENT], _mounted(at, model)[read.on]
+    forces = mounted[:, 3:]
+    moments = (mounted[:, :3] + crosses(forces, at[_CENTER])) @ inverse
     ticks, m = _by_ticks(expected, at, model), expected.rate.shape[1]
     by_rate, by_velocity = np.zeros((2, kept.size + ticks.shape[1], 3, m))
     by_rate[kept.size :], by_velocity[kept.size :] = ticks
@@ -792,39 +1031,160 @@ def _design(expected: _Expected, at: Array, model: Model, wanted: NDArray[np.boo
     amount, jets = course.amount[:, there].T, slice(_N, _N + int(there.sum()))
     by_rate[jets] = moments[there][:, :, None] * _since(amount)[:, None]
     by_velocity[jets] = forces[there][:, :, None] * _since(amount * light)[:, None]
-    turned = read.period_s * inverse  # rate by a torque of one over an interval
-    ways = _since(0.5 * (read.rate[:, :-1] + read.rate[:, 1:]))
+    turned = _common(read.period_s) * inverse  # rate by a torque of one over an interval, or over a second
+    ways = _since(_weighed(0.5 * (read.rate[:, :-1] + read.rate[:, 1:]), read.period_s))
     if has[places.torque].any():
-        by_rate[place[places.torque]] = turned[:, :, None] * np.arange(m)
+        lasted = _since(_weighed(np.ones(m - 1), read.period_s))
+        by_rate[place[places.torque]] = turned[:, :, None] * lasted
     if has[places.drag].any():
         by_rate[place[places.drag]] = -turned[:, :, None] * ways[:, None]
-    if has[places.wheel].any():
-        by_rate[place[places.wheel]] = _by_wheels(expected, at, model)
+    for group, by in ((places.wheel, _by_wheels), (places.engine, _by_engines), (places.mount, _by_mounting)):
+        if has[group].any():
+            by_rate[place[group]], by_velocity[place[group]] = by(expected, at, model)
     if has[places.gyro_bias].any() and read.momenta.size:
-        by_rate[place[places.gyro_bias]] += _by_bias_of(_held(read, at, model), turned)
+        by_rate[place[places.gyro_bias]] += _by_bias_of(_held(read, at, model), turned, read.period_s)
     if has[places.momentum].any():
         by_rate[place[places.momentum]] = crosses(ways.T[:, None], turned.T).transpose(2, 1, 0)
-    return _Design(kept, place, by_rate, by_velocity, _with_initial(by_rate, place[places.gyro_bias], read))
+    return _of_stretch((by_rate, by_velocity), kept, place, expected, at, model)
 
 
-def _by_wheels(expected: _Expected, at: Array, model: Model) -> Array:
-    """Derivatives of the rate by the errors of the wheels' inertias, shape (w, 3, m)."""
+def _of_stretch(
+    found: tuple[Array, Array],
+    kept: NDArray[np.int_],
+    place: NDArray[np.int_],
+    expected: _Expected,
+    at: Array,
+    model: Model,
+) -> _Design:
+    """The design of a stretch, with what its tanks and modes do.
+
+    Args:
+        found: derivatives of rate and velocity without these, shape (n, 3, m) each.
+        kept, place: see `_Design`.
+        expected: see `_Expected`.
+        at: all unknowns, shape (n,).
+        model: see `Model`.
+    """
+    read, places, by_center = expected.course.read, columns(model), None
+    if read.through is not None:
+        _from_middle(found, kept, expected, at, model)
+        by_center = read.through.by[_CENTER, kept].T
+    own = _of_ticks(read.late_s) if found[0].shape[0] > kept.size else np.zeros(0)
+    if model.modes.frequencies.size:
+        found = _with_modes(expected, found, place[places.moving], at, model)
+        own = np.append(own, of_start(model.modes))
+    whole = _with_initial(found[0], place[places.gyro_bias], read)
+    return _Design(kept, own, place, *found, whole, by_center)
+
+
+def _with_modes(
+    expected: _Expected, locked: tuple[Array, Array], moving: NDArray[np.int_], at: Array, model: Model
+) -> tuple[Array, Array]:
+    """Derivatives of rate and velocity with what modes do, those by eta and eta' at the beginning last.
+
+    Args:
+        expected: see `_Expected`.
+        locked: derivatives of rate and velocity with the modes locked, shape (k, 3, m) each.
+        moving: places of the errors of the parts among them, shape (p,).
+        at: all unknowns, shape (n,).
+        model: see `Model`.
+    """
+    swings, k = _swings(expected, locked, at, model), locked[0].shape[0]
+    own = np.concatenate((np.arange(k), np.arange(k + moving.size, swings.by_rate.shape[0])))
+    by_rate, by_velocity = swings.by_rate[own], swings.by_velocity[own]
+    parts = slice(k, k + moving.size)
+    by_rate[moving], by_velocity[moving] = swings.by_rate[parts], swings.by_velocity[parts]
+    return by_rate, by_velocity
+
+
+def _from_middle(
+    found: tuple[Array, Array], kept: NDArray[np.int_], expected: _Expected, at: Array, model: Model
+) -> None:
+    """Turns derivatives by the ten parameters in the middle of a stretch into those by all unknowns, in place.
+
+    Args:
+        found: of rate and velocity, shape (n, 3, m) each.
+        kept: unknowns of the first k of these, the ten parameters first.
+        expected: see `_Expected`.
+        at: all unknowns about the middle, shape (n,).
+        model: see `Model`.
+    """
+    read, places, k = expected.course.read, columns(model), kept.size
+    through = read.through
+    assert through is not None
+    for each in found:
+        own = each[:_N].copy()
+        each[:_N] = 0.0
+        each[:k] += np.tensordot(through.by[:, kept].T, own, 1)
+    by_rate, by_velocity = found
+    lighter = -expected.sums.impulse[3:] * expected.lightness**2
+    moved, _ = _moved(expected.gained, read.period_s, at)
+    for tank, (slope, to_draw) in enumerate(zip(read.by_draw, read.to_draw, strict=True)):
+        by_rate[:k] += np.tensordot(through.slopes[tank][:, kept].T, _since(np.diff(moved) * to_draw), 1)
+        along = np.diff(np.tensordot(slope, moved, 1))
+        for place, unknown in enumerate(kept.tolist()):
+            if places.thrust.start <= unknown < places.thrust.stop:
+                more = through.by_jets[tank, unknown - places.thrust.start]
+            elif unknown == places.flow.start + tank:
+                more = to_draw / (1.0 + at[unknown])
+            else:
+                continue
+            by_rate[place] += _since(along * more)
+            by_velocity[place] += _since(lighter * more)
+
+
+def _by_wheels(expected: _Expected, at: Array, model: Model) -> tuple[Array, Array]:
+    """Derivatives of rate and velocity by the errors of the wheels' inertias, shape (w, 3, m) each."""
     read = expected.course.read
     rate = read.rate - at[columns(model).gyro_bias, None]
     result = np.empty((len(read.momenta), *rate.shape))
     for turned, own in zip(result, read.momenta, strict=True):
         turned[:] = at[:6][ELEMENT] @ _since(-np.diff(own) - read.period_s * _crossed(rate, own))
-    return result
+    return result, np.zeros_like(result)
 
 
-def _by_bias_of(held: Array, turned: Array) -> Array:
+def _by_engines(expected: _Expected, at: Array, model: Model) -> tuple[Array, Array]:
+    """Derivatives of rate and velocity by the errors of the engines, shape (e, 3, m) each."""
+    _, by_errors = _impulses(expected.course.read, at, model)
+    turned, forces = by_errors[..., :3], by_errors[..., 3:]
+    moments = (turned + crosses(forces.reshape(-1, 3), at[_CENTER]).reshape(forces.shape)) @ at[:6][ELEMENT]
+    by_velocity = forces * expected.lightness[:, None]
+    return _since(moments.transpose(0, 2, 1)), _since(by_velocity.transpose(0, 2, 1))
+
+
+def _by_mounting(expected: _Expected, at: Array, model: Model) -> tuple[Array, Array]:
+    """Derivatives of rate and velocity by the errors of the jets' mounting, shape (e, 3, m) each."""
+    course, jets, wrenches = expected.course, model.mounting.jets, model.mounting.wrenches
+    amounts = np.zeros((model.flows.size, course.amount.shape[0]))  # of jets that are on at some time, and of others
+    amounts[course.read.on] = course.amount.T
+    given = (1.0 + at[columns(model).thrust][jets])[:, None] * amounts[jets]
+    moments = (wrenches[:, :3] + crosses(wrenches[:, 3:], at[_CENTER])) @ at[:6][ELEMENT]
+    by_rate = moments[:, :, None] * _since(given)[:, None]
+    return by_rate, wrenches[:, 3:, None] * _since(given * expected.lightness)[:, None]
+
+
+def _impulses(read: _Read, at: Array, model: Model) -> tuple[Array, Array]:
+    """Impulses of the engines, shape (m - 1, 6), and their derivatives by the errors, shape (e, m - 1, 6)."""
+    errors, rows, lengths = at[columns(model).engine], read.stretch.time_s.size - 1, read.lengths_s[:, None]
+    impulse, by_errors = np.zeros((rows, 6)), np.zeros((errors.size, rows, 6))
+    burns = np.zeros((rows + 1, 0, 3, N_CHANNELS)) if read.stretch.burns is None else read.stretch.burns
+    for which in range(burns.shape[1]):
+        own, points = slice(N_ERRORS * which, N_ERRORS * (which + 1)), burns[:-1, which].reshape(-1, N_CHANNELS)
+        given, by, _, _ = pushes(which, points, errors[own], 1.0, model.engines)
+        impulse += lengths * given
+        by_errors[own] = lengths * by
+    return impulse, by_errors
+
+
+def _by_bias_of(held: Array, turned: Array, lengths_s: Lengths) -> Array:
     """Derivatives of the rate by gyro biases, as what turning the wheels' momentum takes depends on them.
 
     Args:
         held: momentum of the wheels at the rows, shape (3, m).
-        turned: rate by a torque of one over an interval, shape (3, 3).
+        turned: rate by a torque of one over an interval, or over a second, shape (3, 3).
+        lengths_s: of the intervals.
     """
-    summed = _since(0.5 * (held[:, :-1] + held[:, 1:]))
+    summed = _since(_weighed(0.5 * (held[:, :-1] + held[:, 1:]), lengths_s))
     return np.asarray(np.einsum("ij,kjm->kim", turned, np.einsum("jkl,lm->kjm", _CROSS, summed)))
 
 
@@ -838,7 +1198,7 @@ def _with_initial(by_rate: Array, biases: NDArray[np.int_], read: _Read) -> Arra
     return whole
 
 
-def _bent(design: _Design, rate: Array, arm: Array, period_s: float) -> Array:
+def _bent(design: _Design, rate: Array, arm: Array, period_s: Lengths) -> Array:
     """Derivatives of the integral of w x (w x arm) by those of the rate w, shape (n, 3, m).
 
     Args:
@@ -886,7 +1246,7 @@ def _by_ticks(expected: _Expected, at: Array, model: Model) -> Array:
     course, acting = expected.course, expected.sums.acting
     if acting is None:
         return np.zeros((2, 0, *expected.rate.shape))
-    given = _since(_wrenches(at, course, model) @ course.amount.T / course.read.period_s)
+    given = _since(_wrenches(at, course, model) @ course.amount.T / _common(course.read.period_s))
     wrenches = np.array([acting, _counts(acting.shape[1]) * acting - given])
     lightness = np.append(expected.lightness, expected.lightness[-1])
     return np.array([at[:6][ELEMENT] @ _moments(wrenches, at[_CENTER]), wrenches[:, 3:] * lightness])
@@ -952,9 +1312,10 @@ class _Fixed(NamedTuple):
     turn: Array  # see `_turning`, (3, 3, m)
     rate: Array  # with its initial value, (3, m)
     held: Array  # angular momentum of the wheels, (3, m)
-    period_s: float  # length of an interval
+    period_s: Lengths  # of the intervals
     since_s: Array  # (m,)
     later: Array | None  # turn with each interval's part times the propellant that is still to be used, see `_Expected`
+    drawn: Array | None  # what accelerometers show by the center of mass that moves as tanks are emptied, (3, m)
 
 
 def _fixed(expected: _Expected, at: Array, model: Model) -> _Fixed:
@@ -966,7 +1327,9 @@ def _fixed(expected: _Expected, at: Array, model: Model) -> _Fixed:
     since_s = read.stretch.time_s - read.stretch.time_s[0]
     turn = _turning(whole, _moving(whole), bowed, read.period_s)
     later = None if expected.by_shift is None else _since(np.diff(turn) * read.to_use)
-    return _Fixed(turn, whole, held, read.period_s, since_s, later)
+    shifts = read.shifts[_CENTER]
+    drawn = None if read.through is None else _since(np.einsum("icm,cm->im", np.diff(turn), shifts))
+    return _Fixed(turn, whole, held, read.period_s, since_s, later, drawn)
 
 
 def _own(package: int, model: Model) -> tuple[slice, slice]:
@@ -990,6 +1353,8 @@ def _components(
             shown = expected.velocity + (model.positions[number] - at[_CENTER]) @ fixed.turn
             if fixed.later is not None:
                 shown = shown - at[columns(model).shift][_CENTER] @ fixed.later
+            if fixed.drawn is not None:
+                shown = shown - fixed.drawn
         wanted = shown * (1.0 + at[gains])[:, None]
         if number >= 0:
             wanted += at[biases][:, None] * fixed.since_s
@@ -1058,7 +1423,11 @@ def _derivatives(design: _Design, batch: _Batch, fixed: _Fixed, at: Array, model
             turns += np.tensordot(design.by_rate, _CROSS @ arm, (1, 1)).swapaxes(1, 2)  # the rate crossed with the arm
         x[:, rows] = turns[:, part.axis].take(part.rows, axis=1)
         if part.package >= model.gyros:
-            x[_CENTER, rows] -= fixed.turn[part.axis][:, part.rows]
+            turned = fixed.turn[part.axis][:, part.rows]
+            if design.by_center is None:
+                x[_CENTER, rows] -= turned
+            else:
+                x[: design.kept.size, rows] -= design.by_center @ turned
             if fixed.later is not None:
                 x[place[places.shift][_CENTER], rows] -= fixed.later[part.axis][:, part.rows]
     _add_own(x, place, batch, fixed, at, model)
@@ -1104,12 +1473,13 @@ def _course_at(read: _Read, at: Array, model: Model) -> _Course:
 def _normal(
     at: Array, course: _Course, model: Model, wanted: NDArray[np.bool_] | None = None, held: _Held | None = None
 ) -> Normal:
+    course, at = _about_middle(course, at, model)
     expected, followed = _expected(at, course, model), model.followed and bool(course.read.known.all())
     if followed:
         expected = _followed(expected, at, model)
     fixed, every = _fixed(expected, at, model), np.ones(at.shape[0], dtype=np.bool_)
     design = _design(expected, at, model, every if wanted is None else wanted)
-    own = _of_ticks(course.read.late_s) if design.by_rate.shape[0] > design.kept.shape[0] else np.zeros(0)
+    own = design.own
     if followed:
         design = _with_coupling(design, fixed, at, model)
     kept, size = design.kept, design.by_rate.shape[0]
@@ -1148,6 +1518,9 @@ def _normal(
 def gathering(package: int, axis: int, at: Array, model: Model) -> Gathering:
     """Noise that gathers in a component of a sensor, by the walks and the disturbance that are stated.
 
+    Components are made white each by itself. The torque that a disturbance gives is in gyros and accelerometers alike:
+    as evidence of a torque it must not count twice, and gyros tell it better.
+
     Args:
         package, axis: of the component.
         at: all unknowns, for the center of mass, shape (n,).
@@ -1158,7 +1531,10 @@ def gathering(package: int, axis: int, at: Array, model: Model) -> Gathering:
     walk, acting = of_rate**2, turning[axis]
     if number >= 0:
         by_rate = (_CROSS @ (model.positions[number] - at[_CENTER]))[axis]  # derivative of the velocity by the rate
-        walk, acting = of_velocity**2 + of_rate**2 * float(by_rate @ by_rate), pushing[axis] + by_rate @ turning
+        walk, acting = (
+            of_velocity**2 + of_rate**2 * float(by_rate @ by_rate),
+            pushing[axis] + _TOLD * (by_rate @ turning),
+        )
     variance = float(model.variances[package])
     return Gathering(walk / variance, float(acting @ acting) / variance, model.disturbance.time_constant_s)
 
@@ -1172,10 +1548,14 @@ def _whitener(one: _Component, fixed: _Fixed, at: Array, model: Model) -> Whiten
 
 
 def _followed(expected: _Expected, at: Array, model: Model) -> _Expected:
-    """Expectation with the coupling of the rates that come of it, whose mean is that of the readings."""
-    first = expected.course.read
+    """Expectation with the coupling of the rates that come of it, whose mean is that of the readings.
+
+    With properties so wrong that these rates run away from the readings it is that of the readings, as given.
+    """
+    first, by_readings = expected.course.read, expected
+    farthest = _STRAYED * np.abs(first.rate).max()
     bias, course, ones = at[columns(model).gyro_bias, None], first.rate, np.eye(3)[:, :, None]
-    counts, lengths_s = first.there.sum(axis=1), np.full(course.shape[1] - 1, first.period_s)
+    counts, lengths_s = first.there.sum(axis=1), np.broadcast_to(first.period_s, course.shape[1] - 1)
     held = _held(first, at, model)
     for _ in range(_ROUNDS):  # Newton's
         gained = expected.rate
@@ -1185,8 +1565,12 @@ def _followed(expected: _Expected, at: Array, model: Model) -> _Expected:
         alone, by_start = both[:, 0], both[:, 1:]
         mean = np.where(first.there, first.rate - course - alone, 0.0).sum(axis=1) / counts
         by_mean = np.where(first.there[:, None], by_start, 0.0).sum(axis=2) / counts[:, None]
+        if not np.abs(by_start).max() * _DIGITS < 1.0 / np.finfo(float).eps:
+            return by_readings
         step = alone + np.einsum("ijm,j->im", by_start, np.linalg.solve(by_mean, mean))
         course = course + step
+        if not np.abs(course).max() <= farthest:
+            return by_readings
         read = first._replace(rate=course, there=np.ones_like(first.there))
         expected = _expected(at, expected.course._replace(read=read), model)
         if np.abs(step).max() <= _SMALL * np.abs(course).max():
@@ -1200,7 +1584,7 @@ def _with_coupling(design: _Design, fixed: _Fixed, at: Array, model: Model) -> _
     straight = design.by_rate.copy()
     straight[place[place >= 0]] = 0.0
     begun = np.concatenate((straight - straight[..., :1], np.repeat(np.eye(3)[:, :, None], m, axis=2)))
-    lengths_s = np.full(m - 1, fixed.period_s)
+    lengths_s = np.broadcast_to(fixed.period_s, m - 1)
     changes = coupled(begun.swapaxes(0, 1), fixed.rate, fixed.held, lengths_s, at).swapaxes(0, 1)
     by_start = changes[-3:]
     of_mean = np.linalg.inv(by_start.mean(axis=2)).T  # start by the mean of the rate: [i, j] is of component i by j
@@ -1245,7 +1629,8 @@ def residuals(stretch: Stretch, at: Array, model: Model) -> tuple[list[Residuals
         Of every component with two rows at least; then rate and velocity that jets and coupling have given since the
         beginning, shape (6, m).
     """
-    expected = _expected(at, _course_at(_read(stretch, model), at, model), model)
+    course, at = _about_middle(_course_at(_read(stretch, model), at, model), at, model)
+    expected = _expected(at, course, model)
     fixed, design = _fixed(expected, at, model), _design(expected, at, model, reckoned(model))
     found = []
     for part in _components(expected, fixed, at, model):
@@ -1269,14 +1654,16 @@ def unexplained(stretches: Sequence[Stretch], model: Model) -> tuple[float, floa
     """
     turned, pushed = list[Array](), list[Array]()
     for stretch in stretches:
-        read = _read(stretch, model)
-        expected = _expected(model.prior, _course_at(read, model.prior, model), model)
+        course = _course_at(_read(stretch, model), model.prior, model)
+        course, at = _about_middle(course, model.prior, model)
+        expected, read = _expected(at, course, model), course.read
         moving, n_jets = _moving(read.rate), model.flows.size
         by_jets = np.zeros((n_jets, read.late_s.size))
         by_jets[read.on] = _since(expected.course.amount.T)
         products = _since(moving.square[np.triu_indices(3)])
-        wheels = _by_wheels(expected, model.prior, model).sum(axis=0)
-        turned.append(_without_mean(np.vstack((by_jets, products, read.rate - wheels))).T)
+        wheels = _by_wheels(expected, at, model)[0].sum(axis=0)
+        engines = _since(_impulses(read, at, model)[0].T) if model.engines.thrusts.size else by_jets[:0]
+        turned.append(_without_mean(np.vstack((by_jets, engines, products, read.rate - wheels))).T)
         pushed += _pushed(expected, moving, model)
     inertia, mass = np.linalg.inv(model.prior[:6][ELEMENT]), 1.0 / model.prior[_MASS]
     rates = _left_over(turned, 3)
@@ -1295,16 +1682,19 @@ def _pushed(expected: _Expected, moving: _Moving, model: Model) -> list[Array]:
     turn = _turning(read.rate, moving, np.zeros_like(moving.square), read.period_s)
     given = _since((expected.course.amount * expected.lightness[:, None]).T)
     since_s, found = read.stretch.time_s - read.stretch.time_s[0], []
+    impulses, _ = _impulses(read, model.prior, model)
+    burnt = _since((impulses[:, 3:] * expected.lightness[:, None]).T)
     for package in range(model.gyros, read.readings.shape[0]):
         arm, number = model.positions[package - model.gyros] - model.prior[_CENTER], package - model.gyros
         for axis in range(3):
             there = np.flatnonzero(~np.isnan(read.readings[package, axis]))
             if there.size < 2:
                 continue
-            own = np.zeros((3 + n_jets + 3 * model.positions.shape[0] + 1, there.size))
+            own = np.zeros((3 + n_jets + 3 * model.positions.shape[0] + 2, there.size))
             own[:3] = -turn[:, axis, there]
             own[3 + read.on] = model.wrenches[read.on, 3 + axis, None] * given[:, there]
             own[3 + n_jets + 3 * number + axis] = since_s[there]
+            own[-2] = burnt[axis, there]
             own[-1] = read.readings[package, axis, there] - arm @ turn[:, axis, there]
             found.append(_without_mean(own).T)
     return found
@@ -1330,7 +1720,8 @@ def _left_over(parts: Sequence[Array], outputs: int) -> Array:
 def _fast(expected: _Expected, model: Model) -> Array:
     """Variance that a stamp which is a little off gives to the rate at each row, shape (m,)."""
     squares = np.zeros(expected.rate.shape[1] + 1)
-    squares[1:-1] = np.sum((np.diff(expected.rate) / model.period_s) ** 2, axis=0)
+    length_s = expected.course.read.period_s if model.own_times else model.period_s
+    squares[1:-1] = np.sum((np.diff(expected.rate) / length_s) ** 2, axis=0)
     variance: Array = 0.5 * (squares[:-1] + squares[1:]) * (_QUICK * model.period_s) ** 2
     return variance
 
@@ -1439,7 +1830,7 @@ def _fitted(stretches: Sequence[Stretch], start: Array, model: Model, *, last: b
             continue  # it was the last one, but for the unknowns that are only put to the test
         move = np.zeros_like(at)
         move[free] = step * sigma
-        while not possible(at + move):
+        while not (possible(at + move) and _leaves_swinging(at + move, model)):
             move *= 0.5
         at = at + move
     parts = [_normal(best, _course_at(one, best, model), model, None) for one in read]
@@ -1450,6 +1841,11 @@ def _fitted(stretches: Sequence[Stretch], start: Array, model: Model, *, last: b
 def possible(at: Array) -> bool:
     """Whether the inverse inertia is positive definite and the mass positive."""
     return is_positive_definite(at[:6][ELEMENT]) and bool(at[_MASS] > 0.0)
+
+
+def _leaves_swinging(at: Array, model: Model) -> bool:
+    """Tests whether modes swing: those that have more than all of the inertia run away."""
+    return can_swing(at[:_N], at[columns(model).moving], model.modes)
 
 
 class Reckoned(NamedTuple):
@@ -1565,8 +1961,8 @@ def gain_ratios(stretches: Sequence[Stretch], at: Array, model: Model) -> Array:
 
 def _gains(stretch: Stretch, at: Array, model: Model) -> Iterator[tuple[Array, Array]]:
     """Yields the readings of each package, and what jets alone have given them, where it reads, shape (m, 3) each."""
-    read = _read(stretch, model)
-    expected = _expected(at, _course_at(read, at, model), model)
+    course, at = _about_middle(_course_at(_read(stretch, model), at, model), at, model)
+    expected, read = _expected(at, course, model), course.read
     impulse = expected.sums.impulse
     turned = at[:6][ELEMENT] @ _moments(impulse, at[_CENTER])
     for package, readings in enumerate(read.readings):
@@ -1605,8 +2001,8 @@ class _Shown(NamedTuple):
 
 def _shown(stretch: Stretch, cuts: NDArray[np.int_], at: Array, model: Model) -> _Shown:
     """What the parts of a stretch between some of its rows show, shape (p + 1,), about a point; noise is of one."""
-    read, wanted = _read(stretch, model), reckoned(model)
-    expected = _expected(at, _course_at(read, at, model), model)
+    course, at = _about_middle(_course_at(_read(stretch, model), at, model), at, model)
+    expected, wanted = _expected(at, course, model), reckoned(model)
     fixed, design = _fixed(expected, at, model), _design(expected, at, model, wanted)
     components = list(_components(expected, fixed, at, model))
     known = np.flatnonzero(wanted[design.kept])
@@ -1631,8 +2027,7 @@ def _shown(stretch: Stretch, cuts: NDArray[np.int_], at: Array, model: Model) ->
                 part[places, own] = part[own, places] = within.sum(axis=1)
                 part[own, own] = last - first
             number += 1
-    of_ticks = _of_ticks(read.late_s) if n_ticks else np.zeros(0)
-    return _Shown(information, gained, np.concatenate((of_ticks, np.ones(len(components)))))
+    return _Shown(information, gained, np.concatenate((design.own, np.ones(len(components)))))
 
 
 def _cuts(used: Array, rows: int) -> NDArray[np.int_]:

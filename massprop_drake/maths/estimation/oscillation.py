@@ -134,30 +134,47 @@ def covering_walk(stretches: Sequence[Stretch], fit: Fit, model: Model, change: 
 def is_covered(stretches: Sequence[Stretch], fit: Fit, model: Model) -> bool:
     """Tests whether walks and disturbance that are stated, or noise alone, leave what is left, but for chance."""
     every = _all_lines(stretches, fit, model, np.zeros_like(fit.at))
-    return all(
-        bool((lines.power <= _by_chance(lines.power.size) * (_stated(one, lines, fit, model) + lines.noise)).all())
-        for one, lines in every
-    )
+    return all(bool((lines.power <= _allowed(one, lines, fit, model)).all()) for one, lines in every)
 
 
-def _stated(one: Residuals, lines: Lines, fit: Fit, model: Model) -> Array:
-    """Power that stated walks and a stated disturbance leave in a component, line by line, shape (k,)."""
+def _allowed(one: Residuals, lines: Lines, fit: Fit, model: Model) -> Array:
+    """Largest power that stated walks, a stated disturbance and noise leave in a component, line by line, shape (k,).
+
+    A mean of lines of which one has most of the power scatters as that one does: what hardly changes over a flight is
+    one number, drawn once.
+    """
     noise = gathering(one.package, one.axis, fit.at, model)
-    result: Array = noise.walk + noise.acting * wander_lines(noise.time_constant_s, lines)
+    each = noise.walk + noise.acting * wander_lines(noise.time_constant_s, lines)
+    each = each + noise_lines(lines.intervals, lines.length_s)
+    degrees = np.full(each.size, 2.0)
+    degrees[0] = 1.0  # of a frequency of zero there is no phase
+    expected = _of_neighbors(each)
+    rounded = np.floor(expected**2 / (_of_neighbors(each**2 / degrees) / _NEIGHBORS)).astype(int)
+    result: Array = expected * np.array([_by_chance(lines.power.size, one) for one in rounded.tolist()])
     return result
 
 
 def wander_lines(constant_s: float, lines: Lines) -> Array:
-    """Power expected of a rate whose derivative is a Gauss-Markov process of unit variance, line by line, shape (k,).
+    """Power expected of a rate whose derivative is a Gauss-Markov process of unit variance, line by line.
 
     Args:
         constant_s: time constant of the process.
         lines: of a component, for how many and how long its intervals are.
+
+    Returns:
+        Before means of neighbors are taken, shape (k + 2,).
     """
     lags = np.arange(lines.intervals)
     weights = (1.0 - lags / lines.intervals) * np.exp(-lags * lines.length_s / constant_s) * lines.length_s
-    every = 2.0 * np.fft.fft(weights).real - weights[0]
-    return _of_neighbors(every[: lines.intervals // 2 + 1])
+    every: Array = 2.0 * np.fft.fft(weights).real - weights[0]
+    return every[: lines.intervals // 2 + 1]
+
+
+def noise_lines(intervals: int, length_s: float) -> Array:
+    """Power expected of increments of white noise of one, line by line, before means are taken, shape (k + 2,)."""
+    angles = 2.0 * np.pi * np.arange(intervals // 2 + 1) / intervals
+    result: Array = 2.0 * (1.0 - np.cos(angles)) / length_s
+    return result
 
 
 class Lines(NamedTuple):
@@ -181,8 +198,7 @@ def lines_of(left: Array, time_s: Array) -> Lines:
     length_s = float(time_s[-1] - time_s[0]) / count
     evenly = np.interp(time_s[0] + length_s * np.arange(count + 1), time_s, left)
     power = np.abs(np.fft.rfft(np.diff(evenly))) ** 2 / (count * length_s)
-    noise = 2.0 * (1.0 - np.cos(2.0 * np.pi * np.arange(power.size) / count)) / length_s
-    return Lines(_of_neighbors(power), _of_neighbors(noise), count, length_s)
+    return Lines(_of_neighbors(power), _of_neighbors(noise_lines(count, length_s)), count, length_s)
 
 
 def _of_neighbors(lines: Array) -> Array:
@@ -202,9 +218,8 @@ def _all_lines(
 
 
 @cache
-def _by_chance(lines: int) -> float:
-    """Largest of so many lines, over its expectation, that chance exceeds at a rate of `_RATE`."""
-    degrees = 2 * _NEIGHBORS
+def _by_chance(lines: int, degrees: int = 2 * _NEIGHBORS) -> float:
+    """Largest of so many means of lines, over its expectation, that chance exceeds at a rate of `_RATE`."""
     return chi_square_limit(_RATE / lines, degrees) / degrees
 
 

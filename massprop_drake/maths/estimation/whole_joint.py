@@ -27,6 +27,7 @@ from massprop_drake.maths.estimation.faults.report import HYPOTHESIS_REPORT, not
 from massprop_drake.maths.estimation.faults.tree import SURPRISE, Tree
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import (
+    JointFilterParams,
     JointFilterState,
     Seen,
     mass_report,
@@ -47,6 +48,7 @@ from massprop_drake.maths.estimation.joint.bank import (
     empty,
     followed,
 )
+from massprop_drake.maths.estimation.joint.burns import Burn
 from massprop_drake.maths.estimation.joint.cycle import (
     OWN_CHOICE,
     Crossing,
@@ -61,6 +63,7 @@ from massprop_drake.maths.estimation.joint.cycle import (
 from massprop_drake.maths.estimation.joint.disturbance import Wander
 from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Score
 from massprop_drake.maths.estimation.joint.layout import (
+    RATE,
     JointParams,
     JointState,
     Places,
@@ -69,18 +72,20 @@ from massprop_drake.maths.estimation.joint.layout import (
     state_layout,
     unpack,
 )
-from massprop_drake.maths.estimation.joint.measurement import readings
-from massprop_drake.maths.estimation.joint.orientation import STILL
+from massprop_drake.maths.estimation.joint.measurement import rate_read, readings
+from massprop_drake.maths.estimation.joint.orientation import STILL, shared_attitude
 from massprop_drake.maths.estimation.joint.sensitivity import LINK, Link, Traces, traced
-from massprop_drake.maths.estimation.joint.ticks import Clock, Stamped, on_ticks, on_time, started
-from massprop_drake.maths.estimation.joint.wheels import Spun
+from massprop_drake.maths.estimation.joint.swing import unswung
+from massprop_drake.maths.estimation.joint.ticks import LONGEST, Clock, Stamped, on_ticks, on_time, started
+from massprop_drake.maths.estimation.joint.wheels import Spun, spun
 from massprop_drake.maths.estimation.whole import Samples, one_sample
-from massprop_drake.maths.kernels import chosen, fill, held, kernel, released, shared
+from massprop_drake.maths.kernels import chosen, either, fill, held, kernel, released, shared
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
+from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS
+from massprop_drake.maths.vehicle.on_times import pieces
 from massprop_drake.maths.vehicle.thrust import LagFactors, lag_factors
 
 GO_ON, CYCLE, FOLLOW, GO_OVER = range(4)  # parts of `work`
-_LINKS = OLDEST + 2  # that are kept: the oldest onset's, and those since
 _TESTED, _LIKELIHOOD = (STATUS.slice(name).start for name in ("tested", "suspected_likelihood"))
 
 
@@ -94,6 +99,7 @@ class Memory(NamedTuple):
         since: see `bank.Since`.
         command, level: see `cycle.EstimationState`.
         cycle: number of the newest sample.
+        frame, speeds: see `JointFilterState`.
     """
 
     joint: JointState
@@ -104,6 +110,8 @@ class Memory(NamedTuple):
     command: Array
     level: Array
     cycle: float
+    frame: Array
+    speeds: Array
 
 
 class Past(NamedTuple):
@@ -135,6 +143,49 @@ class Rows(NamedTuple):
     hypothesis_report: Array
 
 
+class Besides(NamedTuple):
+    """Readings and commands beside those of the samples, a row per cycle, and what cycles make of them, in place.
+
+    Attributes:
+        quaternions: that trackers read, NaN where missing, shape (n, n_trackers, 4).
+        speeds: of the wheels as they are read, NaN where missing, rad/s, shape (n, n_wheels).
+        onsets_s: of the commands, NaN where these are levels, shape (n, n_jets).
+        durations_s: of the intervals that end, shape (n,).
+        frames, attitudes: see `cycle.Sample`, shapes (n, 2, 4) and (n, n_trackers, 3).
+        before: speeds that were read last before each, NaN where none has been, rad/s, shape (n, n_wheels).
+    """
+
+    quaternions: Array
+    speeds: Array
+    onsets_s: Array
+    durations_s: Array
+    frames: Array
+    attitudes: Array
+    before: Array
+
+
+def besides(count: int, places: Places, tracked: Array | None = None, onsets_s: Array | None = None) -> Besides:
+    """Quantities that rows hold besides.
+
+    Args:
+        count: number of rows.
+        places: see `Places`.
+        tracked: see `filter.Told`, shape (n, columns); None: nothing.
+        onsets_s: of the commands, shape (n, n_jets) at least; None: these are levels.
+    """
+    poses = 7 * places.trackers
+    read = np.full((count, poses + places.wheels), np.nan) if tracked is None else tracked
+    return Besides(
+        np.ascontiguousarray(read[:, :poses].reshape(count, -1, 7)[:, :, 3:]) if poses else np.zeros((count, 0, 4)),
+        np.ascontiguousarray(read[:, read.shape[1] - places.wheels :]),
+        np.full((count, places.jets), np.nan) if onsets_s is None else np.ascontiguousarray(onsets_s[:count]),
+        np.zeros(count),
+        np.zeros((count, 2, 4)),
+        np.zeros((count, places.trackers, 3)),
+        np.zeros((count, places.wheels)),
+    )
+
+
 class Rules(NamedTuple):
     """What shapes a cycle besides the filter's parameters.
 
@@ -156,6 +207,7 @@ class Desk(NamedTuple):
     Attributes:
         samples: one a row.
         stamps_s: see `cycle.Sample`, shape (n,).
+        besides: see `Besides`.
         rows: to be filled in.
         reached: the row that is being made, and that before which to stop, shape (2,).
         past: see `Past`.
@@ -164,6 +216,7 @@ class Desk(NamedTuple):
 
     samples: Samples
     stamps_s: Array
+    besides: Besides
     rows: Rows
     reached: NDArray[np.int_]
     past: Past
@@ -236,25 +289,12 @@ def _watched(kept: Memory, desk: Desk, row: int, params: JointParams) -> tuple[M
     """What is remembered after a cycle, and whether nothing has happened in it."""
     samples, rules = desk.samples, desk.rules
     stamp_s, command = desk.stamps_s[row], samples.commands[row].copy()  # rows may be written to again
-    if not on_time(kept.clock, stamp_s, rules.period_s) or np.isnan(command).any():
+    duration_s = _passed(kept.clock, stamp_s, rules.period_s, params)
+    if duration_s == 0.0 or np.isnan(command).any():
         return kept, False
-    outside = samples.outside[row] * rules.period_s
+    outside = samples.outside[row] * duration_s
     impulses = interval_impulses(command, kept.command, kept.level, rules.impulse_per_level, rules.lag, outside)
-    rates, velocities = samples.rates[row].copy(), samples.velocities[row].copy()
-    durations, commands = np.full(1, rules.period_s), command.reshape(1, -1)
-    attitudes, frames, none = np.zeros((params.places.trackers, 3)), np.zeros((2, 4)), np.zeros(params.places.wheels)
-    sample = Sample(
-        samples.time_s[row],
-        durations,
-        commands,
-        outside,
-        rates,
-        velocities,
-        on_ticks(),
-        attitudes,
-        frames,
-        Spun(none, none, none, none),
-    )
+    sample = _sample(kept, desk, row, duration_s, params)
     done = cycled(kept.joint, sample, params.thresholds, np.zeros(0, dtype=np.bool_), params)
     after = done.state
     if done.incremented or not (np.isfinite(after.mean).all() and np.isfinite(after.root).all()):
@@ -277,8 +317,60 @@ def _watched(kept: Memory, desk: Desk, row: int, params: JointParams) -> tuple[M
     desk.rows.detector_report[row, _LIKELIHOOD] = likelihood
     desk.rows.hypothesis_report[row] = rules.hypothesis_row
     clock = started(stamp_s, command)
+    clock.earlier_onset_s[:] = desk.besides.onsets_s[row]
     estimate, covariance = done.estimate.copy(), done.covariance.copy()
-    return Memory(after, clock, estimate, covariance, found.since, command, impulses.level, cycle), True
+    speeds = either(np.isnan(desk.besides.speeds[row]), kept.speeds, desk.besides.speeds[row])
+    frame = sample.frames[1].copy()
+    kept = Memory(after, clock, estimate, covariance, found.since, command, impulses.level, cycle, frame, speeds)
+    return kept, True
+
+
+@kernel
+def _passed(clock: Clock, stamp_s: float, period_s: float, params: JointParams) -> float:
+    """Length of the interval that ends with a stamp, s; 0: it is not as usual."""
+    if params.rates.period_s == 0.0:
+        return period_s if on_time(clock, stamp_s, period_s) else 0.0
+    passed_s = stamp_s - clock.stamp_s
+    return passed_s if 0.0 < passed_s <= LONGEST * period_s else 0.0
+
+
+@kernel
+def _shut(places: Places) -> Burn:
+    """Burn of engines that are shut."""
+    return Burn(np.zeros((places.engines, 3, N_CHANNELS)), np.zeros((places.engines, N_CHANNELS)))
+
+
+@kernel
+def _sample(kept: Memory, desk: Desk, row: int, duration_s: float, params: JointParams) -> Sample:
+    """The sample of a row; what `Quiet` cannot tell from the row again is kept beside it."""
+    samples, beside = desk.samples, desk.besides
+    onset_s, command = beside.onsets_s[row].copy(), samples.commands[row].copy()
+    durations, commands = pieces(command, onset_s, desk.rules.period_s, (0.0, duration_s))
+    rates, velocities = samples.rates[row].copy(), samples.velocities[row].copy()
+    frames, attitudes = np.zeros((2, 4)), np.zeros((params.places.trackers, 3))
+    if params.places.trackers > 0:
+        before = kept.joint.mean[RATE]
+        shown = rate_read(rates, kept.joint.mean, params).rate
+        rate = 0.5 * (before + either(np.isnan(shown), before, shown))
+        frames[0] = kept.frame
+        frames[1], attitudes = shared_attitude(kept.frame, rate, duration_s, beside.quaternions[row])
+    speeds, _ = spun(kept.speeds, beside.speeds[row], duration_s, params.wheels)
+    beside.durations_s[row] = duration_s
+    beside.frames[row], beside.attitudes[row], beside.before[row] = frames, attitudes, kept.speeds
+    outside = samples.outside[row] * duration_s
+    return Sample(
+        samples.time_s[row],
+        durations,
+        commands,
+        outside,
+        rates,
+        velocities,
+        on_ticks(),
+        attitudes,
+        frames,
+        speeds,
+        _shut(params.places),
+    )
 
 
 @kernel
@@ -292,8 +384,9 @@ def _remember(past: Past, after: JointState, found: Followed, cycle: float) -> N
     past.places[stay] = place
     past.roots[place] = after.root
     fill(past.states[place], after)
-    fill(past.links[int(cycle) % _LINKS], found.link)
-    past.excess[int(cycle) % _LINKS] = 0.5 * (found.link.nis - found.link.degrees)
+    number = int(cycle) % past.excess.shape[0]
+    fill(past.links[number], found.link)
+    past.excess[number] = 0.5 * (found.link.nis - found.link.degrees)
 
 
 @kernel
@@ -301,7 +394,7 @@ def _usual(excess: Array, oldest: float, cycle: float, newest: float) -> float:
     """The mean of what cycles between the oldest onset and the newest added; of none, the newest's."""
     total, count = 0.0, 0
     for number in range(int(oldest) + 1, int(cycle)):
-        total += excess[number % _LINKS]
+        total += excess[number % excess.shape[0]]
         count += 1
     return total / count if count > 0 else newest
 
@@ -388,7 +481,7 @@ def _no_sample(places: Places) -> Sample:
     rates, velocities = np.zeros((places.gyros, 3)), np.zeros((places.accelerometers, 3))
     attitudes, command = np.zeros((places.trackers, 3)), np.zeros((1, places.jets))
     none = np.zeros(places.wheels)
-    around = STILL.copy(), Spun(none, none, none, none)
+    around = STILL.copy(), Spun(none, none, none, none), _shut(places)
     return Sample(0.0, np.ones(1), command, np.zeros(6), rates, velocities, on_ticks(), attitudes, *around)
 
 
@@ -401,33 +494,44 @@ def _no_following(places: Places, sample: Sample) -> Following:
     nothing = Crossing(np.zeros((m, n)), np.zeros((n, m)), np.zeros(n), 0.0)
     each, slow = np.zeros(places.n_slow), np.zeros((6, places.n_slow))
     wander = Wander(each, slow, slow, each, each)
-    before = (np.zeros(n), rows, rows, np.zeros((2, places.n_attitude, 3)), 1.0, np.zeros((6, 6)), wander, 1.0)
+    before = (
+        np.zeros(n),
+        rows,
+        rows,
+        np.zeros((2, places.n_attitude, 3)),
+        1.0,
+        np.zeros((6, 6)),
+        wander,
+        unswung(places.n_swing, places.size),
+        1.0,
+    )
     seen = Traces(*before, *told, *learned, *given, nothing, stamp, 0.0, 0.0, 0.0)
     return Following(Since(*empty(places)[1:]), Roots(np.zeros((0, n, n)), np.arange(0)), seen, 0.0, 0.0)
 
 
 def _no_memory(state: JointState, places: Places) -> Memory:
     clock, none, since = started(0.0, state.level), np.zeros(places.jets), Since(*empty(places)[1:])
-    return Memory(state, clock, np.zeros(10), np.zeros((10, 10)), since, none, none, 0.0)
+    frame, speeds = np.zeros(4), np.zeros(places.wheels)
+    return Memory(state, clock, np.zeros(10), np.zeros((10, 10)), since, none, none, 0.0, frame, speeds)
 
 
-def _no_past(places: Places) -> Past:
+def _no_past(places: Places, links: int) -> Past:
     states = np.zeros((ONSETS, state_layout(places).size))
-    links = np.zeros((_LINKS, _link_layout(places).size))
+    kept = np.zeros((links, _link_layout(places).size))
     roots, order = np.zeros((ONSETS, places.size, places.size)), np.zeros(ONSETS, dtype=np.int_)
-    return Past(states, roots, order, links, np.zeros(_LINKS))
+    return Past(states, roots, order, kept, np.zeros(links))
 
 
 def _no_desk(places: Places) -> Desk:
     samples, nothing = one_sample(places.gyros, places.accelerometers, places.jets), np.zeros(1)
     rules = Rules(1.0, np.zeros((places.jets, 6)), lag_factors(np.zeros(places.jets), 1.0), nothing, nothing)
     rows, reached = Rows(*[np.zeros((1, 1))] * len(Rows._fields)), np.zeros(2, dtype=np.int_)
-    return Desk(samples, np.zeros(1), rows, reached, _no_past(places), rules)
+    return Desk(samples, np.zeros(1), besides(1, places), rows, reached, _no_past(places, 2), rules)
 
 
 def _link_layout(places: Places) -> Layout:
     counts = {"jets": places.jets, "outputs": places.outputs, "attitude": places.n_attitude}
-    return LINK.sized(size=places.size, slow=places.n_slow, disturbed=6 + places.n_slow, **counts)
+    return LINK.sized(size=places.size, slow=places.n_slow, swing=places.n_swing, disturbed=6 + places.n_slow, **counts)
 
 
 # --------------------------------------------------------------------------------------- taken up and left
@@ -448,8 +552,9 @@ class Quiet:
         joint = made.filter_params.joint
         self.on = False
         self._work: Work = joint.compiled
-        self._places, self._compiled = joint.places, compiled
-        self._past, self._reached = _no_past(joint.places), np.zeros(2, dtype=np.int_)
+        self._places, self._wheels, self._compiled = joint.places, joint.wheels, compiled
+        self._links = OLDEST * joint.rates.steps + 2  # that are kept: the oldest onset's, and those since
+        self._past, self._reached = _no_past(joint.places, self._links), np.zeros(2, dtype=np.int_)
         jets = joint.places.jets
         self._rules = Rules(
             made.period_s,
@@ -458,12 +563,18 @@ class Quiet:
             np.zeros(STATUS.size + 4 * jets),
             HYPOTHESIS_REPORT.sized(jets=jets).pack(nothing_said(jets)),
         )
-        self._cycles: deque[Sample | tuple[Samples, int]] = deque(maxlen=_LINKS)  # of the history, by row or as it was
+        self._cycles: deque[Sample | tuple[Samples, Besides, int]] = deque(maxlen=self._links)  # by row or as it was
 
-    def begin(self, samples: Samples, stamps_s: Array, rows: Rows) -> None:
-        """Takes rows that cycles are to go through, and those that they fill in."""
-        self._samples = samples
-        desk = Desk(samples, stamps_s, rows, self._reached, self._past, self._rules)
+    def begin(self, samples: Samples, stamps_s: Array, beside: tuple[Array | None, Array | None], rows: Rows) -> None:
+        """Takes rows that cycles are to go through, and those that they fill in.
+
+        Args:
+            samples, stamps_s: see `Desk`.
+            beside: tracked readings and onsets, see `besides`.
+            rows: to be filled in.
+        """
+        self._samples, self._besides = samples, besides(samples.time_s.size, self._places, *beside)
+        desk = Desk(samples, stamps_s, self._besides, rows, self._reached, self._past, self._rules)
         self._desk = shared(desk, self._compiled)
 
     def take_up(self, state: EstimationState) -> None:
@@ -474,15 +585,15 @@ class Quiet:
             return
         tree: Tree = detector.tree
         watch: Watch = tree.leader.watch
-        self._before, bank, records = state, watch.bank, watch.records[-_LINKS:]
+        self._before, bank, records = state, watch.bank, watch.records[-self._links :]
         for place, each in enumerate(bank.states):
             self._past.states[place], self._past.roots[place] = pack(each, self._places), each.root
         self._past.places[:] = np.arange(ONSETS)
         layout = _link_layout(self._places)
         self._cycles.clear()
         for number, record in enumerate(records, start=tree.cycle - len(records) + 1):
-            self._past.links[number % _LINKS] = layout.pack(record.link)
-            self._past.excess[number % _LINKS] = 0.5 * (record.link.nis - record.link.degrees)
+            self._past.links[number % self._links] = layout.pack(record.link)
+            self._past.excess[number % self._links] = 0.5 * (record.link.nis - record.link.degrees)
             self._cycles.append(record.sample)
         fill(self._rules.detector_row, faults.unremarkable(detector))
         memory = Memory(
@@ -494,6 +605,8 @@ class Quiet:
             state.command,
             state.level,
             float(tree.cycle),
+            filtered.frame,
+            filtered.speeds,
         )
         self._memory = held(memory, self._compiled)
 
@@ -503,7 +616,7 @@ class Quiet:
         with suppress(NotPositiveDefiniteError, np.linalg.LinAlgError):  # the parts will say what it is
             self._work.watch(self._memory, self._desk)
         reached = int(self._reached[0])
-        self._cycles.extend((self._samples, done) for done in range(row, reached))
+        self._cycles.extend((self._samples, self._besides, done) for done in range(row, reached))
         self.on = reached == until
         return reached
 
@@ -523,6 +636,7 @@ class Quiet:
         leader = leader._replace(run=run, weight=run.score.likelihood, trail=trail, watch=watch)
         tree = Tree(cycle, (leader,), samples=tuple((record.sample, record.link) for record in records))
         filtered = JointFilterState(kept.joint, kept.clock, kept.estimate, kept.covariance, starts.OVER)
+        filtered = filtered._replace(frame=kept.frame, speeds=kept.speeds)
         return EstimationState(kept.command, kept.level, filtered, before._replace(tree=tree))
 
     def _records(self, cycle: int) -> tuple[Record, ...]:
@@ -530,19 +644,21 @@ class Quiet:
         layout, links, score = _link_layout(self._places), self._past.links.copy(), NO_SCORE
         seen, found = list(self._cycles), []
         for number, each in enumerate(seen, start=cycle - len(seen) + 1):
-            over = Link(*layout.read(links[number % _LINKS]))
+            over = Link(*layout.read(links[number % self._links]))
             score = score.plus(Score(over.log_likelihood, over.nis, over.degrees))
             found.append(Record(self._sample(each), over, score))
         return tuple(found)
 
-    def _sample(self, each: Sample | tuple[Samples, int]) -> Sample:
+    def _sample(self, each: Sample | tuple[Samples, Besides, int]) -> Sample:
         if isinstance(each, Sample):
             return each
-        samples, row = each
-        period_s = self._rules.period_s
-        outside, commands = samples.outside[row] * period_s, samples.commands[row].reshape(1, -1)
-        durations = np.array([period_s])
-        return Sample(
+        samples, beside, row = each
+        duration_s = float(beside.durations_s[row])
+        outside, wheels = samples.outside[row] * duration_s, self._wheels
+        durations, commands = pieces(
+            samples.commands[row], beside.onsets_s[row], self._rules.period_s, (0.0, duration_s)
+        )
+        plain = Sample(
             float(samples.time_s[row]),
             durations,
             commands,
@@ -551,6 +667,11 @@ class Quiet:
             samples.velocities[row],
             on_ticks(),
         )
+        if self._places.trackers:
+            plain = plain._replace(attitudes=beside.attitudes[row], frames=beside.frames[row])
+        if self._places.wheels:
+            plain = plain._replace(speeds=spun(beside.before[row], beside.speeds[row], duration_s, wheels)[0])
+        return plain
 
 
 def covers(made: EstimationParams) -> bool:
@@ -560,10 +681,14 @@ def covers(made: EstimationParams) -> bool:
         and made.detector is faults.DETECTOR
         and made.filter_params.joint.compiled is not None
         and made.filter_params.joint.places.accelerometers > 0
-        and made.filter_params.joint.places.trackers == 0
-        and made.filter_params.joint.places.wheels == 0
-        and made.filter_params.opens_at is None
+        and made.filter_params.joint.places.engines == 0
+        and (made.filter_params.joint.rates.period_s > 0.0 or _is_plain(made.filter_params))
     )
+
+
+def _is_plain(made: JointFilterParams) -> bool:
+    """Tests whether there are neither trackers, wheels nor on-times."""
+    return made.joint.places.trackers == 0 and made.joint.places.wheels == 0 and made.opens_at is None
 
 
 def _is_quiet(filtered: JointFilterState, tree: Tree) -> bool:

@@ -16,6 +16,7 @@ from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array, nonzero
 from massprop_drake.maths.noise import normal_sample
 from massprop_drake.maths.vehicle import reaction_jets, rigid_body, true_failures
+from massprop_drake.maths.vehicle.depletion import NO_TANKS, Tanks, draining, emptied
 from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, about_origin, next_deviation
 from massprop_drake.maths.vehicle.on_times import opens_within
 from massprop_drake.maths.vehicle.reaction_jets import JetsParams, Thrusters
@@ -43,6 +44,7 @@ from massprop_drake.maths.vehicle.sensing import (
 from massprop_drake.maths.vehicle.true_failures import FailureTable
 
 _QUIET = np.zeros(6)
+NO_FILL = np.zeros(0)
 _DISTURBANCE = "disturbance"  # stream of its noise
 _CENTER = STRUCTURE.slice("center_of_mass")
 _MEMORY = 10  # numbers that a package remembers besides late readings
@@ -115,6 +117,8 @@ class Truth(NamedTuple):
         packages: see `Packages`.
         pushed: whether something pushes besides the jets.
         push: what does; its numbers are of no meaning where nothing does.
+        tanks: that jets empty.
+        structure: at the start, see `VehicleState`.
     """
 
     period_s: float
@@ -124,6 +128,8 @@ class Truth(NamedTuple):
     packages: Packages
     pushed: bool
     push: DisturbanceModel
+    tanks: Tanks
+    structure: Array
 
 
 class VehicleParams(NamedTuple):
@@ -138,6 +144,8 @@ class VehicleParams(NamedTuple):
         jumps: of the mass properties, by sample.
         body, structure: at the start, see `VehicleState`.
         planar: whether a floor carries the vehicle, see `reaction_jets.true_wrenches`.
+        tanks: that jets empty.
+        fill: propellant in each at the start, slug or kg, shape (n_tanks,).
     """
 
     period_s: float
@@ -149,6 +157,8 @@ class VehicleParams(NamedTuple):
     body: Array
     structure: Array
     planar: bool = False
+    tanks: Tanks = NO_TANKS
+    fill: Array = NO_FILL
 
 
 def truth(params: VehicleParams) -> Truth:
@@ -162,6 +172,8 @@ def truth(params: VehicleParams) -> Truth:
         packed_packages(params.packages),
         params.disturbance is not None,
         push,
+        params.tanks,
+        params.structure,
     )
 
 
@@ -222,6 +234,7 @@ class VehicleState(NamedTuple):
         target: what it has tended to since, shape (n_jets,).
         deviation: of the disturbance, see `Disturbance`, shape (6,).
         memories: of the packages, a row each, shape (n_packages, 10 + 3 times the longest delay).
+        fill: propellant in each tank, slug or kg, shape (n_tanks,).
     """
 
     body: Array
@@ -231,6 +244,7 @@ class VehicleState(NamedTuple):
     target: Array
     deviation: Array
     memories: Array
+    fill: Array
 
 
 def initial_state(params: VehicleParams) -> VehicleState:
@@ -245,6 +259,7 @@ def initial_state(params: VehicleParams) -> VehicleState:
         reaction_jets.target(off, None, -1, params.jets),
         _QUIET if params.disturbance is None else params.disturbance.before,
         np.zeros((len(params.packages), _MEMORY + 3 * longest)),
+        params.fill,
     )
 
 
@@ -329,6 +344,7 @@ def step(
 
     Raises:
         OutOfMassError: when the jets use up the vehicle's mass.
+        OutOfPropellantError: when they draw more from a tank than is in it.
         SpunUpError: when the vehicle makes more than a turn in it.
     """
     jets, (coming, row) = params.jets, luck
@@ -346,12 +362,49 @@ def step(
     deviation, push = _pushed(state, luck, params)
     if params.pushed:
         profile[0, :6] += push
-    body = rigid_body.step(
-        state.body, profile[0], profile[1:], jets.class_constants_s, params.period_s, state.constants
-    )
+    force = reaction_jets.mean_force(level, target, jets)
+    structure, fill, constants = _drawn(state, force, params)
+    body = rigid_body.step(state.body, profile[0], profile[1:], jets.class_constants_s, params.period_s, constants)
+    body, structure, constants = _settled(body, structure, state, params)
+    after = VehicleState(body, structure, constants, level, target, deviation, state.memories, fill)
+    return after, force
+
+
+@kernel
+def _drawn(state: VehicleState, force: Array, params: Truth) -> tuple[Array, Array, Body]:
+    """Structure and tanks' propellant after a sample, and constants of motion of its middle.
+
+    Args:
+        state: before it.
+        force: mean force of each jet over it, lbf or N, shape (n_jets,).
+        params: see `Truth`.
+    """
+    if state.fill.size == 0:
+        return state.structure, state.fill, state.constants
+    used = reaction_jets.drained(force, params.period_s, params.tanks.feeds, params.jets)
+    left = draining(state.fill, used)
+    after = emptied(state.structure, state.body[MASS], state.fill, used, params.tanks)
+    return after, left, rigid_body.body_with(0.5 * (state.structure + after))
+
+
+@kernel
+def _settled(body: Array, structure: Array, before: VehicleState, params: Truth) -> tuple[Array, Array, Body]:
+    """Body, structure and constants of motion after a step.
+
+    Args:
+        body: as the step leaves it.
+        structure: after it.
+        before: the vehicle before it.
+        params: see `Truth`.
+    """
+    constants = before.constants
+    if before.fill.size > 0:
+        rate, shift = 0.5 * (before.body[RATE] + body[RATE]), structure[_CENTER] - before.structure[_CENTER]
+        body = body + rigid_body.shifted(body, rate, shift)
+        structure = since_start(structure, params.structure)
+        constants = rigid_body.body_with(structure)
     body[MASS] = since_start(body[MASS], params.mass)
-    after = VehicleState(body, state.structure, state.constants, level, target, deviation, state.memories)
-    return after, reaction_jets.mean_force(level, target, jets)
+    return body, structure, constants
 
 
 @kernel
@@ -364,15 +417,17 @@ def _step_by_pieces(
     when, failing = (sample * params.period_s, params.period_s), (params.failures, coming.strikes[row])
     over = reaction_jets.level_course(level, told, when, failing, jets.time_constants_s)
     deviation, push = _pushed(state, luck, params)
+    force = jets.forces * over.mean
+    structure, fill, constants = _drawn(state, force, params)
     body = state.body
     for piece in range(over.lengths_s.size):
         profile = reaction_jets.wrench_profile(over.begins[piece], over.targets[piece], jets)
         profile[0, :6] += push
         constants_s = jets.class_constants_s
-        body = rigid_body.step(body, profile[0], profile[1:], constants_s, over.lengths_s[piece], state.constants)
-    body[MASS] = since_start(body[MASS], params.mass)
-    after = VehicleState(body, state.structure, state.constants, over.end, over.end, deviation, state.memories)
-    return after, jets.forces * over.mean
+        body = rigid_body.step(body, profile[0], profile[1:], constants_s, over.lengths_s[piece], constants)
+    body, structure, constants = _settled(body, structure, state, params)
+    after = VehicleState(body, structure, constants, over.end, over.end, deviation, state.memories, fill)
+    return after, force
 
 
 @kernel

@@ -77,7 +77,18 @@ def disturbed(wrench: Array, disturbance: Array, center_of_mass: Array, pieces: 
         center_of_mass: in the vehicle frame, ft or m, shape (3,).
         pieces: of the profile.
     """
+    return pushed_by(wrench, about_origin(disturbance, center_of_mass), pieces)
+
+
+def pushed_by(wrench: Array, other: Array, pieces: int = 1) -> Array:
+    """A wrench, or a profile, with another wrench that acts all the time.
+
+    Args:
+        wrench: see `disturbed`.
+        other: torque about the vehicle origin, force, and what else follows these, shape (k,).
+        pieces: of the profile.
+    """
     total = wrench.copy()
     first = 0 if pieces == 1 else 1  # a piece begins with its length
-    total.reshape(pieces, -1)[:, first : first + 6] += about_origin(disturbance, center_of_mass)
+    total.reshape(pieces, -1)[:, first : first + other.shape[0]] += other
     return total

@@ -24,12 +24,12 @@ _SAME = 1e-9  # of a sample: from its beginning or end
 _APART = 1e-6  # of a sample: arithmetic loses digits of a lag over less
 
 Place = Literal["start", "center", "end"]
+PLACES: dict[Place, float] = {"start": 0.0, "center": 0.5, "end": 1.0}  # share of what is left that lies before
 
 
 def onsets(fractions: Array, place: Place, period_s: float) -> Array:
     """Onsets of jets that open at the start of a sample, about its middle, or until its end, s, in the shape given."""
-    share = {"start": 0.0, "center": 0.5, "end": 1.0}[place]
-    return share * period_s * (1.0 - fractions)
+    return PLACES[place] * period_s * (1.0 - fractions)
 
 
 @kernel
@@ -70,6 +70,24 @@ def shares(start_s: float, end_s: float, period_s: float, count: int) -> Iterato
         begin, end = max(start_s / period_s - sample, 0.0), min(end_s / period_s - sample, 1.0)
         begin, end = 0.0 if begin < _SAME else begin, 1.0 if end > 1.0 - _SAME else end
         yield sample, begin * period_s, end - begin
+
+
+def continued(command: Array, onset_s: Array, since_s: Array, period_s: float) -> tuple[Array, Array]:
+    """Commands and onsets as seen from times after their sample began, for what is left of it, shape (n, n_jets) each.
+
+    Args:
+        command: f, NaN where not known, shape (n, n_jets).
+        onset_s: a, NaN: the command is a level, shape (n, n_jets).
+        since_s: how long ago each sample began, shape (n,).
+        period_s: T.
+    """
+    since = since_s[:, None]
+    timed = within(command, onset_s)
+    opens = np.where(timed, np.maximum(onset_s - since, 0.0), 0.0)
+    closes = np.where(timed, onset_s + command * period_s - since, 0.0)
+    left = np.clip((closes - opens) / period_s, 0.0, 1.0)
+    told = timed & (since > 0.0)
+    return np.where(told, left, command), np.where(told, opens, onset_s)
 
 
 @kernel

@@ -20,7 +20,7 @@ from massprop_drake.maths.vehicle.rigid_body import N_WRENCH
 from massprop_drake.maths.vehicle.thrust import LagFactors, lag_factors, level_after, mean_level
 from massprop_drake.maths.vehicle.true_failures import Failure, FailureTable, delivered, failed
 
-_TORQUE, _FORCE, _UP = slice(0, 3), slice(3, 6), 5  # in a jet's wrench
+_TORQUE, _FORCE, _UP, _FLOW = slice(0, 3), slice(3, 6), 5, 6  # in a jet's wrench
 _LEAST_FACTOR = 0.01  # above zero: a failed jet's force is a multiple of its thrust
 
 
@@ -193,6 +193,19 @@ def wrench_profile(level: Array, coming: Array, jets: Thrusters) -> Array:
         for index in range(jets.class_constants_s.size):
             profile[1 + index] = difference @ jets.class_wrenches[index]
     return profile
+
+
+@kernel
+def drained(force: Array, period_s: float, feeds: Array, jets: Thrusters) -> Array:
+    """Propellant that jets draw from each tank over a sample, slug or kg, shape (n_tanks,).
+
+    Args:
+        force: mean force of each jet over it, lbf or N, shape (n_jets,).
+        period_s: sample period, s.
+        feeds: 1 for each jet that draws from a tank, shape (n_tanks, n_jets).
+        jets: see `Thrusters`.
+    """
+    return feeds @ (force / jets.forces * jets.wrenches[:, _FLOW]) * period_s
 
 
 class LevelCourse(NamedTuple):

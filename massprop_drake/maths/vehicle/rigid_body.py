@@ -17,7 +17,8 @@ With M the torque about the center of mass, F the force, both in body axes (2-30
     dw/dt = I^-1 (M - w x I w),    dv_N/dt = R F / m,    dm/dt = -flow,
     dV_O/dt = F / m - dw/dt x r_cm - w x (w x r_cm)
 
-Inertia and center of mass stay as they are while mass is used up, as in the thesis. Reaction wheels have an angular
+Inertia and center of mass stay as they are while mass is used up, as in the thesis, unless it comes from tanks that are
+stated, see `depletion`: over a step they are then those of its middle. Reaction wheels have an angular
 momentum h relative to the body, whose inertia I has them locked, which changes evenly in a step:
 
     dw/dt = I^-1 (M - dh/dt - w x (I w + h))
@@ -162,6 +163,16 @@ def body_of_structure(structure: Array) -> Body:
     """The constants of motion for a `STRUCTURE`."""
     read = STRUCTURE.read(structure)
     return body_of(MassProperties(math.nan, read.center_of_mass, symmetric(read.inertia)))
+
+
+@kernel
+def body_with(structure: Array) -> Body:
+    """`body_of_structure` of numbers alone."""
+    inverted = np.linalg.inv(symmetric(structure[:6]))
+    jxx, jyy, jzz = inverted[0, 0], inverted[1, 1], inverted[2, 2]
+    off = inverted[1, 2], inverted[0, 2], inverted[0, 1]
+    still = (0.0, 0.0, 0.0)
+    return Body(numbers(structure[:6], 6), (jxx, jyy, jzz, *off), numbers(structure[6:9], 3), still, still)
 
 
 def seeded_body(seed: Seed, body: MassProperties, spread: Spread) -> MassProperties:
@@ -470,6 +481,21 @@ def with_properties(state: Array, before: MassProperties, after: MassProperties)
     result[VELOCITY] += moved @ cross(state[RATE], shift)
     result[MASS] = after.mass
     return result
+
+
+@kernel
+def shifted(state: Array, rate: Array, shift: Array) -> Array:
+    """Change of the state by that of the center of mass within a structure that moves on as it did, shape (23,).
+
+    Args:
+        state: shape (23,).
+        rate: mean while it moves, rad/s, body axes, shape (3,).
+        shift: of the center of mass, vehicle frame, ft or m, shape (3,).
+    """
+    moved, change = rotation_matrix(state[QUATERNION]), np.zeros(N_STATE)
+    change[POSITION] = moved @ shift
+    change[VELOCITY] = moved @ cross(rate, shift)
+    return change
 
 
 def angular_momentum(state: Array, properties: MassProperties) -> Array:

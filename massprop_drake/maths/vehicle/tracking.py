@@ -14,6 +14,7 @@ from massprop_drake.maths.vehicle.rigid_body import POSITION, QUATERNION, RATE, 
 
 N_NOISE = 8  # numbers that a pose takes: of position, of attitude, of the stamp, and whether it is a poor one
 POOR = 10.0  # times as noisy
+_ROUNDING = 1e-9  # of an interval between readings
 
 
 class PoseModel(NamedTuple):
@@ -26,6 +27,7 @@ class PoseModel(NamedTuple):
         time_std_s: of the stamps.
         outliers: share of samples that are poor.
         planar: whether x, y and the turn about z alone are noisy, as all else stands still.
+        rate_hz, period_s: rate at which it is read, and sample period; infinite: at every sample.
     """
 
     point: Array
@@ -34,6 +36,17 @@ class PoseModel(NamedTuple):
     time_std_s: float
     outliers: float
     planar: bool
+    rate_hz: float = math.inf
+    period_s: float = 1.0
+
+
+def is_due(time_s: float, model: PoseModel) -> bool:
+    """Tests whether a sensor is read at a sample: at the first at which another of its own times has come."""
+    if not model.rate_hz * model.period_s < 1.0:
+        return True
+    sample = round(time_s / model.period_s)
+    due, before = (math.floor(k * model.period_s * model.rate_hz + _ROUNDING) for k in (sample, sample - 1))
+    return due > before
 
 
 def pose_read(body: Array, center: Array, noise: Array, model: PoseModel) -> Array:

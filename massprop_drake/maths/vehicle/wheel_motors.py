@@ -24,6 +24,7 @@ class WheelsModel(NamedTuple):
         quanta, noise_std: of a reading of each speed, rad/s, zero: none, shape (n,).
         dispersion: 1-sigma by which true inertias are off those for good, relative.
         start: speeds at the start, rad/s, shape (n,).
+        fastest: largest speed either way, rad/s, infinity: any, shape (n,).
     """
 
     axes: Array
@@ -33,6 +34,7 @@ class WheelsModel(NamedTuple):
     noise_std: Array
     dispersion: float
     start: Array
+    fastest: Array
 
 
 def true_inertias(model: WheelsModel, seed: Seed) -> Array:
@@ -43,9 +45,20 @@ def true_inertias(model: WheelsModel, seed: Seed) -> Array:
     return np.asarray(model.inertias * (1.0 + model.dispersion * drawn))
 
 
-def acceleration(torque: Any, inertias: Array, model: WheelsModel) -> Any:
-    """Angular accelerations that the motors give the wheels, rad/s^2, shape (n,), limited by their torques."""
-    return np.clip(torque, -model.most, model.most) / inertias
+def acceleration(torque: Any, inertias: Array, speeds: Any, model: WheelsModel, period_s: float) -> Any:
+    """Angular accelerations that the motors give the wheels over a sample, rad/s^2, shape (n,).
+
+    Motors are limited by their torques, and leave a wheel at its largest speed.
+
+    Args:
+        torque: that is asked of each, ft-lbf or N-m, shape (n,).
+        inertias: of the wheels, shape (n,).
+        speeds: as the sample begins, rad/s, shape (n,).
+        model: see `WheelsModel`.
+        period_s: length of the sample.
+    """
+    most = np.clip(torque, -model.most, model.most) / inertias
+    return np.clip(most, (-model.fastest - speeds) / period_s, (model.fastest - speeds) / period_s)
 
 
 def momentum(speeds: Any, accelerations: Any, inertias: Array, model: WheelsModel) -> Any:

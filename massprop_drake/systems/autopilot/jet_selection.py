@@ -13,6 +13,7 @@ from massprop_drake.maths.autopilot import ports
 from massprop_drake.maths.autopilot.jet_selection import forces_of
 from massprop_drake.maths.autopilot.phase_space import Request, Urgency
 from massprop_drake.maths.autopilot.ports import Burning
+from massprop_drake.maths.autopilot.pulses import Pulses, pulse_onsets, whole_cycles
 from massprop_drake.maths.kernels import chosen, held
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 from massprop_drake.systems.autopilot.selector import SelectionState, Selector
@@ -29,8 +30,8 @@ class JetSelection(LeafSystem):
 
     A request is taken when no burst is running, or at once if it says so. The on-times of the linear
     program (1-1) to (1-4) are rounded to whole cycles, and every selected jet fires from now on for
-    its number of cycles. A request that cannot be met is relaxed and counted, never dropped; see
-    `JetSelectionProgram`.
+    its number of cycles; with `pulses` they are flown as they are, in steps of the
+    valves' clocks. A request that cannot be met is relaxed and counted, never dropped; see `JetSelectionProgram`.
 
     Ports:
         request (in, 8): see `PhaseSpaceController`. Required.
@@ -39,8 +40,12 @@ class JetSelection(LeafSystem):
         reconfiguration (in, 7 + n_jets): see `FailureDetector`. Optional. A declared failure stops the
             running burst; the jets in question are not selected again, if control about every axis
             remains without them; known forces are met by asking in every idle cycle for what undoes them.
-        command (out, n_jets): 1 for each jet that fires over the coming sample, else 0. Feedthrough.
+        command (out, n_jets): 1 for each jet that fires over the coming sample, else 0; of pulses the share of it for
+            which the jet is open. Feedthrough.
         held_command (out, n_jets): the command decided at the last sample. No feedthrough.
+        command_onset (out, n_jets), held_command_onset (out, n_jets), with pulses: how long after the beginning of the
+            coming and of the last sample each jet opens, s, see `maths.vehicle.on_times`. The held one has no
+            feedthrough.
         delivered (out, 3): velocity change that the held command gives in one sample by the mass
             properties in use, ft/s or m/s. No feedthrough.
         out_of_use (out, n_jets): 1 for each jet taken out of use, -1 for one in question that is left in
@@ -51,7 +56,8 @@ class JetSelection(LeafSystem):
 
     State: remaining (n_jets), cycles left of the burst; held_command (n_jets); delivered (3);
     counts (4); refused (4): rate change of the last request if it rounded to no firing at all, and by how
-    much it must change to be asked again, rad/s.
+    much it must change to be asked again, rad/s; out_of_use (n_jets); with pulses owed (n_jets): on-times
+    below the shortest that add up, cycles.
 
     Timing: `command` at t_k acts on [t_k, t_k+1); it is for a plant that is stepped at t_k, and for
     logs. `held_command` equals it after the update at t_k; it is for a continuous plant, and at t_k
@@ -64,6 +70,7 @@ class JetSelection(LeafSystem):
         selectable: which jets may be selected, boolean, shape (n_jets,).
         mass_properties: nominal, the ten parameters, shape (10,).
         period_s: control period, s.
+        pulses: on-times that are flown; None: whole cycles.
         compiled: whether its kernels are; the linear program is Drake's.
     """
 
@@ -76,6 +83,7 @@ class JetSelection(LeafSystem):
         selectable: NDArray[np.bool_],
         mass_properties: Array,
         period_s: float,
+        pulses: Pulses | None = None,
         compiled: bool = False,
     ):
         super().__init__()
@@ -89,11 +97,13 @@ class JetSelection(LeafSystem):
             selectable=selectable,
             mass_properties=mass_properties,
             period_s=period_s,
+            pulses=pulses,
         )
         self._selector = Scratch(self, "selector", make)
         self._going_on, self._fired = chosen(ports.going_on, compiled), chosen(ports.fired, compiled)
         some_request = Request(np.zeros(3), np.zeros(3), np.inf, Urgency.NONE)
-        self._held = held(Burning(forces_of(wrenches), period_s, some_request), compiled)
+        self._pulses, self._period_s = whole_cycles(n_jets) if pulses is None else pulses, period_s
+        self._held = held(Burning(forces_of(wrenches), period_s, some_request, self._pulses), compiled)
         self._nominal = float(mass_properties[MASS_RECIPROCAL])
         self._command = slice(n_jets, 2 * n_jets)
         self._rows = (slice(0, n_jets), self._command, slice(2 * n_jets, None))
@@ -103,10 +113,15 @@ class JetSelection(LeafSystem):
         self._estimate = self.DeclareVectorInputPort("estimate", 10)
         self._converged = self.DeclareVectorInputPort("converged", 1)
         self._reconfiguration = self.DeclareVectorInputPort("reconfiguration", self._layout.size)
-        self._groups = SelectionState._make(self.DeclareDiscreteState(part) for part in make().initial)
+        starts = make().initial
+        self._groups = SelectionState._make(self.DeclareDiscreteState(part) if part.size else None for part in starts)
         self._burst = Cached(self, "burst", self._compute, {self.xd_ticket(), self.all_input_ports_ticket()})
         self.DeclareVectorOutputPort("command", n_jets, self._calc_command, prerequisites_of_calc={self._burst.ticket})
         self.DeclareStateOutputPort("held_command", self._groups.command)
+        if self._pulses.within:
+            burst, state = {self._burst.ticket}, {self.xd_ticket()}
+            self.DeclareVectorOutputPort("command_onset", n_jets, self._calc_onset, prerequisites_of_calc=burst)
+            self.DeclareVectorOutputPort("held_command_onset", n_jets, self._calc_held, prerequisites_of_calc=state)
         self.DeclareStateOutputPort("delivered", self._groups.delivered)
         self.DeclareStateOutputPort("counts", self._groups.counts)
         self.DeclareStateOutputPort("out_of_use", self._groups.out_of_use)
@@ -139,14 +154,23 @@ class JetSelection(LeafSystem):
         row, _ = self._burst.get(context)
         output.SetFromVector(row[self._command])
 
+    def _calc_onset(self, context: Any, output: Any) -> None:
+        row, _ = self._burst.get(context)
+        output.SetFromVector(pulse_onsets(row[self._command], self._pulses, self._period_s))
+
+    def _calc_held(self, context: Any, output: Any) -> None:
+        command = _group(context, self._groups.command)
+        output.SetFromVector(pulse_onsets(command, self._pulses, self._period_s))
+
     def _update(self, context: Any, state: Any) -> None:
         row, changed = self._burst.get(context)
         values = (*(row[part] for part in self._rows), *changed)
         for group, value in zip(self._groups, values, strict=False):
-            state.set_value(group, value)
+            if group is not None:
+                state.set_value(group, value)
 
 
 def _group(context: Any, group: Any) -> Array:
-    """A group of the discrete state."""
-    vector: Array = context.get_discrete_state(group).CopyToVector()
+    """A group of the discrete state; of none, nothing."""
+    vector: Array = np.zeros(0) if group is None else context.get_discrete_state(group).CopyToVector()
     return vector

@@ -15,6 +15,7 @@ from massprop_drake.maths.autopilot.jet_selection import (
     least_cycles,
     must_select,
 )
+from massprop_drake.maths.autopilot.pulses import Pulses, burst_pulses, whole_cycles
 from massprop_drake.maths.linear_algebra import nonzero
 from massprop_drake.systems.autopilot.jet_selection_program import (
     RATE,
@@ -38,13 +39,14 @@ class Burst(NamedTuple):
 
     Attributes:
         remaining: cycles that each jet has still to fire, this one included, shape (n_jets,).
-        counts, refused, out_of_use: as they are now.
+        counts, refused, out_of_use, owed: as they are now.
     """
 
     remaining: Array
     counts: Array
     refused: Array
     out_of_use: Array
+    owed: Array
 
 
 class SelectionState(NamedTuple):
@@ -56,6 +58,7 @@ class SelectionState(NamedTuple):
         delivered: velocity change that it gives, ft/s or m/s, shape (3,).
         counts, refused: packed as `layouts.SELECTION_COUNTS` and `layouts.REFUSED`.
         out_of_use: 1 for each jet taken out of use, -1 for one left in though in question, shape (n_jets,).
+        owed: on-times below the shortest that add up, cycles, see `pulses.burst_pulses`, shape (n_jets,).
     """
 
     remaining: Array
@@ -64,6 +67,7 @@ class SelectionState(NamedTuple):
     counts: Array
     refused: Array
     out_of_use: Array
+    owed: Array
 
 
 class Reconfiguration(NamedTuple):
@@ -93,6 +97,7 @@ class Selector:
         selectable: which jets may be selected, boolean, shape (n_jets,).
         mass_properties: nominal, the ten parameters, shape (10,).
         period_s: control period, s.
+        pulses: on-times that are flown; None: whole cycles.
 
     Attributes:
         initial: nothing asked for yet.
@@ -107,9 +112,11 @@ class Selector:
         selectable: NDArray[np.bool_],
         mass_properties: Array,
         period_s: float,
+        pulses: Pulses | None = None,
     ):
         self._wrenches = wrenches
         self._least = least_cycles(minimum_on_times_s, period_s)
+        self._pulses = whole_cycles(selectable.size) if pulses is None else pulses
         self._selectable = selectable
         self._nominal = mass_properties
         self._nominal_activity = _constant(activity_vectors(wrenches, mass_properties))
@@ -119,7 +126,8 @@ class Selector:
         self._period_s = period_s
         off = np.zeros(selectable.size)
         counts = SELECTION_COUNTS.pack((0.0, 0.0, 0.0, 1.0))
-        self.initial = SelectionState(off, off, np.zeros(3), counts, np.zeros(REFUSED.size), off)
+        owed = off if self._pulses.within else np.zeros(0)
+        self.initial = SelectionState(off, off, np.zeros(3), counts, np.zeros(REFUSED.size), off, owed)
 
     def decide(self, state: SelectionState, request: Any, properties: Array | None, asked_for: Any) -> Burst:
         """The burst in force from a sample on at which `must_select` says that there is something to solve.
@@ -138,23 +146,30 @@ class Selector:
         remaining = np.zeros_like(state.remaining) if declared else state.remaining
         solved, reduced, closest, granted = SELECTION_COUNTS.read(state.counts)
         refused = state.refused
-        out_of_use = state.out_of_use
+        out_of_use, owed = state.out_of_use, state.owed
         before = self._program.solves
         if declared:
             out_of_use = self._reduced(properties, out_of_use, asked_for.removed)
         if not declared or must_select(remaining, request, refused, wrench is not None, False):
             wanted, selection = self._selected(properties, request, wrench, out_of_use)
-            remaining = burst_cycles(selection.on_times_s, self._period_s, self._least)
+            remaining, owed, shortest_s = self._flown(selection.on_times_s, owed)
             refused = _NOT_REFUSED
-            if not nonzero(remaining):
-                least = least_change(wanted, selection.on_times_s, self._period_s)
-                refused = REFUSED.pack((wanted[RATE], least))
+            if not (nonzero(remaining) or self._pulses.accumulates):
+                refused = REFUSED.pack((wanted[RATE], least_change(wanted, selection.on_times_s, shortest_s)))
             size = _length(wanted[VELOCITY])
             reduced += selection.outcome == Outcome.REDUCED
             closest += selection.outcome == Outcome.CLOSEST
             granted = _length(selection.reached[VELOCITY]) / size if size > 0.0 else 1.0
         counts = (solved + self._program.solves - before, reduced, closest, granted)
-        return Burst(remaining, SELECTION_COUNTS.pack(counts), refused, out_of_use)
+        return Burst(remaining, SELECTION_COUNTS.pack(counts), refused, out_of_use, owed)
+
+    def _flown(self, on_times_s: Array, owed: Array) -> tuple[Array, Array, Array | float]:
+        """On-times as they are flown and what is owed then, cycles, and the shortest that are flown, s."""
+        period_s, pulses = self._period_s, self._pulses
+        if not pulses.within:
+            return burst_cycles(on_times_s, period_s, self._least), owed, 0.5 * period_s
+        shortest = pulses.least - 0.5 * pulses.quanta  # that are rounded up to the least
+        return *burst_pulses(on_times_s / period_s, owed, pulses), shortest * period_s
 
     def _activity(self, properties: Array | None) -> Array:
         """Activity vectors by the mass properties in use."""

@@ -22,6 +22,8 @@ class BodyWrench(LeafSystem):
         wrench (in, 7): torque about the vehicle origin (3), force (3), body axes, and mass flow, which a
             MultibodyPlant cannot follow and which plays no part. Required.
         body_poses (in, list of RigidTransform): of the plant. Required.
+        wheels (in, 6), body_spatial_velocities (in, list of SpatialVelocity), with wheels: see `ReactionWheels` and the
+            plant. Required. Wheels of the momentum h turn the body by -dh/dt - w x h, w its rate.
         spatial_forces (out, list of one ExternallyAppliedSpatialForce): for the plant's `applied_spatial_force`.
 
     State: none.
@@ -29,12 +31,13 @@ class BodyWrench(LeafSystem):
     Args:
         plant: continuous and finalized.
         body: name, index or the body itself.
+        wheels: whether it carries reaction wheels, locked in the plant's mass properties.
 
     Raises:
         ValueError: when the plant is discrete or has no such body.
     """
 
-    def __init__(self, plant: MultibodyPlant, body: str | RigidBody | BodyIndex):
+    def __init__(self, plant: MultibodyPlant, body: str | RigidBody | BodyIndex, *, wheels: bool = False):
         super().__init__()
         self.set_name("body_wrench")
         require_continuous(plant)
@@ -44,7 +47,14 @@ class BodyWrench(LeafSystem):
         model = plant.GetOutputPort("body_poses").Allocate()
         poses = self._poses = self.DeclareAbstractInputPort("body_poses", model)
         model = plant.get_applied_spatial_force_input_port().Allocate()
-        needs = {self.input_port_ticket(port.get_index()) for port in (wrench, poses)}
+        read = [wrench, poses]
+        self._carries = wheels
+        if wheels:
+            moving = plant.GetOutputPort("body_spatial_velocities").Allocate()
+            self._wheels = self.DeclareVectorInputPort("wheels", 6)
+            self._velocities = self.DeclareAbstractInputPort("body_spatial_velocities", moving)
+            read += [self._wheels, self._velocities]
+        needs = {self.input_port_ticket(port.get_index()) for port in read}
         self.DeclareAbstractOutputPort("spatial_forces", model.Clone, self._calc, prerequisites_of_calc=needs)
 
     def _calc(self, context: Any, output: Any) -> None:
@@ -53,5 +63,10 @@ class BodyWrench(LeafSystem):
         force = ExternallyAppliedSpatialForce()
         force.body_index = self._index
         force.p_BoBq_B = np.zeros(3)
-        force.F_Bq_W = SpatialForce(rotation @ wrench.torque, rotation @ wrench.force)
+        torque = rotation @ wrench.torque
+        if self._carries:
+            momentum, changing = np.split(self._wheels.Eval(context), 2)
+            rate = self._velocities.Eval(context)[self._place].rotational()
+            torque = torque - rotation @ changing - np.cross(rate, rotation @ momentum)
+        force.F_Bq_W = SpatialForce(torque, rotation @ wrench.force)
         output.set_value([force])

@@ -25,27 +25,30 @@ TRUTH = ("body_state", "structure", "mass_properties")
 class BodyBridge(Diagram):
     """Connects a body of a MultibodyPlant with the parts of a vehicle diagram.
 
-    Ports: wrench (in, 7) and spatial_forces (out) as `BodyWrench`; body_poses, body_spatial_velocities,
-    body_spatial_accelerations (in), body_state (out, 23), structure (out, 9), mass_properties (out, 10) as
-    `BodyMotion`.
+    Ports: wrench (in, 7), with wheels wheels (in, 6), and spatial_forces (out) as `BodyWrench`; body_poses,
+    body_spatial_velocities, body_spatial_accelerations (in), body_state (out, 23), structure (out, 9), mass_properties
+    (out, 10) as `BodyMotion`.
 
     Args:
         plant: continuous and finalized.
         body: name, index or the body itself; its frame is the vehicle frame.
+        wheels: whether it carries reaction wheels.
 
     Raises:
         ValueError: when the plant is discrete, has no such body, or the bodies no mass.
     """
 
-    def __init__(self, plant: MultibodyPlant, body: str | RigidBody | BodyIndex):
+    def __init__(self, plant: MultibodyPlant, body: str | RigidBody | BodyIndex, *, wheels: bool = False):
         super().__init__()
         builder = DiagramBuilder()
-        force, motion = builder.AddSystem(BodyWrench(plant, body)), builder.AddSystem(BodyMotion(plant, body))
-        builder.ExportInput(force.GetInputPort("wrench"), "wrench")
-        poses = builder.ExportInput(motion.GetInputPort("body_poses"), "body_poses")
-        builder.ConnectInput(poses, force.GetInputPort("body_poses"))
-        for name in FROM_PLANT[1:]:
-            builder.ExportInput(motion.GetInputPort(name), name)
+        force = builder.AddSystem(BodyWrench(plant, body, wheels=wheels))
+        motion = builder.AddSystem(BodyMotion(plant, body))
+        for name in ("wrench", *(("wheels",) if wheels else ())):
+            builder.ExportInput(force.GetInputPort(name), name)
+        for name in FROM_PLANT:
+            of_plant = builder.ExportInput(motion.GetInputPort(name), name)
+            if force.HasInputPort(name):
+                builder.ConnectInput(of_plant, force.GetInputPort(name))
         builder.ExportOutput(force.GetOutputPort("spatial_forces"), "spatial_forces")
         for name in TRUTH:
             builder.ExportOutput(motion.GetOutputPort(name), name)
@@ -57,7 +60,7 @@ class MultibodyVehicle(Diagram):
     """A vehicle of several bodies, with the ports of a continuous `RigidBodyPlant`.
 
     Ports:
-        wrench (in, 7): see `BodyWrench`. Required.
+        wrench (in, 7), with wheels wheels (in, 6): see `BodyWrench`. Required.
         body_state (out, 23), structure (out, 9), mass_properties (out, 10): see `BodyMotion`.
         joint_positions (out, n): of the joints that are shown, rad, ft or m; where there are any.
 
@@ -69,6 +72,7 @@ class MultibodyVehicle(Diagram):
         moves: of driven joints by name; all other joints are free.
         drive_frequency_hz: see `JointDrive`.
         shown: names of joints.
+        wheels: whether the body carries reaction wheels.
 
     Raises:
         ValueError: when the plant is discrete, there is no such body or joint, or the vehicle is not free.
@@ -85,13 +89,14 @@ class MultibodyVehicle(Diagram):
         moves: Mapping[str, Sequence[Move]],
         drive_frequency_hz: float,
         shown: Sequence[str] = (),
+        wheels: bool = False,
     ):
         super().__init__()
         carrier = body_of(plant, body)
         start, self._velocities = start_state(plant, carrier, positions, rates, rate)
         plant.SetDefaultPositions(start)
         builder = DiagramBuilder()
-        bridge = builder.AddSystem(BodyBridge(plant, carrier))
+        bridge = builder.AddSystem(BodyBridge(plant, carrier, wheels=wheels))
         self._plant = builder.AddNamedSystem("plant", plant)
         for name in FROM_PLANT:
             builder.Connect(plant.GetOutputPort(name), bridge.GetInputPort(name))
@@ -103,7 +108,8 @@ class MultibodyVehicle(Diagram):
         if self._velocities.any():
             check = builder.AddSystem(_StartCheck(plant.num_positions(), plant.num_velocities()))
             builder.Connect(plant.get_state_output_port(), check.get_input_port())
-        builder.ExportInput(bridge.GetInputPort("wrench"), "wrench")
+        for name in ("wrench", *(("wheels",) if wheels else ())):
+            builder.ExportInput(bridge.GetInputPort(name), name)
         for name in TRUTH:
             builder.ExportOutput(bridge.GetOutputPort(name), name)
         joints = [plant.GetJointByName(name) for name in shown]

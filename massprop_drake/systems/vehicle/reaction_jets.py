@@ -14,6 +14,7 @@ from massprop_drake.maths.vehicle.ports import Jets
 from massprop_drake.maths.vehicle.reaction_jets import (
     LevelCourse,
     Thrusters,
+    drained,
     drawn_factors,
     jets_params,
     level_course,
@@ -64,6 +65,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             wrench_profile (out, 7 (1 + n_classes)): for a stepped plant: the wrench that the coming sample
                 tends to, then for each time constant the part that dies away with it; see
                 `maths.rigid_body.step`. Where samples have pieces, this for each, after its length, s.
+            drained (out, n_tanks, with tanks only): propellant drawn from each tank over the coming sample, slug or kg.
 
         Parameters: thrust_factor (0 to n_jets - 1), of the nominal thrust of each jet; thrust_dispersion, the relative
         1-sigma of a further factor, which the seed draws for each jet. A jet's thrust is the product of the three.
@@ -86,6 +88,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             thrusts: nominal thrust of each jet, lbf or N, shape (n_jets,); default the size of its force.
             planar: whether a floor carries the vehicle, see `maths.vehicle.reaction_jets.true_wrenches`.
             pieces: the most that a sample has, as jets open and close within it; 1: they do not.
+            feeds: 1 for each jet that draws from a tank, shape (n_tanks, n_jets); None: there are no tanks.
             seed: of the run.
             compiled: whether its kernels are.
 
@@ -107,6 +110,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             thrusts: Array | None = None,
             planar: bool = False,
             pieces: int = 1,
+            feeds: Array | None = None,
             seed: int = 0,
             compiled: bool = False,
             converter: Any = None,
@@ -122,6 +126,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 "thrusts": thrusts,
                 "planar": planar,
                 "pieces": pieces,
+                "feeds": feeds,
                 "seed": seed,
                 "compiled": compiled,
             }
@@ -181,6 +186,10 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 self._calc_profile,
                 prerequisites_of_calc=coming,
             )
+            if feeds is not None:
+                self.DeclareVectorOutputPort(
+                    "drained", feeds.shape[0], self._calc_drained, prerequisites_of_calc=coming
+                )
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
             chance = [one.jet for one in other._failures if one.kind == FailureKind.INTERMITTENT]
@@ -270,6 +279,11 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
 
         def _calc_thrust(self, context: Any, output: Any) -> None:
             output.SetFromVector(self._coming.get(context)[: self._n_jets])
+
+        def _calc_drained(self, context: Any, output: Any) -> None:
+            jets, _ = self._jets.get(context)
+            force = self._coming.get(context)[: self._n_jets]
+            output.SetFromVector(drained(force, self._period_s, self._made["feeds"], jets))
 
         def _calc_wrench(self, context: Any, output: Any) -> None:
             jets, _ = self._jets.get(context)

@@ -17,7 +17,8 @@ class ReactionWheels(LeafSystem):
     """Spins reaction wheels up and down by the torques of their motors.
 
     Ports:
-        wheel_torque (in, n): torque of each motor on its wheel over the coming sample, ft-lbf or N-m. Required.
+        wheel_torque (in, n): torque of each motor on its wheel over the coming sample, ft-lbf or N-m. Unconnected:
+            none.
         noise (in, n): independent standard normal numbers, new at each sample. Required.
         seed (in, 1): varies the seed, see `noise_seed`. Optional.
         wheels (out, 6): angular momentum relative to the vehicle and its time derivative, body axes, see
@@ -83,7 +84,9 @@ class ReactionWheels(LeafSystem):
         output.SetFromVector(self._speeds(context))
 
     def _coming(self, context: Any) -> Any:
-        return acceleration(self._torque.Eval(context), self._inertias.get(context), self._model)
+        inertias = self._inertias.get(context)
+        torque = self._torque.Eval(context) if self._torque.HasValue(context) else np.zeros(self._n)
+        return acceleration(torque, inertias, self._speeds(context), self._model, self._period_s)
 
     def _calc_momentum(self, context: Any, output: Any) -> None:
         if self._stepped:

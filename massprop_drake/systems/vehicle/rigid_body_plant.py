@@ -14,6 +14,7 @@ from massprop_drake.maths.kernels import chosen, held, value_of
 from massprop_drake.maths.linear_algebra import is_positive_definite
 from massprop_drake.maths.mass_properties import MassProperties, Spread, six_elements, symmetric
 from massprop_drake.maths.vehicle import ports, rigid_body
+from massprop_drake.maths.vehicle.depletion import OutOfPropellantError, Tanks, draining, emptied
 from massprop_drake.maths.vehicle.ports import Motion
 from massprop_drake.maths.vehicle.reaction_jets import profile_size
 from massprop_drake.maths.vehicle.rigid_body import (
@@ -34,6 +35,7 @@ from massprop_drake.systems.vehicle.noise_source import seed_in
 Array = NDArray[np.float64]
 
 _NO_WHEELS = np.zeros(0)
+_CENTER = STRUCTURE.slice("center_of_mass")
 _LEAST_TIME_S = 1e-9  # that the mass must last in a continuous plant, whose steps shrink with what is left
 
 
@@ -52,19 +54,23 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             wrench_profile (in, 7 (1 + n_lags), stepped plant only): see `ReactionJets`. Required.
             wheels (in, 6, with wheels only): angular momentum of reaction wheels relative to the body, ft-lbf-s or
                 N-m-s, and its time derivative, see `ReactionWheels`. Required.
+            drained (in, n_tanks, with tanks only): propellant drawn from each tank over the coming sample, see
+                `ReactionJets`. Required.
             seed (in, 1, with a spread only): varies the seed, see `noise_seed`. Optional.
             body_state (out, 23): see `rigid_body`. No feedthrough.
             structure (out, 9): inertia about the center of mass (11, 22, 33, 23, 13, 12) and center of mass. No
                 feedthrough.
             mass_properties (out, 10): the true ten parameters, see `maths.mass_properties`.
+            propellant (out, n_tanks, with tanks only): in each tank at the last sample, slug or kg. No feedthrough.
 
         Parameters: mass properties at the start, or, with a spread, those about which they are drawn, see `parameters`:
         mass, slug or kg; center_of_mass (x, y, z), vehicle frame, ft or m; inertia (xx, yy, zz, yz, xz, xy) about the
         center of mass, body axes, slug-ft^2 or kg-m^2.
 
         State: body (23), continuous or discrete: as `body_state`, but of the mass the change since the start. With
-        jumps structure_change (9), discrete: of the structure since the start. Drake's events cannot change parameters,
-        so what a payload or propellant changes is state.
+        jumps or tanks structure_change (9), discrete: of the structure since the start. Drake's events cannot change
+        parameters, so what a payload or propellant changes is state. With tanks running (9 + n_tanks + 1), discrete:
+        change of the structure over the sample that is running, propellant left at its beginning, and its time, s.
 
         Timing: a stepped plant's update at t_k carries the body from t_k to t_k+1 under the command
         decided at t_k; a continuous one is integrated by the simulator.
@@ -82,6 +88,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             spread: of the true mass properties about the parameters, drawn by the seed; None: they are the parameters.
             seed: of the run.
             wheels: whether the vehicle has reaction wheels.
+            tanks: that the jets empty, and propellant in each at the start, slug or kg, shape (n_tanks,); None: none.
             compiled: whether the step's kernel is.
 
         Attributes:
@@ -105,12 +112,13 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             spread: Spread | None = None,
             seed: int = 0,
             wheels: bool = False,
+            tanks: tuple[Tanks, Array] | None = None,
             compiled: bool = False,
             converter: Any = None,
         ) -> None:
             LeafSystem_[T].__init__(self, converter)
             self.set_name("rigid_body")
-            made = lag_time_constants_s, pieces, initial_rate, jumps, period_s, wheels, compiled
+            made = lag_time_constants_s, pieces, initial_rate, jumps, period_s, wheels, tanks, compiled
             self._made = (properties, time_step, *made)
             self._spread, self._seed = spread, seed
             self._time_step = time_step
@@ -147,12 +155,14 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 self.DeclarePeriodicDiscreteUpdateEvent(period_sec=time_step, offset_sec=0.0, update=self._update)
             self._wheels = self.DeclareVectorInputPort("wheels", 6) if wheels else None
             self._jumps = rigid_body.jumps_by_sample(jumps, period_s) if jumps else {}
-            self._period_s = period_s
+            self._period_s, self._tanks = period_s, tanks
             self._structure_change = None
-            if jumps:
+            if jumps or tanks is not None:
                 self._structure_change = self.DeclareDiscreteState(STRUCTURE.size)
-                self.DeclarePeriodicUnrestrictedUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._jump)
                 changed.add(self.discrete_state_ticket(DiscreteStateIndex(self._structure_change)))
+            if jumps:
+                self.DeclarePeriodicUnrestrictedUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._jump)
+            changed |= set() if tanks is None else self._declare_tanks(tanks[-1])
             self._constants = Cached(self, "constants of motion", self._compute_constants, changed)
             moving = {self._constants.ticket, self.xd_ticket(), self.xc_ticket()}
             self.DeclareVectorOutputPort("body_state", N_STATE, self._calc_body_state, prerequisites_of_calc=moving)
@@ -163,14 +173,28 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 "mass_properties", 10, self._calc_mass_properties, prerequisites_of_calc=moving
             )
 
+        def _declare_tanks(self, fill: Array) -> set[Any]:
+            """Declares what tanks need, for propellant at the start; returns what the structure depends on besides."""
+            self._drained = self.DeclareVectorInputPort("drained", fill.size)
+            begun = np.concatenate((np.zeros(STRUCTURE.size), fill, [0.0]))
+            self._running = self.DeclareDiscreteState(begun)
+            running = {self.discrete_state_ticket(DiscreteStateIndex(self._running))}
+            self.DeclareVectorOutputPort("propellant", fill.size, self._calc_propellant, prerequisites_of_calc=running)
+            if self._time_step != 0.0:
+                return set()
+            self.DeclarePeriodicDiscreteUpdateEvent(period_sec=self._period_s, offset_sec=0.0, update=self._drain)
+            return {*running, self.time_ticket()}
+
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
             properties, time_step, *_ = other._made
             steps = ["moves by steps whose number depends on the state"] if time_step and T is Expression else []
             refuse(T, f"plant '{other.get_name()}'", steps, "set plant.time_step: 0")
             chance = ["has mass properties that are drawn"] if other._spread is not None else []
             refuse(T, f"plant '{other.get_name()}'", chance, "leave out plant.dispersion, and set its parameters")
+            emptying = ["has tanks that jets empty"] if other._tanks is not None else []
+            refuse(T, f"plant '{other.get_name()}'", emptying, "leave out the vehicle's tanks")
             own = ("time_step", "lag_time_constants_s", "pieces", "initial_rate", "jumps", "period_s")
-            names = (*own, "wheels", "compiled")
+            names = (*own, "wheels", "tanks", "compiled")
             made = dict(zip(names, other._made[1:], strict=True))
             Plant._construct(self, properties, converter=converter, **made)
 
@@ -189,7 +213,16 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             structure = np.concatenate((values.inertia, values.center_of_mass))
             if self._structure_change is None:
                 return structure
-            return structure + context.get_discrete_state(self._structure_change).CopyToVector()
+            structure = structure + context.get_discrete_state(self._structure_change).CopyToVector()
+            if self._tanks is None or self._time_step != 0.0:
+                return structure
+            change, _, since_s = self._over_sample(context)
+            return structure + (context.get_time() - since_s) / self._period_s * change
+
+        def _over_sample(self, context: Any) -> tuple[Any, Any, float]:
+            """Change of the structure over the running sample, shape (9,), propellant at its start, and its time, s."""
+            running = context.get_discrete_state(self._running).CopyToVector()
+            return running[: STRUCTURE.size], running[STRUCTURE.size : -1], running[-1]
 
         def _compute_constants(self, context: Any) -> Any:
             """The constants of motion, a holder of them, and the mass at the start."""
@@ -230,7 +263,35 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                     constants = rigid_body.carrying(constants, self._wheels.Eval(context))
                 if T is not Expression:
                     self._require_mass(context, body, wrench)
-                derivatives.get_mutable_vector().SetFromVector(rigid_body.derivative(body, wrench, constants))
+                changing = rigid_body.derivative(body, wrench, constants)
+                if self._tanks is not None:
+                    shift = self._over_sample(context)[0][_CENTER] / self._period_s
+                    changing = changing + rigid_body.shifted(body, body[RATE], shift)
+                derivatives.get_mutable_vector().SetFromVector(changing)
+
+        def _drawn(self, context: Any, mass: float, structure: Array) -> tuple[Array, Array]:
+            """Structure after the coming sample, and propellant left in the tanks."""
+            assert self._tanks is not None, "the plant has tanks"
+            (tanks, _), used = self._tanks, self._drained.Eval(context)
+            _, fill, _ = self._over_sample(context)
+            try:
+                left = draining(fill, used)
+            except OutOfPropellantError as error:
+                raise error.at(value_of(context.get_time())) from None
+            return emptied(structure, mass, fill, used, tanks), left
+
+        def _drain(self, context: Any, state: Any) -> None:
+            """Begins a sample of a continuous plant whose tanks are emptied in it."""
+            structure, body = self._structure(context), self._body(context)
+            after, left = self._drawn(context, body[MASS], structure)
+            start = self._start.get(context)
+            change = structure - np.concatenate((start.inertia, start.center_of_mass))
+            state.set_value(self._structure_change, change)
+            state.set_value(self._running, np.concatenate((after - structure, left, [context.get_time()])))
+
+        def _calc_propellant(self, context: Any, output: Any) -> None:
+            _, left, _ = self._over_sample(context)
+            output.SetFromVector(left)
 
         def _require_mass(self, context: Any, body: Any, wrench: Any) -> None:
             try:
@@ -257,10 +318,24 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             _, constants, mass = self._constants.get(context)
             body[MASS] += mass
             wheels = _NO_WHEELS if self._wheels is None else self._wheels.Eval(context)
+            drawn: Any = None
+            if self._tanks is not None:
+                structure = self._structure(context)
+                drawn = self._drawn(context, body[MASS], structure)
+                middle = rigid_body.body_with(0.5 * (structure + drawn[0]))
+                constants = held(middle, self._compiled)
             try:
                 after = self._kernel(body, profile, wheels, constants, self._held)
             except (OutOfMassError, SpunUpError) as error:
                 raise error.at(value_of(context.get_time())) from None
+            if drawn is not None:
+                rate, shift = 0.5 * (body[RATE] + after[RATE]), drawn[0][_CENTER] - structure[_CENTER]
+                after = after + rigid_body.shifted(after, rate, shift)
+                start = self._start.get(context)
+                change = drawn[0] - np.concatenate((start.inertia, start.center_of_mass))
+                state.set_value(self._structure_change, change)
+                running = np.concatenate((np.zeros(STRUCTURE.size), drawn[-1], [context.get_time()]))
+                state.set_value(self._running, running)
             after[MASS] -= mass
             state.set_value(self._state, after)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from pydrake.systems.framework import LeafSystem_
 
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.rigid_body import N_STATE, STRUCTURE
-from massprop_drake.maths.vehicle.tracking import N_NOISE, PoseModel, pose_read, velocity_read
+from massprop_drake.maths.vehicle.tracking import N_NOISE, PoseModel, is_due, pose_read, velocity_read
 from massprop_drake.systems.arguments import vector
 from massprop_drake.systems.scalars import float_class, refuse, template
 
@@ -44,16 +45,26 @@ def Tracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             self._structure = self.DeclareVectorInputPort("structure", STRUCTURE.size)
             self._noise = self.DeclareVectorInputPort("noise", n_noise, RandomDistribution.kGaussian)
             inputs = (self._body_state, self._structure, self._noise)
-            read = {self.input_port_ticket(port.get_index()) for port in inputs}
+            read = {self.input_port_ticket(port.get_index()) for port in inputs} | self._times()
             self.DeclareVectorOutputPort("reading", size, self._calc, prerequisites_of_calc=read)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
             Sighting._construct(self, *other._sizes, converter=converter)
 
+        def _times(self) -> set[Any]:
+            """Tickets of the time, where it decides whether anything is read."""
+            return set()
+
+        def _is_due(self, _context: Any) -> bool:
+            return True
+
         def _read(self, body: Any, center: Any, noise: Any) -> Any:
             raise NotImplementedError
 
         def _calc(self, context: Any, output: Any) -> None:
+            if not self._is_due(context):
+                output.SetFromVector(np.full(output.size(), np.nan))
+                return
             center = STRUCTURE.read(self._structure.Eval(context)).center_of_mass
             output.SetFromVector(self._read(self._body_state.Eval(context), center, self._noise.Eval(context)))
 
@@ -68,7 +79,7 @@ def PoseTracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
         """Measures position and attitude, see `maths.vehicle.tracking`; ports, state and timing as `Tracker`.
 
         The reading (7) is the tracked point's position, ft or m, and the quaternion from body to fixed frame, scalar
-        first; NaN for a part that is not measured.
+        first; NaN for a part that is not measured, and at samples between two readings at a rate of its own.
 
         Scalars: float; AutoDiffXd and Expression where time_std_s and outliers are 0.
 
@@ -81,15 +92,21 @@ def PoseTracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
         """
 
         def _construct(self, name: str, model: PoseModel, *, converter: Any = None) -> None:
+            self._model = model
             Tracker_[T].__init__(self, name, 7, N_NOISE, converter=converter)
             vector(f"sensor '{name}': point", model.point, 3)
-            self._model = model
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
             name, model = other.get_name(), other._model
             chance = ["has stamps or readings that are wrong by chance"] if model.time_std_s or model.outliers else []
             refuse(T, f"sensor '{name}'", chance, "set its time_std_s and outliers to 0, or leave the sensor out")
             PoseSeen._construct(self, name, model, converter=converter)
+
+        def _times(self) -> set[Any]:
+            return {self.time_ticket()} if math.isfinite(self._model.rate_hz) else set()
+
+        def _is_due(self, context: Any) -> bool:
+            return math.isinf(self._model.rate_hz) or is_due(context.get_time(), self._model)
 
         def _read(self, body: Any, center: Any, noise: Any) -> Any:
             return pose_read(body, center, noise, self._model)

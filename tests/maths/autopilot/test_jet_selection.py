@@ -10,13 +10,13 @@ from massprop_drake.maths.autopilot.jet_selection import (
     activity_vectors,
     burst_cycles,
     delivered_velocity,
-    firing,
     forces_of,
     least_change,
     least_cycles,
     must_select,
 )
 from massprop_drake.maths.autopilot.phase_space import Request, Urgency
+from massprop_drake.maths.autopilot.pulses import coming_pulse, whole_cycles
 from massprop_drake.maths.mass_properties import MassProperties
 from massprop_drake.maths.vehicle.thrust import thrust_wrenches
 
@@ -66,7 +66,7 @@ def test_least_change_is_what_lifts_the_longest_on_time_to_half_a_cycle() -> Non
     request = np.array([1e-4, -3e-4, 2e-4, 0.0, 0.0, 0.0])
     on_times = np.array([0.0, 0.01, 0.03])
     # longest 0.03 s must grow to 0.04 s: by a third, and 3e-4 / 3 = 1e-4 rad/s
-    change = least_change(request, on_times, PERIOD)
+    change = least_change(request, on_times, 0.5 * PERIOD)
     assert change == pytest.approx(1e-4, rel=1e-12)
     grown = on_times * (3e-4 + change) / 3e-4
     assert burst_cycles(grown * (1.0 + 1e-9), PERIOD, np.zeros(3)).tolist() == [0, 0, 1]
@@ -74,7 +74,7 @@ def test_least_change_is_what_lifts_the_longest_on_time_to_half_a_cycle() -> Non
 
 
 def test_answer_without_any_firing_may_be_asked_for_again_at_once() -> None:
-    assert least_change(np.array([1e-4, 0.0, 0.0, 0.0, 0.0, 0.0]), np.zeros(3), PERIOD) == 0.0
+    assert least_change(np.array([1e-4, 0.0, 0.0, 0.0, 0.0, 0.0]), np.zeros(3), 0.5 * PERIOD) == 0.0
 
 
 NOTHING, FIRING, MOVED = np.zeros(4), np.array([0.0, 2.0, 0.0, 1.0]), np.array([0.02, 0.0, 0.0])
@@ -110,7 +110,7 @@ def test_what_a_command_gives_is_what_its_activity_vectors_say(orbiter: Vehicle)
     properties = orbiter.nominal.vector()
     remaining = np.zeros(44)
     remaining[[3, 17, 40]] = 1.0, 5.0, 2.0
-    command = firing(remaining)
+    command = coming_pulse(remaining, whole_cycles(44))
     assert command.sum() == 3.0
     given = delivered_velocity(command, forces_of(orbiter.wrenches), properties[9], PERIOD)
     expected = activity_vectors(orbiter.wrenches, properties)[3:] @ command * PERIOD

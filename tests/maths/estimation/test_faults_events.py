@@ -105,7 +105,7 @@ def test_a_proposal_is_compared_with_what_another_was_worth_at_the_same_cycle() 
     other = hypothesis()._replace(prior=-1.0)
     for cycle, likelihood in ((6, -2.0), (7, -3.0), (8, -3.5)):
         score = NO_SCORE._replace(likelihood=likelihood)
-        other = gone_on(other, other.run._replace(cycle=cycle, score=score))
+        other = gone_on(other, other.run._replace(cycle=cycle, score=score), JOINT)
     one = hypothesis(of_jet(2))._replace(prior=-17.0)
     one = one._replace(run=one.run._replace(onset=5, cycle=7, score=NO_SCORE._replace(likelihood=-8.0)))
     assert behind(one, other) == pytest.approx((-3.0 - 1.0) - (-8.0 - 17.0))

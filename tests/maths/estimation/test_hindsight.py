@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from joint_probe import INVERSE, PERIOD, TRUTH, read_as, small_params
+from joint_probe import INVERSE, PERIOD, POSITIONS, TRUTH, read_as, small_params
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.stats import chi2
@@ -22,6 +22,7 @@ from massprop_drake.maths.estimation.joint.measurement import outputs
 from massprop_drake.maths.estimation.joint.prediction import drive, predict, propellant_drift
 from massprop_drake.maths.estimation.joint.ticks import on_ticks
 from massprop_drake.maths.estimation.joint.wheels import NO_WHEELS, WheelParams
+from massprop_drake.maths.vehicle.mounting import mounting
 from massprop_drake.results.hindsight import Names, diagnosed
 
 Array = NDArray[np.float64]
@@ -419,7 +420,9 @@ def test_rates_that_are_missing_while_jets_fire_lie_on_no_straight_line(monkeypa
     stretch, (model, _) = flight(7).stretch, known()
     stretch.readings[:, 0][np.random.default_rng(7).random((ROWS + 1, 3)) < 0.1] = np.nan
     fit = hindsight.fitted([stretch], model.prior, model)
-    assert fit.normal.per_reading < 1.2  # 12 with straight lines
+    assert fit.normal.per_reading < 1.2
+    once = hindsight.normal(stretch, model.prior, model)  # at the truth, before any rate is followed
+    assert once.misfit < 1.2 * once.readings
     assert (fit.normal.by_package[:, 0] < 1.2 * fit.normal.by_package[:, 1]).all()
 
 
@@ -551,12 +554,31 @@ def test_wheels_turn_the_vehicle_as_they_are_read(followed: bool) -> None:
     assert hindsight.fitted([stretch], model.prior, model).normal.misfit > 100.0 * fit.normal.misfit
 
 
+def test_jets_are_mounted_as_they_push() -> None:
+    """Slopes of the misfit by errors of the mounting are those of differences, and the errors are found."""
+    model, _ = known()
+    each = mounting(PARAMS.wrenches, POSITIONS, np.full((6, 2), (0.02, 0.01)))
+    prior = np.insert(model.prior, hindsight.columns(model).fill.start, np.zeros(each.jets.size))
+    model = model._replace(prior=prior, sigma=np.zeros_like(prior), mounting=each)
+    places = hindsight.columns(model)
+    model.sigma[places.properties], model.sigma[places.mount] = 1e-3 * np.diag(PARAMS.start_root), 1.0
+    at = model.prior.copy()
+    at[places.mount] = np.random.default_rng(2).standard_normal(each.jets.size)
+    stretch = flight(2).stretch
+    require_slopes(stretch, at, model, 5e-3)
+    fit = hindsight.fitted([stretch], at, model)
+    assert np.abs(fit.at[places.mount]).max() < 0.3  # as they were flown
+    assert fit.normal.misfit < 1.2 * fit.normal.readings
+
+
 def require_slopes(stretch: Stretch, at: Array, model: Model, tolerance: float) -> None:
     """Compares the score with slopes of the misfit by differences, to a share of the largest."""
     places, score = hindsight.columns(model), hindsight.normal(stretch, at, model).score
     sizes = np.concatenate((1e-4 * np.abs(TRUTH), np.full(at.size - 10, 1e-6)))
     tested = [*range(10), places.thrust.start + 2, *group(places.gyro_bias), places.torque.start]
     tested += [places.drag.start + 1, places.momentum.start + 2, places.accelerometer_gain.start, *group(places.wheel)]
+    sizes[places.mount] = 1e-3
+    tested += group(places.mount).tolist()
     for unknown in tested:
         ends = []
         for sign in (1.0, -1.0):
@@ -565,3 +587,46 @@ def require_slopes(stretch: Stretch, at: Array, model: Model, tolerance: float) 
             ends.append(hindsight.normal(stretch, moved, model).misfit)
         slope = (ends[1] - ends[0]) / (4.0 * sizes[unknown])
         assert score[unknown] == pytest.approx(slope, rel=2e-3, abs=tolerance * abs(score).max()), unknown
+
+
+def of_all(model: Model, at: Array, stretch: Stretch) -> tuple[Array, Array]:
+    """Information about everything that may be wrong, scaled, and the score."""
+    wide = model._replace(sigma=np.where(model.sigma > 0.0, model.sigma, 1.0))
+    found = hindsight.normal(stretch, at, wide)
+    scale = 1.0 / np.sqrt(np.maximum(found.information.diagonal(), 1e-300))
+    return scale[:, None] * found.information * scale, found.score * scale
+
+
+@pytest.mark.parametrize("opens", [False, True])
+def test_intervals_of_one_length_say_the_same_one_by_one(opens: bool) -> None:
+    model, _ = known()
+    own = model._replace(at_stamps=True, own_times=True)
+    stretch, at = flight(3, torque=np.array([1e-5, 0.0, 0.0])).stretch, model.prior.copy()
+    if opens:
+        halves = 0.5 * stretch.commands
+        at_s = np.where(halves > 0.0, 0.3 * PERIOD, np.nan)
+        stretch = stretch._replace(commands=halves, onsets_s=at_s, before_onsets_s=np.full((1, 6), np.nan))
+    for one, other in zip(of_all(model, at, stretch), of_all(own, at, stretch), strict=True):
+        np.testing.assert_allclose(other, one, rtol=0.0, atol=1e-8 * np.abs(one).max())
+
+
+def test_rows_of_other_sensors_between_tell_neither_more_nor_less() -> None:
+    model, _ = known()
+    own = model._replace(at_stamps=True, own_times=True)
+    stretch, at = flight(4).stretch, model.prior.copy()
+    share = np.where(np.arange(ROWS) % 2 == 0, 0.3, 0.8) * PERIOD
+    time_s = np.insert(stretch.time_s, np.arange(1, ROWS + 1), stretch.time_s[:-1] + share)
+    order = np.argsort(time_s, kind="stable")
+    assert (np.diff(order) > 0).all()
+    place = np.arange(1, ROWS + 1)
+    between = stretch._replace(
+        time_s=time_s,
+        readings=np.insert(stretch.readings, place, np.nan, axis=0),
+        commands=np.insert(stretch.commands, place, stretch.commands[:-1], axis=0),
+        outside=np.zeros((2 * ROWS + 1, 6)),
+        used_after=np.insert(stretch.used_after, place, stretch.used_after[:-1]),
+    )
+    one, other = hindsight.normal(stretch, at, model), hindsight.normal(between, at, own)
+    assert other.readings == one.readings
+    assert other.misfit == pytest.approx(one.misfit, rel=1e-3)
+    np.testing.assert_allclose(other.information[:10, :10].diagonal(), one.information[:10, :10].diagonal(), rtol=1e-3)

@@ -67,7 +67,7 @@ def banked(flown: Flight) -> list[Bank]:
     for cycle, over in enumerate(flown.links):
         bank = banks.advanced(bank, over, PLACES)
         before.append(bank)
-        bank = banks.taken(bank, over, flown.states[cycle + 1], cycle)
+        bank = banks.taken(bank, over, flown.states[cycle + 1], cycle, PARAMS)
     return before
 
 
@@ -208,7 +208,7 @@ def test_onsets_reach_back_and_stay_few() -> None:
     over, state = flown.links[0], flown.states[1]
     bank = banks.empty(PLACES)
     for cycle in range(300):
-        bank = banks.taken(banks.advanced(bank, over, PLACES), over, state, cycle)
+        bank = banks.taken(banks.advanced(bank, over, PLACES), over, state, cycle, PARAMS)
     ages = 299 - bank.cycles
     assert ages.shape[0] <= banks.ONSETS
     assert ages[-3:].tolist() == [2, 1, 0]

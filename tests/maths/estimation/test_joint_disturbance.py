@@ -105,7 +105,7 @@ def test_the_bank_knows_how_uncertain_a_disturbance_makes_what_has_been_since() 
         bank = banks.advanced(bank, over, PLACES)
         if number > 0:
             covariance = propagated(covariance, report.course.expected.prediction, still)
-        bank, state = banks.taken(bank, over, after, number), after
+        bank, state = banks.taken(bank, over, after, number, still), after
         if number == 0:
             first = after
     rows = np.r_[RATE.start : RATE.stop, VELOCITY : VELOCITY + 3, PLACES.slow : PLACES.thrust]

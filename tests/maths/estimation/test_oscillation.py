@@ -57,6 +57,7 @@ def test_lines_of_a_disturbance_have_its_power(constant_s: float) -> None:
         acting = kept * acting + np.sqrt(1.0 - kept**2) * generator.normal(size=2000)
     for each in left:
         lines = lines_of(each, period_s * np.arange(n))
-        power += lines.power / wander_lines(constant_s, lines) / 2000
+        expected = np.convolve(wander_lines(constant_s, lines), np.full(3, 1.0 / 3.0), "valid")
+        power += lines.power / expected / 2000
     np.testing.assert_allclose(power, 1.0, atol=0.12)
     assert power.mean() == pytest.approx(1.0, abs=0.02)

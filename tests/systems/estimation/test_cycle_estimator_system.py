@@ -59,7 +59,7 @@ def system(scenario: Scenario) -> CycleEstimator:
 def judged(jets: int) -> dict[str, int]:
     """Ports that a detector by hypotheses adds."""
     sizes = {"reconfiguration": 7 + jets, "closed": jets, "held_closed": jets, "detector_report": 14 + 4 * jets}
-    return {**sizes, "hypothesis_report": 21 + 12 * jets, "fault_probability": jets + 2}
+    return {**sizes, "hypothesis_report": 24 + 12 * jets, "fault_probability": jets + 2}
 
 
 # --------------------------------------------------------------------------------------------- ports

@@ -21,6 +21,7 @@ from massprop_drake.inputs.vehicle import load_vehicle
 from massprop_drake.maths.mass_properties import MassProperties
 from massprop_drake.maths.vehicle import rigid_body
 from massprop_drake.maths.vehicle.wheel_motors import WheelsModel, speed_read, true_inertias
+from massprop_drake.systems.vehicle.reaction_wheels import ReactionWheels
 
 Array = NDArray[np.float64]
 AXES = np.array([[0.6, 0.0, 0.8], [0.0, 1.0, 0.0]])
@@ -34,7 +35,9 @@ WHEELS = [
 def model(**changed: Any) -> WheelsModel:
     """Two wheels that stand."""
     nothing = np.zeros(2)
-    return WheelsModel(AXES, SPIN, np.full(2, 0.2), nothing, nothing, 0.0, nothing)._replace(**changed)
+    return WheelsModel(AXES, SPIN, np.full(2, 0.2), nothing, nothing, 0.0, nothing, np.full(2, np.inf))._replace(
+        **changed
+    )
 
 
 def multibody(torques: Array, step_s: float, steps: int) -> tuple[Array, Array, Array]:
@@ -135,3 +138,14 @@ def test_wheels_that_the_vehicle_has_not_are_refused() -> None:
         scenario(wheel_schedule=[{"wheel": "W3", "start_s": 0.0, "end_s": 1.0, "torque": 0.1}])
     with pytest.raises(ValueError, match="'W1' is no wheel of vehicle 'small_satellite'"):
         load_scenario("small_satellite_leak", ["plant.wheel_speeds={W1: 3.0}"])
+
+
+def test_a_motor_leaves_its_wheel_at_the_largest_speed() -> None:
+    """The first wheel gets .1 N m, so 5 rad/s^2: in a sample of .1 s half a rad/s, of which .2 are left."""
+    near = model(fastest=np.array([10.0, np.inf]), start=np.array([9.8, -3.0]))
+    dut = ReactionWheels(near, ("W1", "W2"), period_s=0.1, stepped=True, seed=0)
+    context = dut.CreateDefaultContext()
+    assert not dut.GetOutputPort("wheels").Eval(context)[3:].any()  # without a torque
+    dut.GetInputPort("wheel_torque").FixValue(context, [0.1, 0.1])
+    changing = dut.GetOutputPort("wheels").Eval(context)[3:]
+    np.testing.assert_allclose(changing, 0.02 * 0.2 / 0.1 * AXES[0] + 0.1 * AXES[1], rtol=1e-12)

@@ -94,4 +94,17 @@ class Unexplained(NamedTuple):
     onset_s: float
 
 
-Declaration = JetsDeclared | JumpDeclared | ReadingDeclared | Unexplained
+class DisturbanceDeclared(NamedTuple):
+    """Something acts that nobody stated, and changes slowly.
+
+    Attributes:
+        onset_s: since when.
+        torque, force: its 1-sigma, to an order of magnitude, ft-lbf and lbf, or N-m and N; NaN without accelerometer.
+    """
+
+    onset_s: float
+    torque: float
+    force: float
+
+
+Declaration = JetsDeclared | JumpDeclared | ReadingDeclared | Unexplained | DisturbanceDeclared

@@ -93,7 +93,7 @@ class Hypothesis(NamedTuple):
         for event in self.events:
             cause = event.cause
             ways: list[Part] = [(way,) for way in sorted(cause.failures)]
-            for one in ways if cause.kind == Kind.JETS else [(cause.kind, cause.component)]:
+            for one in ways if cause.kind == Kind.JETS else [cause.part]:
                 found.append((*one, sum(part[:-1] == one for part in found)))
         return tuple(found)
 
@@ -108,7 +108,13 @@ class Hypothesis(NamedTuple):
             )
             if jet >= 0
         ]
-        return (frozenset(self.parts), frozenset(slots), self.push, 0.0 if state.guarded else self.jumped)
+        return (
+            frozenset(self.parts),
+            frozenset(slots),
+            self.push,
+            (state.stir, state.stir_s),
+            0.0 if state.guarded else self.jumped,
+        )
 
     @property
     def ways(self) -> frozenset[Way]:
@@ -174,9 +180,10 @@ def shares(each: Hypothesis, duration_s: float) -> Array:
     return walks
 
 
-def gone_on(each: Hypothesis, run: Runner) -> Hypothesis:
+def gone_on(each: Hypothesis, run: Runner, params: JointParams) -> Hypothesis:
     """The hypothesis with its filter a cycle further."""
-    return each._replace(run=run, trail=(*each.trail, run.score.likelihood)[-OLDEST:])
+    kept = OLDEST * params.rates.steps
+    return each._replace(run=run, trail=(*each.trail, run.score.likelihood)[-kept:])
 
 
 def behind(each: Hypothesis, other: Hypothesis) -> float:
@@ -201,7 +208,7 @@ def moved(each: Hypothesis, sample: Sample, over: Link, params: JointParams, *, 
         NotPositiveDefiniteError: see `joint.cycle.step`.
     """
     run = stepped(each.run, sample, over, shares(each, over.duration_s), each.push, params)
-    return gone_on(each, run._replace(state=unguarded(run.state)) if starting else run)
+    return gone_on(each, run._replace(state=unguarded(run.state)) if starting else run, params)
 
 
 def split(each: Hypothesis, sample: Sample) -> tuple[Hypothesis, ...]:
@@ -228,4 +235,5 @@ def split(each: Hypothesis, sample: Sample) -> tuple[Hypothesis, ...]:
 def regained(each: Hypothesis, sample: Sample, cycle: int, params: JointParams) -> Hypothesis:
     """The hypothesis after an interval of which nothing is known."""
     after, _ = restart(each.run.state, sample, params)
-    return gone_on(each, each.run._replace(state=after, cycle=cycle))._replace(watch=None, origin=None, review=None)
+    begun_anew = gone_on(each, each.run._replace(state=after, cycle=cycle), params)
+    return begun_anew._replace(watch=None, origin=None, review=None)

@@ -14,7 +14,7 @@ import numpy as np
 from massprop_drake.maths.estimation.faults.priors import Priors, force_correction
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.cycle import crossed, relinearized, restart
-from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Cause, Score, kicked, opened, slot_of
+from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Cause, Kind, Score, kicked, opened, slot_of
 from massprop_drake.maths.estimation.joint.lag_prior import begun_as, log_mixture, reconsidered
 from massprop_drake.maths.estimation.joint.layout import MASS, N_PROPERTIES, JointParams, JointState
 from massprop_drake.maths.estimation.joint.screen import Contender
@@ -22,7 +22,7 @@ from massprop_drake.maths.estimation.joint.sensitivity import linked, traced
 from massprop_drake.maths.estimation.joint.start import Kept, stays
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
 
-_MOST = 6  # passes; three as a rule
+MOST = 6  # passes, three as a rule: compute budget
 _LATE = 2  # passes to the newest sample, during each of which more come: compute budget
 _CLOSE = 3.0  # sigmas by which samples that came since may move the end of the last pass
 
@@ -121,6 +121,8 @@ def step_fit(fit: Fit, kept: Kept, params: JointParams) -> Fit | None:
 def _stepped(fit: Fit, kept: Kept, params: JointParams) -> tuple[JointState, Score]:
     state, score, about, sample = fit.state, fit.score, fit.about, kept.sample
     cause, kicks, age = fit.contender.cause, fit.contender.kicks, fit.done - fit.contender.onset
+    if cause.kind == Kind.WANDER and age == 0:
+        state = opened(state, cause, params)
     if cause.jets and (age == 0 or 0 < age < len(kicks)):
         state, crossing = crossed(state, about[:N_PROPERTIES], sample, params.floors, params)
         score = score.plus(Score(crossing.log_likelihood, 0.0, 0.0))
@@ -140,7 +142,7 @@ def end_pass(fit: Fit, entry: JointState, params: JointParams) -> Fit:
     """Ends a pass that has gone over all: it has arrived, or begins again."""
     wanders = fit.passes > 2 and fit.scores[len(fit.earlier) - 1].likelihood < fit.reached
     stays_so = stays(fit.state, fit.about, params.places) and _cause(fit, params) == fit.contender.cause
-    if wanders or fit.passes >= _MOST or stays_so:
+    if wanders or fit.passes >= MOST or stays_so:
         return fit._replace(arrived=True)
     return begin_pass(fit, entry, params)
 

@@ -37,6 +37,7 @@ class Priors(NamedTuple):
         payload_per_hour: payloads that come or leave.
         reading_per_hour: readings of one component that begin to be wrong.
         unknown_per_hour: pushes that nothing known explains.
+        disturbed: probability that something acts all along that nobody stated, and shows from some time on.
         start: probability, when something contradicts a start, that this was stated too well.
         false_per_hour: false declarations of one jet, or of anything else, that a user accepts.
     """
@@ -50,6 +51,7 @@ class Priors(NamedTuple):
     payload_per_hour: float = 0.1
     reading_per_hour: float = 1e-3
     unknown_per_hour: float = 1e-4
+    disturbed: float = 0.1
     start: float = 0.1
     false_per_hour: float = 1e-6
 

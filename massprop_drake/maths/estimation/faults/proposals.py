@@ -23,22 +23,28 @@ from massprop_drake.maths.estimation.joint.guard import knows_rotation
 from massprop_drake.maths.estimation.joint.hypotheses import (
     DRIFT,
     JUMP_SHARES,
+    STIRS,
+    STUCK_SHARE,
+    STUCK_THRUST,
     TURNED,
     Cause,
     Kind,
     Runner,
     Score,
+    first_of_engines,
     known_forces,
     slot_of,
+    stirs_beyond,
     told,
 )
-from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
+from massprop_drake.maths.estimation.joint.layout import CENTER, JointParams, JointState
 from massprop_drake.maths.estimation.joint.screen import PAIR_PRIOR, Contender, Screen
 from massprop_drake.maths.estimation.joint.sensitivity import Link, Traces, linked, traces
-from massprop_drake.maths.estimation.joint.unknown import is_anything
+from massprop_drake.maths.estimation.joint.unknown import is_anything, reading_sigmas
 from massprop_drake.maths.estimation.joint.wheels import size_of
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import ELEMENT
+from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS, N_ERRORS, thrust
 
 _SHARE = 0.7  # of the largest statistic: older onsets explain the end point as well
 _SINGLES, _PAIRS = 12, 24  # proposals of a draw: compute budget
@@ -53,6 +59,9 @@ _HOPELESS = 50.0  # nats behind the likeliest hypothesis, to first order, at whi
 _PUSHES = (1.0, 0.1, 0.01)  # of an unknown push, in what all jets give
 _INTERMITTENT_PER_S = 1.0  # changes of an intermittent force
 _ENDS_PER_S = 1.0  # of an unknown push
+_LATER = 4  # cycles after an alarm, in which steps go to failed jets: compute budget
+_BEFORE = 48  # cycles before an alarm from which on something unstated is followed: compute budget
+_JUMPS_PER_HOUR = 0.1  # probability: of a disturbance that nobody stated, where there is one
 _NATS_OF_A_PUSH = 20.0  # that an unknown push costs a sample: as its readings tell nothing else
 
 
@@ -182,7 +191,7 @@ def watched(each: Hypothesis, evidence: JointEvidence, cycle: int, params: Joint
     score = run.score.plus(told(evidence.report))
     done = run._replace(cycle=cycle, state=evidence.after, score=score)
     if not _is_judged(evidence, params) or each.push > 0.0:
-        return gone_on(each, done)._replace(watch=None)
+        return gone_on(each, done, params)._replace(watch=None)
     watch = each.watch or Watch(banks.empty(params.places), ())
     seen = traces(evidence.before, evidence.report, sample)
     seen = _uncertain(seen, evidence.before, np.minimum(each.walks * seen.duration_s, 1.0), params)
@@ -203,7 +212,7 @@ def watched(each: Hypothesis, evidence: JointEvidence, cycle: int, params: Joint
     assert course is not None, "the first sample is no cycle"
     tested = tested and not is_anything(course.acting.firing, course.acting.anything)
     watch = Watch(bank, records[-(cycle - oldest + 1) :], alarm, tested, statistic)
-    return gone_on(each, done)._replace(watch=watch)
+    return gone_on(each, done, params)._replace(watch=watch)
 
 
 def _is_judged(evidence: JointEvidence, params: JointParams) -> bool:
@@ -291,6 +300,8 @@ def drawn(each: Hypothesis, cycle: int, among: Sequence[Hypothesis], params: Par
         spent = _NATS_OF_A_PUSH * (cycle - alarm.screen.onsets[0]) * (1.0 + 0.3 * math.log10(push))
         births.append(Birth(child, explained - best + child.prior - spent, None, _NEAR))
     births += _false(each, alarm, explained - best, cycle, params)
+    if cycle - alarm.cycle >= _LATER:
+        births += _wandering(each, alarm, explained - best, cycle, params)
     return births, left
 
 
@@ -432,6 +443,7 @@ def born_key(child: Hypothesis) -> object:
     cause = child.run.cause
     return (
         frozenset(child.parts),
+        cause.component,
         cause.jets,
         cause.signs,
         cause.on_top,
@@ -595,6 +607,45 @@ def _pushed(each: Hypothesis, push: float, alarm: Alarm, params: Params) -> Hypo
     return _born(each, run, prior, params.joint)._replace(push=push)
 
 
+def _wandering(each: Hypothesis, alarm: Alarm, entry: float, cycle: int, params: Params) -> list[Birth]:
+    """Proposals that something acts that nobody stated, stronger than what is thought to act already.
+
+    What such a hypothesis spends is that of a filter that follows, beside a rate, an acceleration that walks: with s
+    what the walk over a sample is in sigmas of the reading, the innovation is as good as that of the reading alone for
+    s << 1, and s of it for s >> 1 (Kalata 1984, the tracking index).
+
+    Args: as of `_false`.
+    """
+    joint, seconds = params.joint, each.watch.records[-1].link.duration_s
+    unit = np.sqrt(np.sum(joint.unstated**2, axis=1)) * seconds / reading_sigmas(joint)
+    prior = math.log(params.priors.disturbed / len(STIRS))
+    now, found = each.run.state, list[Birth]()
+    by_now = _followed(now.stir, now.stir_s, unit, seconds)
+    sudden = log_rate(_JUMPS_PER_HOUR, _seconds(alarm, 0))
+    begins = [(alarm.screen.onsets[0], alarm.states[0], alarm.scores[0], 1.0)]
+    if cycle - alarm.cycle >= 2 * _LATER:
+        bank = each.watch.bank
+        place = min(int(np.searchsorted(bank.cycles, cycle - _BEFORE)), len(bank.states) - 1)
+        onset = int(bank.cycles[place])
+        begins.append((onset, bank.states[place], each.watch.records[onset - cycle - 1].score, 0.0))
+    for stir in stirs_beyond(now, joint):
+        each_sample = _followed(*STIRS[stir], unit, seconds) - by_now
+        for since, state, score, jumps in begins:
+            same = STIRS[stir] == (now.stir, now.stir_s)
+            if same if jumps == 0.0 else not same and stir // 2 % 2 > 0:  # what begins at once, level by decade
+                continue
+            run = Runner(Cause(Kind.WANDER, component=stir), since, (), since, state, score, share=jumps)
+            child = _born(each, run, prior + (sudden if jumps > 0.0 else 0.0), joint)
+            found.append(Birth(child, entry + child.prior - each_sample * (cycle - since), None, _NEARER))
+    return found
+
+
+def _followed(level: float, constant_s: float, unit: Array, seconds: float) -> float:
+    """Cost of following an acceleration that walks, nats a sample; see `_wandering`."""
+    walked = level * unit * math.sqrt(2.0 * seconds / constant_s)
+    return 0.5 * float(np.log1p(np.sqrt(2.0 * walked) + walked**2).sum())
+
+
 def _jumps(each: Hypothesis, alarm: Alarm, level: float, params: Params) -> list[Birth]:
     """Proposals that the mass properties jump, by much or little, at each onset of the screen.
 
@@ -620,7 +671,7 @@ def _jumps(each: Hypothesis, alarm: Alarm, level: float, params: Params) -> list
 
 
 def _false(each: Hypothesis, alarm: Alarm, entry: float, cycle: int, params: Params) -> list[Birth]:
-    """Proposals that the speed of a wheel is false, or that the attitude of the tracker has jumped.
+    """Proposals that a wheel's speed is false, that the tracker's attitude has jumped, or that an engine has failed.
 
     Of several trackers one that jumps contradicts the others, and lies.
 
@@ -634,21 +685,49 @@ def _false(each: Hypothesis, alarm: Alarm, entry: float, cycle: int, params: Par
     joint, found = params.joint, list[Birth]()
     places, inverse = joint.places, each.run.state.mean[:6][ELEMENT]
     finest = float(np.sqrt(joint.variances[: 3 * places.gyros].min(initial=np.inf)))
-    causes = []
+    causes, rare = [], params.priors.reading_per_hour
     for wheel in range(places.wheels):
         if math.isnan(each.run.state.assumed[wheel]):
             wide = size_of(wheel, inverse, each.watch.records[-1].link.duration_s, joint.wheels) / finest
-            causes.append((Cause(Kind.SPEED, component=places.outputs + wheel), 0.0, math.log1p(wide)))
+            causes.append((Cause(Kind.SPEED, component=places.outputs + wheel), rare, 0.0, math.log1p(wide)))
     if places.trackers == 1:
         wide = TURNED / math.sqrt(float(joint.trackers.variances[0]))
-        causes.append((Cause(Kind.TURN, component=places.outputs + places.wheels), 3.0 * math.log1p(wide), 0.0))
-    for cause, at_once, by_sample in causes:
+        causes.append((Cause(Kind.TURN, component=places.outputs + places.wheels), rare, 3.0 * math.log1p(wide), 0.0))
+    rate = params.priors.jet_per_hour
+    causes += [(cause, rate, spent, 0.0) for cause, spent in _of_engines(each, finest, joint)]
+    for cause, per_hour, at_once, by_sample in causes:
         for place, onset in enumerate(alarm.screen.onsets):
             state, score = alarm.states[place], alarm.scores[place]
-            prior = log_rate(params.priors.reading_per_hour, _seconds(alarm, place))
+            prior = log_rate(per_hour, _seconds(alarm, place))
             child = _born(each, Runner(cause, onset, (), onset, state, score), prior, joint)
             spent = at_once + by_sample * (cycle - onset)
             found.append(Birth(child, entry + child.prior - spent, None, _NEAR))
+    return found
+
+
+def _of_engines(each: Hypothesis, finest: float, params: JointParams) -> list[tuple[Cause, float]]:
+    """Failures that engines may have, of those that burn, and what each spends of the readings, nats.
+
+    Args:
+        each: the hypothesis.
+        finest: 1-sigma of the best gyro's reading, rad/s.
+        params: see `JointParams`.
+    """
+    burn, mean, found = each.watch.records[-1].sample.burn, each.run.state.mean, list[tuple[Cause, float]]()
+    inverse, seconds = mean[:6][ELEMENT], each.watch.records[-1].link.duration_s
+    for engine, points in enumerate(burn.points):
+        if not points[:, 0].any():
+            continue
+        given = thrust(engine, points[-1:], np.zeros(N_ERRORS), params.engines)
+        arm, full = given.place - mean[CENTER], params.engines.thrusts[engine] * seconds
+        by_angles = STUCK_SHARE * params.engines.stops[engine, 1:, None] * given.by_angles[:, 0]
+        opened = [STUCK_THRUST * given.along[0], *by_angles]
+        for channel, force in enumerate(opened):
+            place = params.places.wheels + N_CHANNELS * engine + channel
+            if force.any() and math.isnan(each.run.state.assumed[place]):
+                turned = float(np.linalg.norm(inverse @ np.cross(arm, full * force)))
+                component = first_of_engines(params.places) + N_CHANNELS * engine + channel
+                found.append((Cause(Kind.ENGINE, component=component), math.log1p(turned / finest)))
     return found
 
 

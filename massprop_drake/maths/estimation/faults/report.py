@@ -12,6 +12,7 @@ from massprop_drake.maths.arrays import Field, Layout
 from massprop_drake.maths.estimation.detector import STATUS, Event
 from massprop_drake.maths.estimation.faults.declarations import (
     Declaration,
+    DisturbanceDeclared,
     JetsDeclared,
     JumpDeclared,
     ReadingDeclared,
@@ -40,6 +41,9 @@ HYPOTHESIS_REPORT = Layout(
     jump_measured=Field("0: a jump is found; 1: an earlier one has been measured", component="measured"),
     lying_component=Field("index of a component that reads falsely", component="component"),
     unexplained_since=Field("onset of what nothing explains", "s", "onset"),
+    disturbed_since=Field("onset of a disturbance that nobody stated", "s", "onset"),
+    disturbance_torque=Field("1-sigma of it about an axis, to an order of magnitude", "{length}-{force}", "torque"),
+    disturbance_force=Field("1-sigma of it along an axis, to an order of magnitude", "{force}", "force"),
     jump_position=3,
     jump_position_std=3,
     fault_probability="jets",
@@ -191,6 +195,9 @@ def _told(said: tuple[Declaration, ...], n_jets: int) -> Any:
                 row["lying_component"] = float(one.component)
             case Unexplained():
                 row["unexplained_since"] = one.onset_s
+            case DisturbanceDeclared():
+                row |= {"disturbed_since": one.onset_s}
+                row |= {"disturbance_torque": one.torque, "disturbance_force": one.force}
     of_jets = {"verdict": verdict, "verdict_magnitude": magnitude, "verdict_std": std, "verdict_onset": onset}
     of_jets |= {"verdict_group": group, "verdict_place": place, "verdict_apart_by": by, "verdict_apart_after": after}
     of_jets |= {"jump_position": position, "jump_position_std": position_std}

@@ -5,7 +5,8 @@ what the vehicle is like. So samples are kept. Once something contradicts the st
 hypothesis, from the state before the first with what an increment adds:
 
     screening   ranks jets and onsets to first order, see `screening`; once more with onsets about the likeliest
-    passes      of the hypothesis that nothing has failed, and of each jet near the likeliest, see `passes`
+    passes      of the hypothesis that nothing has failed, of each jet near the likeliest, and at last of those that
+                something acts which nobody stated, see `passes`
 
 Screenings begin at the nominal vehicle, or where passes end that explain all without a failure. They are repeated about
 the end of the likeliest passes, until they propose nobody new. The first order only proposes. Hypotheses near the
@@ -32,7 +33,7 @@ from massprop_drake.maths.estimation.faults.screening import Screening
 from massprop_drake.maths.estimation.joint.covariance import compressed
 from massprop_drake.maths.estimation.joint.cycle import Report, Sample, acts, incremented_root
 from massprop_drake.maths.estimation.joint.guard import guarded, unguarded
-from massprop_drake.maths.estimation.joint.hypotheses import Cause, Kind, Score
+from massprop_drake.maths.estimation.joint.hypotheses import STIRS, Cause, Kind, Score, stirs_beyond
 from massprop_drake.maths.estimation.joint.lag_prior import begun_as
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.screen import Contender
@@ -143,7 +144,7 @@ def followed(
     """
     if not search.under_way or not before.started or params.places.n_force == 0:
         return search, ()
-    if search.until == 0 and len(search.kept) >= LONGEST:
+    if search.until == 0 and len(search.kept) >= LONGEST * params.rates.steps:
         return OVER, ()
     if report.rotation_known and not (search.rotation_known or search.contradicted):
         search = BEGUN._replace(rotation_known=True)
@@ -183,6 +184,19 @@ def _begun(search: StartSearch, priors: Priors, params: JointParams) -> StartSea
     return search._replace(entry=entry, until=len(search.kept), rounds=0, screening=None, fits=(nothing,))
 
 
+def _disturbed(search: StartSearch, priors: Priors, params: JointParams) -> tuple[Fit, ...]:
+    """Hypotheses that something acts unstated, since before the first kept sample: slowly, level by decade.
+
+    They have one pass, about the end of the likeliest; where that moves them, another to the newest sample.
+    """
+    near, entry = _near(search, priors, params), search.beginning
+    about = passes.linearization(near[0].state if near else entry, entry, params)
+    prior = math.log(priors.disturbed / len(STIRS))
+    causes = (Cause(Kind.WANDER, component=stir) for stir in stirs_beyond(entry, params) if stir % 4 == 1)
+    fits = (passes.begin_fit(_NOTHING._replace(cause=one), prior, about, entry, params) for one in causes)
+    return tuple(one._replace(passes=passes.MOST) for one in fits)
+
+
 def _given_up(search: StartSearch) -> StartSearch:
     """The search that has come to nothing: it begins again with twice as much."""
     return _anew(search, 2.0 * search.kept[-1].sample.time_s - search.beginning.time_s)
@@ -220,7 +234,8 @@ def _gone_on(search: StartSearch, priors: Priors, params: JointParams) -> StartS
 def _proposed(search: StartSearch, screening: Screening, priors: Priors, params: JointParams) -> StartSearch:
     """The search after a screening: with passes of jets that are near, or on to the newest sample if none is new."""
     found, entry, about = screenings.rank_jets(screening, params), search.beginning, screening.about
-    sure = search.rounds > 1 and _near(search, priors, params)[0].score.misfit < _MISFIT
+    told = _near(_undisturbed(search), priors, params)
+    sure = search.rounds > 1 and bool(told) and told[0].score.misfit < _MISFIT
     best = max((each.lead for each in found), default=0.0)
     reach = max(_NEAR, (_AT_THE_END if sure else _FIRST_ORDER) * best)
     near = [each for each in found if each.lead > best - reach and _tried(each, sure) not in search.tried][:_JETS]
@@ -247,7 +262,8 @@ def _passed(search: StartSearch, fit: Fit, params: JointParams) -> StartSearch:
     after = passes.step_fit(fit, search.kept[fit.done], params)
     if after is not None and after.done == search.horizon and not after.arrived:
         after = passes.end_pass(after, search.beginning, params)
-    explain = [each for each in search.fits if each.arrived and each.score.misfit < _MISFIT and not search.final]
+    told = () if search.final else _undisturbed(search).fits
+    explain = [each for each in told if each.arrived and each.score.misfit < _MISFIT]
     best = max(explain, key=lambda each: each.score.likelihood, default=None)
     if after is not None and best is not None:
         least = best.scores[min(after.done, best.done)].likelihood - _FAR
@@ -261,9 +277,9 @@ def _turned(search: StartSearch, priors: Priors, params: JointParams) -> StartSe
 
     Where nothing that has failed explains the readings, screenings begin at the end of its passes.
     """
-    if search.rounds > 0 and (not search.fits or search.rounds >= _ROUNDS):
+    if Kind.WANDER in search.tried or (search.rounds > 0 and (not search.fits or search.rounds >= _ROUNDS)):
         return _brought_forward(search, priors, params)
-    entry, kept, near = search.beginning, search.kept[: search.until], _near(search, priors, params)
+    entry, kept, near = search.beginning, search.kept[: search.until], _near(_undisturbed(search), priors, params)
     around, rounds, end = None, search.rounds + 1, near[0].state if near else entry
     if search.rounds > 0:
         around = (near[0].contender.onset, 1)
@@ -277,11 +293,22 @@ def _turned(search: StartSearch, priors: Priors, params: JointParams) -> StartSe
 
 
 def _brought_forward(search: StartSearch, priors: Priors, params: JointParams) -> StartSearch:
-    """The search with the hypotheses that are near, on to the newest sample; given up if none explains the readings."""
+    """The search with the hypotheses that are near, on to the newest sample; given up if none explains the readings.
+
+    Before that it has those of what acts unstated.
+    """
+    if Kind.WANDER not in search.tried:
+        fits = search.fits + _disturbed(search, priors, params)
+        return search._replace(fits=fits, tried=search.tried | {Kind.WANDER})
     near = _near(search, priors, params)
     if not near or near[0].score.misfit >= _MISFIT:
         return _given_up(search)
     return search._replace(fits=tuple(each._replace(passes=1) for each in near), final=True)
+
+
+def _undisturbed(search: StartSearch) -> StartSearch:
+    """The search without hypotheses of what acts unstated, which explain whatever else has happened, too."""
+    return search._replace(fits=tuple(each for each in search.fits if each.contender.cause.kind != Kind.WANDER))
 
 
 def _near(search: StartSearch, priors: Priors, params: JointParams) -> tuple[Fit, ...]:

@@ -109,14 +109,15 @@ def advance(tree: Tree, evidence: JointEvidence, params: Params) -> Tree:
         return Tree(cycle, (begun(evidence.after, cycle, params.joint),))
     leader = tree.leader
     if report.course is None or (report.incremented and not leader.events):
-        begins = gone_on(leader, leader.run._replace(state=evidence.after, cycle=cycle))._replace(watch=None)
+        begins = gone_on(leader, leader.run._replace(state=evidence.after, cycle=cycle), params.joint)
+        begins = begins._replace(watch=None)
         others = tree.hypotheses[1:] if report.course is None else ()
         return Tree(cycle, (begins, *(regained(each, evidence.sample, cycle, params.joint) for each in others)))
     if report.incremented:  # a jump was larger than it was expected
         leader = leader._replace(prior=leader.prior + math.log(params.priors.start))
         tree = tree._replace(hypotheses=(leader, *tree.hypotheses[1:]))
     over = newest_link(evidence, params.joint)
-    samples = (*tree.samples, (evidence.sample, over))[-(banks.OLDEST + 2) :]
+    samples = (*tree.samples, (evidence.sample, over))[-(banks.OLDEST * params.joint.rates.steps + 2) :]
     before = tree.leader
     tree = tree._replace(cycle=cycle, samples=samples, history=None)
     stepped = _stepped(tree.hypotheses, evidence, cycle, params, over)
@@ -457,7 +458,8 @@ def _pruned(tree: Tree, now_s: float, params: Params) -> Tree:
     order = sorted(tree.hypotheses, key=lambda each: -each.weight)
     best, kept = order[0].weight, dict[object, Hypothesis]()
     for each in order:
-        late = not each.events or now_s > each.events[-1].onset_s + _ROOT_S
+        settled = not each.events or now_s > each.events[-1].onset_s + _ROOT_S
+        late = settled and each.run.state.stir == 0.0  # how strong something unstated is, only its strongest times show
         if each.weight < best - (_LONG_BEHIND if late else _BEHIND) and now_s > each.root_until_s:
             continue
         same = kept.get(each.key)

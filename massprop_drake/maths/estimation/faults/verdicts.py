@@ -10,6 +10,7 @@ import numpy as np
 
 from massprop_drake.maths.estimation.faults.declarations import (
     Declaration,
+    DisturbanceDeclared,
     JetsDeclared,
     JumpDeclared,
     Mode,
@@ -23,13 +24,14 @@ from massprop_drake.maths.estimation.faults.proposals import INTERMITTENT_AFTER
 from massprop_drake.maths.estimation.faults.report import Odds, certain
 from massprop_drake.maths.estimation.faults.tree import Tree, draws_that_count, is_likely, leads_of, probabilities
 from massprop_drake.maths.estimation.joint.apart import Apart, told_apart
-from massprop_drake.maths.estimation.joint.hypotheses import Kind, slot_of
+from massprop_drake.maths.estimation.joint.hypotheses import Kind, size_of_unstated, slot_of
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, settled
 from massprop_drake.maths.estimation.joint.payload import UNKNOWN, Payload, brought
 from massprop_drake.maths.estimation.joint.thrust_scale import reported_force
 
 _GROUP_S = 2.0  # for which that of a group must be there
 _GROUP = 3  # jets that a group may have
+_PUSHES = (Kind.UNKNOWN, Kind.WANDER)  # causes of something unknown that pushes: for once, or all along
 _LEAST_LEAK, _LEAST_LOSS = 0.002, 0.1  # of full thrust: less is no failure, but a thrust that is not as stated
 _STUCK_ON, _STUCK_OFF = 0.5, 0.9  # of full thrust, from which on it is called so
 _SIGNIFICANT = 3.0  # sigmas by which a force must have changed to be said to have, and
@@ -113,7 +115,7 @@ def odds(tree: Tree, params: JointParams) -> Odds:
     failed = np.zeros(n)
     for each, share in probabilities(tree):
         none += share * float(not each.events)
-        unknown += share * float(any(event.cause.kind == Kind.UNKNOWN for event in each.events))
+        unknown += share * float(any(event.cause.kind in _PUSHES for event in each.events))
         for way in each.ways if each.run.age > 0 else ():
             jet, sign = way
             failed[jet] += share * above_floor(way, each, params)
@@ -170,7 +172,7 @@ def judged(verdicts: Verdicts, tree: Tree, params: Params) -> tuple[Verdicts, tu
 def _enough(part: Part, priors: Priors) -> float:
     """Probability at which a part is declared: of what is more common than that a jet fails, a larger one."""
     rates = dict.fromkeys((Kind.LIES, Kind.SPEED, Kind.TURN), priors.reading_per_hour)
-    rates[Kind.JUMP] = priors.payload_per_hour
+    rates |= {Kind.JUMP: priors.payload_per_hour, Kind.WANDER: priors.payload_per_hour}
     return 1.0 - priors.doubt(max(rates.get(part[0], 0.0), priors.jet_per_hour))
 
 
@@ -247,8 +249,10 @@ def _declared(part: Part, verdicts: Verdicts, tree: Tree, params: JointParams) -
     match part[0]:
         case Kind.JUMP:
             return verdicts._replace(earlier=holder.earlier), [JumpDeclared(False, event.onset_s, *UNKNOWN)]
-        case Kind.LIES | Kind.SPEED | Kind.TURN:
+        case Kind.LIES | Kind.SPEED | Kind.TURN | Kind.ENGINE:
             return verdicts, [ReadingDeclared(event.cause.component, event.onset_s)]
+        case Kind.WANDER:
+            return verdicts, [DisturbanceDeclared(event.onset_s, *size_of_unstated(holder.run.state.stir, params))]
         case _:
             begins = part[2] % 2 == 0  # pushes begin and end in turn
             return verdicts, [Unexplained(event.onset_s)] if begins else []
@@ -256,7 +260,7 @@ def _declared(part: Part, verdicts: Verdicts, tree: Tree, params: JointParams) -
 
 def _event_of(part: Part, holder: Hypothesis) -> Event:
     """The event that a part is of."""
-    same = [event for event in holder.events if (event.cause.kind, event.cause.component) == part[:2]]
+    same = [event for event in holder.events if event.cause.part == part[:2]]
     return same[part[2]]
 
 

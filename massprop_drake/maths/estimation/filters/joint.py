@@ -30,17 +30,19 @@ from massprop_drake.maths.estimation.filter import (
     Told,
     telling,
 )
-from massprop_drake.maths.estimation.joint import cycle, ticks
+from massprop_drake.maths.estimation.joint import cycle, disturbance, ticks
 from massprop_drake.maths.estimation.joint import start as starts
+from massprop_drake.maths.estimation.joint.burns import EngineSettings, at_rest, burnt
 from massprop_drake.maths.estimation.joint.covariance import in_order
 from massprop_drake.maths.estimation.joint.cycle import UNTRACKED, JointEvidence, Sample
 from massprop_drake.maths.estimation.joint.guard import knows_rotation
 from massprop_drake.maths.estimation.joint.hypotheses import without_increments
+from massprop_drake.maths.estimation.joint.impulses import effects_of
 from massprop_drake.maths.estimation.joint.layout import (
     RATE,
     JointParams,
     JointState,
-    Places,
+    PartCounts,
     make_places,
     pack,
     settled,
@@ -57,6 +59,7 @@ from massprop_drake.maths.estimation.joint.wheels import UNSPUN, spun
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array, triangular_rows
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, N_ROTATION
+from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS, channels
 from massprop_drake.maths.vehicle.on_times import Place, pieces, told_onsets
 
 GROUP = "joint_estimator"  # its part of a saved state
@@ -64,6 +67,7 @@ _DITHERED = 0.25  # of a quantum: noise from which on a reading dithers itself
 _ROUNDING = 1e-9  # of a level
 _BETWEEN = 0.01  # probability that a missing command between two equal ones was another
 _UNIT = 1e-6  # of the square of a quaternion's length
+_NO_SETTING = at_rest(0)  # of no engine
 
 # what is logged of every cycle besides the reports that all filters give
 # the NIS in the reports of all filters is that of three components; here it is scaled to that expectation
@@ -102,6 +106,7 @@ class JointFilterState(NamedTuple):
         start: what is kept of a start that is under way; neither packed nor saved.
         frame: shared attitude, see `joint.orientation`, a quaternion, shape (4,).
         speeds: of the wheels as they have been read last, NaN where none has been, rad/s, shape (n_wheels,).
+        setting: of the engines.
     """
 
     joint: JointState
@@ -111,6 +116,7 @@ class JointFilterState(NamedTuple):
     start: Start = starts.OVER
     frame: Array = UNTURNED
     speeds: Array = UNSPUN.end
+    setting: EngineSettings = _NO_SETTING
 
 
 class Measurement(NamedTuple):
@@ -134,7 +140,8 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
     gyros, accelerometers = setup.gyros, setup.accelerometers
     n_jets, n_kinds = thrust.flows.shape[0], thrust.lag_uncertainty.shape[0]
     packages = (gyros.quanta.shape[0], accelerometers.quanta.shape[0], setup.trackers.variances.shape[0])
-    counts = (n_jets, *packages, setup.disturbance.accelerations.shape[1], setup.wheels.inertias.size)
+    modes = setup.modes
+    uncertain_parts = modes.sigmas.shape[0] if modes.sigmas.any() else 0
     thrust_sigmas = _chosen(block.thrust_uncertainty, thrust.uncertainty)
     lagging = np.array([bool((thrust.time_constants_s[thrust.kinds == kind] > 0.0).any()) for kind in range(n_kinds)])
     lag_sigmas = np.where(lagging, _chosen(block.lag_uncertainty, thrust.lag_uncertainty), 0.0)
@@ -143,17 +150,36 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
     of_gyros, gyro_prior = _scaled(np.repeat(gyros.bias_std, 3))
     of_accelerometers, acceleration_prior = _scaled(np.repeat(accelerometers.bias_std, 3))
     of_wheels, wheel_prior = _scaled(setup.wheel_uncertainty)
-    uncertain = tuple(prior.shape[0] > 0 for prior in (gyro_prior, acceleration_prior, wheel_prior))
+    flow_prior = np.ones(setup.tanks.fill.size if setup.tanks.flow_sigma.any() else 0)
+    uncertain = tuple(prior.shape[0] > 0 for prior in (gyro_prior, acceleration_prior, wheel_prior, flow_prior))
     detects = options.detector.kind == "hypotheses"
     slots = options.faults.slots if detects else 0  # forces of failed jets, as states
+    effects = effects_of(thrust.wrenches, np.ascontiguousarray(setup.nominal))
+    unstated = disturbance.unstated(effects, packages[1]) if detects else np.zeros((6, 0))
+    counts = PartCounts(
+        n_jets,
+        *packages,
+        components=setup.disturbance.accelerations.shape[1],
+        wheels=setup.wheels.inertias.size,
+        engines=setup.engines.thrusts.size,
+        tanks=setup.tanks.fill.size,
+        unstated=unstated.shape[1],
+        mounts=thrust.mounting.jets.size,
+        modes=modes.frequencies.size,
+        parts=uncertain_parts,
+    )
     of_attitudes = np.repeat(setup.trackers.variances, 3)
     of_trackers = np.zeros_like(of_attitudes)
     places = make_places(counts, lag_prior.shape[0], uncertain, thrust_prior.shape[0] > 0, slots, ticks=2)
+    of_parts = (modes.sigmas[:uncertain_parts] > 0.0).astype(np.float64).ravel()
     rest = np.zeros(places.n_scale + places.n_ticks + places.n_force)
+    of_others = gyro_prior, acceleration_prior, wheel_prior, setup.engine_sigmas, flow_prior, np.ones(places.n_mount)
+    priors = (thrust_prior, lag_prior, *of_others, of_parts, rest)
     variances = np.concatenate((setup.gyro_variances, setup.accelerometer_variances))
     cells = np.repeat(np.concatenate((gyros.quanta, accelerometers.quanta)), 3)
     noises = np.repeat(np.concatenate((gyros.noise_std, accelerometers.noise_std)), 3)
     diagonal, center, reciprocal = setup.limits.tolist()
+    steps = setup.rates.steps
     joint = JointParams(
         places=places,
         wrenches=thrust.wrenches,
@@ -165,7 +191,7 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
         lag_sigma=of_lag,
         gyro_bias_sigma=of_gyros,
         acceleration_bias_sigma=of_accelerometers,
-        prior_sigma=np.concatenate((thrust_prior, lag_prior, gyro_prior, acceleration_prior, wheel_prior, rest)),
+        prior_sigma=np.concatenate(priors),
         rate_walk=block.rate_walk,
         velocity_walk=block.velocity_walk,
         repeatability=thrust.repeatability,
@@ -184,18 +210,25 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
         start_root=_root(setup.covariance),
         increment_sigma=setup.widest,
         nominal=np.ascontiguousarray(setup.nominal),
-        thresholds=np.array([chi_square_limit(block.increment_rate, 1 + n) for n in range(3 * counts[1])]),
+        thresholds=np.array([chi_square_limit(block.increment_rate / steps, 1 + n) for n in range(3 * counts[1])]),
         guard_relative=np.array([diagonal, diagonal, diagonal, reciprocal if counts[2] > 0 else math.inf]),
         guard_center=np.full(3, center),
         settled_after=float(block.settled_after),
         second_order=True,
         wheels=setup.wheels._replace(sigma=of_wheels),
+        engines=setup.engines,
+        rates=setup.rates,
+        tanks=setup.tanks,
+        unstated=unstated,
+        mounting=thrust.mounting,
+        modes=modes,
     )
     if options.execution.compiled:
         from massprop_drake.maths.estimation.whole_joint import with_compiled  # noqa: PLC0415 (which knows this filter)
 
         joint = with_compiled(joint)
-    return JointFilterParams(joint, setup.period_s, block.switching == "stamps", setup.opens_at)
+    at_stamps = block.switching == "stamps" or setup.rates.period_s > 0.0
+    return JointFilterParams(joint, setup.period_s, at_stamps, setup.opens_at)
 
 
 def _chosen(one: float | None, each: Array) -> Array:
@@ -259,7 +292,8 @@ def _chi_square_tail(value: float, degrees: int) -> float:
 def initial(params: JointFilterParams) -> JointFilterState:
     """Before the first sample."""
     clock, unread = ticks.started(0.0, np.zeros(params.joint.places.jets)), np.full(params.joint.places.wheels, np.nan)
-    return _reporting(cycle.initial(params.joint), clock, params)._replace(start=starts.BEGUN, speeds=unread)
+    begun = _reporting(cycle.initial(params.joint), clock, params)
+    return begun._replace(start=starts.BEGUN, speeds=unread, setting=at_rest(params.joint.places.engines))
 
 
 def _reporting(joint: JointState, clock: Clock, params: JointFilterParams) -> JointFilterState:
@@ -281,7 +315,7 @@ def _with_report(
 def acting(state: JointFilterState, params: JointFilterParams) -> tuple[Array, Array]:
     """Components of a disturbance in units of the 1-sigma that is stated, and their 1-sigma, shape (n,) each."""
     places = params.joint.places
-    slow = slice(places.slow, places.slow + places.n_slow - places.wheels)
+    slow = slice(places.slow, places.unstated)
     return state.joint.mean[slow].copy(), np.sqrt(np.sum(state.joint.root[slow] ** 2, axis=1))
 
 
@@ -318,7 +352,7 @@ def step(
         if not np.array_equal(likely.command, told.command, equal_nan=True):
             other = _made(state, (rates, velocities), likely, steady)
             made = other if _is_likelier(other, made) else made
-    clock, sample, anew, own, report, speeds = made
+    (clock, sample, anew, kept), own, report = made
     start, after = starts.followed(state.start, before, (own, report), Kept(sample, anew), params.joint)
     report = report._replace(starting=start.under_way, contradicted=start.contradicted, rotation_known=start.rotation)
     evidence = JointEvidence(before, after, report, sample, anew)
@@ -326,14 +360,21 @@ def step(
         known = _with_report(after, clock, report.estimate.copy(), report.covariance.copy(), params)
     else:
         known = _reporting(after, clock, params)
-    return Measurement(known._replace(start=start, frame=sample.frames[1], speeds=speeds), evidence)
+    return Measurement(known._replace(start=start, frame=sample.frames[1], speeds=kept[0], setting=kept[1]), evidence)
 
 
-def _read_besides(told: Told, places: Places) -> tuple[Array, Array]:
-    """Quaternions that trackers read, shape (n_trackers, 4), and speeds of the wheels, rad/s, shape (n_wheels,)."""
-    poses = 7 * places.trackers
-    read = np.full(poses + places.wheels, np.nan) if told.tracked is None else told.tracked
-    return read[:poses].reshape(-1, 7)[:, 3:], read[read.size - places.wheels :]
+def _read_besides(told: Told, params: JointParams) -> tuple[Array, Array, Array]:
+    """Quaternions that trackers read, speeds of the wheels, and level and angles of the engines.
+
+    Returns:
+        Of shape (n_trackers, 4), (n_wheels,), rad/s, and (n_engines, 3), rad.
+    """
+    places, has = params.places, channels(params.engines)
+    poses, engines = 7 * places.trackers, int(has.sum())
+    read = np.full(poses + places.wheels + engines, np.nan) if told.tracked is None else told.tracked
+    of_engines, burn = read.size - engines, np.zeros(has.shape)
+    burn[has] = read[of_engines:]
+    return read[:poses].reshape(-1, 7)[:, 3:], read[of_engines - places.wheels : of_engines], burn
 
 
 def _attitudes(
@@ -357,26 +398,56 @@ def _attitudes(
     return attitudes, np.stack((state.frame, after))
 
 
-class Cycle(NamedTuple):
-    """A cycle: clock, filter's state and last speeds of the wheels after it, what it got, and what it says."""
+class Sampled(NamedTuple):
+    """Sample as the filter takes it, and what it goes on with after that.
+
+    Attributes:
+        clock: after it.
+        sample: see `cycle.Sample`.
+        anew: whether what has been before tells nothing of it.
+        kept: last speeds of the wheels, and the engines' setting.
+    """
 
     clock: Clock
     sample: Sample
     anew: bool
+    kept: tuple[Array, EngineSettings]
+
+
+class Cycle(NamedTuple):
+    """Cycle: what it took, the filter's state after it, and its report."""
+
+    taken: Sampled
     state: JointState
     report: cycle.Report
-    speeds: Array
 
 
 def _made(
     state: JointFilterState, readings: tuple[np.ndarray, np.ndarray], told: Told, params: JointFilterParams
 ) -> Cycle:
+    taken = sampled(state, readings, told, params)
+    made = cycle.restart if taken.anew else cycle.step
+    return Cycle(taken, *made(state.joint, taken.sample, params.joint))
+
+
+def sampled(
+    state: JointFilterState, readings: tuple[np.ndarray, np.ndarray], told: Told, params: JointFilterParams
+) -> Sampled:
+    """Makes a sample of what is read and told.
+
+    Args:
+        state: of the cycle before.
+        readings: rates and velocities of the packages, NaN where missing, shape (s, 3) each.
+        told: see `Told`.
+        params: see `JointFilterParams`.
+    """
     pace, before = Pace(params.period_s, params.at_stamps), state.joint
     now = _commanded(told.command, told.onset_s, params)
     if before.started:
         coming = None if told.coming is None else _commanded(told.coming, told.coming_onset_s, params)
         clock, interval = ticks.elapsed(state.clock, told.stamp_s, (now, coming), pace)
-        if np.isnan(interval.commands).all(axis=1).any() and not _all_read(readings):
+        needed = readings[:1] if params.joint.rates.period_s > 0.0 else readings  # others are read at their own times
+        if np.isnan(interval.commands).all(axis=1).any() and not _all_read(needed):
             interval, clock = interval._replace(anew=True), clock._replace(lost=True)  # until all are read again
     else:
         clock = ticks.begun(told.stamp_s, now)
@@ -385,20 +456,20 @@ def _made(
         )
     duration_s = float(interval.durations_s.sum())
     outside = told.outside_wrench * duration_s
-    attitudes, read = _read_besides(told, params.joint.places)
+    attitudes, read, engines = _read_besides(told, params.joint)
     seen = _attitudes(state, interval, (readings[0], attitudes), params.joint)
     speeds, last = spun(state.speeds, read, duration_s, params.joint.wheels)
+    burn, setting = burnt(state.setting, engines, duration_s, params.joint.engines)
     acted = interval.durations_s, interval.commands, outside
-    sample = Sample(told.time_s, *acted, *readings, interval.timing, *seen, speeds)
-    made = cycle.restart if interval.anew else cycle.step
-    return Cycle(clock, sample, interval.anew, *made(before, sample, params.joint), last)
+    sample = Sample(told.time_s, *acted, *readings, interval.timing, *seen, speeds, burn)
+    return Sampled(clock, sample, interval.anew, (last, setting))
 
 
 def _commanded(command: Array, onset_s: Array | None, params: JointFilterParams) -> Commanded:
     return Commanded(command, told_onsets(command, onset_s, params.opens_at, params.period_s))
 
 
-def _all_read(readings: tuple[np.ndarray, np.ndarray]) -> bool:
+def _all_read(readings: tuple[np.ndarray, ...]) -> bool:
     return all(bool((~np.isnan(each)).any(axis=0).all()) for each in readings if each.shape[0] > 0)
 
 
@@ -413,7 +484,7 @@ def _bridged(clock: Clock, told: Told, params: JointFilterParams) -> Told:
 
 def _is_likelier(bridged: Cycle, unknown: Cycle) -> bool:
     """Tests whether a command that both sides of a missing one have is likelier than that it was another."""
-    if unknown.anew:
+    if unknown.taken.anew:
         return False
     ahead = bridged.report.log_likelihood - unknown.report.log_likelihood
     return ahead > math.log(_BETWEEN / (1.0 - _BETWEEN))
@@ -506,7 +577,9 @@ def mass_report(estimate: Array, covariance: Array, seen: Seen, gyros: int, acce
 
 def replaced(step: FilterStep, joint: JointState, params: JointFilterParams) -> FilterStep:
     """A cycle that goes on from another state: its estimates are reported; the innovations are what they were."""
-    after = _reporting(joint, step.state.clock, params)._replace(frame=step.state.frame, speeds=step.state.speeds)
+    before = step.state
+    kept = {"frame": before.frame, "speeds": before.speeds, "setting": before.setting}
+    after = _reporting(joint, before.clock, params)._replace(**kept)
     if step.state.start.under_way and not joint.guarded:  # it begins anew with what has been found
         after = after._replace(start=starts.BEGUN_KNOWN if step.state.start.rotation else starts.BEGUN)
     return telling(step, after.estimate, after.covariance)._replace(
@@ -538,7 +611,8 @@ def packed(state: JointFilterState, params: JointFilterParams) -> Array:
     places = params.joint.places
     frame = state.frame if places.trackers > 0 else state.frame[:0]
     clock = CLOCK.sized(jets=places.jets).pack(state.clock)
-    return np.concatenate((pack(state.joint, places), clock, frame, state.speeds))
+    setting = np.ravel(np.stack(state.setting))
+    return np.concatenate((pack(state.joint, places), clock, frame, state.speeds, setting))
 
 
 def unpacked(vector: Array, params: JointFilterParams) -> JointFilterState:
@@ -546,8 +620,10 @@ def unpacked(vector: Array, params: JointFilterParams) -> JointFilterState:
     places = params.joint.places
     size, clocks = state_layout(places).size, CLOCK.sized(jets=places.jets)
     clock, rest = Clock(*clocks.read(vector[size : size + clocks.size])), vector[size + clocks.size :]
-    frame, speeds = np.split(rest, [rest.size - places.wheels])
-    known = _reporting(unpack(vector[:size], places), clock, params)._replace(speeds=speeds)
+    ends = rest.size - 3 * N_CHANNELS * places.engines
+    frame, speeds, setting = np.split(rest, [ends - places.wheels, ends])
+    of_engines = EngineSettings(*setting.reshape(3, places.engines, N_CHANNELS))
+    known = _reporting(unpack(vector[:size], places), clock, params)._replace(speeds=speeds, setting=of_engines)
     return known._replace(frame=frame) if places.trackers > 0 else known
 
 

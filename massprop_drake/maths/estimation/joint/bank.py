@@ -34,10 +34,10 @@ from massprop_drake.maths.linear_algebra import (
     triangular_roots,
 )
 
-ONSETS = 20  # held at most: with gaps of a third of their age they reach back 200 cycles
-OLDEST = 200  # cycles; a weaker failure has changed the state by less than the filter's own noise by then
+ONSETS = 20  # a compute budget, held at most: with gaps of a third of their age they reach back 200 periods
+OLDEST = 200  # control periods; a weaker failure has changed the state by less than the filter's own noise by then
 _GAP = 1.0 / 3.0  # of the age: an onset known to a third of its age costs a leak a few percent of its statistic
-_LEAST_GAP = 2.0  # cycles between neighbors of an entry that may go
+_LEAST_GAP = 2.0  # a compute budget: control periods between neighbors of an entry that may go
 _KEPT_YOUNG = 2  # youngest that never go: the onset of what is found at once
 _ALLOWED = 0.5  # samples that a jet must have been on (off) in all for a loss (a leak) of it to show
 ALARM = 22.0  # GLR of a single jet, chi-square of one degree: once in 4e5 samples of a jet
@@ -55,7 +55,8 @@ class Bank(NamedTuple):
         states: after the cycle of each.
         cycles: number of that cycle, shape (k,).
         learned: D, what the filter has learned since, shape (k, size).
-        rows: derivative of w and of what all c have gathered, by the state at the onset, shape (k, 6, size).
+        rows: derivative of w, of what all c have gathered, and of eta and eta' of modes, by the state at the onset,
+            shape (k, 6 + n_swing, size).
         noise: covariance of process noise on w, c and z since, see `sensitivity.Link`, shape (k, d, d).
         kept: share of each z at the onset that is left, shape (k, n_slow).
         elapsed_s: time since, shape (k,).
@@ -120,7 +121,7 @@ def empty(places: Places) -> Bank:
         states=(),
         cycles=np.zeros(0),
         learned=np.zeros((0, n)),
-        rows=np.zeros((0, 6, n)),
+        rows=np.zeros((0, 6 + places.n_swing, n)),
         noise=np.zeros((0, disturbed, disturbed)),
         kept=np.zeros((0, places.n_slow)),
         elapsed_s=np.zeros(0),
@@ -141,17 +142,27 @@ def _advanced(since: Since, over: Link, places: Places) -> Since:
         learned[:, places.ticks : places.ticks + places.n_ticks] *= over.ticks_kept
         learned += over.stamp_correction
     learned = carried(learned.T, np.zeros((6, 1)), over, places).T
-    rate, gathered = since.rows[:, :3], since.rows[:, 3:]
+    rate, gathered = since.rows[:, :3], since.rows[:, 3:6]
     by_parameters, by_velocity = over.rate_rows.copy(), over.velocity_rows.copy()
-    by_parameters[:, RATE] = 0.0
-    by_velocity[:, RATE] = 0.0
-    slow = slice(places.slow, places.thrust)
+    swing = slice(places.swing, places.swing + places.n_swing)
+    by_parameters[:, RATE], by_parameters[:, swing] = 0.0, 0.0
+    by_velocity[:, RATE], by_velocity[:, swing] = 0.0, 0.0
+    slow = slice(places.slow, places.slow + places.n_slow)
     rows = np.empty_like(since.rows)
     rows[:, :3] = rate + by_parameters + times_stack(over.rate_rows[:, RATE], rate)
-    rows[:, 3:] = gathered + by_velocity + times_stack(over.velocity_rows[:, RATE], rate)
+    rows[:, 3:6] = gathered + by_velocity + times_stack(over.velocity_rows[:, RATE], rate)
+    if places.n_swing > 0:
+        modes, by_state = since.rows[:, 6:], over.swing_rows.copy()
+        by_state[:, RATE], by_state[:, swing] = 0.0, 0.0
+        rows[:, :3] += times_stack(over.rate_rows[:, swing].copy(), modes)
+        rows[:, 3:6] += times_stack(over.velocity_rows[:, swing].copy(), modes)
+        rows[:, 6:] = by_state + times_stack(over.swing_rows[:, RATE].copy(), rate)
+        rows[:, 6:] += times_stack(over.swing_rows[:, swing].copy(), modes)
     for index in range(rows.shape[0] if places.n_slow > 0 else 0):  # of z at the onset less and less is left
         rows[index, :3, slow] += (since.kept[index] - 1.0) * over.rate_rows[:, slow]
-        rows[index, 3:, slow] += (since.kept[index] - 1.0) * over.velocity_rows[:, slow]
+        rows[index, 3:6, slow] += (since.kept[index] - 1.0) * over.velocity_rows[:, slow]
+        if places.n_swing > 0:
+            rows[index, 6:, slow] += (since.kept[index] - 1.0) * over.swing_rows[:, slow]
     duration = over.duration_s
     return Since(
         since.cycles,
@@ -168,12 +179,12 @@ def _advanced(since: Since, over: Link, places: Places) -> Since:
 @kernel
 def _noise_since(noise: Array, over: Link, places: Places) -> Array:
     """Covariances of process noise since the onsets, one interval later, shape (k, d, d)."""
-    n = places.n_slow
+    n, slow = places.n_slow, slice(places.slow, places.slow + places.n_slow)
     if n == 0:
         return noise + over.noise
     through = np.eye(6 + n)
-    through[:3, 6:] = over.rate_rows[:, places.slow : places.thrust]
-    through[3:6, 6:] = over.velocity_rows[:, places.slow : places.thrust]
+    through[:3, 6:] = over.rate_rows[:, slow]
+    through[3:6, 6:] = over.velocity_rows[:, slow]
     through[6:, 6:] *= over.kept
     after = np.empty_like(noise)
     for index in range(noise.shape[0]):
@@ -181,9 +192,9 @@ def _noise_since(noise: Array, over: Link, places: Places) -> Array:
     return after
 
 
-def taken(bank: Bank, over: Link, state: JointState, cycle: int) -> Bank:
+def taken(bank: Bank, over: Link, state: JointState, cycle: int, params: JointParams) -> Bank:
     """The bank after the update of a cycle, with it as the youngest onset; one of the old goes if it is full."""
-    since, keep = _taken(Since(*bank[1:]), over.correction, float(cycle))
+    since, keep = _taken(Since(*bank[1:]), over.correction, float(cycle), params)
     return _with_states(bank, keep, state, since)
 
 
@@ -192,15 +203,17 @@ def _with_states(bank: Bank, keep: np.ndarray, state: JointState, since: Since) 
 
 
 @kernel
-def _taken(since: Since, correction: Array, cycle: float) -> tuple[Since, np.ndarray]:
+def _taken(since: Since, correction: Array, cycle: float, params: JointParams) -> tuple[Since, np.ndarray]:
     """What has happened since each onset that stays, and since a new one; and which stay."""
-    size, jets = since.learned.shape[1], since.given.shape[1]
-    ages = cycle - since.cycles
+    size, jets, places = since.learned.shape[1], since.given.shape[1], params.places
+    ages = (cycle - since.cycles) / params.rates.steps
     keep = np.flatnonzero(ages <= OLDEST)
     if keep.shape[0] >= ONSETS:
         keep = np.delete(keep, _dispensable(ages[keep]))
-    start = np.zeros((1, 6, size))
+    start = np.zeros((1, 6 + places.n_swing, size))
     start[0, :3, RATE] = _IDENTITY
+    for element in range(places.n_swing):
+        start[0, 6 + element, places.swing + element] = 1.0
     after = Since(
         np.append(since.cycles[keep], cycle),
         np.vstack((since.learned[keep] + correction, np.zeros((1, size)))),
@@ -342,7 +355,7 @@ def _output_rows(since: Since, index: int, jacobian: Array, on_outputs: Array, p
     places = params.places
     rows = jacobian.copy()
     rows[:, RATE] = 0.0
-    rows += on_outputs @ since.rows[index]
+    rows += on_outputs @ np.ascontiguousarray(since.rows[index, :6])
     if places.n_acceleration_bias > 0:
         for package in range(places.accelerometers):
             part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
@@ -422,7 +435,7 @@ def followed(since: Since, roots: Roots, seen: Traces, cycle: float, least: floa
     reached = _advanced(since, over, params.places)
     _, complete = _averaging(over.read, params.places)
     found, some = _tested(reached, roots, over, least, params)
-    after, keep = _taken(reached, over.correction, cycle)
+    after, keep = _taken(reached, over.correction, cycle, params)
     return Followed(over, found, some, complete, after, keep)
 
 
@@ -438,7 +451,7 @@ def followed_on(
     """
     if not bank.states:
         over = linked(seen, params)
-        return over, None, False, taken(bank, over, state, cycle)
+        return over, None, False, taken(bank, over, state, cycle, params)
     since, roots, made = Since(*bank[1:]), _roots(bank), params.compiled
     if made is None:
         done = followed(since, roots, seen, float(cycle), float(least), params)

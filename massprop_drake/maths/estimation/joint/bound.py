@@ -7,13 +7,15 @@ estimator may do a little better. Thrust errors are estimated from the start.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from massprop_drake.maths.estimation.joint.covariance import compressed, updated
 from massprop_drake.maths.estimation.joint.cycle import Sample, begun, driven, initial
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, RATE, JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import outputs, rate_read
-from massprop_drake.maths.estimation.joint.prediction import predict, propagated
+from massprop_drake.maths.estimation.joint.prediction import Drive, Prediction, predict, propagated
 from massprop_drake.maths.estimation.joint.ticks import stamped
 from massprop_drake.maths.linear_algebra import Array
 
@@ -40,12 +42,41 @@ def start(sample: Sample, mean: Array, params: JointParams) -> JointState:
         mean: the truth then, see `true_mean`.
         params: see `JointParams`.
     """
-    state = begun(initial(params)._replace(mean=mean), sample, params)
-    return state._replace(mean=mean, reference=mean[RATE].copy())
+    return begun_at(initial(params), sample, mean, params)
+
+
+def begun_at(state: JointState, sample: Sample, mean: Array, params: JointParams) -> JointState:
+    """The bound's state after a sample before which nothing is known of the motion; arguments as `course`."""
+    begins = begun(state._replace(mean=mean), sample, params)
+    return begins._replace(mean=mean, reference=mean[RATE].copy())
+
+
+class BoundStep(NamedTuple):
+    """Course of errors over an interval, and through the update by its readings.
+
+    Attributes:
+        acting: see `Drive`.
+        prediction: see `Prediction`.
+        jacobian: derivative of the components that are used by the state, shape (k, size).
+        half_gain, upper: see `covariance.Update`.
+    """
+
+    acting: Drive
+    prediction: Prediction
+    jacobian: Array
+    half_gain: Array
+    upper: Array
 
 
 def step(state: JointState, sample: Sample, mean: Array, used: np.ndarray, params: JointParams) -> JointState:
-    """The bound's state after one more sample.
+    """The bound's state after one more sample; arguments as `course`."""
+    return course(state, sample, mean, used, params)[0]
+
+
+def course(
+    state: JointState, sample: Sample, mean: Array, used: np.ndarray, params: JointParams
+) -> tuple[JointState, BoundStep]:
+    """The bound's state after one more sample, and how errors come to it.
 
     Args:
         state: after the last one; its mean is the truth then.
@@ -64,16 +95,16 @@ def step(state: JointState, sample: Sample, mean: Array, used: np.ndarray, param
     root = propagated(state.root, prediction, at_truth)
     spin = state.spin + prediction.spin
     first = params.places.thrust
+    counts = np.flatnonzero(used)
+    jacobian = outputs(mean, state.reference, spin, params)[1][counts]
+    half_gain, upper = np.zeros((root.shape[0], 0)), np.zeros((0, 0))
     if used.any():
-        counts = np.flatnonzero(used)
-        _, jacobian = outputs(mean, state.reference, spin, params)
-        projected = jacobian[counts] @ root
-        nothing = np.zeros(counts.shape[0])
-        root = updated(root, projected, params.variances[counts], nothing, first).root
+        found = updated(root, jacobian @ root, params.variances[counts], np.zeros(counts.shape[0]), first)
+        root, half_gain, upper = found.root, found.half_gain, found.upper
     else:
         root = compressed(root, first)
     firing = acting.firing
-    return state._replace(
+    after = state._replace(
         mean=mean,
         root=root,
         level=firing.level,
@@ -83,6 +114,7 @@ def step(state: JointState, sample: Sample, mean: Array, used: np.ndarray, param
         spin=spin,
         time_s=sample.time_s,
     )
+    return after, BoundStep(acting, prediction, jacobian, half_gain, upper)
 
 
 def deviation(state: JointState) -> Array:

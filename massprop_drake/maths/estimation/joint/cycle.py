@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from massprop_drake.maths.estimation.joint.burns import UNLIT, Burn
 from massprop_drake.maths.estimation.joint.covariance import (
     Update,
     compressed,
@@ -24,11 +25,13 @@ from massprop_drake.maths.estimation.joint.guard import guarded
 from massprop_drake.maths.estimation.joint.lag_prior import reconsidered, with_wide_priors
 from massprop_drake.maths.estimation.joint.layout import (
     CENTER,
+    MASS,
     N_PROPERTIES,
     RATE,
     VELOCITY,
     JointParams,
     JointState,
+    n_assumed,
     relearned,
     releveled,
     taken_in,
@@ -42,10 +45,12 @@ from massprop_drake.maths.estimation.joint.measurement import (
     readings,
     told_by_trackers,
 )
+from massprop_drake.maths.estimation.joint.modes import spread_of
 from massprop_drake.maths.estimation.joint.orientation import STILL
 from massprop_drake.maths.estimation.joint.prediction import (
     Drive,
     Prediction,
+    burning,
     drive,
     gathered_rows,
     lag_of,
@@ -54,6 +59,7 @@ from massprop_drake.maths.estimation.joint.prediction import (
     turned_by,
 )
 from massprop_drake.maths.estimation.joint.quantized import Sites, sites
+from massprop_drake.maths.estimation.joint.tanks import drawn
 from massprop_drake.maths.estimation.joint.thrust_scale import partitioned, reported
 from massprop_drake.maths.estimation.joint.ticks import Stamped, Timing, stamped
 from massprop_drake.maths.estimation.joint.unknown import EXPECTED, shown_by
@@ -86,6 +92,7 @@ class Sample(NamedTuple):
             shape (n_trackers, 3).
         frames: shared attitude before and after the interval, quaternions, shape (2, 4).
         speeds: see `wheels.Spun`.
+        burn: see `burns.Burn`.
     """
 
     time_s: float
@@ -98,12 +105,14 @@ class Sample(NamedTuple):
     attitudes: Array = UNTRACKED
     frames: Array = STILL
     speeds: Spun = UNSPUN
+    burn: Burn = UNLIT
 
 
 @kernel
 def turned_from_outside(sample: Sample, params: JointParams) -> bool:
-    """Tests whether known outside forces or wheels act on the vehicle."""
-    return bool(np.any(sample.outside != 0.0)) or turn_by(sample.speeds, params.wheels)
+    """Tests whether known outside forces, engines or wheels act on the vehicle."""
+    known = bool(np.any(sample.outside != 0.0)) or bool(np.any(sample.burn.points[:, :, 0] != 0.0))
+    return known or turn_by(sample.speeds, params.wheels)
 
 
 def acts(sample: Sample, params: JointParams) -> bool:
@@ -241,10 +250,15 @@ def initial(params: JointParams) -> JointState:
     mean, root = np.zeros(places.size), np.zeros((places.size, places.size))
     mean[:N_PROPERTIES] = params.start
     root[:N_PROPERTIES, :N_PROPERTIES] = params.start_root
-    for element in range(places.slow, places.thrust):
-        root[element, element] = 1.0
+    for element in range(places.slow, places.slow + places.n_slow):
+        root[element, element] = 0.0 if 0 <= element - places.unstated < places.n_unstated else 1.0
+    swing = slice(places.swing, places.swing + places.n_swing)
+    root[swing, swing] = np.diag(spread_of(params.modes.start, params.modes))
     for element in range(places.thrust, places.size):
         root[element, element] = params.prior_sigma[element - places.thrust]
+    for tank in range(places.tanks):
+        element = places.fill + tank
+        mean[element], root[element, element] = params.tanks.fill[tank], params.tanks.fill_sigma[tank]
     jets = places.jets
     return JointState(
         mean=mean,
@@ -265,7 +279,9 @@ def initial(params: JointParams) -> JointState:
         guarded=False,
         firing_count=0.0,
         lag_open=np.zeros(places.n_lag),
-        assumed=np.full(places.wheels, np.nan),
+        assumed=np.full(n_assumed(places), np.nan),
+        stir=0.0,
+        stir_s=1.0,
     )
 
 
@@ -323,12 +339,14 @@ def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
             mean[row] = weights @ sample.attitudes[there, axis] / weights.sum()
             root[row, own + row] = np.sqrt(1.0 / weights.sum())
     if places.n_slow > 0:
-        kept, spread = _kept_of_slow(max(sample.time_s - state.time_s, 0.0), sample, params)
+        kept, spread = _kept_of_slow(state, sample, params)
         come = np.zeros((places.size, places.n_slow))
-        come[last : places.thrust] = np.diag(spread * np.sqrt(1.0 - kept**2))
-        mean[last : places.thrust] *= kept
-        root[last : places.thrust] *= kept.reshape(-1, 1)
+        slow = slice(places.slow, places.slow + places.n_slow)
+        come[slow] = np.diag(spread * np.sqrt(1.0 - kept**2))
+        mean[slow] *= kept
+        root[slow] *= kept.reshape(-1, 1)
         root = np.hstack((root, come))
+    mean, root = _with_shaken(state, mean, root, params)
     read = readings(sample.rates, sample.velocities, sample.attitudes)
     return state._replace(
         mean=mean,
@@ -342,13 +360,28 @@ def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
     )
 
 
-def _kept_of_slow(since_s: float, sample: Sample, params: JointParams) -> tuple[Array, Array]:
+def _with_shaken(state: JointState, mean: Array, root: Array, params: JointParams) -> tuple[Array, Array]:
+    """Mean and root with modes that may have been shaken by anything, if they have been followed before."""
+    places = params.places
+    if places.n_swing == 0 or not state.started:
+        return mean, root
+    swing = slice(places.swing, places.swing + places.n_swing)
+    shaken = np.zeros((places.size, places.n_swing))
+    shaken[swing] = np.diag(spread_of(params.modes.shaken, params.modes))
+    mean[swing], root[swing] = 0.0, 0.0
+    return mean, np.hstack((root, shaken))
+
+
+def _kept_of_slow(state: JointState, sample: Sample, params: JointParams) -> tuple[Array, Array]:
     """Share of each z that is left after some time of which nothing is known, and what it is then like, 1 sigma."""
     places = params.places
-    others = places.n_slow - places.wheels
-    kept, spread = np.zeros(places.n_slow), np.ones(places.n_slow)
-    kept[:others] = kept_share(params.disturbance.time_constant_s, since_s)
-    spread[others:] = first_spread(sample.speeds.kept, params.wheels)
+    filled = places.n_slow - places.tanks
+    others, unstated = filled - places.wheels, places.unstated - places.slow
+    kept, spread, since_s = np.zeros(places.n_slow), np.ones(places.n_slow), max(sample.time_s - state.time_s, 0.0)
+    kept[:unstated] = kept_share(params.disturbance.time_constant_s, since_s)
+    kept[unstated:others], spread[unstated:others] = kept_share(state.stir_s, since_s), state.stir
+    spread[others:filled] = first_spread(sample.speeds.kept, params.wheels)
+    kept[filled:] = 1.0
     return kept, spread
 
 
@@ -569,6 +602,7 @@ def restart(state: JointState, sample: Sample, params: JointParams) -> tuple[Joi
 def driven(state: JointState, sample: Sample, params: JointParams) -> Drive:
     """Drive of a sample's interval; jets whose commands are not known give in it what its readings show."""
     acting = drive(state, sample.durations_s, sample.commands, sample.outside, sample.timing, params)
+    acting = burning(acting, sample.burn, state, params)
     if acting.anything.number == 0.0:
         return acting
     read = rate_read(sample.rates, state.mean, params)
@@ -593,6 +627,7 @@ def driven(state: JointState, sample: Sample, params: JointParams) -> Drive:
         acting.by_ticks,
         acting.tick_slope,
         acting.anything,
+        acting.engines,
     )
 
 
@@ -825,6 +860,8 @@ def _learned(
         state.firing_count,
         state.lag_open,
         state.assumed,
+        state.stir,
+        state.stir_s,
     )
 
 
@@ -861,7 +898,7 @@ def relinearized(
     Returns:
         The state after it, how it went, and NIS of the gyros with its expectation.
     """
-    state, crossing = crossed(state, about[:N_PROPERTIES], sample, params.floors, params)
+    state, crossing = crossed(state, standing(about, state.mean, params), sample, params.floors, params)
     state, stamp = stamped(state, sample.timing, params)
     mean = _about(state.mean, about, params)
     acting = driven(relearned(state, mean, state.root), sample, params)
@@ -871,6 +908,8 @@ def relinearized(
     at = predict(there, acting, rate_read(sample.rates, mean, params), params, (sample.frames, sample.speeds))
     away = state.mean - mean
     mean = at.mean + away
+    swing = slice(params.places.swing, params.places.swing + params.places.n_swing)
+    mean[swing] = at.mean[swing] + at.swung.rows @ away
     mean[RATE] += at.rate_rows @ away
     for package in range(params.places.accelerometers):
         part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
@@ -878,6 +917,10 @@ def relinearized(
     if params.places.n_attitude > 0:
         part = slice(params.places.attitude, params.places.attitude + 3)
         mean[part] += at.attitude[0] @ away[RATE] + at.attitude[1] @ (away[RATE] + at.rate_rows @ away)
+    if params.places.tanks > 0:
+        more = at.tank_rows @ away
+        mean[:N_PROPERTIES] += more[:N_PROPERTIES]
+        mean[params.places.fill : params.places.fill + params.places.tanks] += more[N_PROPERTIES:]
     prediction = Prediction(
         mean,
         at.rate_rows,
@@ -887,7 +930,9 @@ def relinearized(
         at.mass_factor,
         at.noise,
         at.wander,
+        at.swung,
         at.drift,
+        at.tank_rows,
         at.turned,
         at.spin,
         at.end,
@@ -895,7 +940,8 @@ def relinearized(
         at.coupled,
     )
     root = propagated(state.root, prediction, params)
-    expected = _expected(state, prediction, root, (about[:N_PROPERTIES], params.floors), sample, params)
+    there_properties = standing(about, prediction.mean, params)
+    expected = _expected(state, prediction, root, (there_properties, params.floors), sample, params)
     change, told = (
         nothing_learned(root),
         _sites(np.zeros_like(expected.used), root[:0], expected.innovation, (params.cells, params.floors)),
@@ -925,6 +971,24 @@ def _level_about(before: JointState, after: JointState, acting: Drive, params: J
 
 
 @kernel
+def standing(about: Array, mean: Array, params: JointParams) -> Array:
+    """The ten parameters of an estimate, with as much propellant in the tanks as another one has, shape (10,).
+
+    Args:
+        about: the estimate, shape (size,).
+        mean: the other, shape (size,).
+        params: see `JointParams`.
+    """
+    places, result = params.places, about[:N_PROPERTIES].copy()
+    if places.tanks > 0:
+        fill = slice(places.fill, places.fill + places.tanks)
+        used = about[fill] - mean[fill]
+        result[:MASS] += drawn(result, about[fill], used, 1.0, params.tanks).change[:MASS]
+        result[MASS] /= 1.0 - result[MASS] * used.sum()
+    return result
+
+
+@kernel
 def _about(mean: Array, about: Array, params: JointParams) -> Array:
     """An estimate with mass properties, lags, forces and gyros' biases of another, and the rate that goes with them.
 
@@ -935,11 +999,13 @@ def _about(mean: Array, about: Array, params: JointParams) -> Array:
     """
     places = params.places
     result = mean.copy()
-    result[:N_PROPERTIES] = about[:N_PROPERTIES]
+    result[:N_PROPERTIES] = standing(about, mean, params)
     forces = slice(places.force, places.force + places.n_force)
     result[forces] = about[forces]
     lags = slice(places.lag, places.lag + places.n_lag)
     result[lags] = about[lags]
+    moving = slice(places.moving, places.moving + places.n_moving)
+    result[moving] = about[moving]
     if places.n_gyro_bias > 0:
         biases = slice(places.gyro_bias, places.gyro_bias + places.n_gyro_bias)
         result[biases] = about[biases]

@@ -10,6 +10,10 @@ d(w, c)/dt = sum a_i z_i, the torque about the center of mass. With x = T/T_d an
 
 (Brown and Hwang, Introduction to Random Signals and Applied Kalman Filtering). What acts is an acceleration and no
 torque: errors of the mass properties do not multiply it, and it says nothing of these.
+
+*Unstated* components stand beside those that are stated: one about and along each axis, whose unit is what all jets
+give together (`unstated`). They are zero but for a hypothesis that something acts which nobody stated, of a level L
+and a time constant of its own: from its onset on each has 1-sigma L, and L times what comes.
 """
 
 from __future__ import annotations
@@ -67,22 +71,58 @@ def gathered_variance(x: float) -> float:
     return 2.0 * x - 2.0 * lost - lost * lost
 
 
+def unstated(effects: Array, accelerometers: int) -> Array:
+    """Unit of a disturbance that nobody stated: acceleration about each axis, and along each if read, shape (6, n).
+
+    Args:
+        effects: change of w and c per second by each jet at full thrust, shape (n_jets, 6).
+        accelerometers: number of packages.
+    """
+    together = np.sqrt(np.sum(effects**2, axis=0))
+    return np.diag(together)[:, : 6 if accelerometers else 3].copy()
+
+
 @kernel
-def wandered(disturbance: DisturbanceParams, duration_s: float) -> Wander:
+def wandered(disturbance: DisturbanceParams, duration_s: float, level: float = 1.0) -> Wander:
     """Course of a disturbance over an interval.
 
     Args:
         disturbance: see `DisturbanceParams`.
         duration_s: T, positive.
+        level: 1-sigma of each component in its unit.
     """
     constant, a = disturbance.time_constant_s, disturbance.accelerations
     x = duration_s / constant
     lost = -math.expm1(-x)
     drawn = math.sqrt(gathered_variance(x))
     along = lost * lost / drawn
-    apart = math.sqrt(max(lost * (2.0 - lost) - along * along, 0.0))
+    apart = level * math.sqrt(max(lost * (2.0 - lost) - along * along, 0.0))
+    drawn, along = level * drawn, level * along
     each = np.ones(a.shape[1])
     return Wander((1.0 - lost) * each, a * (constant * lost), a * (constant * drawn), along * each, apart * each)
+
+
+@kernel
+def beside(one: Wander, other: Wander) -> Wander:
+    """Course of two disturbances, the components of the other after those of the one."""
+    return Wander(
+        np.concatenate((one.kept, other.kept)),
+        np.hstack((one.begun, other.begun)),
+        np.hstack((one.drawn, other.drawn)),
+        np.concatenate((one.along, other.along)),
+        np.concatenate((one.apart, other.apart)),
+    )
+
+
+@kernel
+def prolonged(wander: Wander, n: int) -> Wander:
+    """Course of what changes slowly with n more components after it, which stay as they are and act on nothing."""
+    others = wander.kept.shape[0]
+    kept, along, apart = np.ones(others + n), np.zeros(others + n), np.zeros(others + n)
+    begun, drawn = np.zeros((6, others + n)), np.zeros((6, others + n))
+    kept[:others], along[:others], apart[:others] = wander.kept, wander.along, wander.apart
+    begun[:, :others], drawn[:, :others] = wander.begun, wander.drawn
+    return Wander(kept, begun, drawn, along, apart)
 
 
 @kernel
@@ -96,13 +136,15 @@ def slowly(wander: Wander, value: Array) -> Array:
 
 @kernel
 def arriving(wander: Wander) -> Array:
-    """Root of the covariance of w, c and z by what comes of a disturbance in an interval, shape (6 + n, 2 n)."""
-    n = wander.drawn.shape[1]
-    columns = np.zeros((6 + n, 2 * n))
-    columns[:6, :n] = wander.drawn
-    for component in range(n):
-        columns[6 + component, component] = wander.along[component]
-        columns[6 + component, n + component] = wander.apart[component]
+    """Root of the covariance of w, c and z by what comes of a disturbance in an interval, shape (6 + n, 2 n_moving)."""
+    moving = np.flatnonzero(wander.along + wander.apart > 0.0)
+    n = moving.shape[0]
+    columns = np.zeros((6 + wander.drawn.shape[1], 2 * n))
+    for column in range(n):
+        component = moving[column]
+        columns[:6, column] = wander.drawn[:, component]
+        columns[6 + component, column] = wander.along[component]
+        columns[6 + component, n + column] = wander.apart[component]
     return columns
 
 

@@ -37,7 +37,7 @@ def guarded(state: JointState, commanded: bool, params: JointParams) -> JointSta
         params: see `JointParams`.
     """
     if state.guarded:
-        return flagged(state, True, state.firing_count + 1.0) if commanded else state
+        return flagged(state, True, state.firing_count + 1.0 / params.rates.steps) if commanded else state
     if not converged(state, params):
         return state
     return flagged(state, True, 1.0 if commanded else 0.0)

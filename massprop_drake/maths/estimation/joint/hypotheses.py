@@ -9,6 +9,8 @@ r"""What a hypothesis is: the joint filter's own cycle from another state, and h
     lies    one component is not read from the onset on, until it fits again
     speed   the speed of a wheel is not believed from the onset on, for good: what it is off by turns with the vehicle
     turn    the attitude that a tracker reads is another from the onset on, as by another star that it takes for its own
+    wander  something acts which nobody stated, and changes slowly: see `disturbance`, one of `STIRS`
+    engine  level or angle of an engine stays where it was at the onset, and its thrust or that angle is anything
 
 *Log-likelihood*: the sum of ln Z over the readings that its own filter takes in (`quantized`), so that what a filter
 learns from a reading and what it is worth for it are one number. A reading that lies is one of 4e4 steps, each as
@@ -18,6 +20,7 @@ cost more than a jump of all that is known of the vehicle explains.
 
 from __future__ import annotations
 
+import math
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -26,12 +29,27 @@ import numpy as np
 from massprop_drake.maths.estimation.joint.covariance import compressed, semidefinite_root
 from massprop_drake.maths.estimation.joint.cycle import Report, Sample, crossed, floors, step
 from massprop_drake.maths.estimation.joint.guard import unguarded
-from massprop_drake.maths.estimation.joint.layout import CENTER, MASS, N_PROPERTIES, RATE, JointParams, JointState
+from massprop_drake.maths.estimation.joint.layout import (
+    CENTER,
+    MASS,
+    N_PROPERTIES,
+    RATE,
+    JointParams,
+    JointState,
+    Places,
+)
 from massprop_drake.maths.estimation.joint.measurement import rebased
 from massprop_drake.maths.estimation.joint.prediction import lag_of, parameter_effects
 from massprop_drake.maths.estimation.joint.sensitivity import Link, impulse_columns, smeared
+from massprop_drake.maths.estimation.joint.unknown import reading_sigmas
 from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.mass_properties import ELEMENT
+from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS, N_ERRORS
 
+# 1-sigma of something unstated that acts, in what all jets give, and its time constant, s: propellant that sloshes, or
+# drag and what vents
+STIRS = tuple((10.0 ** (-0.5 * step), constant_s) for step in range(8) for constant_s in (10.0, 100.0))
+_FIRING_S = 3.0  # seconds: T_f, over which jets and what is unstated are taken for each other
 JUMP_SHARES = (0.3, 0.06)  # of the vehicle's mass (1 sigma): a payload, large or small
 DRIFT = 0.03  # of full thrust a second, 1 sigma: by so much the force of a jet changes that weakens or opens slowly
 KICK = 0.6  # 1-sigma of an onset's place, in intervals between onsets: uniform over two has 0.58
@@ -43,6 +61,8 @@ _LEFT = 1e-6  # of a force that builds up: less is not felt
 _RANGE = 4e4  # steps that a sensor's range has
 _STILL = 2.0  # a lie is as likely as not the same as the one before
 TURNED = 0.3  # rad, a prior 1-sigma: other stars taken for its own turn what a tracker reads; within linearization
+STUCK_THRUST = 1.0  # a prior 1-sigma, relative: of the thrust of an engine that gives anything
+STUCK_SHARE = 0.5  # of a gimbal's stop, a prior 1-sigma: the angle of one that stays anywhere
 _LIES = 5.0  # sigmas off: a reading that does not fit
 
 
@@ -56,6 +76,8 @@ class Kind(IntEnum):
     UNKNOWN = 4  # something pushes as jets could, or has ceased to
     SPEED = 5
     TURN = 6
+    ENGINE = 7
+    WANDER = 8
 
 
 class Cause(NamedTuple):
@@ -66,8 +88,9 @@ class Cause(NamedTuple):
         jets: indices of the jets that have failed.
         signs: 1: that jet gives more than it is told to, -1: less.
         on_top: 1: it gives that on top of what it is told to, as a leak; 0: as a jet that is stuck.
-        component: index of the reading that lies, else -1; that of a wheel's speed comes after those of all others, and
-            after the wheels that of a tracker's attitude as a whole.
+        component: index of the reading that lies, else -1; that of a wheel's speed comes after those of all others,
+            after the wheels that of a tracker's attitude as a whole, and then level and angles of each engine. Of
+            something unstated its index in `STIRS`.
     """
 
     kind: Kind
@@ -82,9 +105,14 @@ class Cause(NamedTuple):
         return frozenset(zip(self.jets, self.signs, strict=True))
 
     @property
-    def key(self) -> frozenset[tuple[int, int]] | Cause:
+    def part(self) -> tuple[Kind, int]:
+        """Kind and component of what is not of jets; of something unstated without its strength."""
+        return self.kind, -1 if self.kind == Kind.WANDER else self.component
+
+    @property
+    def key(self) -> frozenset[tuple[int, int]] | tuple[Kind, int]:
         """By which it is told from others: a jet that leaks and one that is stuck on are the same."""
-        return self.failures or self
+        return self.failures or self.part
 
 
 class Score(NamedTuple):
@@ -172,6 +200,25 @@ def cost_of_a_lie(component: int, params: JointParams, moved: float = np.inf) ->
     return float(np.log(among * spread / (params.cells[component] or 1.0)))
 
 
+def stirs_beyond(state: JointState, params: JointParams) -> list[int]:
+    """Indices in `STIRS` of what is as strong as what is taken to act, or stronger, but not slower."""
+    now = (state.stir, -state.stir_s)
+    return [at for at, (level, seconds) in enumerate(STIRS) if params.places.n_unstated and (level, -seconds) >= now]
+
+
+def size_of_unstated(level: float, params: JointParams) -> tuple[float, float]:
+    """1-sigma about and along an axis of what acts that nobody stated, on the nominal vehicle, RMS of the three.
+
+    Returns:
+        Torque and force, ft-lbf and lbf, or N-m and N; NaN in place of a force without an accelerometer.
+    """
+    acts, nominal = level * params.unstated, params.nominal
+    torques = np.linalg.solve(nominal[:6][ELEMENT], acts[:3])
+    forces = acts[3:] / nominal[MASS]
+    torque, force = (math.sqrt(np.sum(part**2) / 3.0) for part in (torques, forces))
+    return torque, force if params.places.accelerometers else math.nan
+
+
 def slot_of(state: JointState, jet: int, sign: int) -> int:
     """The slot of a jet's failure: its own if it has one, else the first that is free, -1: none is."""
     own = np.flatnonzero((state.slot_jet == jet) & (state.slot_sign == sign))
@@ -209,7 +256,7 @@ def opened(
         state: before the first interval that it bears on.
         cause: see `Cause`.
         params: see `JointParams`.
-        share: see `jump_sigma`.
+        share: see `jump_sigma`; of something unstated that acts already, 1: it jumps, 0: it does not.
         expected: mean and 1-sigma of what each jet's force changes by; none: zero and its thrust, lbf or N.
     """
     if cause.kind == Kind.JUMP:
@@ -220,6 +267,21 @@ def opened(
     if cause.kind == Kind.TURN:
         columns = np.zeros((state.root.shape[0], 3))
         columns[params.places.attitude : params.places.attitude + 3] = TURNED * np.eye(3)
+        return state._replace(root=compressed(np.hstack((state.root, columns)), params.places.thrust))
+    if cause.kind == Kind.WANDER:
+        columns, own = np.zeros((state.root.shape[0], params.places.n_unstated)), params.places.unstated
+        level, constant_s = STIRS[cause.component]
+        if state.stir == 0.0 or share > 0.0:  # else what acts is known, and only changes faster from now on
+            columns[own : own + params.places.n_unstated] = level * np.eye(params.places.n_unstated)
+        root = compressed(np.hstack((state.root, columns)), params.places.thrust)
+        return state._replace(root=root, stir=level, stir_s=constant_s)
+    if cause.kind == Kind.ENGINE:
+        engine, channel = divmod(cause.component - first_of_engines(params.places), N_CHANNELS)
+        columns, own = np.zeros((state.root.shape[0], 1)), params.places.engine + N_ERRORS * engine
+        if channel == 0:
+            columns[own : own + 2] = STUCK_THRUST
+        else:
+            columns[own + 1 + channel] = STUCK_SHARE * params.engines.stops[engine, channel]
         return state._replace(root=compressed(np.hstack((state.root, columns)), params.places.thrust))
     if cause.kind != Kind.JETS:
         return state
@@ -264,6 +326,24 @@ def kicked(state: JointState, cause: Cause, kicks: Array, over: Link, params: Jo
     turns[attitude] = UNTIMED * over.duration_s * changed * np.eye(places.n_attitude)
     wide = np.hstack((state.root, impulses, impulse_columns(products, over, places), bowed, turns))
     return state._replace(root=compressed(wide, places.thrust))
+
+
+def blurred(state: JointState, before: float, duration_s: float, params: JointParams) -> JointState:
+    """The state with the ten parameters less well known than was thought, by what has acted unstated until now.
+
+    Over a firing that is as white noise of 2 T_f T (L a)^2 in each sample, beside that of two readings.
+
+    Args:
+        state: with what acts, of level L.
+        before: level that was thought to act.
+        duration_s: of an interval, T.
+        params: see `JointParams`.
+    """
+    unit = np.sum(params.unstated**2, axis=1) * _FIRING_S * duration_s / reading_sigmas(params) ** 2
+    noise, told = (1.0 + level**2 * np.max(unit) for level in (state.stir, before))
+    root = state.root.copy()
+    root[:N_PROPERTIES] *= np.sqrt(max(noise / told, 1.0))
+    return state._replace(root=compressed(root, params.places.thrust))
 
 
 def torn(state: JointState, share: float, over: Link, params: JointParams) -> JointState:
@@ -374,16 +454,34 @@ def prepared(
     state, crossing = crossed(run.state, run.state.mean[:N_PROPERTIES], sample, floors(run.state, params), params)
     if run.age == 0:
         state = opened(state, run.cause, params, run.share, run.expected)
-        if run.cause.kind == Kind.SPEED:
-            wheel, assumed = run.cause.component - params.places.outputs, state.assumed.copy()
-            assumed[wheel] = sample.speeds.start[wheel]
-            state = state._replace(assumed=assumed)
+        if run.cause.kind in (Kind.SPEED, Kind.ENGINE):
+            state = state._replace(assumed=_staying(state.assumed, run.cause, sample, params))
+        if run.cause.kind == Kind.WANDER:
+            state = blurred(state, run.state.stir, over.duration_s, params)
         if run.cause.kind == Kind.JUMP:
             state = torn(state, run.share, over, params)
     kicks = kicks_at(run, over.duration_s, params)
     if kicks is not None:
         state = kicked(state, run.cause, kicks, over, params)
     return pushed(restless(state, erratic, params), push, over, params), crossing.log_likelihood
+
+
+def _staying(assumed: Array, cause: Cause, sample: Sample, params: JointParams) -> Array:
+    """Speeds, levels and angles that are assumed once one of them is not believed any more."""
+    assumed, places = assumed.copy(), params.places
+    if cause.kind == Kind.SPEED:
+        wheel = cause.component - places.outputs
+        assumed[wheel] = sample.speeds.start[wheel]
+        return assumed
+    place = cause.component - first_of_engines(places)
+    engine, channel = divmod(place, N_CHANNELS)
+    assumed[places.wheels + place] = sample.burn.points[engine, 0, channel]
+    return assumed
+
+
+def first_of_engines(places: Places) -> int:
+    """Index that stands for the level of the first engine in a `Cause`."""
+    return places.outputs + places.wheels + places.trackers
 
 
 def stepped(run: Runner, sample: Sample, over: Link, erratic: np.ndarray, push: float, params: JointParams) -> Runner:

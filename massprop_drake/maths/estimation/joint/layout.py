@@ -3,15 +3,19 @@ r"""The joint estimator's state and parameters: what stands where, and how a sta
 The mean and the rows of the covariance's root are in this order,
 
     J (6: xx, yy, zz, yz, xz, xy) | r (3) | mu | w (3) | c_s (3 per accelerometer) | psi (3, with a tracker)
-    | z (per component of a disturbance, and per wheel)
+    | z (per component of a disturbance, and per wheel) | p (propellant per tank) | eta, eta' (per mode)
     b (thrust error per jet) | lag error per kind | gyro bias (3 per package)
-    | accelerometer bias (3 per package) | p (inertia error per wheel) | s | theta (2, of the ticks)
+    | accelerometer bias (3 per package) | p (inertia error per wheel) | errors of the engines (6 per engine)
+    | e (flow error per tank) | errors of the jets' mounting (up to 4 per jet, see `maths.vehicle.mounting`)
+    | errors of participation, frequency, damping and position (6 per part that moves) | s
+    | theta (2, of the ticks)
     | f (force of each slot of failed jets)
 
 with J the inverse inertia about the center of mass, r the center of mass in the vehicle frame, mu = 1/m, w the rate,
-c_s the integral of F/m as accelerometer s has gathered it, psi the attitude as `orientation` has it, and z as
-`disturbance` and `wheels` have it. What stands from b on are parameters in units of their sigmas, of about unit prior
-variance, but for f, which is in lbf or N. A kind of parameter whose sigma is zero has no place.
+c_s the integral of F/m as accelerometer s has gathered it, psi the attitude as `orientation` has it, z as `disturbance`
+and `wheels` have it, propellant in slug or kg, see `tanks`, and eta as `joint.modes` has it. What stands from b on are
+parameters in units of their sigmas, of about unit prior variance, but for f, in lbf or N, and the engines' errors, see
+`burns`, which are unscaled. A kind of parameter whose sigma is zero has no place.
 
 Nothing is scaled: the covariance is kept as a root that is made triangular by Householder reflections, and these treat
 every row of the root by its own size, so that a change of units changes no digit.
@@ -24,10 +28,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from massprop_drake.maths.arrays import FLAG, NUMBER, Layout
-from massprop_drake.maths.estimation.joint.disturbance import DisturbanceParams
+from massprop_drake.maths.estimation.joint.disturbance import NO_DISTURBANCE, DisturbanceParams
+from massprop_drake.maths.estimation.joint.modes import ERRORS, NO_MODES, ModeParams
+from massprop_drake.maths.estimation.joint.rates import EVERY_PERIOD, Rates
+from massprop_drake.maths.estimation.joint.tanks import NO_TANKS, TankParams
 from massprop_drake.maths.estimation.joint.wheels import NO_WHEELS, WheelParams
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS, N_ERRORS, NO_ENGINES, EngineParams
+from massprop_drake.maths.vehicle.mounting import EXACT, Mounting
 
 N_PROPERTIES = 10
 INERTIA, CENTER, MASS, RATE, VELOCITY = slice(0, 6), slice(6, 9), 9, slice(10, 13), 13
@@ -37,15 +46,23 @@ class Places(NamedTuple):
     """Where the parts of the state begin, and how many elements they have.
 
     Attributes:
-        jets, gyros, accelerometers, trackers, wheels: how many there are.
+        jets, gyros, accelerometers, trackers, wheels, engines, tanks: how many there are.
         outputs: components that are read.
         attitude, n_attitude: of psi; three elements, or none without a tracker.
-        slow, n_slow: of z, first those of a disturbance, then those of the wheels.
+        slow, n_slow: of z, first those of a disturbance that is stated, then of one that is not, of the wheels, and of
+            the tanks' propellant.
+        unstated, n_unstated: of the second of these.
+        fill: of that propellant; one element per tank.
+        swing, n_swing: of eta of all modes, then of eta'.
         thrust, n_thrust: of b; none or one per jet.
         lag, n_lag: of the lag's errors; none or one per kind of jet.
         gyro_bias, n_gyro_bias: none or three per package.
         acceleration_bias, n_acceleration_bias: none or three per package.
         wheel, n_wheel: of p; none or one per wheel.
+        engine, n_engine: of the engines' errors, six of each.
+        tank, n_tank: of e; none or one per tank.
+        mount, n_mount: of the errors of the jets' mounting.
+        moving, n_moving: of the errors of parts that move; none or six per part.
         scale, n_scale: of s; one if b has places, else none.
         ticks, n_ticks: of offset and period error of the ticks, see `ticks`; two, or none: stamps are ticks.
         force, n_force: of the slots of failed jets.
@@ -57,11 +74,18 @@ class Places(NamedTuple):
     accelerometers: int
     trackers: int
     wheels: int
+    engines: int
+    tanks: int
     outputs: int
     attitude: int
     n_attitude: int
     slow: int
     n_slow: int
+    unstated: int
+    n_unstated: int
+    fill: int
+    swing: int
+    n_swing: int
     thrust: int
     n_thrust: int
     lag: int
@@ -72,6 +96,14 @@ class Places(NamedTuple):
     n_acceleration_bias: int
     wheel: int
     n_wheel: int
+    engine: int
+    n_engine: int
+    tank: int
+    n_tank: int
+    mount: int
+    n_mount: int
+    moving: int
+    n_moving: int
     scale: int
     n_scale: int
     ticks: int
@@ -79,6 +111,32 @@ class Places(NamedTuple):
     force: int
     n_force: int
     size: int
+
+
+class PartCounts(NamedTuple):
+    """PartCounts of what the state has parts for.
+
+    Attributes:
+        jets, gyros, accelerometers, trackers: jets, and packages of sensors.
+        components: of a disturbance that is stated.
+        wheels, engines, tanks: of each.
+        unstated: components of a disturbance that nobody states.
+        mounts: errors of the jets' mounting.
+        modes, parts: modes, and parts that move whose errors are estimated.
+    """
+
+    jets: int
+    gyros: int
+    accelerometers: int
+    trackers: int = 0
+    components: int = 0
+    wheels: int = 0
+    engines: int = 0
+    tanks: int = 0
+    unstated: int = 0
+    mounts: int = 0
+    modes: int = 0
+    parts: int = 0
 
 
 def make_places(
@@ -92,41 +150,51 @@ def make_places(
     """The places of a vehicle's state.
 
     Args:
-        counts: numbers of jets, gyro packages, accelerometer packages and, if there are any, trackers of attitude,
-            components of a disturbance and wheels.
+        counts: see `PartCounts`; those left out at the end are zero.
         n_lag: number of kinds of jets whose lag is estimated; 0: none.
         uncertain: whether the gyros and whether the accelerometers have biases to estimate, and whether the wheels'
-            inertias are uncertain.
+            inertias and the tanks' flows are uncertain.
         thrust: whether thrusts are uncertain.
         forces: number of slots for the forces of failed jets.
         ticks: 2 if ticks are estimated, else 0.
     """
-    jets, gyros, accelerometers, trackers, components, wheels = (*counts, 0, 0, 0)[:6]
-    of_gyros, of_accelerometers, of_wheels = (*uncertain, False)[:3]
+    n = PartCounts(*counts)
+    of_gyros, of_accelerometers, of_wheels, of_tanks = (*uncertain, False, False)[:4]
     sizes = [
-        jets if thrust else 0,
+        n.jets if thrust else 0,
         n_lag,
-        3 * gyros if of_gyros else 0,
-        3 * accelerometers if of_accelerometers else 0,
-        wheels if of_wheels else 0,
+        3 * n.gyros if of_gyros else 0,
+        3 * n.accelerometers if of_accelerometers else 0,
+        n.wheels if of_wheels else 0,
+        N_ERRORS * n.engines,
+        n.tanks if of_tanks else 0,
+        n.mounts,
+        ERRORS * n.parts,
         1 if thrust else 0,
         ticks,
         forces,
     ]
-    attitude, n_attitude = VELOCITY + 3 * accelerometers, 3 if trackers else 0
-    slow, n_slow = attitude + n_attitude, components + wheels
-    begins = np.cumsum([slow + n_slow, *sizes]).tolist()
+    attitude, n_attitude = VELOCITY + 3 * n.accelerometers, 3 if n.trackers else 0
+    slow, n_slow = attitude + n_attitude, n.components + n.unstated + n.wheels + n.tanks
+    begins = np.cumsum([slow + n_slow + 2 * n.modes, *sizes]).tolist()
     return Places(
-        jets=jets,
-        gyros=gyros,
-        accelerometers=accelerometers,
-        trackers=trackers,
-        wheels=wheels,
-        outputs=3 * (gyros + accelerometers + trackers),
+        jets=n.jets,
+        gyros=n.gyros,
+        accelerometers=n.accelerometers,
+        trackers=n.trackers,
+        wheels=n.wheels,
+        engines=n.engines,
+        tanks=n.tanks,
+        outputs=3 * (n.gyros + n.accelerometers + n.trackers),
         attitude=attitude,
         n_attitude=n_attitude,
         slow=slow,
         n_slow=n_slow,
+        unstated=slow + n.components,
+        n_unstated=n.unstated,
+        fill=slow + n.components + n.unstated + n.wheels,
+        swing=slow + n_slow,
+        n_swing=2 * n.modes,
         thrust=begins[0],
         n_thrust=sizes[0],
         lag=begins[1],
@@ -137,13 +205,21 @@ def make_places(
         n_acceleration_bias=sizes[3],
         wheel=begins[4],
         n_wheel=sizes[4],
-        scale=begins[5],
-        n_scale=sizes[5],
-        ticks=begins[6],
-        n_ticks=sizes[6],
-        force=begins[7],
-        n_force=sizes[7],
-        size=begins[8],
+        engine=begins[5],
+        n_engine=sizes[5],
+        tank=begins[6],
+        n_tank=sizes[6],
+        mount=begins[7],
+        n_mount=sizes[7],
+        moving=begins[8],
+        n_moving=sizes[8],
+        scale=begins[9],
+        n_scale=sizes[9],
+        ticks=begins[10],
+        n_ticks=sizes[10],
+        force=begins[11],
+        n_force=sizes[11],
+        size=begins[12],
     )
 
 
@@ -182,7 +258,7 @@ class JointParams(NamedTuple):
         rate_walk, velocity_walk: 1-sigma of what is added to w and to c in one second, rad/s and ft/s or m/s,
             growing with the root of time.
         repeatability: 1-sigma of each jet's impulse over a sample, relative, white, shape (n_jets,).
-        tank_fraction: share of the vehicle's size by which propellant that is used shifts inertia and center of mass.
+        tank_fraction: share of the vehicle's size by which propellant from no tank shifts inertia and center of mass.
         tick_sigma: of offset and period error of the ticks, s, shape (2,).
         arm: size of the vehicle, ft or m: the jets' RMS distance from the center of mass.
         accelerometer_positions: vehicle frame, ft or m, shape (n_accelerometers, 3).
@@ -193,6 +269,7 @@ class JointParams(NamedTuple):
         dithered: 1 where each sample is news, 0 where a change of the reading is, shape (n_outputs,).
         trackers: see `AttitudeSensors`.
         disturbance: see `DisturbanceParams`.
+        unstated: see `disturbance.unstated`, shape (6, n_unstated).
         start: the ten parameters at the start, shape (10,).
         start_root: lower triangular root of their covariance at the start, shape (10, 10).
         increment_sigma: what an increment adds to their 1-sigma, in quadrature, shape (10,).
@@ -200,9 +277,14 @@ class JointParams(NamedTuple):
         thresholds: NIS above which the covariance is incremented, by the number of components used less one.
         guard_relative: largest sigma over estimate of J_xx, J_yy, J_zz and mu; infinity: not judged, shape (4,).
         guard_center: largest sigma of the center of mass, infinity: not judged, ft or m, shape (3,).
-        settled_after: samples with a jet commanded, from the guard on, until settled.
+        settled_after: control periods with a jet commanded, from the guard on, until settled.
         second_order: whether b2 (2-118), D (2-121) and the products with thrust errors are taken into account.
         wheels: see `WheelParams`.
+        engines: see `EngineParams`.
+        rates: see `Rates`.
+        tanks: see `TankParams`.
+        mounting: see `Mounting`.
+        modes: see `ModeParams`.
         compiled: see `cycle.Compiled`; None: nothing is. All but the thresholds is then as when it was compiled.
     """
 
@@ -241,6 +323,12 @@ class JointParams(NamedTuple):
     settled_after: float
     second_order: bool
     wheels: WheelParams = NO_WHEELS
+    engines: EngineParams = NO_ENGINES
+    rates: Rates = EVERY_PERIOD
+    tanks: TankParams = NO_TANKS
+    unstated: Array = NO_DISTURBANCE.accelerations
+    mounting: Mounting = EXACT
+    modes: ModeParams = NO_MODES
     compiled: Any = None
 
 
@@ -274,9 +362,12 @@ class JointState(NamedTuple):
         time_s: of the last sample.
         started: whether a sample has been taken.
         guarded: whether the convergence guard holds.
-        firing_count: samples with a jet commanded since the guard holds.
+        firing_count: control periods with a jet commanded since the guard holds.
         lag_open: 1 for each kind of jets whose lag has the wide prior, see `lag_prior`; 0: as stated, shape (n_lag,).
-        assumed: speed of each wheel whose readings are not believed, NaN: they are, rad/s, shape (n_wheels,).
+        assumed: speed of each wheel whose readings are not believed, rad/s, then level and angles of each engine whose
+            are not, rad, NaN: they are, shape (n_wheels + 3 n_engines,).
+        stir, stir_s: level and time constant, s, of what acts that nobody stated, see `disturbance`; a level of zero:
+            nothing does.
     """
 
     mean: Array
@@ -298,6 +389,8 @@ class JointState(NamedTuple):
     firing_count: float
     lag_open: Array
     assumed: Array
+    stir: float
+    stir_s: float
 
 
 _STATE = Layout(
@@ -320,13 +413,20 @@ _STATE = Layout(
     guarded=FLAG,
     firing_count=NUMBER,
     lag_open="lags",
-    assumed="wheels",
+    assumed="assumed",
+    stir=NUMBER,
+    stir_s=NUMBER,
 )
+
+
+def n_assumed(places: Places) -> int:
+    """Count of readings, other than those of sensors of three components, that may not be believed."""
+    return places.wheels + N_CHANNELS * places.engines
 
 
 def state_layout(places: Places) -> Layout:
     """The layout of a state packed into one vector."""
-    counts = {"jets": places.jets, "outputs": places.outputs, "wheels": places.wheels}
+    counts = {"jets": places.jets, "outputs": places.outputs, "assumed": n_assumed(places)}
     return _STATE.sized(size=places.size, forces=places.n_force, lags=places.n_lag, **counts)
 
 
@@ -419,6 +519,8 @@ def _remade(
         firing_count,
         lag_open,
         state.assumed,
+        state.stir,
+        state.stir_s,
     )
 
 

@@ -57,6 +57,7 @@ def turned(psi: Array, frames: Array, rates: Array, bow: Array, duration_s: floa
     return to_rotation_vector(multiply(end, conjugate(frames[1]))), by_rates
 
 
+@kernel
 def shared_attitude(frame: Array, rate: Array, duration_s: float, read: Array) -> tuple[Array, Array]:
     """The shared attitude after an interval, shape (4,), and what trackers read relative to it, shape (n, 3).
 
@@ -67,10 +68,12 @@ def shared_attitude(frame: Array, rate: Array, duration_s: float, read: Array) -
         read: quaternions, NaN where missing, shape (n, 4).
     """
     after, told = propagated(frame, rate, duration_s), np.full((read.shape[0], 3), np.nan)
-    there = [place for place in range(read.shape[0]) if not np.isnan(read[place]).any()]
-    unit = {place: read[place] / math.sqrt(float(read[place] @ read[place])) for place in there}
-    if there:
-        after = unit[there[0]]
-    for place in there:
-        told[place] = to_rotation_vector(multiply(unit[place], conjugate(after)))
+    first = True
+    for place in range(read.shape[0]):
+        if np.isnan(read[place]).any():
+            continue
+        unit = read[place] / math.sqrt(float(np.dot(read[place], read[place])))
+        if first:
+            after, first = unit, False
+        told[place] = to_rotation_vector(multiply(unit, conjugate(after)))
     return after, told

@@ -5,10 +5,12 @@ r"""Prediction of the joint state over one interval, exact in its length, and it
     mu  <- mu + mu^2 sum_j m'_j L_j
     psi <- what the rate turns it to, see `orientation`
     z   <- what is left of it, see `disturbance` and `wheels`, whose accelerations w and c_s get besides
+    J, r, p: by what is drawn from tanks, see `tanks`
+    eta <- what all this drives modes to, see `joint.modes`, which w and c_s feel in turn
 
 with a and lambda the impulses about the vehicle origin of all jets, the sum of W_j L_j (1 + sigma_T b_j) with L_j the
-seconds of full thrust of `impulses`, of the forces of failed jets, and of known outside forces. While mu falls, c
-gathers lambda at its mean over the interval.
+seconds of full thrust of `impulses`, of the forces of failed jets, of engines, and of known outside forces. While mu
+falls, c gathers lambda at its mean over the interval.
 
 *Forces of failed jets.* A slot's force f acts for all of T on top of what its jet is told to give (a leak), for the
 time that the jet's level leaves, T - L (it is stuck on), or is missing for the time L (it gives less). In the last two
@@ -48,8 +50,8 @@ the predicted one. The error of w1 after its reading, of the variance v, times t
 *Wheels* turn the vehicle by what their momentum h changes by, and by what turning h takes, see `wheels`: a has -(h1 -
 h0), and in the coupling l = J^-1 w + h, each of them at its end of the interval.
 
-*The common thrust scale* s (`thrust_scale`) is not seen by what jets do, but known outside forces and wheels are not
-scaled with them: they enter by 1 - sigma_T s.
+*The common thrust scale* s (`thrust_scale`) is not seen by what jets do, but known outside forces, engines and wheels
+are not scaled with them: they enter by 1 - sigma_T s.
 """
 
 from __future__ import annotations
@@ -59,8 +61,19 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.filters.rotation_filter import angular_block, second_order_terms
+from massprop_drake.maths.estimation.joint.burns import Burn, EngineImpulse, idle, push
+from massprop_drake.maths.estimation.joint.burns import believed as believed_of_engines
 from massprop_drake.maths.estimation.joint.covariance import semidefinite_root
-from massprop_drake.maths.estimation.joint.disturbance import Wander, arriving, come, slowly, wandered
+from massprop_drake.maths.estimation.joint.disturbance import (
+    DisturbanceParams,
+    Wander,
+    arriving,
+    beside,
+    come,
+    prolonged,
+    slowly,
+    wandered,
+)
 from massprop_drake.maths.estimation.joint.impulses import Firing, effects_of, fire, moments_of, regiven, time_constants
 from massprop_drake.maths.estimation.joint.layout import (
     CENTER,
@@ -73,6 +86,9 @@ from massprop_drake.maths.estimation.joint.layout import (
     JointState,
 )
 from massprop_drake.maths.estimation.joint.orientation import STILL, turned
+from massprop_drake.maths.estimation.joint.rates import shortened
+from massprop_drake.maths.estimation.joint.swing import Moved, SwingParams, Swung, swung, unswung
+from massprop_drake.maths.estimation.joint.tanks import TankChange, drawn
 from massprop_drake.maths.estimation.joint.ticks import Timing
 from massprop_drake.maths.estimation.joint.unknown import Directions, directions, indifferent, spread
 from massprop_drake.maths.estimation.joint.wheels import UNSPUN, Spun, believed, exchanged, misread
@@ -87,6 +103,7 @@ from massprop_drake.maths.linear_algebra import (
     sparse_product,
 )
 from massprop_drake.maths.mass_properties import ELEMENT
+from massprop_drake.maths.vehicle.mounting import displaced
 
 ALONE = (STILL, UNSPUN)
 _IDENTITY = np.eye(3)
@@ -111,6 +128,7 @@ class Drive(NamedTuple):
         by_ticks: derivative of L by offset and period error of the ticks, shape (2, n_jets).
         tick_slope: of the level at the end of the interval, 1/s, likewise.
         anything: directions in which jets whose commands are not known may have given anything, see `Directions`.
+        engines: what they give; see `burns.EngineImpulse`.
     """
 
     firing: Firing
@@ -120,6 +138,7 @@ class Drive(NamedTuple):
     by_ticks: Array
     tick_slope: Array
     anything: Directions
+    engines: EngineImpulse
 
 
 class RateRead(NamedTuple):
@@ -151,7 +170,10 @@ class Prediction(NamedTuple):
         mass_factor: derivative of mu after by mu before.
         noise: covariance added to w and to every c_s alike, but for what z brings, shape (6, 6).
         wander: of z; what comes turns c as `noise` does.
+        swung: of the modes.
         drift: variances added to the ten parameters, shape (10,).
+        tank_rows: derivative of the change of the ten parameters, and of propellant in tanks, by what is drawn, shape
+            (10 + n_tanks, size), or (0, size) without tanks; that of mu by itself is `mass_factor`.
         turned: O until the interval, see `turning`: a shift of r in it does not move what accelerometers have shown.
         spin: integral of w w^T dt over the interval, six elements, rad^2/s, shape (6,).
         end: w1, rad/s, shape (3,).
@@ -167,7 +189,9 @@ class Prediction(NamedTuple):
     mass_factor: float
     noise: Array
     wander: Wander
+    swung: Swung
     drift: Array
+    tank_rows: Array
     turned: Array
     spin: Array
     end: Array
@@ -209,7 +233,7 @@ def drive(
     anything = directions(state.mean, firing, params)
     if not timing.off or params.places.n_ticks == 0:
         none = np.zeros_like(state.tick_slope)
-        return Drive(firing, lag_slope, outside, timing.spreads, none, none, anything)
+        return Drive(firing, lag_slope, outside, timing.spreads, none, none, anything, idle())
     by_ticks, tick_slope = firing.by_level[0] * state.tick_slope, firing.by_level[1] * state.tick_slope
     by_ticks[0] += timing.shares @ firing.by_tick
     by_ticks[1] += (timing.numbers * timing.shares) @ firing.by_tick
@@ -220,7 +244,27 @@ def drive(
     later_s = timing.beyond_s + timing.shares * (away_s[0] + timing.numbers * away_s[1])  # the level is at the estimate
     amount, level = firing.amount + later_s @ firing.by_tick, firing.level + later_s @ firing.level_by_tick
     moved = regiven(firing, amount, level)
-    return Drive(moved, lag_slope, outside, timing.spreads, by_ticks, tick_slope, anything)
+    return Drive(moved, lag_slope, outside, timing.spreads, by_ticks, tick_slope, anything, idle())
+
+
+@kernel
+def burning(acting: Drive, burn: Burn, state: JointState, params: JointParams) -> Drive:
+    """The drive with what engines give, their errors at the present estimates."""
+    places = params.places
+    if places.engines == 0:
+        return acting
+    errors = state.mean[places.engine : places.engine + places.n_engine]
+    seen = believed_of_engines(burn, state.assumed[places.wheels :])
+    return Drive(
+        acting.firing,
+        acting.lag_slope,
+        acting.outside,
+        acting.spreads,
+        acting.by_ticks,
+        acting.tick_slope,
+        acting.anything,
+        push(seen, errors, acting.firing.duration_s, params.engines),
+    )
 
 
 @kernel
@@ -247,6 +291,13 @@ def _thrust_factors(state: JointState, params: JointParams) -> tuple[Array, Arra
 
 
 @kernel
+def wrenches_of(mean: Array, params: JointParams) -> Array:
+    """Torque about the vehicle origin and force of each jet, mounted as it is estimated, shape (n_jets, 6)."""
+    places = params.places
+    return displaced(params.wrenches, mean[places.mount : places.mount + places.n_mount], params.mounting)
+
+
+@kernel
 def error_rows(state: JointState, acting: Drive, params: JointParams) -> tuple[Array, Array]:
     """Derivatives of the changes of w and of c by the parameters: thrust and lag errors, s, ticks, and forces.
 
@@ -258,17 +309,27 @@ def error_rows(state: JointState, acting: Drive, params: JointParams) -> tuple[A
     mean, places, firing = state.mean, params.places, acting.firing
     inverse, reciprocal = picked(mean, ELEMENT), mean[MASS]
     rate_rows, velocity_rows = np.zeros((3, places.size)), np.zeros((3, places.size))
-    rate_effect = moments_of(params.wrenches, mean) @ inverse
-    velocity_effect = reciprocal * params.wrenches[:, 3:]
+    wrenches = wrenches_of(mean, params)
+    rate_effect = moments_of(wrenches, mean) @ inverse
+    velocity_effect = reciprocal * wrenches[:, 3:]
     _, lagged = _thrust_factors(state, params)
     if places.n_thrust > 0:
         columns = slice(places.thrust, places.thrust + places.n_thrust)
         sigma = (params.thrust_sigma * firing.amount).reshape(-1, 1)
         rate_rows[:, columns] = (rate_effect * sigma).T
         velocity_rows[:, columns] = (velocity_effect * sigma).T
-        outside = acting.outside.reshape(1, 6)
+        outside = (acting.outside + acting.engines.impulse).reshape(1, 6)
         rate_rows[:, places.scale] = -params.thrust_sigma * (moments_of(outside, mean) @ inverse)[0]
-        velocity_rows[:, places.scale] = -params.thrust_sigma * reciprocal * acting.outside[3:]
+        velocity_rows[:, places.scale] = -params.thrust_sigma * reciprocal * outside[0, 3:]
+    if places.n_engine > 0:
+        of_known, columns = _scale_of_known(mean, params), slice(places.engine, places.engine + places.n_engine)
+        rate_rows[:, columns] = of_known * (moments_of(acting.engines.by_errors, mean) @ inverse).T
+        velocity_rows[:, columns] = (of_known * reciprocal) * acting.engines.by_errors[:, 3:].T
+    if places.n_mount > 0:
+        each, columns = params.mounting, slice(places.mount, places.mount + places.n_mount)
+        given = effective_seconds(state, firing, params)[each.jets].reshape(-1, 1) * each.wrenches
+        rate_rows[:, columns] = (moments_of(given, mean) @ inverse).T
+        velocity_rows[:, columns] = reciprocal * given[:, 3:].T
     if places.n_lag > 0:
         weight = firing.amount_slope * acting.lag_slope * lagged
         of_kinds = weight * (np.arange(places.n_lag).reshape(-1, 1) == params.kinds)
@@ -324,36 +385,38 @@ def predict(
         around: frames, see `orientation.turned`, and speeds of the wheels.
     """
     mean, places, duration = state.mean, params.places, acting.firing.duration_s
-    speeds = believed(around[1], state.assumed, duration, params.wheels)
+    speeds = believed(around[1], state.assumed[: places.wheels], duration, params.wheels)
     covariance = state.root[:N_PROPERTIES] @ state.root[:N_PROPERTIES].T
     inverse, reciprocal = picked(mean, ELEMENT), mean[MASS]
     seconds = effective_seconds(state, acting.firing, params)
     known, momenta, scale = _known_impulse(mean, acting, speeds, params)
-    impulse = seconds @ params.wrenches + known
+    impulse = seconds @ wrenches_of(mean, params) + known
     linear, moment = impulse[3:], impulse[:3] + cross(impulse[3:], mean[CENTER])
-    flow = float(seconds @ params.flows) if 0.0 < reciprocal < _MOST_LIGHT * params.nominal[MASS] else 0.0
+    flow, from_tanks, tank_rows = _from_tanks(state, acting, seconds, params)
 
-    rate_rows, velocity_rows = error_rows(state, acting, params)
-    rate_rows[:, INERTIA] = angular_block(moment)
-    rate_rows[:, CENTER] = inverse @ skew(linear)
-    velocity_rows[:, MASS] = linear * (1.0 + reciprocal * flow)
-    own, wander = slice(places.slow, places.thrust), wandered(params.disturbance, duration)
-    wander = misread(wander, speeds, scale * inverse, duration * mean[RATE], params.wheels)
+    rate_rows, velocity_rows = _impulse_rows(state, acting, (linear, moment), flow, params)
+    own = slice(places.slow, places.slow + places.n_slow)
+    wander = prolonged(_acting(state, speeds, scale * inverse, duration, params), places.tanks)
     exchange = exchanged(speeds, mean[RATE], mean[RATE] + inverse @ moment, duration, params.wheels)
     rate_rows = _with_wheels(rate_rows, mean, exchange, scale, params)
     rate_rows[:, own], velocity_rows[:, own] = wander.begun[:3], wander.begun[3:]
     rate_rows, velocity_rows = indifferent(rate_rows, velocity_rows, acting.anything)
     bias, noise = _second_order(state, acting, (linear, exchange), covariance, params)
-    noise += _white_noise(mean, acting, params)
-    bias += slowly(wander, mean[own])
-    change = inverse @ moment + bias[:3]
-    velocity_change = linear * reciprocal * (1.0 + 0.5 * reciprocal * flow) + bias[3:]
+    bias, noise = bias + slowly(wander, mean[own]), noise + _white_noise(mean, acting, params)
+    locked = Moved(
+        inverse @ moment + bias[:3] + _while_drawn(from_tanks.change, inverse, moment, linear),
+        linear * reciprocal * (1.0 + 0.5 * reciprocal * flow) + bias[3:],
+        rate_rows,
+        velocity_rows,
+    )
+    moved, modes, noise, wander = _with_modes(state, locked, linear, (noise, wander), (scale, duration), params)
+    (change, velocity_change), (rate_rows, velocity_rows) = moved
 
     end_rows = rate_rows.copy()
     end_rows[:, RATE] += _IDENTITY
     share, left = _share_of_reading(end_rows @ state.root, noise + come(wander), rate_read)
-    coupled, through, end, bowed = _coupled(state, acting, change, (rate_read, share), momenta, params)
-    if coupled or places.wheels > 0:
+    coupled, through, end, bowed = _coupled(state, acting, change, (rate_read, share), momenta + modes.momenta, params)
+    if coupled or places.wheels + places.n_swing > 0:
         rate_rows = _with_coupling(rate_rows, through, rate_read, share)
         change = change + through.change
     if not coupled:
@@ -374,7 +437,9 @@ def predict(
     after[RATE] += change
     after = _with_gathered(after, velocity_change, (apart[1], gap), duration, params)
     after[own] *= wander.kept
-    after[MASS] += reciprocal * reciprocal * flow
+    after[places.swing : places.swing + places.n_swing] = modes.after
+    turned_until = turning(mean[RATE], state.reference, state.spin)
+    after = _with_used(after, reciprocal * reciprocal * flow, from_tanks.change, turned_until, params)
     after, attitude = _with_attitude(state, after, acting, (around[0], bowed[0], coupled), params)
     return Prediction(
         mean=after,
@@ -385,8 +450,11 @@ def predict(
         mass_factor=1.0 + 2.0 * reciprocal * flow,
         noise=noise,
         wander=wander,
-        drift=propellant_drift(mean, flow, params.tank_fraction, params.arm),
-        turned=turning(mean[RATE], state.reference, state.spin),
+        swung=modes,
+        drift=propellant_drift(mean, flow - from_tanks.used.sum(), params.tank_fraction, params.arm)
+        + _moving_drift(state, inverse @ moment, linear * reciprocal, duration, params),
+        tank_rows=tank_rows,
+        turned=turned_until,
         spin=spin_integral(mean[RATE], end, bowed, duration),
         end=end,
         duration_s=duration,
@@ -395,12 +463,174 @@ def predict(
 
 
 @kernel
-def _known_impulse(mean: Array, acting: Drive, speeds: Spun, params: JointParams) -> tuple[Array, Array, float]:
-    """Impulse of known outside forces and wheels, shape (6,); h at both ends, shape (2, 3); and 1 - sigma_T s."""
+def _from_tanks(
+    state: JointState, acting: Drive, seconds: Array, params: JointParams
+) -> tuple[float, TankChange, Array]:
+    """Propellant that is used, slug or kg, what changes as it is drawn from tanks, and the derivatives of that.
+
+    Args:
+        state: before the interval.
+        acting: see `Drive`.
+        seconds: see `effective_seconds`.
+        params: see `JointParams`.
+
+    Returns:
+        All of it; see `tanks.TankChange`; and see `Prediction.tank_rows`.
+    """
+    mean, places, tanks = state.mean, params.places, params.tanks
+    n, flows = places.tanks, seconds * params.flows
+    flow = float(seconds @ params.flows) + acting.engines.used
+    if not 0.0 < mean[MASS] < _MOST_LIGHT * params.nominal[MASS]:
+        flows, flow = 0.0 * flows, 0.0
+    if n == 0:
+        none = np.zeros((0, 0))
+        return flow, TankChange(np.zeros(0), np.zeros(0), none, none), np.zeros((0, places.size))
+    factors, known, by_jets = np.ones(n), tanks.feeds @ flows, tanks.feeds * params.flows
+    if places.n_tank > 0:
+        factors = factors + tanks.flow_sigma * mean[places.tank : places.tank + n]
+    scale = 1.0 + params.thrust_sigma * mean[places.scale] if places.n_scale > 0 else 1.0
+    used, fill = factors * known, slice(places.fill, places.fill + n)
+    found, by = drawn(mean[:N_PROPERTIES], mean[fill], used, scale, tanks), np.zeros((n, places.size))
+    flowing = 1.0 if flows.any() else 0.0
+    by_jets = (flowing * factors).reshape(n, 1) * by_jets
+    if places.n_thrust > 0:
+        columns = slice(places.thrust, places.thrust + places.n_thrust)
+        by[:, columns] = by_jets * (params.thrust_sigma * acting.firing.amount)
+    if places.n_tank > 0:
+        for tank in range(n):
+            by[tank, places.tank + tank] = tanks.flow_sigma[tank] * known[tank]
+    for slot in range(places.n_force):
+        jet = int(state.slot_jet[slot])
+        if jet >= 0:
+            seconds = _slot_weight(state, slot, acting.firing) / params.thrusts[jet]
+            by[:, places.force + slot] = by_jets[:, jet] * seconds
+    rows = found.by_used @ by
+    rows[:, :N_PROPERTIES] += found.by_state[:, :N_PROPERTIES]
+    rows[:, fill] += found.by_state[:, N_PROPERTIES:]
+    if places.n_scale > 0:
+        rows[N_PROPERTIES:, places.scale] -= params.thrust_sigma * used
+    return flow + (used.sum() - known.sum()), found, rows
+
+
+@kernel
+def _while_drawn(change: Array, inverse: Array, moment: Array, linear: Array) -> Array:
+    """Change of the rate by what is drawn from tanks by the middle of an interval, rad/s, shape (3,).
+
+    Args:
+        change: of the ten parameters by what is drawn, see `tanks.TankChange`; empty: there are no tanks.
+        inverse: J before the interval, shape (3, 3).
+        moment: angular impulse about the center of mass, shape (3,).
+        linear: impulse, shape (3,).
+    """
+    if change.shape[0] == 0:
+        return np.zeros(3)
+    return 0.5 * (picked(change, ELEMENT) @ moment + inverse @ cross(linear, change[CENTER]))
+
+
+@kernel
+def _with_used(after: Array, lighter: float, change: Array, turned: Array, params: JointParams) -> Array:
+    """The predicted mean once propellant has been used, shape (size,).
+
+    Args:
+        after: the mean without that, shape (size,).
+        lighter: change of mu by it.
+        change: see `tanks.TankChange`.
+        turned: see `Prediction`.
+        params: see `JointParams`.
+    """
+    n, places, result = change.shape[0] - N_PROPERTIES, params.places, after.copy()
+    result[MASS] += lighter
+    if n <= 0:
+        return result
+    result[:MASS] += change[:MASS]
+    result[places.fill : places.fill + n] += change[N_PROPERTIES:]
+    for package in range(places.accelerometers):
+        result[VELOCITY + 3 * package : VELOCITY + 3 * package + 3] += turned @ change[CENTER]
+    return result
+
+
+@kernel
+def _impulse_rows(
+    state: JointState, acting: Drive, impulse: tuple[Array, Array], flow: float, params: JointParams
+) -> tuple[Array, Array]:
+    """Derivatives of the changes of w and of c by impulses, shape (3, size) each.
+
+    Args:
+        state: before the interval.
+        acting: see `Drive`.
+        impulse: linear, and angular about the center of mass, shape (3,) each.
+        flow: mass that is used, slug or kg.
+        params: see `JointParams`.
+    """
+    rate_rows, velocity_rows = error_rows(state, acting, params)
+    linear, moment = impulse
+    rate_rows[:, INERTIA] = angular_block(moment)
+    rate_rows[:, CENTER] = picked(state.mean, ELEMENT) @ skew(linear)
+    velocity_rows[:, MASS] = linear * (1.0 + state.mean[MASS] * flow)
+    return rate_rows, velocity_rows
+
+
+@kernel
+def _swing_params(params: JointParams) -> SwingParams:
+    """The modes, and where they stand in the state."""
     places = params.places
-    scale = 1.0 - params.thrust_sigma * mean[places.scale] if places.n_scale > 0 else 1.0
+    scale = places.scale if places.n_scale > 0 else -1
+    return SwingParams(params.modes, places.swing, places.moving, places.n_moving, scale, params.thrust_sigma)
+
+
+@kernel
+def _turning_back(state: JointState, duration_s: float) -> Array:
+    """Change of the rate by its own coupling, as far as that is known, as modes feel it, shape (3,)."""
+    if not _knows_inertia(state.mean, state.root[:N_PROPERTIES] @ state.root[:N_PROPERTIES].T):
+        return np.zeros(3)
+    inverse, rate = picked(state.mean, ELEMENT), state.mean[RATE]
+    return inverse @ cross(inverse_positive_definite(inverse, "inverse inertia") @ rate, rate) * duration_s
+
+
+@kernel
+def _with_modes(
+    state: JointState,
+    moved: Moved,
+    linear: Array,
+    come_in: tuple[Array, Wander],
+    about: tuple[float, float],
+    params: JointParams,
+) -> tuple[tuple[tuple[Array, Array], tuple[Array, Array]], Swung, Array, Wander]:
+    """Changes of w and c and their derivatives with what modes do; the modes; noise, and what comes of z, with that.
+
+    Args:
+        state: before the interval.
+        moved: without modes.
+        linear: impulse, shape (3,).
+        come_in: noise, shape (6, 6), and course of z.
+        about: 1 - sigma_T s, and the interval, s.
+        params: see `JointParams`.
+    """
+    (noise, wander), (scale, duration_s) = come_in, about
+    if params.places.n_swing == 0:
+        whole = (moved.rate, moved.velocity), (moved.rate_rows, moved.velocity_rows)
+        return whole, unswung(0, params.places.size), noise, wander
+    turning_back = _turning_back(state, duration_s)
+    felt, modes = swung(state.mean, moved, linear, (scale, turning_back), duration_s, _swing_params(params))
+    back = modes.given_back
+    with_back = Wander(wander.kept, wander.begun, back @ wander.drawn, wander.along, wander.apart)
+    whole = (felt.rate, felt.velocity), (felt.rate_rows, felt.velocity_rows)
+    return whole, modes, back @ noise @ back.T, with_back
+
+
+@kernel
+def _scale_of_known(mean: Array, params: JointParams) -> float:
+    """1 - sigma_T s, by which what is known is smaller in the variables of `thrust_scale`."""
+    places = params.places
+    return 1.0 - params.thrust_sigma * mean[places.scale] if places.n_scale > 0 else 1.0
+
+
+@kernel
+def _known_impulse(mean: Array, acting: Drive, speeds: Spun, params: JointParams) -> tuple[Array, Array, float]:
+    """Impulse of outside forces, engines and wheels, shape (6,); h at both ends, shape (2, 3); and 1 - sigma_T s."""
+    scale = _scale_of_known(mean, params)
     momenta = scale * of_wheels(speeds, wheel_factors(mean, params), params.wheels)
-    impulse = scale * acting.outside
+    impulse = scale * (acting.outside + acting.engines.impulse)
     impulse[:3] -= momenta[1] - momenta[0]
     return impulse, momenta, scale
 
@@ -474,8 +704,16 @@ def _second_order(
             product_mean, product_noise = _thrust_products(state, acting, covariance, params)
             bias += product_mean
             noise += product_noise
+        if params.places.n_mount > 0:
+            product_mean, product_noise = _mounting_products(state, acting, covariance, params)
+            bias += product_mean
+            noise += product_noise
         if exchange.shape[0] > 0:
             product_mean, product_noise = _wheel_products(state, exchange, covariance, params)
+            bias += product_mean
+            noise += product_noise
+        if params.places.engines > 0:
+            product_mean, product_noise = _engine_products(state, acting.engines, covariance, params)
             bias += product_mean
             noise += product_noise
         if acting.anything.number > 0.0:
@@ -484,7 +722,7 @@ def _second_order(
             product_mean, product_noise = _force_products(state, acting.firing, covariance, params)
             bias += product_mean
             noise += product_noise
-    return bias, noise
+    return bias, shortened(acting.firing.duration_s, params.rates) * noise
 
 
 @kernel
@@ -549,10 +787,27 @@ def _wheel_products(state: JointState, exchange: Array, covariance: Array, param
 
 
 @kernel
+def _engine_products(
+    state: JointState, pushed: EngineImpulse, covariance: Array, params: JointParams
+) -> tuple[Array, Array]:
+    """Mean, shape (6,), and covariance, shape (6, 6), of what engines are off by times errors of the ten parameters.
+
+    They are off by their own errors, and in the scale of the jets' thrust by its error.
+    """
+    places, n = params.places, params.places.n_engine
+    wrenches, rows = np.zeros((n + 1, 6)), np.zeros((n + 1, state.root.shape[1]))
+    wrenches[:n], wrenches[n] = pushed.by_errors, pushed.impulse
+    rows[:n] = state.root[places.engine : places.engine + n]
+    if places.n_scale > 0:
+        rows[n] = -params.thrust_sigma * state.root[places.scale]
+    return _products(rows, parameter_effects(state.mean, wrenches), state, covariance)
+
+
+@kernel
 def _bows_of_thrust(state: JointState, acting: Drive, params: JointParams) -> Array:
     """Angular impulses of the bows by thrust that builds up or tails off, see the module, shape (3, 3)."""
     _, lagged = _thrust_factors(state, params)
-    return moments_of((acting.firing.bow * lagged) @ params.wrenches, state.mean)
+    return moments_of((acting.firing.bow * lagged) @ wrenches_of(state.mean, params), state.mean)
 
 
 @kernel
@@ -579,7 +834,7 @@ def _coupled(
     mean, duration = state.mean, acting.firing.duration_s
     inverse, start, none = picked(mean, ELEMENT), mean[RATE], np.zeros((3, 3))
     counts = _knows_inertia(mean, state.root[:N_PROPERTIES] @ state.root[:N_PROPERTIES].T)
-    if not (counts or params.places.wheels > 0):
+    if not (counts or params.places.wheels + params.places.n_swing > 0):
         return (
             False,
             Coupling(none[0], np.zeros((3, 6)), none, none),
@@ -780,10 +1035,14 @@ def propagated(root: Array, prediction: Prediction, params: JointParams) -> Arra
     common = moved[3:]
     noise = semidefinite_root(prediction.noise)
     drifting = np.flatnonzero(prediction.drift > 0.0)
-    slow, come_in = slice(places.slow, places.thrust), arriving(prediction.wander)
+    slow, come_in = slice(places.slow, places.slow + places.n_slow), arriving(prediction.wander)
     first = 6 + come_in.shape[1]  # of the columns of what drifts
     columns = np.zeros((places.size, first + drifting.shape[0]))
     columns[RATE, :6], columns[RATE, 6:first] = noise[:3], come_in[:3]
+    if places.n_swing > 0:
+        own, shaken = slice(places.swing, places.swing + places.n_swing), prediction.swung.shaken
+        after[own] = prediction.swung.rows @ root
+        columns[own, :6], columns[own, 6:first] = shaken @ noise, shaken @ come_in[:6].copy()
     after[slow] *= prediction.wander.kept.reshape(-1, 1)
     columns[slow, 6:first] = come_in[6:]
     for package in range(places.accelerometers):
@@ -803,11 +1062,18 @@ def propagated(root: Array, prediction: Prediction, params: JointParams) -> Arra
         after[part] += by_start @ root[RATE] + by_end @ after[RATE]
         columns[part, :first] += by_end @ columns[RATE, :first]
     after[MASS] *= prediction.mass_factor
+    if places.tanks > 0:
+        by_tanks = sparse_product(prediction.tank_rows, root)
+        after[:N_PROPERTIES] += by_tanks[:N_PROPERTIES]
+        after[places.fill : places.fill + places.tanks] += by_tanks[N_PROPERTIES:]
+        for package in range(places.accelerometers):
+            part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
+            after[part] += prediction.turned @ by_tanks[CENTER]
     for column in range(drifting.shape[0]):
         element = drifting[column]
         sigma = np.sqrt(prediction.drift[element])
         columns[element, first + column] = sigma
-        if element >= _FIRST:
+        if _FIRST <= element < MASS:
             for package in range(places.accelerometers):
                 part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
                 columns[part, first + column] = prediction.turned[:, element - _FIRST] * sigma
@@ -833,6 +1099,15 @@ def _thrust_products(state: JointState, acting: Drive, covariance: Array, params
     shares = params.thrust_sigma * acting.firing.amount[jets]
     effects = parameter_effects(mean, params.wrenches[jets]) * shares.reshape(-1, 1)
     return _products(state.root[places.thrust + jets], effects, state, covariance)
+
+
+@kernel
+def _mounting_products(state: JointState, acting: Drive, covariance: Array, params: JointParams) -> tuple[Array, Array]:
+    """Mean, shape (6,), and covariance, shape (6, 6), of errors of the jets' mounting times those of the parameters."""
+    seconds = acting.firing.amount[params.mounting.jets]
+    there = np.flatnonzero(np.abs(seconds) > _FIRES * acting.firing.duration_s)
+    effects = parameter_effects(state.mean, params.mounting.wrenches[there]) * seconds[there].reshape(-1, 1)
+    return _products(state.root[params.places.mount + there], effects, state, covariance)
 
 
 @kernel
@@ -893,7 +1168,8 @@ def parameter_effects(mean: Array, wrenches: Array) -> Array:
 def _white_noise(mean: Array, acting: Drive, params: JointParams) -> Array:
     """Covariance on w and c of walks, of impulses that scatter, of ticks, and of unknown commands, shape (6, 6)."""
     noise, firing = spread(acting.anything), acting.firing
-    variance = firing.variance + (params.repeatability * firing.amount) ** 2
+    by_chance = (params.repeatability * firing.amount) ** 2
+    variance = firing.variance + shortened(firing.duration_s, params.rates) * by_chance
     if variance.any():
         effects = effects_of(params.wrenches, mean)
         noise += (effects * variance.reshape(-1, 1)).T @ effects
@@ -901,6 +1177,9 @@ def _white_noise(mean: Array, acting: Drive, params: JointParams) -> Array:
         seconds = firing.by_tick * np.sqrt(acting.spreads).reshape(-1, 1)
         late = effects_of(seconds @ params.wrenches, mean)
         noise += late.T @ late
+    if params.places.engines > 0:
+        unsteady = effects_of(acting.engines.noise, mean)
+        noise += unsteady.T @ unsteady
     noise[:3, :3] += params.rate_walk**2 * firing.duration_s * _IDENTITY
     noise[3:, 3:] += params.velocity_walk**2 * firing.duration_s * _IDENTITY
     return noise
@@ -915,11 +1194,61 @@ def propellant_drift(properties: Array, used: float, tank_fraction: float, arm: 
         used: mass of it, slug or kg.
         tank_fraction, arm: see `JointParams`.
     """
-    drift = np.zeros(N_PROPERTIES)
     share = properties[MASS] * used
     if share > 0.0 and tank_fraction > 0.0:
-        each = 0.01 * tank_fraction**2 * share
-        for k, (i, j) in enumerate(_PAIRS):
-            drift[k] = each * abs(properties[i] * properties[j])
-        drift[CENTER] = each * arm**2
+        return _relative_drift(properties, 0.01 * tank_fraction**2 * share, arm)
+    return np.zeros(N_PROPERTIES)
+
+
+@kernel
+def _acting(state: JointState, speeds: Spun, inverse: Array, duration_s: float, params: JointParams) -> Wander:
+    """Course of what acts besides the jets, stated or not, and of errors of the wheels' readings.
+
+    Args:
+        state: before the interval.
+        speeds: of the wheels, those that are believed.
+        inverse: what an impulse of them turns the vehicle by, shape (3, 3).
+        duration_s: of the interval.
+        params: see `JointParams`.
+    """
+    unstated = DisturbanceParams(params.unstated, state.stir_s)
+    wander = beside(wandered(params.disturbance, duration_s), wandered(unstated, duration_s, state.stir))
+    return misread(wander, speeds, inverse, duration_s * state.mean[RATE], params.wheels)
+
+
+@kernel
+def _moving_drift(state: JointState, turned: Array, pushed: Array, duration_s: float, params: JointParams) -> Array:
+    """Variances that something unstated adds to the ten parameters over an interval in which jets fire, shape (10,).
+
+    What moves inside gives back what jets give to it, later: they turn and push the vehicle now more, now less, by the
+    share that what is unstated has in what they give. That share comes anew once in its time constant.
+
+    Args:
+        state: see `JointState`.
+        turned, pushed: changes of w and c by what acts, shape (3,) each.
+        duration_s: of the interval.
+        params: see `JointParams`.
+    """
+    drift = np.zeros(N_PROPERTIES)
+    if state.stir == 0.0 or not (turned.any() or pushed.any()):
+        return drift
+    walked = 2.0 * duration_s / state.stir_s * (state.stir * duration_s) ** 2
+    least = duration_s**2 / params.places.jets  # what fires is a jet at the least
+    angular, linear = np.sum(params.unstated[:3] ** 2), np.sum(params.unstated[3:] ** 2)
+    by_turning = walked * angular / max(np.sum(turned**2), least * angular)
+    if linear == 0.0:
+        return _relative_drift(state.mean, by_turning, 0.0)
+    by_pushing = walked * linear / max(np.sum(pushed**2), least * linear)
+    drift = _relative_drift(state.mean, by_turning, np.sqrt(by_pushing / by_turning) * params.arm)
+    drift[MASS] = by_pushing * state.mean[MASS] ** 2
+    return drift
+
+
+@kernel
+def _relative_drift(properties: Array, each: float, arm: float) -> Array:
+    """Variances of inertia and center of mass of a relative variance, shape (10,)."""
+    drift = np.zeros(N_PROPERTIES)
+    for k, (i, j) in enumerate(_PAIRS):
+        drift[k] = each * abs(properties[i] * properties[j])
+    drift[CENTER] = each * arm**2
     return drift

@@ -22,6 +22,7 @@ from massprop_drake.maths.estimation.joint.disturbance import Wander, arriving
 from massprop_drake.maths.estimation.joint.impulses import effects_of
 from massprop_drake.maths.estimation.joint.layout import MASS, RATE, VELOCITY, JointParams, JointState, Places
 from massprop_drake.maths.estimation.joint.measurement import readings
+from massprop_drake.maths.estimation.joint.swing import Swung
 from massprop_drake.maths.estimation.joint.ticks import Stamped
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
@@ -34,6 +35,7 @@ class Link(NamedTuple):
         rate_rows, velocity_rows, attitude, mass_factor, duration_s: see `prediction.Prediction`.
         noise: covariance added to w, c and z, shape (6 + n_slow, 6 + n_slow).
         kept: see `disturbance.Wander`.
+        swing_rows, shaken: rows and shaken of `swing.Swung`.
         bias_seconds: derivative of the change of c by the accelerometer's bias.
         jacobian: H, shape (m, size).
         gain: K, zero for components that did not count, shape (size, m).
@@ -56,6 +58,8 @@ class Link(NamedTuple):
     duration_s: float
     noise: Array
     kept: Array
+    swing_rows: Array
+    shaken: Array
     bias_seconds: float
     jacobian: Array
     gain: Array
@@ -87,6 +91,8 @@ LINK = Layout(
     duration_s=NUMBER,
     noise=("disturbed", "disturbed"),
     kept="slow",
+    swing_rows=("swing", "size"),
+    shaken=("swing", 6),
     bias_seconds=NUMBER,
     jacobian=("outputs", "size"),
     gain=("size", "outputs"),
@@ -115,7 +121,7 @@ class Traces(NamedTuple):
 
     Attributes:
         mean: of the state before the cycle, shape (size,).
-        rate_rows, velocity_rows, attitude, mass_factor, noise, wander, duration_s: see `prediction.Prediction`.
+        rate_rows, velocity_rows, attitude, mass_factor, noise, wander, swung, duration_s: see `prediction.Prediction`.
         jacobian, projected, innovation, used, variances: see `cycle.Expected`.
         upper, half_gain, correction: see `covariance.Update`; empty, or zero, where no component counted.
         amount: see `Link`.
@@ -132,6 +138,7 @@ class Traces(NamedTuple):
     mass_factor: float
     noise: Array
     wander: Wander
+    swung: Swung
     duration_s: float
     jacobian: Array
     projected: Array
@@ -182,6 +189,7 @@ def traced(mean: Array, course: Course, sample: Sample) -> Traces:
         prediction.mass_factor,
         prediction.noise,
         prediction.wander,
+        prediction.swung,
         prediction.duration_s,
         expected.jacobian,
         expected.projected,
@@ -228,6 +236,8 @@ def linked(seen: Traces, params: JointParams) -> Link:
         duration_s=seen.duration_s,
         noise=_noise(seen, params.places),
         kept=seen.wander.kept,
+        swing_rows=seen.swung.rows,
+        shaken=seen.swung.shaken,
         bias_seconds=seen.duration_s * params.acceleration_bias_sigma,
         jacobian=seen.jacobian,
         gain=gain,
@@ -238,7 +248,7 @@ def linked(seen: Traces, params: JointParams) -> Link:
         degrees=seen.degrees,
         log_likelihood=seen.log_likelihood,
         correction=seen.correction,
-        effects=effects_of(params.wrenches, seen.mean) / params.thrusts.reshape(-1, 1),
+        effects=_effects(seen, params) / params.thrusts.reshape(-1, 1),
         amount=seen.amount,
         read=seen.read,
         crossing_rows=seen.crossing.rows,
@@ -249,6 +259,13 @@ def linked(seen: Traces, params: JointParams) -> Link:
         stamp_correction=seen.stamp.correction,
         ticks_kept=seen.stamp.kept,
     )
+
+
+@kernel
+def _effects(seen: Traces, params: JointParams) -> Array:
+    """Change of w and c per second of each jet's full thrust, with what modes give back, shape (n_jets, 6)."""
+    effects = effects_of(params.wrenches, seen.mean)
+    return effects @ seen.swung.given_back.T if params.places.n_swing > 0 else effects
 
 
 @kernel
@@ -304,7 +321,9 @@ def carried(columns: Array, forcing: Array, over: Link, places: Places) -> Array
         after[places.attitude : places.attitude + 3] += by_start @ np.ascontiguousarray(
             columns[RATE]
         ) + by_end @ np.ascontiguousarray(after[RATE])
-    after[places.slow : places.thrust] *= over.kept.reshape(-1, 1)
+    after[places.slow : places.slow + places.n_slow] *= over.kept.reshape(-1, 1)
+    if places.n_swing > 0:
+        after[places.swing : places.swing + places.n_swing] = over.swing_rows @ columns + over.shaken @ forcing
     after[MASS] *= over.mass_factor
     return after
 
@@ -341,4 +360,5 @@ def impulse_columns(columns: Array, over: Link, places: Places) -> Array:
         result[part] = columns[3:]
     if places.n_attitude > 0:
         result[places.attitude : places.attitude + 3] = -over.attitude[0] @ columns[:3]
+    result[places.swing : places.swing + places.n_swing] = over.shaken @ columns
     return result

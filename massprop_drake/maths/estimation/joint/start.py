@@ -19,7 +19,7 @@ a failed jet for what the vehicle is like; where one is named, keeping begins an
 
 An increment on the way says that the start was stated too well: the passes then begin with what it adds. A cycle makes
 `STEPS` of their steps; until they have arrived the estimates have not converged. If they do not explain the readings,
-or the start is longer than `LONGEST` cycles, the filter's own state stands.
+or the start is longer than `LONGEST` control periods, the filter's own state stands.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointPara
 from massprop_drake.maths.linear_algebra import Array
 
 STEPS = 16  # in a cycle: 1 to 1.5 ms each
-LONGEST = 400  # cycles that are kept, 32 s of the orbiter
+LONGEST = 400  # a compute budget: control periods of which samples are kept, 32 s of the orbiter
 _NEAR = 0.3  # sigmas from where a pass began to where it ends: what remains is of second order in that
 _PASSES = 5  # at most; two or three as a rule
 _MISFIT = 10.0  # probability: standard deviations of chi-square by which readings may be off what passes expect
@@ -121,7 +121,7 @@ def followed(
     acting = acts(latest.sample, params)
     if not before.started or not (acting or start.kept):
         return start, after
-    if len(start.kept) >= LONGEST:
+    if len(start.kept) >= LONGEST * params.rates.steps:
         acted = np.any([(each.sample.commands != 0.0).any(axis=0) for each in start.kept], axis=0)
         return BEGUN_KNOWN if start.rotation or (acted.any() and knows_rotation(after, params, acted)) else OVER, after
     start = start._replace(

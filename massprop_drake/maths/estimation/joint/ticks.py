@@ -55,7 +55,7 @@ PERIOD = 1e-3  # relative 1-sigma of the period at the beginning
 _SEEN = 10.0  # stamps that what is expected of them counts as
 _LEAST = 1e-4  # of what is expected of one
 _NOISE = 1e-4  # of these sigmas: 1-sigma of what offset and period change by at a tick
-_LONGEST = 3.0  # periods that are bridged
+LONGEST = 3.0  # periods that are bridged
 _FAR = 6.0  # sigmas from a reading to a tick that is on one side of it
 _EDGE = 1e-6  # of the period: from a reading to a tick that belongs to its interval
 
@@ -210,7 +210,7 @@ def bridged(clock: Clock, stamp_s: float, commands: tuple[Array, Array | None], 
         clock, stamp_s, commands, pace: see `elapsed`.
     """
     command, coming = commands
-    if coming is None or stamp_s - clock.stamp_s > _LONGEST * pace.period_s:
+    if coming is None or stamp_s - clock.stamp_s > LONGEST * pace.period_s:
         return command
     told: Array = np.where(np.isnan(command) & (clock.earlier == coming), coming, command)
     return told
@@ -229,7 +229,7 @@ def elapsed(
     """
     (told, coming), (period_s, at_stamps) = commands, pace
     length = stamp_s - clock.stamp_s
-    short = length <= _LONGEST * period_s
+    short = length <= LONGEST * period_s
     if on_time(clock, stamp_s, period_s):
         whole = pieces(*told, period_s, (0.0, period_s))
         return begun(stamp_s, told), Elapsed(*whole, on_ticks(), clock.lost)

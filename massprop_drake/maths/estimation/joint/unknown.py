@@ -59,7 +59,7 @@ def directions(mean: Array, firing: Firing, params: JointParams) -> Directions:
     basis, dual = np.zeros((6, 6)), np.zeros((6, 6))
     if not firing.unknown.any():
         return Directions(0.0, 0.0, basis, dual)
-    sigmas = _reading_sigmas(params)
+    sigmas = reading_sigmas(params)
     effects = effects_of(params.wrenches, mean) / sigmas * firing.duration_s
     values, vectors = np.linalg.eigh(effects[firing.unknown].T @ effects[firing.unknown])
     count = 0
@@ -121,7 +121,7 @@ def shown_by(error: Array, mean: Array, firing: Firing, anything: Directions, pa
 
 
 @kernel
-def _reading_sigmas(params: JointParams) -> Array:
+def reading_sigmas(params: JointParams) -> Array:
     """1-sigma of the mean of all packages' readings, of w and of c, shape (6,)."""
     places, sigmas = params.places, np.ones(6)
     for begin, first, packages in ((0, 0, places.gyros), (3, 3 * places.gyros, places.accelerometers)):

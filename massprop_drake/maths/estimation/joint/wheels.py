@@ -25,8 +25,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.disturbance import Wander
-from massprop_drake.maths.kernels import kernel
+from massprop_drake.maths.estimation.joint.disturbance import Wander, prolonged
+from massprop_drake.maths.kernels import either, kernel
 from massprop_drake.maths.linear_algebra import Array, cross
 
 _ACTS = 4.0  # a probability, in 1-sigmas of a change of speed: errors of readings alone exceed it 6 times in 100 000
@@ -73,6 +73,7 @@ class Spun(NamedTuple):
 UNSPUN = Spun(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0))
 
 
+@kernel
 def spun(before: Array, read: Array, duration_s: float, wheels: WheelParams) -> tuple[Spun, Array]:
     """Speeds over an interval, and the last that are read of each wheel.
 
@@ -84,9 +85,9 @@ def spun(before: Array, read: Array, duration_s: float, wheels: WheelParams) -> 
     """
     missing = np.isnan(read)
     last = np.where(missing, before, read)
-    end = np.where(np.isnan(last), 0.0, last)
+    end = either(np.isnan(last), 0.0, last)
     start = np.where(np.isnan(before), end, before)  # z_k is as wide as what nobody has read
-    drawn = np.where(missing, wheels.most * duration_s / wheels.speed_std, 1.0)
+    drawn = either(missing, wheels.most * duration_s / wheels.speed_std, 1.0)
     return Spun(start, end, missing.astype(np.float64), drawn), last
 
 
@@ -180,10 +181,8 @@ def misread(wander: Wander, speeds: Spun, inverse: Array, turned: Array, wheels:
     n, others = speeds.end.shape[0], wander.kept.shape[0]
     if n == 0:
         return wander
-    kept, along, apart = np.ones(others + n), np.ones(others + n), np.zeros(others + n)
-    begun, drawn = np.zeros((6, others + n)), np.zeros((6, others + n))
-    kept[:others], along[:others], apart[:others] = wander.kept, wander.along, wander.apart
-    begun[:, :others], drawn[:, :others] = wander.begun, wander.drawn
+    longer = prolonged(wander, n)
+    kept, along, begun, drawn = longer.kept, longer.along, longer.begun, longer.drawn
     for k in range(n):
         step = (wheels.inertias[k] * wheels.speed_std[k]) * wheels.axes[k]
         direct, by_turning = inverse @ step, 0.5 * (inverse @ cross(turned, step))
@@ -191,4 +190,4 @@ def misread(wander: Wander, speeds: Spun, inverse: Array, turned: Array, wheels:
         kept[others + k], along[others + k] = stays, comes
         begun[:3, others + k] = (stays - 1.0) * direct + (1.0 + stays) * by_turning
         drawn[:3, others + k] = comes * (direct + by_turning)
-    return Wander(kept, begun, drawn, along, apart)
+    return longer

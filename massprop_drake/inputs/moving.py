@@ -1,0 +1,346 @@
+"""Parts that move inside a vehicle, as its file states them: sloshing propellant, hinged panels, and modes of a model.
+
+Each becomes one mode or more, see `maths.estimation.joint.modes`. A mass m on springs along unit vectors e, at the
+point p, has Phi_v = m^1/2 e and Phi_w = m^1/2 p x e about the vehicle origin. A panel of the mass m and the inertia I
+about its hinge, which is along the unit vector a through the point h, moves every point x by a x (x - h): with its
+center of mass at c,
+
+    Phi_v = m a x (c - h) I^-1/2,    Phi_w = (I a + h x (m a x (c - h))) I^-1/2,
+
+for a hinge along a principal axis of the panel.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, field_validator, model_validator
+
+from massprop_drake.inputs import plausible
+from massprop_drake.inputs.model import Model, Name, Real, Vector3, described
+from massprop_drake.maths.estimation.joint.modes import ERRORS, ModeParams
+
+Array = NDArray[np.float64]
+
+_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+_UNIT_LENGTH_TOLERANCE = 0.002  # of a direction, as printed tables have it
+_PLACED = 0.05  # of the jets' RMS arm: 1-sigma of a position, as of the middle of what sloshes in a tank
+_TURNS = 0.1  # physics: of a swing in a sample, through which thrust is taken as even
+_SQUARE_TOLERANCE = 0.01  # of the cosine between two directions that are square
+
+
+class _MovingPart(Model):
+    """The fields common to all parts that move."""
+
+    name: Name = described(..., "unique name")
+    frequency_hz: Real = described(
+        ..., "natural frequency with the vehicle held still", "Hz", gt=0.0, span=plausible.FREQUENCY
+    )
+    damping: Real = described(..., "ratio to critical damping", "-", ge=0.0, lt=1.0)
+    frequency_uncertainty: Real = described(
+        0.05, "1-sigma of the frequency, relative, which is estimated; 0: known", "-", ge=0.0, le=0.3
+    )
+    damping_uncertainty: Real = described(0.5, "1-sigma of the damping, relative, likewise", "-", ge=0.0, le=1.0)
+    position_std: Real | None = described(
+        None,
+        "1-sigma of each coordinate of where it moves, likewise; null: 5 % of the jets' RMS arm",
+        "ft | m",
+        ge=0.0,
+        span=plausible.POSITION,
+    )
+
+
+class Slosh(_MovingPart):
+    """Propellant, or any mass, that moves on springs."""
+
+    kind: Literal["slosh"] = described(..., "kind of part")
+    mass: Real = described(..., "that moves", "slug | kg", gt=0.0, span=plausible.MASS)
+    position: Vector3 = described(..., "of that mass at rest, vehicle frame", "ft | m", span=plausible.POSITION)
+    axes: tuple[Literal["x", "y", "z"] | Vector3, ...] = described(
+        ...,
+        "one to three directions, square to each other, in which it moves: x, y, z, or body axes of length 1",
+        min_length=1,
+        max_length=3,
+    )
+    pivot: Vector3 | None = described(
+        None,
+        "point about which it swings, as a pendulum does, square to its axes, vehicle frame; null: straight on springs",
+        "ft | m",
+        span=plausible.POSITION,
+    )
+    mass_uncertainty: Real = described(0.05, "1-sigma of the mass, relative, likewise", "-", ge=0.0, le=1.0)
+    start_std: Real | None = described(
+        None,
+        "1-sigma of its displacement at the start, along each axis; null: as far as thrust of the weakest jet holds it",
+        "ft | m",
+        ge=0.0,
+        span=plausible.POSITION,
+    )
+
+    @field_validator("axes")
+    @classmethod
+    def _square(cls, value: tuple[str | Vector3, ...]) -> tuple[str | Vector3, ...]:
+        axes = _directions(value)
+        for axis in axes:
+            _of_length_1(axis)
+        if np.abs(axes @ axes.T - np.eye(len(axes))).max() > _SQUARE_TOLERANCE:
+            raise ValueError("must be square to each other")
+        return value
+
+    @model_validator(mode="after")
+    def _swings(self) -> Slosh:
+        if self.pivot is not None:
+            arm = np.array(self.position) - np.array(self.pivot)
+            length = float(np.linalg.norm(arm))
+            if np.abs(_directions(self.axes) @ arm).max() > _SQUARE_TOLERANCE * length or length == 0.0:
+                raise ValueError(f"slosh '{self.name}': the arm from pivot to position must be square to the axes")
+        return self
+
+    @property
+    def bow(self) -> Array:
+        """-n/L of the arm L n, zero without, shape (3,)."""
+        if self.pivot is None:
+            return np.zeros(3)
+        arm = np.array(self.position) - np.array(self.pivot)
+        return np.asarray(-arm / (arm @ arm))
+
+    @property
+    def modes(self) -> list[tuple[Array, Array]]:
+        """Phi_v and Phi_w about the vehicle origin of each mode."""
+        root = math.sqrt(self.mass)
+        axes = _directions(self.axes)
+        axes /= np.linalg.norm(axes, axis=1)[:, None]
+        return [(root * axis, root * np.cross(self.position, axis)) for axis in axes]
+
+    def swelling(self, center: Array) -> list[Array]:
+        """I_1 of each mode about a center of mass, shape (3, 3) each."""
+        arm = np.array(self.position) - center
+        return [2.0 * (arm @ push) * np.eye(3) - np.outer(arm, push) - np.outer(push, arm) for push, _ in self.modes]
+
+    @property
+    def size_uncertainty(self) -> float:
+        """1-sigma of the participation, relative."""
+        return 0.5 * self.mass_uncertainty
+
+    @property
+    def start_sigma(self) -> float | None:
+        """1-sigma of eta at the start."""
+        return None if self.start_std is None else math.sqrt(self.mass) * self.start_std
+
+
+class HingedPanel(_MovingPart):
+    """A rigid panel on a springy hinge."""
+
+    kind: Literal["panel"] = described(..., "kind of part")
+    hinge: Vector3 = described(..., "point of the hinge line, vehicle frame", "ft | m", span=plausible.POSITION)
+    axis: Vector3 = described(..., "of the hinge, body axes; length 1 within 0.002, normalized")
+    mass: Real = described(..., "of the panel", "slug | kg", gt=0.0, span=plausible.MASS)
+    center_of_mass: Vector3 = described(..., "of the panel, vehicle frame", "ft | m", span=plausible.POSITION)
+    inertia: Real = described(..., "of the panel about its hinge", "slug-ft^2 | kg-m^2", gt=0.0, span=plausible.INERTIA)
+    inertia_uncertainty: Real = described(0.05, "1-sigma of the inertia, relative, likewise", "-", ge=0.0, le=1.0)
+    start_std: Real | None = described(
+        None,
+        "1-sigma of its angle at the start; null: as far as thrust of the weakest jet holds it",
+        "rad",
+        ge=0.0,
+        le=1.0,
+    )
+
+    @field_validator("axis")
+    @classmethod
+    def _unit(cls, value: Vector3) -> Vector3:
+        _of_length_1(np.array(value))
+        return value
+
+    @model_validator(mode="after")
+    def _possible(self) -> HingedPanel:
+        least = self.mass * float(np.sum(np.cross(self._unit_axis, self._arm) ** 2))
+        if self.inertia < (1.0 - _SQUARE_TOLERANCE) * least:
+            raise ValueError(
+                f"panel '{self.name}': an inertia of {self.inertia:g} about the hinge is less than that of its mass at "
+                f"its center of mass, {least:.4g}"
+            )
+        return self
+
+    @property
+    def _unit_axis(self) -> Array:
+        axis = np.array(self.axis)
+        return np.asarray(axis / np.linalg.norm(axis))
+
+    @property
+    def _arm(self) -> Array:
+        return np.array(self.center_of_mass) - np.array(self.hinge)
+
+    @property
+    def modes(self) -> list[tuple[Array, Array]]:
+        """Phi_v and Phi_w about the vehicle origin."""
+        push = self.mass * np.cross(self._unit_axis, self._arm) / math.sqrt(self.inertia)
+        return [(push, math.sqrt(self.inertia) * self._unit_axis + np.cross(self.hinge, push))]
+
+    def swelling(self, center: Array) -> list[Array]:
+        """I_1 about a center of mass, as of the panel's mass at its own, shape (3, 3)."""
+        arm = np.array(self.center_of_mass) - center
+        return [2.0 * (arm @ push) * np.eye(3) - np.outer(arm, push) - np.outer(push, arm) for push, _ in self.modes]
+
+    @property
+    def size_uncertainty(self) -> float:
+        """1-sigma of the participation, relative."""
+        return 0.5 * self.inertia_uncertainty
+
+    @property
+    def start_sigma(self) -> float | None:
+        """1-sigma of eta at the start."""
+        return None if self.start_std is None else math.sqrt(self.inertia) * self.start_std
+
+
+class StatedMode(_MovingPart):
+    """A mode of unit modal mass, as from a finite-element model of the vehicle held still."""
+
+    kind: Literal["mode"] = described(..., "kind of part")
+    translation: Vector3 = described((0.0, 0.0, 0.0), "participation in translation, body axes", "slug^1/2 | kg^1/2")
+    rotation: Vector3 = described(
+        (0.0, 0.0, 0.0),
+        "participation in rotation about the vehicle origin",
+        "slug^1/2-ft | kg^1/2-m",
+    )
+    participation_uncertainty: Real = described(
+        0.05, "1-sigma of the participation, relative, likewise", "-", ge=0.0, le=1.0
+    )
+    start_std: Real | None = described(
+        None,
+        "1-sigma of its coordinate at the start; null: as far as thrust of the weakest jet holds it",
+        "slug^1/2-ft | kg^1/2-m",
+        ge=0.0,
+    )
+
+    @model_validator(mode="after")
+    def _says_something(self) -> StatedMode:
+        if not any((*self.translation, *self.rotation)):
+            raise ValueError(f"mode '{self.name}' moves nothing; give translation, rotation or both")
+        return self
+
+    @property
+    def modes(self) -> list[tuple[Array, Array]]:
+        """Phi_v and Phi_w about the vehicle origin."""
+        return [(np.array(self.translation), np.array(self.rotation))]
+
+    def swelling(self, center: Array) -> list[Array]:
+        """I_1, of which nothing is stated, shape (3, 3)."""
+        return [np.zeros((3, len(center)))]
+
+    @property
+    def size_uncertainty(self) -> float:
+        """1-sigma of the participation, relative."""
+        return self.participation_uncertainty
+
+    @property
+    def start_sigma(self) -> float | None:
+        """1-sigma of eta at the start."""
+        return self.start_std
+
+
+MovingPart = Annotated[Slosh | HingedPanel | StatedMode, Field(discriminator="kind")]
+
+
+def _directions(axes: Sequence[str | Vector3]) -> Array:
+    return np.array([_AXES[axis] if isinstance(axis, str) else axis for axis in axes], dtype=np.float64)
+
+
+def _of_length_1(direction: Array) -> None:
+    length = float(np.linalg.norm(direction))
+    if abs(length - 1.0) > _UNIT_LENGTH_TOLERANCE:
+        raise ValueError(f"must have length 1 within {_UNIT_LENGTH_TOLERANCE}, got {length:.6g}")
+
+
+def not_followed(
+    parts: Sequence[Slosh | HingedPanel | StatedMode], nominal: tuple[float, Array, Array], period_s: float
+) -> str | None:
+    """Says why a filter cannot follow some parts that move; None: it can.
+
+    Args:
+        parts: as they are stated.
+        nominal: see `mode_params`.
+        period_s: sample period, s.
+    """
+    if len({part.name for part in parts}) < len(parts):
+        return "two parts have one name"
+    for part in parts:
+        if part.frequency_hz * period_s > _TURNS:
+            return (
+                f"'{part.name}' swings at {part.frequency_hz:g} Hz, too fast for samples of {period_s:g} s, up to "
+                f"{_TURNS / period_s:g} Hz; leave it out, and state joint.rate_walk and joint.velocity_walk"
+            )
+    if not _leaves_something(parts, nominal):
+        return "they have as much mass or inertia as the vehicle, which is the whole with them"
+    return None
+
+
+def _leaves_something(parts: Sequence[Slosh | HingedPanel | StatedMode], nominal: tuple[float, Array, Array]) -> bool:
+    """Tests whether a vehicle has mass and inertia besides its parts that move, arguments as `mode_params`."""
+    mass, center, inertia = nominal
+    pairs = [pair for part in parts for pair in part.modes]
+    push, turn = (np.array([pair[k] for pair in pairs]).reshape(-1, 3) for k in (0, 1))
+    turn -= np.cross(center, push)
+    held = push @ push.T / mass + turn @ np.linalg.solve(inertia, turn.T)
+    return bool(np.linalg.eigvalsh(held).max(initial=0.0) < 1.0)
+
+
+def _crossing(parts: Sequence[Slosh | HingedPanel | StatedMode], push: Array, owners: NDArray[np.int_]) -> Array:
+    """See `ModeParams.crossing`: that of masses that move along several axes."""
+    result = np.zeros((owners.size, owners.size, 3))
+    for one, owner in enumerate(owners):
+        part = parts[owner]
+        for other in np.flatnonzero(owners == owner) if isinstance(part, Slosh) else ():
+            result[one, other] = np.cross(push[other], push[one]) / part.mass
+    return result
+
+
+def mode_params(
+    parts: Sequence[Slosh | HingedPanel | StatedMode], nominal: tuple[float, Array, Array], wrenches: Array, arm: float
+) -> ModeParams:
+    """The modes of parts that move.
+
+    Args:
+        parts: as they are stated.
+        nominal: mass, center of mass and inertia of the nominal vehicle.
+        wrenches: torque about the vehicle origin and force of each jet, shape (n_jets, 6).
+        arm: RMS distance of the jets from the nominal center of mass, ft or m.
+    """
+    mass, center, inertia = nominal
+    pairs = [pair for part in parts for pair in part.modes]
+    push, turn = (np.array([pair[k] for pair in pairs]).reshape(-1, 3) for k in (0, 1))
+    owners = np.array([index for index, part in enumerate(parts) for _ in part.modes], dtype=np.int_)
+    frequencies = np.array([2.0 * math.pi * parts[owner].frequency_hz for owner in owners])
+    moments = wrenches[:, :3] - np.cross(center, wrenches[:, 3:])
+    driving = np.abs(push @ wrenches[:, 3:].T / mass)
+    driving += np.abs((turn - np.cross(center, push)) @ np.linalg.solve(inertia, moments.T))
+    held = driving / frequencies[:, None] ** 2
+    pendulums = [part if isinstance(part, Slosh) else None for part in (parts[owner] for owner in owners)]
+    bows = np.array([np.zeros(3) if part is None else part.bow for part in pendulums]).reshape(-1, 3)
+    places = np.array([np.zeros(3) if part is None else part.position for part in pendulums]).reshape(-1, 3)
+    weakest = int(np.argmin(np.linalg.norm(wrenches[:, 3:], axis=1)))
+    starts = [parts[owner].start_sigma for owner in owners]
+    return ModeParams(
+        translation=push,
+        rotation=turn,
+        crossing=_crossing(parts, push, owners),
+        bow=bows,
+        bow_turn=np.cross(places - center, bows),
+        swelling=np.array([swell for part in parts for swell in part.swelling(center)]).reshape(-1, 3, 3),
+        frequencies=frequencies,
+        dampings=np.array([parts[owner].damping for owner in owners]),
+        parts=owners,
+        sigmas=np.array(
+            [
+                (part.size_uncertainty, part.frequency_uncertainty, part.damping_uncertainty)
+                + 3 * (_PLACED * arm if part.position_std is None else part.position_std,)
+                for part in parts
+            ]
+        ).reshape(-1, ERRORS),
+        start=np.array([own if start is None else start for start, own in zip(starts, held[:, weakest], strict=True)]),
+        shaken=held.max(axis=1, initial=0.0),
+    )

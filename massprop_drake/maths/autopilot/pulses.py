@@ -1,0 +1,130 @@
+"""On-times of jet selection flown as pulses of at most a control cycle, by the clock of the valves.
+
+Durations are in control cycles here. What is left of an on-time goes over several cycles: at their starts it is flown
+as full cycles and then the rest, so that a valve opens and closes once; at another place of the cycle in equal shares.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.kernels import kernel
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.vehicle.on_times import levels_alone
+
+_SAME = 1e-9  # of a cycle: rounding
+_SHORTEST = 1e-6  # of a cycle, physics: no valve is faster; edges that are closer are one, see `on_times`
+
+
+class Pulses(NamedTuple):
+    """The jets' valves, as the autopilot uses them.
+
+    Attributes:
+        within: whether they open and close within a cycle; else with cycles, and all else is of no meaning.
+        place: of a pulse in its cycle: 0 at its start, 0.5 about its middle, 1 until its end.
+        quanta: step of each valve's clock, cycles, zero: none, shape (n_jets,).
+        least: shortest on-time of each, cycles, shape (n_jets,).
+        accumulates: whether on-times below the shortest add up; else they are dropped.
+    """
+
+    within: bool
+    place: float
+    quanta: Array
+    least: Array
+    accumulates: bool
+
+
+def whole_cycles(n_jets: int) -> Pulses:
+    """Valves that open and close with cycles."""
+    return Pulses(within=False, place=0.0, quanta=np.zeros(n_jets), least=np.zeros(n_jets), accumulates=False)
+
+
+def valve_pulses(minimum_s: Array, quanta_s: Array, period_s: float, place: float, accumulates: bool) -> Pulses:
+    """Valves that open and close within a cycle.
+
+    Args:
+        minimum_s: shortest on-time of each, raised to whole steps of its clock, s, shape (n_jets,).
+        quanta_s: step of each clock, zero: none, s, shape (n_jets,).
+        period_s: control period, s.
+        place, accumulates: see `Pulses`.
+    """
+    steps_s = np.where(quanta_s > 0.0, quanta_s, 1.0)
+    raised_s = np.where(quanta_s > 0.0, np.ceil(minimum_s / steps_s - _SAME) * steps_s, minimum_s)
+    least = np.maximum(raised_s / period_s, np.maximum(quanta_s / period_s, _SHORTEST))
+    return Pulses(True, place, quanta_s / period_s, least, accumulates)
+
+
+def clocked(on_times: Array, pulses: Pulses) -> Array:
+    """On-times as the nearest whole steps of the valves' clocks, cycles, shape (n_jets,)."""
+    steps = np.where(pulses.quanta > 0.0, pulses.quanta, 1.0)
+    ticked = np.where(pulses.quanta > 0.0, np.floor(on_times / steps + 0.5) * steps, on_times)
+    nearest = np.round(ticked)
+    return np.where(np.abs(ticked - nearest) < _SAME, nearest, ticked)
+
+
+def burst_pulses(on_times: Array, owed: Array, pulses: Pulses) -> tuple[Array, Array]:
+    """On-times as they are flown, and what is owed then, cycles, shape (n_jets,) each.
+
+    Below the shortest an on-time is not flown. It is dropped or, where such accumulate, owed: once what a jet owes by
+    selections that all ask for it reaches the shortest, this is flown, and the rest stays owed.
+
+    Args:
+        on_times: as selected, zero or positive, cycles, shape (n_jets,).
+        owed: before, cycles, shape (n_jets,).
+        pulses: of the jets.
+    """
+    flown = clocked(on_times, pulses)
+    if pulses.place > 0.0:  # equal shares must not be too short
+        cycles = np.ceil(flown - _SAME)
+        flown = np.where((cycles > 1.0) & (flown < cycles * pulses.least), np.floor(flown + _SAME), flown)
+    long_enough = flown >= pulses.least - _SAME
+    flown = np.where(long_enough, flown, 0.0)
+    if not pulses.accumulates:
+        return flown, np.zeros_like(owed)
+    left = np.where(long_enough | (on_times < _SHORTEST), 0.0, owed + on_times)
+    due = left >= pulses.least - _SAME
+    return np.where(due, pulses.least, flown), np.where(due, np.maximum(left - pulses.least, 0.0), left)
+
+
+@kernel
+def coming_pulse(remaining: Array, pulses: Pulses) -> Array:
+    """Share of the coming cycle for which each jet is open, shape (n_jets,).
+
+    Args:
+        remaining: what is left of each on-time, cycles, shape (n_jets,).
+        pulses: of the jets; of cycles whole ones are left.
+    """
+    if pulses.place == 0.0:
+        return np.minimum(remaining, 1.0)
+    shares = np.empty_like(remaining)
+    for jet in range(remaining.size):
+        left, step = remaining[jet], pulses.quanta[jet]
+        share = left / max(np.ceil(left - _SAME), 1.0)
+        if step > 0.0:
+            share = np.ceil(share / step - _SAME) * step
+        shares[jet] = min(share, left, 1.0)
+    return shares
+
+
+@kernel
+def after_pulse(remaining: Array, flown: Array) -> Array:
+    """On-times that are left after a cycle, cycles, shape (n_jets,); what is but rounding is nothing."""
+    left = remaining - flown
+    return np.where(left < _SAME, 0.0, left)
+
+
+@kernel
+def pulse_onsets(shares: Array, pulses: Pulses, period_s: float) -> Array:
+    """Times in a cycle at which jets open, s, NaN where they switch with cycles, shape (n_jets,)."""
+    if not pulses.within:
+        return levels_alone(shares.size)
+    return pulses.place * period_s * (1.0 - shares)
+
+
+def most_edges(pulses: Pulses) -> int:
+    """The largest number of times at which jets open or close inside a cycle."""
+    if not pulses.within:
+        return 0
+    return pulses.quanta.size * (2 if 0.0 < pulses.place < 1.0 else 1)

@@ -1,0 +1,199 @@
+r"""Engines in the joint estimator: their impulse over an interval, and what it depends on.
+
+`maths.vehicle.engine_thrust` has their force and its six errors, which are parameters here. Over an interval level and
+angles are taken at its start, middle and end, and the impulse by Simpson's rule, with its derivative by each error; the
+middle is such that the rule has their mean. It enters as known forces do, by 1 - sigma_T s (`thrust_scale`): what an
+engine gives has no part in the common scale of the jets, and to a hundredth, as engines are known, shows it. That
+thrust which changes bows the rate is left out.
+
+*Readings* of level and angles have errors that last from one to the next: noise of the impulse, sigma T times its
+derivative. What is read as it is has moved at some time since the reading before, within the time that its rate needs:
+the mean may be off by a uniform share of the move. What is not read any more stays where it was, and its error grows by
+as much as throttle or gimbal may have moved; a command holds until there is another.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.kernels import kernel
+from massprop_drake.maths.linear_algebra import Array, skew
+from massprop_drake.maths.vehicle.engine_thrust import (
+    N_CHANNELS,
+    N_ERRORS,
+    EngineParams,
+    flow_at,
+    follow,
+    reading_std,
+    thrust,
+    wrenches_of,
+)
+
+_UNIFORM = 1.0 / np.sqrt(12.0)  # 1-sigma of a share that may be anything from -1/2 to 1/2
+
+
+class Burn(NamedTuple):
+    """Levels and angles of the engines over an interval.
+
+    Attributes:
+        points: level and angles at its start, middle and end, rad, see the module, shape (n, 3, 3).
+        std: 1-sigma by which they are off over the interval, shape (n, 3).
+    """
+
+    points: Array
+    std: Array
+
+
+UNLIT = Burn(np.zeros((0, 3, N_CHANNELS)), np.zeros((0, N_CHANNELS)))
+
+
+class EngineSettings(NamedTuple):
+    """Levels and angles of the engines after a reading.
+
+    Attributes:
+        now: as they are, shape (n, 3).
+        told: command that they follow from now on; where they are read as they are, the same, shape (n, 3).
+        since_s: time since each was read, s; negative: never yet, so that it counts as shut, shape (n, 3).
+    """
+
+    now: Array
+    told: Array
+    since_s: Array
+
+
+def at_rest(n: int) -> EngineSettings:
+    """Settings of engines that are shut, with gimbals at zero."""
+    none = np.zeros((n, N_CHANNELS))
+    return EngineSettings(none, none, none - 1.0)
+
+
+def burnt(before: EngineSettings, read: Array, duration_s: float, engines: EngineParams) -> tuple[Burn, EngineSettings]:
+    """Levels and angles over an interval, and the setting after it.
+
+    Args:
+        before: at the start of the interval.
+        read: at its end, NaN where missing, shape (n, 3).
+        duration_s: T.
+        engines: see `EngineParams`.
+    """
+    measured, missing = engines.measured.reshape(-1, 1) > 0.0, np.isnan(read)
+    shown = np.where(missing, before.told, read)
+    shown[:, 0] = np.where(shown[:, 0] < engines.least, 0.0, shown[:, 0])
+    followed, mean = follow(before.now, before.told, duration_s, engines)
+    end = np.where(measured, shown, followed)
+    middle = np.where(measured, 0.5 * (before.now + end), 1.5 * mean - 0.25 * (before.now + end))
+    going_on = np.where(before.since_s < 0.0, before.since_s, before.since_s + duration_s)
+    since_s = np.where(missing, going_on, 0.0)
+    lasting_s = np.where(measured, since_s, 0.0)  # a command holds until there is another
+    moved = np.where(measured, np.abs(end - before.now), 0.0)
+    when = _UNIFORM * moved * np.maximum(1.0 - moved / (engines.rates * duration_s), 0.0)
+    misread = reading_std(0.5 * (before.now + end), engines)
+    std = np.sqrt(misread**2 + (engines.rates * np.maximum(lasting_s, 0.0)) ** 2 + when**2)
+    return Burn(np.stack((before.now, middle, end), axis=1), std), EngineSettings(end, shown, since_s)
+
+
+class EngineImpulse(NamedTuple):
+    """Impulse of the engines over an interval, about the vehicle origin.
+
+    Attributes:
+        impulse: angular and linear, shape (6,).
+        by_errors: its derivative by the six errors of each engine, shape (6 n, 6).
+        noise: 1-sigma by what level and angles are off, rows of independent impulses, shape (3 n, 6).
+        used: propellant, slug or kg.
+    """
+
+    impulse: Array
+    by_errors: Array
+    noise: Array
+    used: float
+
+
+@kernel
+def idle() -> EngineImpulse:
+    """EngineImpulse of no engine."""
+    return EngineImpulse(np.zeros(6), np.zeros((0, 6)), np.zeros((0, 6)), 0.0)
+
+
+@kernel
+def believed(burn: Burn, assumed: Array) -> Burn:
+    """Burn of which levels and angles that are not believed count as what they are assumed to be.
+
+    Args:
+        burn: as it is read.
+        assumed: level and angles of each engine that are not believed, NaN: they are, shape (3 n,).
+    """
+    if np.isnan(assumed).all():
+        return burn
+    points, std = burn.points.copy(), burn.std.copy()
+    for place in range(assumed.shape[0]):
+        if not np.isnan(assumed[place]):
+            engine, channel = place // N_CHANNELS, place % N_CHANNELS
+            points[engine, :, channel], std[engine, channel] = assumed[place], 0.0
+    return Burn(points, std)
+
+
+@kernel
+def push(burn: Burn, errors: Array, duration_s: float, engines: EngineParams) -> EngineImpulse:
+    """Impulse of the engines over an interval.
+
+    Args:
+        burn: levels and angles.
+        errors: the six of each engine, shape (6 n,).
+        duration_s: T.
+        engines: see `EngineParams`.
+    """
+    n = engines.thrusts.shape[0]
+    impulse, by_errors, noise, used = np.zeros(6), np.zeros((N_ERRORS * n, 6)), np.zeros((N_CHANNELS * n, 6)), 0.0
+    for k in range(n):
+        given, by, full, flow = pushes(
+            k, burn.points[k], errors[N_ERRORS * k : N_ERRORS * (k + 1)], duration_s, engines
+        )
+        impulse += given[0]
+        by_errors[N_ERRORS * k : N_ERRORS * (k + 1)] = by[:, 0]
+        noise[N_CHANNELS * k] = burn.std[k, 0] * full[0]
+        noise[N_CHANNELS * k + 1] = burn.std[k, 1] * by[2, 0]
+        noise[N_CHANNELS * k + 2] = burn.std[k, 2] * by[3, 0]
+        used += flow[0]
+    return EngineImpulse(impulse, by_errors, noise, used)
+
+
+@kernel
+def pushes(
+    which: int, points: Array, errors: Array, duration_s: float, engines: EngineParams
+) -> tuple[Array, Array, Array, Array]:
+    """Impulses of one engine over intervals.
+
+    Args:
+        which: index of the engine.
+        points: level and angles at the start, middle and end of each interval, rad, shape (3 m, 3).
+        errors: its six, shape (6,).
+        duration_s: T.
+        engines: see `EngineParams`.
+
+    Returns:
+        The impulses, shape (m, 6), their derivatives by the errors, shape (6, m, 6), and by the level, shape (m, 6),
+        and the propellant used, shape (m,).
+    """
+    given, level, normals = thrust(which, points, errors, engines), points[:, 0], engines.normals[which]
+    force, each = given.force.reshape(-1, 1), engines.thrusts[which] * given.along
+    full = wrenches_of(given.place, each)
+    by = np.zeros((N_ERRORS, points.shape[0], 6))
+    by[0], by[1] = (level * (1.0 - level)).reshape(-1, 1) * full, (level * level).reshape(-1, 1) * full
+    by[2] = wrenches_of(given.place, force * given.by_angles[0])
+    by[3] = wrenches_of(given.place, force * given.by_angles[1])
+    acting = force * given.along
+    by[4, :, :3], by[5, :, :3] = acting @ skew(normals[0]).T, acting @ skew(normals[1]).T
+    derivatives = np.empty((N_ERRORS, points.shape[0] // 3, 6))
+    for error in range(N_ERRORS):
+        derivatives[error] = _over(by[error], duration_s)
+    flows = flow_at(level, engines.levels, engines.flows[which]).reshape(-1, 1)
+    used = _over(flows, duration_s).ravel()
+    return _over(wrenches_of(given.place, acting), duration_s), derivatives, _over(full, duration_s), used
+
+
+@kernel
+def _over(values: Array, duration_s: float) -> Array:
+    """Integrals over intervals of what is given at three points of each, shape (m, k)."""
+    return (values[0::3] + 4.0 * values[1::3] + values[2::3]) * (duration_s / 6.0)

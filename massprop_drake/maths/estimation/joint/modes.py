@@ -1,0 +1,219 @@
+r"""Parts that move inside the vehicle, such as sloshing propellant or a hinged panel, as modes of the joint state.
+
+A mode has a coordinate eta of unit modal mass, a frequency w_n and a damping ratio zeta of the vehicle held still, and
+a participation: Phi_v (root of mass) in translation and Phi_w (root of inertia) in rotation. With m and J^-1 of the
+whole with its modes locked, a and alpha of the structure at the locked center of mass r (hybrid coordinates, Likins,
+Dynamics and Control of Flexible Space Vehicles, JPL TR 32-1329),
+
+    m a + Phi_v eta'' = F,    J^-1 alpha + w x J^-1 w + Phi_w eta'' = M,
+    eta'' + 2 zeta w_n eta' + w_n^2 eta + Phi_v . a + Phi_w . alpha = 0.
+
+Participation in rotation is stated about the vehicle origin; about r it is Phi_w - r x Phi_v. Eliminating a and alpha,
+with a_0 and alpha_0 what they would be with the modes locked,
+
+    A eta'' + D eta' + K eta = -f,    A = 1 - mu Phi_v^T Phi_v - Phi_w^T J Phi_w,    f = Phi_v . a_0 + Phi_w . alpha_0.
+
+Over an interval f is constant, so that eta and eta' follow by a matrix exponential, and the vehicle has
+
+    w -= J Phi_w (eta'1 - eta'0),    c -= mu Phi_v (eta'1 - eta'0)
+
+besides. Derivatives by anything in A, D and K are integrals of exp(A (T - s)) times a residual, by Simpson's rule.
+
+*Second order.* Thrust acts about the center of mass as the modes move it, r + d with d = mu Phi_v eta; d is turned with
+the vehicle, so that c has -(w x d) and the integral of -(w x d') besides. The momentum Phi_w eta' is turned, too, as
+that of a wheel is. A part that is displaced by eta changes the inertia by I_1 eta: its momentum I_1 eta w changes the
+rate, and 1/2 w I_1 w drives the mode. A mass that moves along e_i and e_j has the momentum e_i x e_j eta_i eta'_j, and
+drives either mode by the other, e_i . (2 w x e_j eta'_j + alpha x e_j eta_j).
+
+A pendulum goes along an arc: it has the momentum b eta eta' besides, and its frequency goes with the acceleration along
+its arm, f has (b . a + (rho x b) . alpha) eta.
+
+*Errors.* The participation, frequency and damping of each part that moves are parameters in units of stated relative
+1-sigmas, and so are the coordinates of its position: off by p it has Phi_w + p x Phi_v. Where thrust has a common scale
+s, inertia and mass in A, and in what modes give back, are those with it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.kernels import kernel
+from massprop_drake.maths.linear_algebra import Array, cross
+
+SIZE, FREQUENCY, DAMPING, POSITION, ERRORS = 0, 1, 2, 3, 6  # order of the errors of a part, and how many there are
+_TERMS = 10  # of the exponential's series: arithmetic, they leave 2e-11 of what is below half
+_SMALL = 0.5  # largest norm to which the series applies: arithmetic
+_LEAST = 0.05  # physics: of what is stated, a part that moves has no less participation, frequency or damping
+
+
+class ModeParams(NamedTuple):
+    """The modes of a vehicle.
+
+    Attributes:
+        translation: Phi_v, body axes, root of slug or kg, shape (n, 3).
+        rotation: Phi_w about the vehicle origin, root of slug-ft^2 or kg-m^2, shape (n, 3).
+        crossing: e_j x e_i of the directions in which modes i and j displace one mass, zero of others, shape (n, n, 3).
+        bow: by half of eta^2 a mass on an arm is displaced off its direction, times its mass: b = -n/L of a pendulum
+            with the arm L n, zero of others, 1/ft or 1/m, shape (n, 3).
+        bow_turn: that at its place about the nominal center of mass, rho x b, shape (n, 3).
+        swelling: I_1 about the nominal center of mass, root of slug times ft or of kg times m, shape (n, 3, 3).
+        frequencies: w_n, rad/s, shape (n,).
+        dampings: zeta, shape (n,).
+        parts: index of the part that each belongs to, integers, shape (n,).
+        sigmas: 1-sigma of each part's participation, frequency and damping, relative, and of the three coordinates of
+            its position, ft or m, shape (n_parts, 6).
+        start: 1-sigma of eta before the first sample, shape (n,).
+        shaken: 1-sigma of eta after something of which nothing is known, likewise.
+    """
+
+    translation: Array
+    rotation: Array
+    crossing: Array
+    bow: Array
+    bow_turn: Array
+    swelling: Array
+    frequencies: Array
+    dampings: Array
+    parts: np.ndarray
+    sigmas: Array
+    start: Array
+    shaken: Array
+
+
+NO_MODES = ModeParams(
+    np.zeros((0, 3)),
+    np.zeros((0, 3)),
+    np.zeros((0, 0, 3)),
+    np.zeros((0, 3)),
+    np.zeros((0, 3)),
+    np.zeros((0, 3, 3)),
+    np.zeros(0),
+    np.zeros(0),
+    np.zeros(0, dtype=np.int_),
+    np.zeros((0, ERRORS)),
+    np.zeros(0),
+    np.zeros(0),
+)
+
+
+class Rigid(NamedTuple):
+    """The vehicle with its modes locked.
+
+    Attributes:
+        inverse: J, with the common scale of thrusts in it, shape (3, 3).
+        lightness: mu, likewise.
+        center: r, ft or m, shape (3,).
+    """
+
+    inverse: Array
+    lightness: float
+    center: Array
+
+
+class Swing(NamedTuple):
+    """The modes over an interval.
+
+    Attributes:
+        push, turn: Phi_v and Phi_w about the center of mass as they are estimated, shape (n, 3).
+        stiffness, drag: diagonals of K and D, shape (n,).
+        lightness: A^-1, shape (n, n).
+        over, half: what becomes of eta and eta', over the interval and over half of it, shape (2 n, 2 n).
+        driven, half_driven: eta and eta' by f, likewise, shape (2 n, n).
+    """
+
+    push: Array
+    turn: Array
+    stiffness: Array
+    drag: Array
+    lightness: Array
+    over: Array
+    half: Array
+    driven: Array
+    half_driven: Array
+
+
+@kernel
+def exponential(matrix: Array) -> Array:
+    """The exponential of a square matrix, by its series and squaring."""
+    squarings = 0
+    norm = np.abs(matrix).sum(axis=1).max()
+    while norm > _SMALL:
+        norm *= 0.5
+        squarings += 1
+    scaled = matrix * 0.5**squarings
+    identity = np.eye(matrix.shape[0])
+    result = identity + scaled / _TERMS
+    for term in range(_TERMS - 1, 0, -1):
+        result = identity + (scaled @ result) / term
+    for _ in range(squarings):
+        result = result @ result
+    return result
+
+
+@kernel
+def tuned(errors: Array, modes: ModeParams) -> Array:
+    """Participation, frequency and damping of each part over what is stated, and its shift, shape (n_parts, 6).
+
+    Args:
+        errors: estimates in units of their sigmas, shape (6 n_parts,); none: as stated.
+        modes: see `ModeParams`.
+    """
+    factors = np.ones(modes.sigmas.shape)
+    factors[:, POSITION:] = 0.0
+    if errors.shape[0] > 0:
+        off = modes.sigmas * errors.reshape(-1, ERRORS)
+        factors[:, :POSITION] = np.maximum(1.0 + off[:, :POSITION], _LEAST)
+        factors[:, POSITION:] = off[:, POSITION:]
+    return factors
+
+
+@kernel
+def swinging(rigid: Rigid, factors: Array, duration_s: float, modes: ModeParams) -> Swing:
+    """The modes over an interval.
+
+    Args:
+        rigid: see `Rigid`.
+        factors: see `tuned`.
+        duration_s: T.
+        modes: see `ModeParams`.
+    """
+    n = modes.frequencies.shape[0]
+    own = factors[modes.parts]
+    push = own[:, SIZE].copy().reshape(-1, 1) * modes.translation
+    turn = own[:, SIZE].copy().reshape(-1, 1) * modes.rotation
+    for mode in range(n):
+        turn[mode] += cross(own[mode, POSITION:] - rigid.center, push[mode])
+    frequencies = own[:, FREQUENCY] * modes.frequencies
+    stiffness, drag = frequencies**2, 2.0 * own[:, DAMPING] * modes.dampings * frequencies
+    inertia = np.eye(n) - rigid.lightness * (push @ push.T) - turn @ rigid.inverse @ turn.T
+    lightness = np.linalg.inv(inertia)
+    rates = np.zeros((3 * n, 3 * n))
+    rates[:n, n : 2 * n] = np.eye(n)
+    rates[n : 2 * n, :n] = -lightness * stiffness
+    rates[n : 2 * n, n : 2 * n] = -lightness * drag
+    rates[n : 2 * n, 2 * n :] = -lightness
+    half = exponential(rates * (0.5 * duration_s))
+    over = half @ half
+    return Swing(
+        push,
+        turn,
+        stiffness,
+        drag,
+        lightness,
+        over[: 2 * n, : 2 * n].copy(),
+        half[: 2 * n, : 2 * n].copy(),
+        over[: 2 * n, 2 * n :].copy(),
+        half[: 2 * n, 2 * n :].copy(),
+    )
+
+
+def spread_of(displaced: Array, modes: ModeParams) -> Array:
+    """1-sigma of eta and eta' of modes that swing, by that of eta, shape (2 n,).
+
+    Args:
+        displaced: of eta, shape (n,).
+        modes: see `ModeParams`.
+    """
+    return np.concatenate((displaced, displaced * modes.frequencies))

@@ -1,0 +1,393 @@
+"""Modes inside the vehicle over an interval, and derivatives by the joint state; equations in `joint.modes`."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.filters.rotation_filter import angular_block
+from massprop_drake.maths.estimation.joint.layout import CENTER, INERTIA, MASS, N_PROPERTIES, RATE
+from massprop_drake.maths.estimation.joint.modes import (
+    DAMPING,
+    ERRORS,
+    FREQUENCY,
+    POSITION,
+    SIZE,
+    ModeParams,
+    Rigid,
+    Swing,
+    swinging,
+    tuned,
+)
+from massprop_drake.maths.kernels import kernel, picked
+from massprop_drake.maths.linear_algebra import Array, cross, skew
+from massprop_drake.maths.mass_properties import ELEMENT
+
+_END, _MIDDLE = 1.0 / 6.0, 4.0 / 6.0  # weights of Simpson's rule
+
+
+class SwingParams(NamedTuple):
+    """Modes, and where their states and errors stand.
+
+    Attributes:
+        modes: see `ModeParams`.
+        swing: of eta, then eta'.
+        moving, n_moving: of the errors of the parts; none where they are not estimated.
+        scale: of the common scale s of thrusts; -1: there is none.
+        thrust_sigma: what one unit of s is, relative.
+    """
+
+    modes: ModeParams
+    swing: int
+    moving: int
+    n_moving: int
+    scale: int
+    thrust_sigma: float
+
+
+class Moved(NamedTuple):
+    """Changes of w and c over an interval, and their derivatives.
+
+    Attributes:
+        rate, velocity: changes, shape (3,) each.
+        rate_rows, velocity_rows: derivatives by the state, shape (3, size) each.
+    """
+
+    rate: Array
+    velocity: Array
+    rate_rows: Array
+    velocity_rows: Array
+
+
+class Swung(NamedTuple):
+    """The modes after an interval, and what they do to the vehicle in it.
+
+    Attributes:
+        after: eta and eta', shape (2 n,).
+        rows: derivative of these by the state, shape (2 n, size).
+        shaken: their change by what changes w and c besides, shape (2 n, 6).
+        given_back: change of w and c by a change that they would have with modes locked, shape (6, 6).
+        momenta: angular momentum of the modes at the start and the end, shape (2, 3).
+    """
+
+    after: Array
+    rows: Array
+    shaken: Array
+    given_back: Array
+    momenta: Array
+
+
+@kernel
+def unswung(n: int, size: int) -> Swung:
+    """Swung of modes at rest that nothing drives.
+
+    Args:
+        n: elements of eta and eta'.
+        size: of the state.
+    """
+    return Swung(np.zeros(n), np.zeros((n, size)), np.zeros((n, 6)), np.eye(6), np.zeros((2, 3)))
+
+
+@kernel
+def _expected(swing: Swing, begun: Array, driving: Array) -> tuple[Array, Array]:
+    """Eta and eta' at the start, the middle and the end, shape (3, 2 n), and eta'', shape (3, n)."""
+    n = driving.shape[0]
+    course = np.stack(
+        (begun, swing.half @ begun + swing.half_driven @ driving, swing.over @ begun + swing.driven @ driving)
+    )
+    residual = course[:, :n] * swing.stiffness + course[:, n:] * swing.drag + driving
+    return course, -residual @ swing.lightness.T
+
+
+@kernel
+def _answers(swing: Swing, residuals: Array, duration_s: float) -> Array:
+    """Changes of eta and eta' by forces on eta along an interval, by Simpson's rule, shape (2 n, k).
+
+    Args:
+        swing: see `Swing`.
+        residuals: at the start, the middle and the end, shape (3, n, k).
+        duration_s: of the interval.
+    """
+    n = swing.stiffness.shape[0]
+    at_start = swing.over[:, n:].copy() @ (swing.lightness @ residuals[0])
+    middle = swing.half[:, n:].copy() @ (swing.lightness @ residuals[1])
+    result = (duration_s * _END) * at_start + (duration_s * _MIDDLE) * middle
+    result[n:] += (duration_s * _END) * (swing.lightness @ residuals[2])
+    return result
+
+
+@kernel
+def _by_errors(swing: Swing, rigid: Rigid, course: tuple[Array, Array], scale: float, thrust_sigma: float) -> Array:
+    """Forces on eta by errors of the ten parameters and of the common scale in A, shape (3, n, 11).
+
+    Args:
+        swing: see `Swing`.
+        rigid: see `Rigid`.
+        course: see `_expected`.
+        scale: 1 - sigma_T s.
+        thrust_sigma: what one unit of s is, relative.
+    """
+    _, accelerations = course
+    n = accelerations.shape[1]
+    residuals = np.zeros((3, n, N_PROPERTIES + 1))
+    given, pushed = accelerations @ swing.turn, accelerations @ swing.push
+    for point in range(3):
+        turned = rigid.inverse @ given[point]
+        residuals[point, :, INERTIA] = scale * (swing.turn @ angular_block(given[point]))
+        residuals[point, :, CENTER] = swing.turn @ (rigid.inverse @ skew(pushed[point]))
+        for mode in range(n):
+            residuals[point, mode, CENTER] -= cross(swing.push[mode], turned)
+        residuals[point, :, MASS] = scale * (swing.push @ pushed[point])
+        both = rigid.lightness * (swing.push @ pushed[point]) + swing.turn @ turned
+        residuals[point, :, N_PROPERTIES] = (-thrust_sigma / scale) * both
+    return residuals
+
+
+@kernel
+def _by_own_errors(swing: Swing, rigid: Rigid, course: tuple[Array, Array], factors: Array, modes: ModeParams) -> Array:
+    """Forces on eta by errors of the parts in A, D and K, shape (3, n, 6 n_parts).
+
+    Args:
+        swing: see `Swing`.
+        rigid: see `Rigid`.
+        course: see `_expected`.
+        factors: see `tuned`.
+        modes: see `ModeParams`.
+    """
+    along, accelerations = course
+    n = accelerations.shape[1]
+    residuals = np.zeros((3, n, factors.size))
+    given, pushed = accelerations @ swing.turn, accelerations @ swing.push
+    for mode in range(n):
+        part = modes.parts[mode]
+        own, at = modes.sigmas[part, :POSITION] / factors[part, :POSITION], ERRORS * part
+        shifts = slice(at + POSITION, at + ERRORS)
+        alike = rigid.lightness * (swing.push @ swing.push[mode]) + swing.turn @ (rigid.inverse @ swing.turn[mode])
+        for point in range(3):
+            displaced, moving = along[point, mode], along[point, n + mode]
+            both = rigid.lightness * (swing.push[mode] @ pushed[point])
+            both += swing.turn[mode] @ (rigid.inverse @ given[point])
+            residuals[point, mode, at + SIZE] += own[SIZE] * both
+            residuals[point, :, at + SIZE] += (own[SIZE] * accelerations[point, mode]) * alike
+            by_frequency = 2.0 * swing.stiffness[mode] * displaced + swing.drag[mode] * moving
+            residuals[point, mode, at + FREQUENCY] = -own[FREQUENCY] * by_frequency
+            residuals[point, mode, at + DAMPING] = -own[DAMPING] * swing.drag[mode] * moving
+            pushing = accelerations[point, mode] * swing.push[mode]
+            by_shift = -(swing.turn @ (rigid.inverse @ skew(pushing)))
+            by_shift[mode] += cross(swing.push[mode], rigid.inverse @ given[point])
+            residuals[point, :, shifts] += by_shift * modes.sigmas[part, POSITION:]
+    return residuals
+
+
+@kernel
+def _momentum(state: Array, rate: Array, modes: ModeParams) -> Array:
+    """Angular momentum of second order, by a changed inertia and by masses that go round or along an arc, shape (3,).
+
+    Args:
+        state: eta and eta', shape (2 n,).
+        rate: rad/s, shape (3,).
+        modes: see `ModeParams`.
+    """
+    n, result = modes.frequencies.shape[0], np.zeros(3)
+    for mode in range(n):
+        result += state[mode] * (modes.swelling[mode] @ rate) + (state[mode] * state[n + mode]) * modes.bow_turn[mode]
+        for other in range(n):
+            result += (state[mode] * state[n + other]) * modes.crossing[other, mode]
+    return result
+
+
+class _Along(NamedTuple):
+    """Modes over an interval.
+
+    Attributes:
+        rigid: see `Rigid`.
+        swing: see `Swing`.
+        factors: see `tuned`.
+        begun: eta and eta' at the beginning, shape (2 n,).
+        rates: w at the start and the end with the modes locked, shape (2, 3).
+        by_rate: I_1 w at the start, shape (n, 3).
+        of_others: derivative of what drives each mode by eta and eta' of others, shape (n, 2 n).
+        driving: f, shape (n,).
+        along: eta and eta' at the start, the middle and the end, shape (3, 2 n).
+        accelerations: eta'' then, shape (3, n).
+    """
+
+    rigid: Rigid
+    swing: Swing
+    factors: Array
+    begun: Array
+    rates: Array
+    by_rate: Array
+    of_others: Array
+    driving: Array
+    along: Array
+    accelerations: Array
+
+
+@kernel
+def _course(mean: Array, moved: Moved, about: tuple[float, Array], duration_s: float, params: SwingParams) -> _Along:
+    """Modes over an interval, arguments as `swung`."""
+    modes, (scale, by_coupling) = params.modes, about
+    n = modes.frequencies.shape[0]
+    rate, turned = mean[RATE], moved.rate + by_coupling
+    rigid = Rigid(scale * picked(mean, ELEMENT), scale * mean[MASS], mean[CENTER])
+    factors = tuned(mean[params.moving : params.moving + params.n_moving], modes)
+    swing = swinging(rigid, factors, duration_s, modes)
+    begun = mean[params.swing : params.swing + 2 * n]
+    driving = (swing.push @ moved.velocity + swing.turn @ turned) / duration_s
+    by_rate, of_others = np.zeros((n, 3)), np.zeros((n, 2 * n))
+    for mode in range(n):
+        by_rate[mode] = modes.swelling[mode] @ rate
+        driving[mode] -= 0.5 * (rate @ by_rate[mode])
+        of_others[mode, :n] = modes.crossing[mode] @ turned / duration_s
+        of_others[mode, n:] = 2.0 * (modes.crossing[mode] @ (rate + 0.5 * turned))
+        of_others[mode, mode] += (modes.bow[mode] @ moved.velocity + modes.bow_turn[mode] @ turned) / duration_s
+    driving += of_others @ begun
+    along, accelerations = _expected(swing, begun, driving)
+    rates = np.stack((rate, rate + turned))
+    return _Along(rigid, swing, factors, begun, rates, by_rate, of_others, driving, along, accelerations)
+
+
+@kernel
+def _rows_of_modes(course: _Along, moved: Moved, scale: float, duration_s: float, params: SwingParams) -> Array:
+    """Derivative of eta and eta' at the end by the state, shape (2 n, size)."""
+    swing, modes = course.swing, params.modes
+    n = modes.frequencies.shape[0]
+    own, turned = slice(params.swing, params.swing + 2 * n), course.rates[1] - course.rates[0]
+    driving_rows = (swing.push @ moved.velocity_rows + swing.turn @ moved.rate_rows) / duration_s
+    driving_rows[:, RATE] -= course.by_rate
+    driving_rows[:, own] += course.of_others
+    for mode in range(n):
+        around = course.begun[n:] @ modes.crossing[mode]
+        driving_rows[mode] += (course.begun[:n] @ modes.crossing[mode] / duration_s + around) @ moved.rate_rows
+        driving_rows[mode, RATE] += 2.0 * around
+        along = modes.bow[mode] @ moved.velocity_rows + modes.bow_turn[mode] @ moved.rate_rows
+        driving_rows[mode] += (course.begun[mode] / duration_s) * along
+        driving_rows[mode, CENTER] -= cross(swing.push[mode], turned) / duration_s
+        if params.n_moving > 0:
+            size, column = _size_of(mode, course.factors, params)
+            shifts, sigmas = _shifts_of(mode, params)
+            driving_rows[mode, column] += size * course.driving[mode]
+            driving_rows[mode, shifts] += cross(swing.push[mode], turned) / duration_s * sigmas
+    rows = swing.driven @ driving_rows
+    both = course.along, course.accelerations
+    answers = _answers(swing, _by_errors(swing, course.rigid, both, scale, params.thrust_sigma), duration_s)
+    rows[:, :N_PROPERTIES] += answers[:, :N_PROPERTIES]
+    if params.scale >= 0:
+        rows[:, params.scale] += answers[:, N_PROPERTIES]
+    if params.n_moving > 0:
+        of_parts = _by_own_errors(swing, course.rigid, both, course.factors, modes)
+        rows[:, params.moving : params.moving + params.n_moving] += _answers(swing, of_parts, duration_s)
+    rows[:, own] += swing.over
+    return rows
+
+
+@kernel
+def _size_of(mode: int, factors: Array, params: SwingParams) -> tuple[float, int]:
+    """Relative derivative of the participation of a mode by the error of its part, and the column of that."""
+    part = params.modes.parts[mode]
+    return params.modes.sigmas[part, SIZE] / factors[part, SIZE], params.moving + ERRORS * part + SIZE
+
+
+@kernel
+def _shifts_of(mode: int, params: SwingParams) -> tuple[slice, Array]:
+    """Columns of the errors of the position of a mode's part, and what one unit of them is, ft or m, shape (3,)."""
+    part = params.modes.parts[mode]
+    begin = params.moving + ERRORS * part
+    return slice(begin + POSITION, begin + ERRORS), params.modes.sigmas[part, POSITION:]
+
+
+@kernel
+def _rows_of_vehicle(
+    course: _Along, moved: Moved, linear: Array, rows: Array, about: tuple[float, float], params: SwingParams
+) -> tuple[Array, Array]:
+    """Derivatives of the changes of w and c by the state, shape (3, size) each.
+
+    Args:
+        course: see `_Along`.
+        moved: without modes.
+        linear: impulse, shape (3,).
+        rows: of eta and eta' at the end, shape (2 n, size).
+        about: 1 - sigma_T s, and T.
+        params: see `SwingParams`.
+    """
+    swing, rigid, (scale, duration_s) = course.swing, course.rigid, about
+    n = course.driving.shape[0]
+    inverse, middle = rigid.inverse / scale, course.along[1]
+    gained, gained_rows, mean_rows = course.along[2, n:] - course.begun[n:], rows[n:].copy(), 0.5 * rows[n:]
+    for mode in range(n):
+        gained_rows[mode, params.swing + n + mode] -= 1.0
+        mean_rows[mode, params.swing + n + mode] += 0.5
+    by_turn, by_push = rigid.inverse @ swing.turn.T, rigid.lightness * swing.push.T
+    of_momentum = duration_s * (rigid.inverse @ skew(0.5 * (course.rates[0] + course.rates[1])) @ swing.turn.T)
+    rate_rows = moved.rate_rows - by_turn @ gained_rows - of_momentum @ mean_rows
+    velocity_rows = moved.velocity_rows - by_push @ gained_rows
+    turn, push = gained @ swing.turn, gained @ swing.push
+    rate_rows[:, INERTIA] += angular_block(_off_center(course, linear) - scale * turn)
+    rate_rows[:, CENTER] -= rigid.inverse @ skew(push)
+    velocity_rows[:, MASS] -= scale * push
+    for mode in range(n):
+        by_own = inverse @ cross(linear, rigid.lightness * swing.push[mode])
+        rate_rows -= np.outer(rigid.inverse @ (params.modes.swelling[mode] @ course.rates[1]), rows[mode])
+        rate_rows[:, params.swing + mode] += by_own + rigid.inverse @ course.by_rate[mode]
+        rising = course.along[2, mode] * rows[n + mode] + course.along[2, n + mode] * rows[mode]
+        rising[params.swing + mode] -= course.begun[n + mode]
+        rising[params.swing + n + mode] -= course.begun[mode]
+        rate_rows -= np.outer(rigid.inverse @ params.modes.bow_turn[mode], rising)
+        velocity_rows -= np.outer(rigid.lightness * params.modes.bow[mode], rising)
+        if params.n_moving > 0:
+            size, column = _size_of(mode, course.factors, params)
+            rate_rows[:, column] += size * (middle[mode] * by_own - gained[mode] * by_turn[:, mode])
+            velocity_rows[:, column] -= (size * gained[mode]) * by_push[:, mode]
+            shifts, sigmas = _shifts_of(mode, params)
+            rate_rows[:, shifts] += (rigid.inverse @ skew(gained[mode] * swing.push[mode])) * sigmas
+    if params.scale >= 0:
+        rate_rows[:, params.scale] += params.thrust_sigma * (inverse @ turn)
+        velocity_rows[:, params.scale] += (params.thrust_sigma * rigid.lightness / scale) * push
+    return rate_rows, velocity_rows
+
+
+@kernel
+def _off_center(course: _Along, linear: Array) -> Array:
+    """Angular impulse by thrust beside the center of mass as the modes move it, shape (3,)."""
+    n = course.driving.shape[0]
+    return cross(linear, course.rigid.lightness * (course.along[1, :n] @ course.swing.push))
+
+
+@kernel
+def swung(
+    mean: Array, moved: Moved, linear: Array, about: tuple[float, Array], duration_s: float, params: SwingParams
+) -> tuple[Moved, Swung]:
+    """Follows modes over an interval.
+
+    Args:
+        mean: before it, shape (size,).
+        moved: without modes.
+        linear: impulse, shape (3,).
+        about: 1 - sigma_T s, and change of the rate by dynamic coupling alone, shape (3,).
+        duration_s: T.
+        params: see `SwingParams`.
+    """
+    course, scale, modes = _course(mean, moved, about, duration_s, params), about[0], params.modes
+    swing, rigid, begun, after = course.swing, course.rigid, course.begun, course.along[2].copy()
+    n = modes.frequencies.shape[0]
+    rows = _rows_of_modes(course, moved, scale, duration_s, params)
+    rate_rows, velocity_rows = _rows_of_vehicle(course, moved, linear, rows, (scale, duration_s), params)
+    by_turn, by_push, gained = rigid.inverse @ swing.turn.T, rigid.lightness * swing.push.T, after[n:] - begun[n:]
+    start, end = course.rates[0], course.rates[1]
+    middle = 0.5 * (start + end)
+    own = np.stack((_momentum(begun, start, modes), _momentum(after, end, modes)))
+    change = moved.rate - by_turn @ gained - rigid.inverse @ (own[1] - own[0])
+    change += rigid.inverse @ _off_center(course, linear) / scale
+    momenta = (np.stack((begun[n:] @ swing.turn, after[n:] @ swing.turn)) + own) * scale
+    before, later = begun[:n] @ by_push.T, after[:n] @ by_push.T
+    rising = (after[:n] * after[n:] - begun[:n] * begun[n:]) @ modes.bow
+    carried = rigid.lightness * rising + cross(end, later) - cross(start, before) + cross(middle, later - before)
+    answers = swing.driven @ np.hstack((swing.turn, swing.push)) / duration_s
+    given_back = np.eye(6)
+    given_back[:3] -= by_turn @ answers[n:].copy()
+    given_back[3:] -= by_push @ answers[n:].copy()
+    shaken = answers @ np.linalg.inv(given_back)
+    felt = Moved(change, moved.velocity - by_push @ gained - carried, rate_rows, velocity_rows)
+    return felt, Swung(after, rows, shaken, given_back, momenta)

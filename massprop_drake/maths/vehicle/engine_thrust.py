@@ -1,0 +1,178 @@
+r"""Engines with a throttle and a gimbal: how they follow a command, and what force they give where.
+
+An engine at p with the force F at the level 1, along d where its gimbal is at zero, whose gimbal turns about the axis
+a_1 of the vehicle and then about a_2, which turns along with it, gives at the level l and the angles t_1, t_2
+
+    f = F l (1 + b_0 (1 - l) + b_1 l) R(a_1, t_1 + c_1) R(a_2, t_2 + c_2) d    at    p + o_1 e_1 + o_2 e_2
+
+with e_1 and e_2 normal to d. Its six errors are b_0 and b_1 of the thrust at the levels 0 and 1, relative; c_1 and c_2
+of the direction, rad; o_1 and o_2 of the place. An engine without a gimbal has e_1 and e_2 for its axes.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.kernels import kernel
+from massprop_drake.maths.linear_algebra import Array, cross, skew
+
+N_ERRORS = 6  # of an engine
+N_CHANNELS = 3  # level and two angles
+
+
+class EngineParams(NamedTuple):
+    """The engines of a vehicle.
+
+    Attributes:
+        positions: p, vehicle frame, ft or m, shape (n, 3).
+        directions: d, of the force on the vehicle, unit vectors, shape (n, 3).
+        axes: a_1 and a_2, unit vectors at gimbal zero, shape (n, 2, 3).
+        normals: e_1 and e_2, likewise.
+        thrusts: F, lbf or N, shape (n,).
+        levels: between which the flow is linear, rising from 0 to 1, shape (k,).
+        flows: of propellant at these, slug/s or kg/s, shape (n, k).
+        rates: most that level and angles change by in a second, shape (n, 3).
+        constants_s: time constants by which they follow a command, zero: at once, shape (n, 3).
+        stops: largest level, and largest angles either way, rad, shape (n, 3).
+        read_std: 1-sigma of one reading, of the level relative to it, and of the angles, rad, shape (n, 3).
+        least: levels that are read and lie below say that it is shut, shape (n,).
+        measured: 1 where they are read as they are, 0 where a reading is a command, shape (n,).
+    """
+
+    positions: Array
+    directions: Array
+    axes: Array
+    normals: Array
+    thrusts: Array
+    levels: Array
+    flows: Array
+    rates: Array
+    constants_s: Array
+    stops: Array
+    read_std: Array
+    least: Array
+    measured: Array
+
+
+_NONE = np.zeros((0, N_CHANNELS))
+NO_ENGINES = EngineParams(
+    positions=_NONE,
+    directions=_NONE,
+    axes=np.zeros((0, 2, 3)),
+    normals=np.zeros((0, 2, 3)),
+    thrusts=np.zeros(0),
+    levels=np.array([0.0, 1.0]),
+    flows=np.zeros((0, 2)),
+    rates=_NONE,
+    constants_s=_NONE,
+    stops=_NONE,
+    read_std=_NONE,
+    least=np.zeros(0),
+    measured=np.zeros(0),
+)
+
+
+def channels(engines: EngineParams) -> np.ndarray:
+    """Channels that each engine has: one that is fixed has no angles, shape (n, 3)."""
+    turns = engines.stops[:, 1:] > 0.0
+    return np.hstack((np.ones((turns.shape[0], 1), dtype=np.bool_), turns))
+
+
+def reading_std(at: Array, engines: EngineParams) -> Array:
+    """1-sigma of readings of levels and angles, shape (n, 3): of an engine that is shut the level is read exactly.
+
+    Args:
+        at: levels and angles, shape (n, 3).
+        engines: see `EngineParams`.
+    """
+    std = engines.read_std.copy()
+    std[:, 0] *= np.abs(at[:, 0])
+    return std
+
+
+def follow(now: Array, told: Array, during_s: float, engines: EngineParams) -> tuple[Array, Array]:
+    """Levels and angles that have followed a command for some time, with a lag, and at most at some rate.
+
+    Args:
+        now: at the start, shape (n, 3).
+        told: command, shape (n, 3).
+        during_s: how long, s.
+        engines: see `EngineParams`.
+
+    Returns:
+        As they are then, and their mean until then, shape (n, 3) each.
+    """
+    off, rates, constants_s = told - now, engines.rates, engines.constants_s
+    limited_s = np.maximum(np.abs(off) / rates - constants_s, 0.0)  # until the lag alone is slower
+    at_rate_s = np.minimum(limited_s, during_s)
+    there = now + np.sign(off) * rates * at_rate_s
+    rest_s, lagged = during_s - at_rate_s, constants_s > 0.0
+    constants_s = np.where(lagged, constants_s, 1.0)
+    arrived = np.where(at_rate_s < limited_s, 1.0, 0.0)  # what has no lag is where it is told to be, once it is there
+    left = np.where(lagged, np.exp(-rest_s / constants_s), arrived)
+    left_s = np.where(lagged, constants_s * (1.0 - left), 0.0)
+    at_rate = 0.5 * (now + there) * at_rate_s
+    mean = (at_rate + told * rest_s - (told - there) * left_s) / during_s if during_s > 0.0 else now
+    return np.asarray(told - (told - there) * left), np.asarray(mean)
+
+
+class Thrust(NamedTuple):
+    """Force of an engine at some levels and angles, and how it depends on these.
+
+    Attributes:
+        place: where it acts, vehicle frame, ft or m, shape (3,).
+        along: its directions, shape (m, 3).
+        force: its sizes, lbf or N, shape (m,).
+        by_angles: derivatives of the directions by the two angles, shape (2, m, 3).
+    """
+
+    place: Array
+    along: Array
+    force: Array
+    by_angles: Array
+
+
+@kernel
+def thrust(which: int, at: Array, errors: Array, engines: EngineParams) -> Thrust:
+    """Force of one engine.
+
+    Args:
+        which: index of the engine.
+        at: its levels and angles, rad, shape (m, 3).
+        errors: its six, see the module, shape (6,).
+        engines: see `EngineParams`.
+    """
+    first, second, normals = engines.axes[which, 0], engines.axes[which, 1], engines.normals[which]
+    one, two, level = at[:, 1] + errors[2], at[:, 2] + errors[3], at[:, 0]
+    straight = np.ones((at.shape[0], 1)) * engines.directions[which]
+    along = turned_about(first, one, turned_about(second, two, straight))
+    by_angles = np.empty((2, at.shape[0], 3))
+    by_angles[0] = along @ skew(first).T
+    turned = turned_about(first, one, np.ones((at.shape[0], 1)) * second)
+    for k in range(at.shape[0]):
+        by_angles[1, k] = cross(turned[k], along[k])
+    force = engines.thrusts[which] * level * (1.0 + errors[0] * (1.0 - level) + errors[1] * level)
+    place = engines.positions[which] + errors[4] * normals[0] + errors[5] * normals[1]
+    return Thrust(place, along, force, by_angles)
+
+
+@kernel
+def turned_about(axis: Array, angles: Array, vectors: Array) -> Array:
+    """Vectors turned about an axis of length 1 by an angle each, rad (Rodrigues' formula), shape (m, 3)."""
+    cosines, sines = np.cos(angles).reshape(-1, 1), np.sin(angles).reshape(-1, 1)
+    along = (vectors @ axis).reshape(-1, 1) * axis
+    return along + (vectors - along) * cosines + (vectors @ skew(axis).T) * sines
+
+
+@kernel
+def wrenches_of(place: Array, forces: Array) -> Array:
+    """Torques about the vehicle origin, and forces at a place, shape (m, 6)."""
+    return np.hstack((forces @ skew(place).T, forces))
+
+
+@kernel
+def flow_at(levels: Array, known: Array, flows: Array) -> Array:
+    """Flows at some levels, linear between those that are known, slug/s or kg/s, shape (m,)."""
+    return np.interp(levels, known, flows)

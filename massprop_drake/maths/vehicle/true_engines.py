@@ -1,0 +1,143 @@
+"""The true engines of a vehicle: what they make of their commands, failures included, and what is read of them."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.noise import Seed, normal_sample
+from massprop_drake.maths.vehicle.engine_thrust import (
+    N_CHANNELS,
+    N_ERRORS,
+    EngineParams,
+    flow_at,
+    follow,
+    reading_std,
+    thrust,
+    wrenches_of,
+)
+
+OUT = -1  # in place of a channel: the engine gives nothing
+_DIGITS_S = 1e-9  # arithmetic
+_PARTS = 50  # compute budget: of an interval, at whose middles the force is taken
+
+
+class EngineFailure(NamedTuple):
+    """A failure of an engine.
+
+    Attributes:
+        engine: index of it.
+        channel: of level and two angles the one that stays where it is; `OUT`.
+        start_s, end_s: the first sample with it, and the first one without.
+    """
+
+    engine: int
+    channel: int
+    start_s: float
+    end_s: float
+
+
+class EnginesModel(NamedTuple):
+    """The engines.
+
+    Attributes:
+        engines: as stated.
+        errors: the six errors of each, shape (6 n,).
+        spread: 1-sigma of what the seed adds to them, shape (6 n,).
+        failures: see `EngineFailure`.
+    """
+
+    engines: EngineParams
+    errors: Array
+    spread: Array
+    failures: tuple[EngineFailure, ...]
+
+
+def true_errors(model: EnginesModel, seed: Seed) -> Array:
+    """The errors of the engines as a seed draws them, shape (6 n,)."""
+    if not model.spread.any():
+        return model.errors
+    return np.asarray(model.errors + model.spread * normal_sample(seed, "engines", 0, model.errors.size))
+
+
+def within_stops(told: Array, engines: EngineParams) -> Array:
+    """A command as far as throttle and gimbal go, shape (n, 3)."""
+    least = -engines.stops
+    least[:, 0] = 0.0
+    return np.asarray(np.clip(told, least, engines.stops))
+
+
+def _lasts(failure: EngineFailure, time_s: float) -> bool:
+    """Tests whether a failure holds at a sample, whose time may be off by its digits."""
+    return failure.start_s - _DIGITS_S <= time_s < failure.end_s - _DIGITS_S
+
+
+def told_to(now: Array, told: Array, time_s: float, model: EnginesModel) -> Array:
+    """The command that the engines follow: of one that is stuck its present place, shape (n, 3).
+
+    Args:
+        now: levels and angles, shape (n, 3).
+        told: command, likewise.
+        time_s: of the sample from which on it holds.
+        model: see `EnginesModel`.
+    """
+    result = within_stops(told, model.engines)
+    for failure in model.failures:
+        if failure.channel != OUT and _lasts(failure, time_s):
+            result[failure.engine, failure.channel] = now[failure.engine, failure.channel]
+    return result
+
+
+def wrench(at: Array, errors: Array, time_s: float, model: EnginesModel) -> Array:
+    """Torque about the vehicle origin, force and propellant flow of the engines, their means, shape (7,).
+
+    Args:
+        at: levels and angles at some instants, shape (m, n, 3).
+        errors: see `true_errors`.
+        time_s: of the sample that has begun.
+        model: see `EnginesModel`.
+    """
+    total, engines = np.zeros(7), model.engines
+    out = {one.engine for one in model.failures if one.channel == OUT and _lasts(one, time_s)}
+    for which in range(engines.thrusts.size):
+        if which not in out:
+            given = thrust(which, at[:, which], errors[N_ERRORS * which : N_ERRORS * (which + 1)], engines)
+            total[:6] += wrenches_of(given.place, given.force[:, None] * given.along).mean(axis=0)
+            total[6] += flow_at(at[:, which, 0], engines.levels, engines.flows[which]).mean()
+    return total
+
+
+def mean_wrench(now: Array, told: Array, errors: Array, during: tuple[float, float], model: EnginesModel) -> Array:
+    """Mean of the wrench over an interval in which the engines follow a command, shape (7,).
+
+    Args:
+        now: levels and angles at its start, shape (n, 3).
+        told: what they follow, see `told_to`.
+        errors: see `true_errors`.
+        during: its start and its length, s.
+        model: see `EnginesModel`.
+    """
+    since_s, duration_s = during
+    parts = (np.arange(_PARTS) + 0.5) / _PARTS * duration_s
+    at = np.stack([follow(now, told, float(part), model.engines)[0] for part in parts])
+    return wrench(at, errors, since_s, model)
+
+
+def read(now: Array, told: Array, noise: Any, engines: EngineParams) -> Array:
+    """Levels and angles as telemetry has them, shape (n, 3).
+
+    Args:
+        now: as they are, shape (n, 3).
+        told: command from now on.
+        noise: standard normal, shape (n, 3).
+        engines: see `EngineParams`.
+    """
+    shown = now + reading_std(now, engines) * noise
+    return np.where(engines.measured.reshape(-1, 1) > 0.0, shown, within_stops(told, engines))
+
+
+def settings(vector: Array) -> Array:
+    """Levels and angles by engine, shape (n, 3)."""
+    return np.asarray(vector).reshape(-1, N_CHANNELS)

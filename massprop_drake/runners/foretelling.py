@@ -1,0 +1,261 @@
+"""Forecast of a flight: sigmas, floors, propellant, and how soon a failed jet shows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.errors import InputError
+from massprop_drake.inputs import params
+from massprop_drake.inputs.scenario import CglrBlock, Dispersion, DisturbanceBlock, PlantBlock, Scenario
+from massprop_drake.maths.estimation import foretold
+from massprop_drake.maths.estimation.cycle import EstimationParams, initial_state, told_of
+from massprop_drake.maths.estimation.faults.priors import log_rate
+from massprop_drake.maths.estimation.filters.joint import JointFilterParams
+from massprop_drake.maths.estimation.foretold import Instant
+from massprop_drake.maths.estimation.joint import bound
+from massprop_drake.maths.estimation.joint.layout import thrust_sigmas
+from massprop_drake.maths.estimation.whole import Samples
+from massprop_drake.maths.mass_properties import INVERSE_INERTIA, MASS_RECIPROCAL
+from massprop_drake.maths.vehicle.on_times import levels_alone
+from massprop_drake.maths.vehicle.rigid_body import MASS, RATE
+from massprop_drake.runners.cycles import RecordRows, Unattended, row_sample
+from massprop_drake.runners.simulate import needs_diagram, simulate, true_parameters
+from massprop_drake.signals import PROPELLANT
+
+Array = NDArray[np.float64]
+
+SHARE = 0.05  # of its thrust that a suspect jet leaks
+_TINY = float(np.finfo(np.float64).tiny)
+
+
+class Suspect(NamedTuple):
+    """Suspect jet: how soon it is told when it leaks from some time on.
+
+    Attributes:
+        jet: designation.
+        force: that it leaks, lbf or N.
+        after_s: until it is told from every other jet, too, s; None: not by the end.
+        noticed_s: until it is told from nothing, in the mean over noise, s; None: not by the end.
+        alike: the jet that explains it longest; None: noticing takes longest.
+    """
+
+    jet: str
+    force: float
+    after_s: float | None
+    noticed_s: float | None
+    alike: str | None
+
+
+class Forecast(NamedTuple):
+    """Forecast of a flight.
+
+    Attributes:
+        scenario: its name.
+        time_s: of the samples, shape (n,).
+        properties: the ten parameters at the end, as the flight is foretold about them, shape (10,).
+        deviations: their 1-sigma by each sample, shape (n, 10).
+        floors: of what no firing of these jets tells, the common scale of their thrusts, shape (10,).
+        propellant: that jets use, slug or kg.
+        fails_s: from when on a suspect leaks, s.
+        suspects: the jets, in the vehicle's order.
+    """
+
+    scenario: str
+    time_s: Array
+    properties: Array
+    deviations: Array
+    floors: Array
+    propellant: float
+    fails_s: float
+    suspects: tuple[Suspect, ...]
+
+
+def foretell(
+    scenario: Scenario, *, nominal: bool = False, share: float = SHARE, since_s: float | None = None
+) -> Forecast:
+    """Foretells what a scenario's flight will tell, without its sensors' noise and without flying its estimators.
+
+    The vehicle flies as stated: no failures, jumps or disturbances, thrusts and sensors as the file has them.
+
+    Args:
+        scenario: with hand-controller windows or a jet schedule.
+        nominal: whether the vehicle is as its file has it; else as the scenario's plant has it.
+        share: of its thrust that a suspect jet leaks, 0 to 1.
+        since_s: from when on, s; None: from the middle of the flight.
+
+    Raises:
+        InputError: when the vehicle needs the filter for a fixed frame, or a number is out of its range.
+    """
+    if scenario.vehicle_data.needs_pose_filter:
+        raise InputError(
+            f"foretell: vehicle '{scenario.vehicle_data.name}' is estimated in a fixed frame, by estimation.filter: "
+            "pose; it can be foretold of vehicles that have gyros and no position sensor"
+        )
+    if not 0.0 < share <= 1.0:
+        raise InputError(
+            f"foretell: the share of its thrust that a jet leaks must be above 0 and at most 1, not {share:g}"
+        )
+    fails_s = 0.5 * scenario.duration_s if since_s is None else since_s
+    if not 0.0 <= fails_s < scenario.duration_s:
+        raise InputError(
+            f"foretell: a jet must fail before the end of the flight, {scenario.duration_s:g} s, not at {fails_s:g} s"
+        )
+    ideal = _as_stated(scenario, nominal=nominal)
+    made = params.estimation_params(ideal)
+    return _forecast(ideal, _flown(ideal, made), made.filter_params, fails_s, share)
+
+
+def as_data(found: Forecast) -> dict[str, Any]:
+    """Makes JSON of a forecast: arrays as lists, parameters in the order of a summary's covariance."""
+    return {
+        "scenario": found.scenario,
+        "properties": found.properties.tolist(),
+        "floors": found.floors.tolist(),
+        "standard_deviations": found.deviations[-1].tolist(),
+        "propellant": found.propellant,
+        "fails_s": found.fails_s,
+        "suspects": [suspect._asdict() for suspect in found.suspects],
+    }
+
+
+def _as_stated(scenario: Scenario, *, nominal: bool) -> Scenario:
+    """The scenario with everything as it is stated, and the joint filter."""
+    plant = scenario.plant
+    exact: dict[str, Any] = {"thrust_dispersion": 0.0, "mounting_dispersion": 0.0, "wheel_dispersion": 0.0}
+    exact |= {"disturbance": DisturbanceBlock(), "lag_factor": 1.0}
+    if isinstance(plant, PlantBlock):
+        exact |= {"dispersion": Dispersion(), "engine_errors": {}, "engine_dispersion": 0.0}
+        if nominal:
+            exact["mass_properties"] = None
+    nothing: dict[str, Any] = {"failures": (), "engine_failures": (), "jumps": ()}
+    nothing["plant"] = plant.model_copy(update=exact)
+    nothing["detector"] = CglrBlock(kind="off")
+    nothing["estimation"] = scenario.estimation.model_copy(update={"filter": "joint"})
+    return scenario.model_copy(update=nothing)
+
+
+def _flown(scenario: Scenario, estimation: EstimationParams) -> Mapping[str, Array]:
+    """True states, commands and what besides gyros and accelerometers is read, by the names of a run's signals."""
+    if needs_diagram(scenario):
+        run = simulate(scenario, look_back=False)
+        return {"time_s": run.time_s, **{name: run[name] for name in run.signals}}
+    from massprop_drake.runners.loop import Loop  # noqa: PLC0415 (each engine loads what it needs)
+
+    loop = Loop(scenario, Unattended(estimation, initial_state(estimation)))
+    loop.advance(scenario.duration_s)
+    logs = loop.emptied()
+    body = logs["body_state"]
+    return {**logs, "rate": body[:, RATE], "truth": true_parameters(body[:, MASS], logs["structure"])}
+
+
+def _forecast(
+    scenario: Scenario, logs: Mapping[str, Array], made: JointFilterParams, fails_s: float, share: float
+) -> Forecast:
+    """Follows the joint filter along a flight.
+
+    Args:
+        scenario: as it is foretold.
+        logs: see `_flown`.
+        made: parameters of the filter.
+        fails_s: from when on a suspect leaks, s.
+        share: of its thrust.
+    """
+    vehicle, time_s, places = scenario.vehicle_data, logs["time_s"], made.joint.places
+    record, fill = _record(scenario, logs, made), logs.get(PROPELLANT, np.zeros((time_s.size, 0)))
+    now, deviations, shown = foretold.begun(made), list[Array](), list[Array]()
+    for row in range(time_s.size):
+        sample, failing = row_sample(record, row), bool(time_s[row] > fails_s)
+        at = Instant(logs["truth"][row], logs["rate"][row], fill[row, : places.tanks])
+        now = foretold.step(now, (sample.rates, sample.velocities), told_of(sample), at, made, failing=failing)
+        deviations.append(bound.deviation(now.filter.joint))
+        if failing:
+            shown.append(now.shown)
+    seconds = logs["thrust"].sum(axis=0) / np.linalg.norm(vehicle.thrusts, axis=1) * vehicle.sample_period_s
+    properties = logs["truth"][-1]
+    return Forecast(
+        scenario.name,
+        time_s,
+        properties,
+        np.array(deviations),
+        _floors(properties, logs["command"], made),
+        float(seconds @ vehicle.mass_flows),
+        fails_s,
+        tuple(_suspects(scenario, time_s[time_s > fails_s] - fails_s, np.array(shown), share)),
+    )
+
+
+def _record(scenario: Scenario, logs: Mapping[str, Array], made: JointFilterParams) -> RecordRows:
+    """Rows of a record of the flight: gyros read the true rates; what accelerometers read does not matter."""
+    vehicle, time_s, places = scenario.vehicle_data, logs["time_s"], made.joint.places
+    n, commands = time_s.size, logs["command"]
+    rates = np.repeat(logs["rate"][:, None], places.gyros, axis=1)
+    told = np.vstack((np.zeros(places.jets), commands[:-1]))
+    samples = Samples(time_s, rates, np.zeros((n, places.accelerometers, 3)), told, np.zeros((n, 6)))
+    read = [logs[sensor.name].reshape(n, -1) for sensor in vehicle.tracked if sensor.name in logs]
+    onsets_s = logs.get("command_onset")
+    if onsets_s is not None:
+        onsets_s = np.vstack((levels_alone(places.jets), onsets_s))
+    return RecordRows(samples, None, commands, np.hstack(read) if read else None, onsets_s)
+
+
+def _floors(properties: Array, commands: Array, made: JointFilterParams) -> Array:
+    """1-sigma of the ten parameters by what all thrusts have in common, shape (10,).
+
+    More thrust of all by the same share and as much more inertia and mass change no reading; wheels, whose inertias are
+    known absolutely, show the scale as well as these are known.
+    """
+    joint, fires = made.joint, (commands > 0.0).any(axis=0)
+    floors = np.zeros(10)
+    if joint.places.n_thrust == 0 or not fires.any():
+        return floors
+    wheels = joint.prior_sigma[joint.places.wheel - joint.places.thrust :][: joint.places.n_wheel]
+    sigmas = np.append(thrust_sigmas(joint)[fires], joint.wheels.sigma * wheels)
+    floor = float(np.sum(sigmas**-2.0)) ** -0.5
+    scaled = np.zeros(10, dtype=bool)
+    scaled[INVERSE_INERTIA], scaled[MASS_RECIPROCAL] = True, joint.places.accelerometers > 0
+    floors[scaled] = floor * np.abs(properties[scaled])
+    return floors
+
+
+def _suspects(scenario: Scenario, since_s: Array, shown: Array, share: float) -> Iterator[Suspect]:
+    """Yields how soon each jet's leak is told.
+
+    Args:
+        scenario: for the vehicle, and how likely faults are.
+        since_s: of the samples since a jet leaks, s, shape (n,).
+        shown: see `Foretelling`, by each of them, shape (n, n_jets, n_jets).
+        share: of its thrust that it leaks.
+    """
+    vehicle, faults = scenario.vehicle_data, scenario.faults
+    doubt = min(faults.false_per_hour / faults.jet_per_hour, 0.5)  # that a declaration may leave
+    odds = math.log(1.0 / doubt - 1.0)
+    thrusts, jets = np.linalg.norm(vehicle.thrusts, axis=1), np.arange(len(vehicle.jets))
+    forces = share * thrusts
+    surprise = odds - np.array([log_rate(faults.jet_per_hour, one) for one in since_s.tolist()])
+    own = np.diagonal(shown, axis1=1, axis2=2)
+    for jet in jets.tolist():
+        others = np.delete(jets, jet)
+        any_force = 0.5 * np.log1p(thrusts[jet] ** 2 * own[:, jet])  # it might have been any up to the thrust
+        led = 0.5 * forces[jet] ** 2 * own[:, jet] - any_force
+        shared = shown[:, jet, others] ** 2 / np.maximum(own[:, others], _TINY)
+        apart = 0.5 * forces[jet] ** 2 * (own[:, jet, None] - shared) >= odds
+        noticed = _since(since_s, led >= surprise)
+        each = np.array([_since(since_s, apart[:, place]) for place in range(others.size)])
+        longest = int(np.argmax(each)) if others.size else -1
+        alike = longest >= 0 and each[longest] > noticed
+        told = max(noticed, float(each[longest])) if alike else noticed
+        after_s, noticed_s = (one if math.isfinite(one) else None for one in (told, noticed))
+        name = vehicle.designations[others[longest]] if alike else None
+        yield Suspect(vehicle.designations[jet], float(forces[jet]), after_s, noticed_s, name)
+
+
+def _since(since_s: Array, holds: NDArray[np.bool_]) -> float:
+    """The time from which on something holds to the end; infinity: it does not."""
+    ends = np.flatnonzero(~holds)
+    begin = 0 if ends.size == 0 else int(ends[-1]) + 1
+    return math.inf if begin >= holds.size else float(since_s[begin])

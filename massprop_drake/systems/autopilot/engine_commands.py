@@ -1,0 +1,56 @@
+"""Commands of the engines: their schedule, and gimbals that hold the rate."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import LeafSystem
+
+from massprop_drake.maths.autopilot.gimbal_control import GimbalControl, steered
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS
+
+
+class EngineCommands(LeafSystem):
+    """Plays back levels and angles of engines, and adds what holds the vehicle's rate at zero while they burn.
+
+    Ports:
+        gyro (in, 3, with a bandwidth only): measured rate, rad/s, body axes. Required.
+        engine_command (out, 3 n): level and two angles of each, rad, over the coming sample; shut after the table.
+
+    State: what the vehicle has turned since any engine burns, rad (3).
+
+    Args:
+        table: row k holds on [k T, (k + 1) T), shape (n_samples, 3 n).
+        control: see `GimbalControl`.
+    """
+
+    def __init__(self, table: Array, control: GimbalControl):
+        super().__init__()
+        self.set_name("engine_commands")
+        self._table, self._control, self._gyro = np.array(table, dtype=float), control, None
+        self._turned = self.DeclareDiscreteState(3)
+        needed = {self.time_ticket(), self.xd_ticket()}
+        if control.bandwidth > 0.0:
+            self._gyro = self.DeclareVectorInputPort("gyro", 3)
+            needed.add(self.input_port_ticket(self._gyro.get_index()))
+        size = self._table.shape[1]
+        self.DeclareVectorOutputPort("engine_command", size, self._calc, prerequisites_of_calc=needed)
+        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=control.period_s, offset_sec=0.0, update=self._update)
+
+    def _steered(self, context: Any) -> tuple[Array, Array]:
+        row = round(context.get_time() / self._control.period_s)
+        table = self._table
+        scheduled = table[row] if row < len(table) else np.zeros(table.shape[1])
+        rate = np.zeros(3) if self._gyro is None else self._gyro.Eval(context)
+        turned = context.get_discrete_state(self._turned).CopyToVector()
+        return steered(scheduled.reshape(-1, N_CHANNELS), rate, turned, self._control)
+
+    def _calc(self, context: Any, output: Any) -> None:
+        commands, _ = self._steered(context)
+        output.SetFromVector(commands.ravel())
+
+    def _update(self, context: Any, state: Any) -> None:
+        _, turned = self._steered(context)
+        state.set_value(self._turned, turned)

@@ -1,0 +1,84 @@
+"""Reaction wheels that hold attitude, and are unloaded by jets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import LeafSystem
+
+from massprop_drake.maths.autopilot.wheel_control import (
+    WheelControlParams,
+    next_unloading,
+    rate_for_jets,
+    wheel_torques,
+)
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.systems.layouts import HAND_CONTROLLERS
+
+_ROTATION = HAND_CONTROLLERS.slice("rotation")
+
+
+class WheelController(LeafSystem):
+    """Has reaction wheels follow the rate that the phase-space controller commands, and jets take their momentum.
+
+    See `massprop_drake.maths.autopilot.wheel_control`.
+
+    Ports:
+        hand_controllers (in, 6): see `HandControllers`. Required.
+        attitude_error (in, 3): from the held attitude to the body, rad, body axes. Required.
+        gyro (in, 3): measured rate, rad/s, body axes. Required.
+        <wheel> (in, 1): what is read of the speed of each wheel, rad/s. Required.
+        wheel_torque (out, n): torque of each motor on its wheel over the coming sample, ft-lbf or N-m.
+        rate_for_jets (out, 3): for the jets' controller in place of the gyro's, rad/s; while jets unload, with what
+            the wheels' momentum would turn the vehicle by.
+
+    State: whether jets unload, 0 or 1.
+
+    Timing: outputs at t_k belong to the readings at t_k; a torque acts on [t_k, t_k+1).
+
+    Args:
+        params: see `WheelControlParams`.
+        names: of the wheels.
+    """
+
+    def __init__(self, params: WheelControlParams, names: Sequence[str]):
+        super().__init__()
+        self.set_name("wheel_controller")
+        self._params = params
+        self._controllers = self.DeclareVectorInputPort("hand_controllers", HAND_CONTROLLERS.size)
+        self._error = self.DeclareVectorInputPort("attitude_error", 3)
+        self._gyro = self.DeclareVectorInputPort("gyro", 3)
+        self._wheels = [self.DeclareVectorInputPort(name, 1) for name in names]
+        self._unloading = self.DeclareDiscreteState(1)
+        speeds = {self.input_port_ticket(port.get_index()) for port in self._wheels}
+        rate = {self.input_port_ticket(self._gyro.get_index())}
+        wanted = {self.input_port_ticket(port.get_index()) for port in (self._controllers, self._error)}
+        self.DeclareVectorOutputPort(
+            "wheel_torque", len(names), self._calc_torque, prerequisites_of_calc={*speeds, *rate, *wanted}
+        )
+        self.DeclareVectorOutputPort(
+            "rate_for_jets", 3, self._calc_rate, prerequisites_of_calc={*speeds, *rate, self.xd_ticket()}
+        )
+        period_s = params.settings.period_s
+        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
+
+    def _speeds(self, context: Any) -> Array:
+        return np.concatenate([port.Eval(context) for port in self._wheels])
+
+    def _unloads(self, context: Any) -> bool:
+        before = context.get_discrete_state(self._unloading).CopyToVector()[0] != 0.0
+        return next_unloading(before, self._speeds(context), self._params)
+
+    def _calc_torque(self, context: Any, output: Any) -> None:
+        rotation = self._controllers.Eval(context)[_ROTATION]
+        turning = rotation, self._error.Eval(context), self._gyro.Eval(context)
+        output.SetFromVector(wheel_torques(turning, self._speeds(context), self._params))
+
+    def _calc_rate(self, context: Any, output: Any) -> None:
+        unloading, speeds = self._unloads(context), self._speeds(context)
+        output.SetFromVector(rate_for_jets(self._gyro.Eval(context), unloading, speeds, self._params))
+
+    def _update(self, context: Any, state: Any) -> None:
+        state.set_value(self._unloading, [float(self._unloads(context))])

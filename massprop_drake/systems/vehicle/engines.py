@@ -1,0 +1,125 @@
+"""The true engines."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from pydrake.common import RandomDistribution
+from pydrake.systems.framework import LeafSystem
+
+from massprop_drake.maths.vehicle.disturbance import pushed_by
+from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS, channels, follow
+from massprop_drake.maths.vehicle.reaction_jets import profile_size
+from massprop_drake.maths.vehicle.true_engines import (
+    EnginesModel,
+    mean_wrench,
+    read,
+    settings,
+    told_to,
+    true_errors,
+    wrench,
+)
+from massprop_drake.systems.caching import Cached
+from massprop_drake.systems.vehicle.noise_source import seed_in
+
+
+class Engines(LeafSystem):
+    """Burns engines at their commanded levels and turns their gimbals, and adds that to the wrench of the jets.
+
+    Ports:
+        jets (in, 7 (1 + n_lags)): `wrench` or `wrench_profile` of `ReactionJets`. Required.
+        engine_command (in, 3 n): level and two angles of each, rad, over the coming sample. Required.
+        noise (in, 3 n): independent standard normal numbers, new at each sample. Required.
+        seed (in, 1): varies the seed, see `noise_seed`. Optional.
+        wrench (out, 7 (1 + n_lags)): the sum, for the body: of a stepped body with the mean over the coming sample, of
+            a continuous one at this instant.
+        engine_state (out, 3 n): levels and angles as they are. No feedthrough.
+        <engine> (out, 1 or 3): what telemetry has of each, rad: with a gimbal level and angles, else the level.
+
+    State: levels and angles at the last sample (3 n), what they follow since (3 n), and its time, s (1).
+
+    Timing: a command at t_k holds over [t_k, t_k+1).
+
+    Args:
+        model: see `EnginesModel`.
+        names: of the engines.
+        period_s: sample period, s.
+        stepped: whether the body is carried by steps of a sample.
+        n_lags, pieces: of the jets' profile.
+        seed: of the run.
+    """
+
+    def __init__(
+        self,
+        model: EnginesModel,
+        names: tuple[str, ...],
+        *,
+        period_s: float,
+        stepped: bool,
+        n_lags: int = 0,
+        pieces: int = 1,
+        seed: int,
+    ):
+        super().__init__()
+        self.set_name("engines")
+        self._model, self._seed, self._stepped, self._pieces = model, seed, stepped, pieces
+        size, profile = N_CHANNELS * len(names), profile_size(n_lags, pieces)
+        self._size, self._period_s = size, period_s
+        self._jets = self.DeclareVectorInputPort("jets", profile)
+        self._command = self.DeclareVectorInputPort("engine_command", size)
+        self._noise = self.DeclareVectorInputPort("noise", size, RandomDistribution.kGaussian)
+        self._varied = self.DeclareVectorInputPort("seed", 1)
+        self._state = self.DeclareDiscreteState(np.append(np.zeros(2 * size), -period_s))
+        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
+        varied, command, noise, jets = (
+            self.input_port_ticket(port.get_index()) for port in (self._varied, self._command, self._noise, self._jets)
+        )
+        self._errors = Cached(self, "errors", self._compute_errors, {varied})
+        running = {self.time_ticket(), self.xd_ticket()}
+        acting = {*running, self._errors.ticket, jets, *((command,) if stepped else ())}
+        self.DeclareVectorOutputPort("wrench", profile, self._calc_wrench, prerequisites_of_calc=acting)
+        self.DeclareVectorOutputPort("engine_state", size, self._calc_state, prerequisites_of_calc=running)
+        has = channels(model.engines)
+        for place, name in enumerate(names):
+
+            def calc(context: Any, output: Any, place: int = place) -> None:
+                told, noise = (settings(port.Eval(context)) for port in (self._command, self._noise))
+                output.SetFromVector(read(self._now(context), told, noise, model.engines)[place][has[place]])
+
+            reading = {*running, command, noise}
+            self.DeclareVectorOutputPort(name, int(has[place].sum()), calc, prerequisites_of_calc=reading)
+
+    @property
+    def n_noise(self) -> int:
+        """Count of the numbers that it takes at each sample."""
+        return self._size
+
+    def _compute_errors(self, context: Any) -> Any:
+        return true_errors(self._model, seed_in(context, self._varied, self._seed))
+
+    def _now(self, context: Any) -> Any:
+        """Levels and angles at this instant, shape (n, 3)."""
+        state, n = context.get_discrete_state(self._state).CopyToVector(), self._size
+        now, told = settings(state[:n]), settings(state[n : 2 * n])
+        return follow(now, told, context.get_time() - state[-1], self._model.engines)[0]
+
+    def _coming(self, context: Any) -> Any:
+        """Commands that they follow over the coming sample, shape (n, 3)."""
+        return told_to(self._now(context), settings(self._command.Eval(context)), context.get_time(), self._model)
+
+    def _calc_state(self, context: Any, output: Any) -> None:
+        output.SetFromVector(self._now(context).ravel())
+
+    def _calc_wrench(self, context: Any, output: Any) -> None:
+        errors, now, time_s = self._errors.get(context), self._now(context), context.get_time()
+        if self._stepped:
+            own = mean_wrench(now, self._coming(context), errors, (time_s, self._period_s), self._model)
+        else:
+            since_s = context.get_discrete_state(self._state).value()[-1]
+            own = wrench(now[None], errors, since_s, self._model)
+        output.SetFromVector(pushed_by(self._jets.Eval(context), own, self._pieces))
+
+    def _update(self, context: Any, state: Any) -> None:
+        after = np.concatenate((self._now(context).ravel(), self._coming(context).ravel(), [context.get_time()]))
+        state.set_value(self._state, after)

@@ -1,0 +1,51 @@
+"""Rows at times of their own, thinned to one a sample period: what counts or compares samples takes these."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.telemetry.reader import JITTER, Rows
+
+Array = NDArray[np.float64]
+
+
+class Thinning:
+    """Chooses rows, block by block: those with commands of their own at which the rate is read.
+
+    Args:
+        period_s: sample period.
+        gyros: names of the packages of which one must have been read.
+    """
+
+    def __init__(self, period_s: float, gyros: list[str]):
+        self._period_s, self._gyros = period_s, gyros
+        self._last_s = -math.inf
+        self._before: tuple[Array, Array] | None = None  # commands of the last two rows
+
+    def of(self, rows: Rows, signals: Mapping[str, Array]) -> tuple[Rows, dict[str, Array]]:
+        """The rows that are chosen of a block, and their signals."""
+        read = np.any([~np.isnan(rows.readings[name]).any(axis=1) for name in self._gyros], axis=0)
+        told = np.ones_like(read) if rows.told is None else rows.told
+        chosen = []
+        for row in np.flatnonzero(read | ~rows.recorded).tolist():
+            since = (float(rows.time_s[row]) - self._last_s) / self._period_s
+            if not rows.recorded[row] or since >= (1.0 - JITTER if told[row] else 1.0 + JITTER):
+                chosen.append(row)
+                self._last_s = float(rows.time_s[row])
+        which = np.array(chosen, dtype=int)
+        found = {name: values[which] for name, values in signals.items()}
+        if "usable" in found:
+            found["usable"] = self._steady(rows.commands[which])
+        return rows.chosen(which), found
+
+    def _steady(self, commands: Array) -> Array:
+        """1 where the command of the interval that ends is that of the one before, shape (n, 1)."""
+        nothing = np.zeros(commands.shape[1])
+        last, now = self._before or (nothing, nothing)
+        every = np.vstack((last, now, commands))
+        self._before = every[-2], every[-1]
+        return (every[:-2] == every[1:-1]).all(axis=1).astype(float)[:, None]

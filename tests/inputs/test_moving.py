@@ -1,0 +1,94 @@
+"""Parts that move inside a vehicle, as files state them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from massprop_drake.errors import InputError
+from massprop_drake.inputs.moving import HingedPanel, Slosh
+from massprop_drake.inputs.params import modes
+from massprop_drake.inputs.scenario import load_scenario
+from massprop_drake.inputs.vehicle import load_vehicle
+
+SLOSH: dict[str, Any] = {
+    **{"name": "tank", "kind": "slosh", "mass": 4.0, "position": [0.1, 0.2, 0.3], "axes": ["x", [0, 0.6, 0.8]]},
+    **{"frequency_hz": 0.1, "damping": 0.02},
+}
+PANEL: dict[str, Any] = {
+    **{"name": "array", "kind": "panel", "hinge": [0.0, 0.5, 0.1], "axis": [1, 0, 0], "mass": 3.0},
+    **{"center_of_mass": [0.2, 1.5, 0.1], "frequency_hz": 1.0, "damping": 0.005},
+}
+
+
+def test_a_panel_participates_as_its_points_do() -> None:
+    """Against sums over points of a flat panel, which is turned about its hinge by a small angle."""
+    x, y = np.meshgrid(np.linspace(-0.2, 0.6, 41), np.linspace(0.6, 2.4, 41))
+    points = np.stack((x.ravel(), y.ravel(), np.full(x.size, 0.1)), axis=1)
+    each = 3.0 / len(points)
+    ways = np.cross([1.0, 0.0, 0.0], points - [0.0, 0.5, 0.1])
+    inertia = each * float(np.sum(ways**2))
+    ways /= np.sqrt(inertia)
+    ((push, turn),) = HingedPanel.model_validate({**PANEL, "inertia": inertia}).modes
+    np.testing.assert_allclose(push, each * ways.sum(axis=0), atol=1e-12)
+    expected = each * np.cross(points, ways).sum(axis=0)
+    np.testing.assert_allclose(turn[0], expected[0], rtol=1e-12)  # others by products that are not stated
+
+
+def test_slosh_has_a_mode_for_each_axis() -> None:
+    part = Slosh.model_validate(SLOSH)
+    pairs = part.modes
+    np.testing.assert_allclose([push for push, _ in pairs], [[2.0, 0.0, 0.0], [0.0, 1.2, 1.6]])
+    np.testing.assert_allclose(pairs[1][1], 2.0 * np.cross([0.1, 0.2, 0.3], [0.0, 0.6, 0.8]))
+    arm, step = np.array([0.1, 0.2, 0.3]), 1e-6
+    for swell, (push, _) in zip(part.swelling(np.zeros(3)), pairs, strict=True):
+        there = [arm + sign * step * push / 4.0 for sign in (-1.0, 1.0)]
+        before, after = (4.0 * (p @ p * np.eye(3) - np.outer(p, p)) for p in there)
+        np.testing.assert_allclose(swell, (after - before) / (2.0 * step), atol=1e-7)
+
+
+def test_modes_of_one_mass_go_round_and_others_do_not() -> None:
+    vehicle = load_vehicle("servicer")
+    told = vehicle.model_copy(update={"moving": (Slosh.model_validate(SLOSH),)})
+    found = modes(told)
+    np.testing.assert_allclose(found.crossing[0, 1], np.cross([0.0, 0.6, 0.8], [1.0, 0.0, 0.0]))
+    np.testing.assert_array_equal(found.crossing[0, 1], -found.crossing[1, 0])
+    assert (found.start > 0.0).all()
+    assert (found.shaken >= found.start).all()
+    np.testing.assert_allclose(found.sigmas, [[0.025, 0.05, 0.5, *3 * [0.05 * vehicle.rms_arm]]])
+
+
+@pytest.mark.parametrize(
+    ("changed", "where", "problem"),
+    [
+        ({"frequency_hz": 0.0}, "moving[0].frequency_hz", "greater than 0"),
+        ({"axes": ["x", [0.6, 0.8, 0.0]]}, "moving[0].axes", "square to each other"),
+        ({"mass": 500.0}, "moving", "as much mass"),
+        ({"frequency_hz": 1.1}, "moving", "too fast for samples of 0.1 s, up to 1 Hz"),
+        ({"arm": 1.0}, "moving[0].arm", "unknown"),
+    ],
+)
+def test_what_is_wrong_is_said_with_its_line(tmp_path: Path, changed: dict[str, Any], where: str, problem: str) -> None:
+    part = ", ".join(f"{key}: {value}" for key, value in {**SLOSH, **changed}.items()).replace("'", "")
+    text = (Path(__file__).parents[2] / "massprop_drake" / "vehicles" / "servicer.yaml").read_text(encoding="utf-8")
+    path = tmp_path / "mine.yaml"
+    path.write_text(f"{text}\nmoving:\n  - {{{part}}}\n", encoding="utf-8")
+    line = len(text.splitlines()) + (3 if "[" in where else 2)
+    with pytest.raises(InputError) as caught:
+        load_vehicle(path)
+    said = str(caught.value)
+    assert where in said
+    assert problem in said
+    assert f", line {line}: " in said
+
+
+def test_a_scenario_adds_parts_to_those_of_its_vehicle() -> None:
+    assert [part.name for part in load_scenario("servicer_panel_stated").vehicle_data.moving] == ["left", "right"]
+    with pytest.raises(InputError, match="moving: two parts have one name"):
+        load_scenario("servicer_panel_stated", [f"moving={json.dumps([SLOSH, SLOSH])}"])
+    with pytest.raises(InputError, match="moving: plays no part"):
+        load_scenario("servicer_panel_stated", ["estimation.filter=thesis", "detector.kind=cglr"])

@@ -1,0 +1,180 @@
+"""Sensors at rates of their own: a step of the joint filter for every reading, from files, tables and in real time."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pose_probe import again
+
+from massprop_drake import Estimator, Run, estimate, load_vehicle, simulate
+from massprop_drake.inputs.scenario import Scenario, resolved
+from massprop_drake.inputs.vehicle import PoseSensor, Vehicle
+from massprop_drake.maths.estimation.joint.rates import EVERY_PERIOD, Rates, shortened
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.vehicle.tracking import PoseModel, is_due
+from massprop_drake.runners.recorded import settings_alone
+
+FAST, PERIOD = 0.025, 0.1
+PULSES = [
+    ("XP1", 0.3, 1.1),
+    ("YN1", 0.6, 1.2),
+    ("ZP2", 1.3, 1.9),
+    ("XN2", 1.5, 2.1),
+    ("YP2", 2.2, 2.8),
+    ("ZN1", 2.4, 3.2),
+]
+
+
+def at_rates(vehicle: Vehicle, period_s: float) -> Vehicle:
+    """The vehicle with a gyro at 40 Hz and an accelerometer at 10 Hz."""
+    rates = {"gyros": 1.0 / FAST, "accelerometers": 10.0}
+    parts: dict[str, Any] = {
+        kind: tuple(one.model_copy(update={"rate_hz": rate}) for one in getattr(vehicle, kind))
+        for kind, rate in rates.items()
+    }
+    return again(vehicle, sample_period_s=period_s, **parts)
+
+
+def case(vehicle: Vehicle, **more: Any) -> Scenario:
+    return resolved(
+        {"name": "rates", "vehicle": vehicle, "duration_s": 3.5, "seed": 4, "detector": {"kind": "off"}} | more
+    )
+
+
+@pytest.fixture(scope="module")
+def servicer() -> Vehicle:
+    return load_vehicle("servicer")
+
+
+@pytest.fixture(scope="module")
+def flown(servicer: Vehicle) -> Run:
+    """A flight whose readings are at 40 Hz, with jets that switch at tenths of a second."""
+    inertia = [[56.0, -0.8, 1.0], [-0.8, 24.0, -0.5], [1.0, -0.5, 51.0]]
+    truth = {"mass": 170.0, "center_of_mass": [0.04, 0.015, -0.02], "inertia": inertia}
+    pulses = [{"jet": jet, "start_s": start_s, "end_s": end_s} for jet, start_s, end_s in PULSES]
+    fast = again(servicer, sample_period_s=FAST)
+    return simulate(case(fast, jet_schedule=pulses, plant={"mass_properties": truth}), look_back=False)
+
+
+def written(path: Path, columns: dict[str, Array], rows: Array) -> Path:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(columns)
+        table = np.column_stack(list(columns.values()))[rows]
+        writer.writerows([["" if np.isnan(cell) else repr(float(cell)) for cell in row] for row in table])
+    return path
+
+
+def parts_of(run: Run, vehicle: Vehicle) -> dict[str, dict[str, Array]]:
+    """Columns of a gyro at 40 Hz, an accelerometer and jets at 10 Hz, empty where nothing is read or told."""
+    signals, every = run.signals, round(PERIOD / FAST)
+    slow = np.arange(len(signals["time_s"])) % every == 0
+    time_s = {"time_s": np.round(signals["time_s"], 9)}
+    rates = {f"gyro_{axis}": signals["gyro"][:, place] for place, axis in enumerate("xyz")}
+    read = {f"acc_{axis}": np.where(slow, signals["acc"][:, place], np.nan) for place, axis in enumerate("xyz")}
+    told = {
+        f"jet_{jet}": np.where(slow, signals["command"][:, place], np.nan)
+        for place, jet in enumerate(vehicle.designations)
+    }
+    return {"gyro": time_s | rates, "acc": time_s | read, "jets": time_s | told}
+
+
+def test_several_files_give_what_one_table_gives(flown: Run, servicer: Vehicle, tmp_path: Path) -> None:
+    parts, slowly = parts_of(flown, servicer), at_rates(servicer, PERIOD)
+    every = np.arange(len(flown.signals["time_s"]))
+    slow = every[:: round(PERIOD / FAST)]
+    files = [
+        written(tmp_path / f"{name}.csv", columns, every if name == "gyro" else slow) for name, columns in parts.items()
+    ]
+    table = written(tmp_path / "all.csv", parts["gyro"] | parts["acc"] | parts["jets"], every)
+    one, several = estimate(table, case(slowly)), estimate(files, case(servicer))  # the record tells its rates itself
+    np.testing.assert_array_equal(one.signals["estimate"], several.signals["estimate"])
+    assert several.summary["data_quality"]["warnings"] == []
+    assert len(one.signals["time_s"]) == every.size
+    estimates, truth = one.signals["estimate"], np.array(flown.results.truth)
+    off = (estimates[-1] - truth) / one.signals["standard_deviation"][-1]
+    assert (np.abs(off) < 3.5).all()
+    turned = one.signals["standard_deviation"][-1] / one.signals["standard_deviation"][0]
+    assert (turned[[0, 1, 2, 9]] < 0.5).all()
+
+
+def test_what_is_not_decimated_tells_more(flown: Run, servicer: Vehicle, tmp_path: Path) -> None:
+    parts = parts_of(flown, servicer)
+    every = np.arange(len(flown.signals["time_s"]))
+    whole = parts["gyro"] | parts["acc"] | parts["jets"]
+    mixed = estimate(written(tmp_path / "all.csv", whole, every), case(servicer))
+    slow = estimate(written(tmp_path / "slow.csv", whole, every[:: round(PERIOD / FAST)]), case(servicer))
+    ratio = mixed.signals["standard_deviation"][-1] / slow.signals["standard_deviation"][-1]
+    assert (ratio < 1.02).all()
+    assert ratio[:9].min() < 0.8  # four readings of the rate in place of one
+
+
+def fed(estimator: Estimator, run: Run, between: int) -> Estimator:
+    """The estimator after all samples of a run at 10 Hz, with calls in between that read nothing."""
+    signals = run.signals
+    for row, time_s in enumerate(signals["time_s"].tolist()):
+        estimator.step(time_s, signals["gyro"][row], signals["acc"][row], signals["command"][row])
+        for part in range(1, between + 1):
+            estimator.step(time_s + PERIOD * part / (between + 1))
+    return estimator
+
+
+def test_calls_that_read_nothing_lose_and_gain_nothing(servicer: Vehicle) -> None:
+    pulses = [{"jet": jet, "start_s": start_s, "end_s": end_s} for jet, start_s, end_s in PULSES]
+    truth = {
+        "mass": 172.0,
+        "center_of_mass": [0.03, 0.01, -0.015],
+        "inertia": [[54.0, -0.6, 0.8], [-0.6, 25.0, -0.4], [0.8, -0.4, 53.0]],
+    }
+    run = simulate(case(servicer, jet_schedule=pulses, plant={"mass_properties": truth}), look_back=False)
+    settings = settings_alone(case(at_rates(servicer, PERIOD)))
+    plain, cut = (fed(Estimator(settings.vehicle_data, settings), run, between) for between in (0, 2))
+    sigma = np.sqrt(np.diag(plain.covariance))
+    np.testing.assert_allclose(np.sqrt(np.diag(cut.covariance)), sigma, rtol=0.02)
+    ends = [estimator.nearest_possible() for estimator in (plain, cut)]
+    assert ends[0] is not None
+    assert ends[1] is not None
+    assert (np.abs(ends[1] - ends[0]) < 0.1 * sigma).all()
+
+
+def test_commands_go_on_for_about_a_period_and_are_then_unknown(servicer: Vehicle) -> None:
+    estimator = Estimator(at_rates(servicer, PERIOD))
+    command = np.zeros(len(servicer.jets))
+    command[4] = 1.0
+    estimator.step(0.0, np.zeros(3), np.zeros(3), command)
+    estimator.step(0.1, np.zeros(3))
+    assert estimator.state["command"][4] == 1.0
+    estimator.step(0.15, np.zeros(3))
+    assert estimator.state["command"][4] is None
+
+
+def test_without_rates_commands_are_told_with_every_sample(servicer: Vehicle) -> None:
+    with pytest.raises(ValueError, match="commands must be given with every sample"):
+        Estimator(servicer).step(0.0, np.zeros(3), np.zeros(3))
+
+
+def test_noise_of_a_period_is_shared_out_in_seconds() -> None:
+    rates = Rates(PERIOD, 5)
+    assert shortened(0.02, rates) == pytest.approx(5.0)
+    assert shortened(0.13, rates) == 1.0
+    assert shortened(0.02, EVERY_PERIOD) == 1.0
+    assert 3 * shortened(0.02, rates) * 0.02**2 + shortened(0.04, rates) * 0.04**2 == pytest.approx(PERIOD**2)
+
+
+def test_a_tracker_is_read_when_its_own_time_has_come() -> None:
+    model = PoseModel(np.zeros(3), np.inf, 1e-4, 0.0, 0.0, False, rate_hz=4.0, period_s=PERIOD)
+    due = [sample for sample in range(11) if is_due(sample * PERIOD, model)]
+    assert due == [0, 3, 5, 8, 10]
+    assert all(is_due(k * PERIOD, model._replace(rate_hz=50.0)) for k in range(5))
+
+
+@pytest.mark.parametrize("engine", ["diagram", "loop"])
+def test_a_simulated_tracker_has_its_own_rate(engine: str, servicer: Vehicle) -> None:
+    tracked = again(servicer, poses=(PoseSensor(name="st", attitude_std=1e-4, rate_hz=4.0),))
+    run = simulate(case(tracked, duration_s=1.0, execution={"engine": engine}), look_back=False)
+    read = np.flatnonzero(~np.isnan(run.signals["st"][:, 3]))
+    np.testing.assert_array_equal(read, [0, 3, 5, 8, 10])
