@@ -114,7 +114,7 @@ class Places(NamedTuple):
 
 
 class PartCounts(NamedTuple):
-    """PartCounts of what the state has parts for.
+    """Numbers of what the state has parts for.
 
     Attributes:
         jets, gyros, accelerometers, trackers: jets, and packages of sensors.
@@ -122,7 +122,8 @@ class PartCounts(NamedTuple):
         wheels, engines, tanks: of each.
         unstated: components of a disturbance that nobody states.
         mounts: errors of the jets' mounting.
-        modes, parts: modes, and parts that move whose errors are estimated.
+        modes: of all parts that move.
+        parts: those of them whose errors are estimated.
     """
 
     jets: int
