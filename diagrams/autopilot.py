@@ -26,8 +26,8 @@ def build(scenario: Scenario) -> Diagram:
 
     Ports:
         gyro (in, 3): measured rate, rad/s, body axes.
-        estimate (in, 10), converged (in, 1), reconfiguration (in, 7 + n_jets): see `JetSelection`; may
-            stay unconnected.
+        estimate (in, 10), converged (in, 1), reconfiguration (in, 7 + n_jets), prescribed (in, n_jets): see
+            `JetSelection`; may stay unconnected.
         command (out, n_jets), held_command (out, n_jets), command_onset (out, n_jets), held_command_onset (out,
             n_jets): see `JetSelection`; the onsets where the autopilot flies on-times.
         hand_controllers (out, 6): see `HandControllers`.
@@ -74,6 +74,7 @@ def build(scenario: Scenario) -> Diagram:
     builder.ExportInput(selection.GetInputPort("estimate"), "estimate")
     builder.ExportInput(selection.GetInputPort("converged"), "converged")
     builder.ExportInput(selection.GetInputPort("reconfiguration"), "reconfiguration")
+    builder.ExportInput(selection.GetInputPort("prescribed"), "prescribed")
     for name in ("command", "held_command", *filter(selection.HasOutputPort, ONSETS)):
         builder.ExportOutput(selection.GetOutputPort(name), name)
     builder.ExportOutput(controllers.GetOutputPort("hand_controllers"), "hand_controllers")

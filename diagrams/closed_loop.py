@@ -1,8 +1,9 @@
 """The closed loop: autopilot, vehicle and estimators.
 
 autopilot --command, held_command--> vehicle --gyros, accelerometers--> estimation --> estimate
-    ^ ^                                 |            ^ jet_commands = held_command        |
-    | '------------ gyro ---------------'                                                 |
+    ^ ^ ^                               |            ^ jet_commands = held_command        |
+    | | '---------- gyro ---------------'                                                 |
+    | '--- command of jet_schedule, where jets are prescribed beside the autopilot        |
     '---------------- estimate, converged (autopilot.mass_properties: estimated) ---------'
 """
 
@@ -21,6 +22,7 @@ from massprop_drake.diagrams._wiring import (
 )
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.systems.autopilot.jet_schedule import JetSchedule
 
 
 def build(scenario: Scenario, *, findings: bool = False) -> Diagram:
@@ -54,6 +56,12 @@ def build(scenario: Scenario, *, findings: bool = False) -> Diagram:
     if scenario.autopilot.mass_properties == "estimated":
         for name in ("estimate", "converged"):
             builder.Connect(estimators.GetOutputPort(name), pilot.GetInputPort(name))
+
+    if scenario.jet_schedule:
+        table, _ = params.commands(scenario)
+        period_s = scenario.vehicle_data.sample_period_s
+        schedule = builder.AddNamedSystem("jet_schedule", JetSchedule(table, period_s=period_s))
+        builder.Connect(schedule.GetOutputPort("command"), pilot.GetInputPort("prescribed"))
 
     wheels = connect_wheels(builder, body, pilot, scenario)
     engines = connect_engine_commands(builder, body, scenario)

@@ -29,10 +29,14 @@ if TYPE_CHECKING:
     from massprop_drake.runners.recorded import estimate as estimate
     from massprop_drake.runners.simulate import simulate as simulate
     from massprop_drake.studies.campaign.campaign import Campaign as Campaign
+    from massprop_drake.studies.design.designing import design as design
+    from massprop_drake.studies.design.found import Design as Design
 
 _HOMES = {
     "Campaign": "studies.campaign.campaign",
     "InputError": "errors",
+    "design": "studies.design.designing",
+    "Design": "studies.design.found",
     "estimate": "runners.recorded",
     "Estimator": "runners.estimator",
     "EstimatorStep": "runners.estimator",

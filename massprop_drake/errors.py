@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import difflib
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 
 class InputError(ValueError):
@@ -53,8 +53,9 @@ def counted(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
-def suggestion(word: object, valid: list[str]) -> str:
+def suggestion(word: object, known: Iterable[str]) -> str:
     """Suggests a close valid word ('; did you mean ...?'), or lists the valid words."""
+    valid = [*known]
     close = difflib.get_close_matches(str(word), valid, n=1)
     if close:
         return f"; did you mean '{close[0]}'?"

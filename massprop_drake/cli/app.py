@@ -163,6 +163,82 @@ def foretell(
         show.foretold(found, case.vehicle_data)
 
 
+@app.command(epilog="Example: `massprop design servicer --target mass=1% --target inertia=0.5% --limit rate=1deg/s`")
+def design(
+    context: typer.Context,
+    vehicle: Annotated[
+        str,
+        typer.Argument(
+            help="A bundled vehicle or a YAML file of one; or a scenario, for its settings and its plant.",
+            autocompletion=completion.named("vehicle"),
+        ),
+    ],
+    target: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=SIGMA", help="1-sigma that is wanted: mass=1%, center=2mm. Repeatable."),
+    ] = None,
+    suspect: Annotated[
+        list[str] | None,
+        typer.Option(help="A jet that may fail: told from all others, or several from each other. Repeatable."),
+    ] = None,
+    fault: Annotated[
+        str, typer.Option("--force", help="That a suspect leaks, such as 5% or 0.2N; below zero: misses as it fires.")
+    ] = "5%",
+    limit: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=VALUE", help="Of rate, angle, displacement, propellant or time. Repeatable."),
+    ] = None,
+    without: Annotated[list[str] | None, typer.Option(help="A jet that is not to be fired. Repeatable.")] = None,
+    spare: Annotated[str, typer.Option(help="What is to be spared: propellant or time.")] = "propellant",
+    margin: Annotated[float, typer.Option(help="By which share each 1-sigma is to be smaller than asked.")] = 0.15,
+    hold: Annotated[
+        bool, typer.Option("--hold", help="Let the autopilot hold attitude between firings, by more of them.")
+    ] = False,
+    known: Annotated[
+        Path | None, typer.Option("--from", help="A run's folder: go on from what is known at its end.")
+    ] = None,
+    flights: Annotated[int, typer.Option(help="How often the maneuver is flown, with seeds 0, 1, ....")] = 3,
+    out: Annotated[Path | None, typer.Option(help="Folder to write; default runs/<vehicle>_design.")] = None,
+    overrides: Overrides = None,
+    report: Report = True,
+    figures: Figures = True,
+    replace: Annotated[
+        bool, typer.Option("--keep-old", help="Keep what is there as <name>.1, <name>.2, ... instead of refusing it.")
+    ] = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Designs the firings that make mass properties known, or tell which jet fails, with least propellant."""
+    from massprop_drake.cli import show, sources
+    from massprop_drake.inputs.yaml import files_read
+    from massprop_drake.results.folder import reserved
+    from massprop_drake.studies.design import designing, saving
+
+    with files_read() as files:
+        case = sources.vehicle_or_scenario(vehicle, overrides or [])
+    name = getattr(case, "vehicle_data", case).name
+    reads = sources.reads([vehicle, known], files)
+    place = context.with_resource(reserved(out or Path("runs") / f"{name}_design", force=replace, reads=reads))
+    made = designing.design(
+        case,
+        sources.assigned(target or [], "--target"),
+        suspects=suspect or [],
+        force=fault,
+        limits=sources.assigned(limit or [], "--limit"),
+        without=without or [],
+        spare=spare,
+        margin=margin,
+        hold=hold,
+        known=known,
+        flights=flights,
+    )
+    saving.save(made, place, draw=figures, report=report)
+    if as_json:
+        show.as_json(saving.as_data(made))
+    elif not quiet:
+        show.designed(saving.verdict(made), saving.firings(made), place.shown)
+
+
 class Start(StrEnum):
     """The mass properties that the estimators start from."""
 

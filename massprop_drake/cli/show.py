@@ -125,6 +125,22 @@ def foretold(found: Forecast, vehicle: Vehicle) -> None:
     print_table(console, f"a jet that leaks from {found.fails_s:g} s on is told, in the mean", headings, jets)
 
 
+def designed(verdict: Iterable[Mapping[str, Any]], fired: Iterable[tuple[str, float, float]], folder: Path) -> None:
+    """Prints a design: what it makes known, and what is fired.
+
+    Args:
+        verdict: see `saving.verdict`.
+        fired: see `saving.firings`.
+        folder: in which it is.
+    """
+    console = Terminal()
+    for line in verdict:
+        console.say(line["text"])
+    rows = [[name, f"{start:.3f}", f"{end - start:.3g}"] for name, start, end in fired]
+    print_table(console, "firings", ["jet or wheel", "begins, s", "lasts, s"], rows)
+    console.say(f"written to {folder}/; fly it with: massprop run {folder}")
+
+
 def listing(found: Mapping[str, Mapping[str, str]]) -> None:
     """Prints what is bundled, a line each; a narrow terminal has each description below its name.
 

@@ -156,6 +156,32 @@ def recovered(scenario: str | Path, overrides: list[str]) -> Scenario:
     return load_scenario(scenario, overrides)
 
 
+def vehicle_or_scenario(name: str, overrides: list[str]) -> Vehicle | Scenario:
+    """Loads a vehicle, or a scenario; fields that are set make a scenario of a vehicle."""
+    if name in bundled_scenarios():
+        return recovered(name, overrides)
+    if name not in bundled_vehicles():
+        path = Path(name)
+        if exists(path / "scenario.yaml") or not exists(path):
+            return recovered(name, overrides) if exists(path) else load_vehicle(name)
+        if kind_of(Document(read_text(path), name).data) != "vehicle":
+            return recovered(name, overrides)
+    return vehicle_scenario(name, name, overrides) if overrides else load_vehicle(name)
+
+
+def assigned(words: Iterable[str], option: str) -> dict[str, str]:
+    """Reads `NAME=VALUE` words; raises InputError for one that is none, or a name that comes twice."""
+    found: dict[str, str] = {}
+    for word in words:
+        name, sign, value = word.partition("=")
+        if not (name and sign and value):
+            raise InputError(f"{option} {word}: write it like NAME=VALUE, such as mass=1%")
+        if name in found:
+            raise InputError(f"{option} {name} is given twice")
+        found[name] = value
+    return found
+
+
 def diagrams(names: Sequence[str] | None, like: str | None) -> dict[str, Callable[[], Any]]:
     """Finds diagrams to draw: functions that build them, by the names of their files.
 

@@ -92,7 +92,7 @@ def names_for(scenario: Scenario | None) -> list[str]:
     """Names the diagrams that a scenario has, those that fly it last; None: the whole gallery."""
     if scenario is None:
         return list(DIAGRAMS)
-    flown = ["open_loop"] if scenario.jet_schedule else ["autopilot", "closed_loop"]
+    flown = ["open_loop"] if scenario.open_loop else ["autopilot", "closed_loop"]
     return ["vehicle", "estimation", "replay", *flown]
 
 

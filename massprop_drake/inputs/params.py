@@ -436,7 +436,7 @@ def selection(scenario: Scenario) -> dict[str, Any]:
 def pulses(scenario: Scenario) -> Pulses:
     """On-times as the autopilot flies them; whole cycles where none flies, and unless the scenario says otherwise."""
     vehicle, selected = scenario.vehicle_data, scenario.autopilot.jet_selection
-    if scenario.jet_schedule or selected.output == "cycles":
+    if scenario.open_loop or selected.output == "cycles":
         return whole_cycles(len(vehicle.jets))
     place, accumulates = PLACES[vehicle.jet_commands.at], selected.below_minimum == "accumulate"
     return valve_pulses(
@@ -649,7 +649,7 @@ def vehicle_params(scenario: Scenario) -> VehicleParams:
 def flight_params(scenario: Scenario, true: VehicleParams) -> FlightParams:
     """Parameters of vehicle and autopilot from sample to sample; ``true``: see `vehicle_params`."""
     vehicle, names = scenario.vehicle_data, scenario.vehicle_data.sensor_names()
-    flies = not scenario.jet_schedule
+    flies = not scenario.open_loop
     pilot = PilotParams(
         phase_space_params(scenario),
         forces_of(vehicle.wrenches),
@@ -878,7 +878,7 @@ def engine_commands(scenario: Scenario) -> Array:
 
 def pieces(scenario: Scenario) -> int:
     """The largest number of pieces of a sample, as true jets open and close within it; 1: they switch with samples."""
-    if not scenario.jet_schedule:
+    if not scenario.open_loop:
         return 1 + most_edges(pulses(scenario))
     table, onset_s = commands(scenario)
     return 1 if onset_s is None else most_pieces(table, onset_s, scenario.vehicle_data.sample_period_s)

@@ -567,6 +567,11 @@ class WheelControlBlock(Model):
 class AutopilotBlock(Model):
     """Manual modes of the thesis: discrete rate, attitude hold, acceleration."""
 
+    engaged: bool | None = described(
+        None,
+        "whether it flies: beside a `jet_schedule` it holds attitude while no jet is prescribed; null: unless there "
+        "is a `jet_schedule`",
+    )
     mass_properties: Literal["nominal", "estimated"] = described(
         "nominal", "for activity vectors; estimated: the estimates once they have converged, nominal before"
     )
@@ -1174,8 +1179,11 @@ class Scenario(Model):
 
     @model_validator(mode="after")
     def _windows(self) -> Scenario:
-        if self.maneuver and self.jet_schedule:
-            raise ValueError("give either maneuver or jet_schedule, not both: a jet schedule has no autopilot")
+        if self.maneuver and self.open_loop:
+            raise ValueError(
+                "a maneuver is flown by the autopilot, which does not fly: leave out either maneuver or jet_schedule, "
+                "or set autopilot.engaged: true, for both"
+            )
         problems = [
             *_overlaps("maneuver", [(f"{w.controller} {w.axis[1]}", w.start_s, w.end_s) for w in self.maneuver]),
             *_overlaps("failures", [(f.jet, f.start_s, f.end_s or math.inf) for f in self.failures]),
@@ -1211,6 +1219,12 @@ class Scenario(Model):
         if not self.moving:
             return vehicle
         return vehicle.model_copy(update={"moving": (*vehicle.moving, *self.moving)})
+
+    @property
+    def open_loop(self) -> bool:
+        """Tests whether no autopilot flies."""
+        engaged = self.autopilot.engaged
+        return bool(self.jet_schedule) if engaged is None else not engaged
 
     @property
     def process_noise_std(self) -> tuple[float, ...]:
@@ -1343,7 +1357,7 @@ def check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[Fi
     if scenario.sensors.accelerometer is not None:
         packages = (package.name for package in vehicle.accelerometers)
         require("accelerometer", scenario.sensors.accelerometer, packages, "sensors", "accelerometer")
-    for index, kind in enumerate((scenario.autopilot.jet_kinds or ()) if not scenario.jet_schedule else ()):
+    for index, kind in enumerate((scenario.autopilot.jet_kinds or ()) if not scenario.open_loop else ()):
         require("jet kind", kind, vehicle.jet_kinds, "autopilot", "jet_kinds", index)
     for name in scenario.faults.jets:
         require("jet", name, vehicle.designations, "faults", "jets", name)
@@ -1387,7 +1401,7 @@ def _too_many_faults(faults: FaultsBlock, vehicle: Vehicle) -> Iterator[tuple[Fi
 
 def _no_on_times(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
     """Finds on-times that an autopilot is to fly with jets that do not know them, or whose clock is too coarse."""
-    if scenario.jet_schedule or scenario.autopilot.jet_selection.output != "on_time":
+    if scenario.open_loop or scenario.autopilot.jet_selection.output != "on_time":
         return
     path: FieldPath = ("autopilot", "jet_selection", "output")
     if not vehicle.has_on_times:
@@ -1415,8 +1429,8 @@ def _no_wheels(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath
     block, path = scenario.autopilot.wheels, ("autopilot", "wheels")
     if block is None:
         return
-    if scenario.jet_schedule:
-        yield path, "does not go with jet_schedule, which has no autopilot; leave out one of the two"
+    if scenario.open_loop:
+        yield path, "does not go with jet_schedule without an autopilot; leave it out, or set autopilot.engaged: true"
     if scenario.wheel_schedule:
         yield ("wheel_schedule",), "does not go with autopilot.wheels, which turns the wheels; leave out one of the two"
     axes = np.array([wheel.axis for wheel in vehicle.wheels]).reshape(-1, 3)

@@ -104,7 +104,7 @@ class Loop:
         self._true = params.vehicle_params(scenario)
         self._schedule: Array | None = None
         self._onsets_s: Array | None = None  # of the schedule, where jets open within samples
-        if scenario.jet_schedule:
+        if scenario.open_loop:
             self._schedule, self._onsets_s = params.commands(scenario)
         self._windows = params.windows(scenario)
         self._made = params.flight_params(scenario, self._true)
@@ -115,7 +115,7 @@ class Loop:
         self._params = params.estimation_params(scenario)
         self._known: Cycles = cycles(scenario, self._params) if known is None else known
         self._desk = flight.desk(len(vehicle.jets), self._known.asked)
-        self._selection = None if scenario.jet_schedule else _Selection(scenario, self._desk)
+        self._selection = None if scenario.open_loop else _Selection(scenario, self._desk)
         self._names, self._trackers = vehicle.sensor_names(), Trackers(scenario)
         self._whole = self._covered()
         if self._whole is None:

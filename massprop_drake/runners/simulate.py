@@ -75,8 +75,13 @@ class Engine(Protocol):
 
 
 def needs_diagram(scenario: Scenario) -> bool:
-    """Tests whether a vehicle has what the plain loop does not cover: wheels, burns of engines, bodies and joints."""
-    return bool(scenario.vehicle_data.wheels or scenario.engine_schedule or isinstance(scenario.plant, MultibodyBlock))
+    """Tests whether a flight has what the plain loop does not cover.
+
+    Wheels, burns of engines, bodies and joints, and jets that are prescribed beside an autopilot.
+    """
+    beside = bool(scenario.jet_schedule) and not scenario.open_loop
+    turned = bool(scenario.vehicle_data.wheels or scenario.engine_schedule)
+    return turned or beside or isinstance(scenario.plant, MultibodyBlock)
 
 
 def _engine(scenario: Scenario, diagram: Any, log: Sequence[Any], truth: Mapping[str, Any] | None) -> Engine:

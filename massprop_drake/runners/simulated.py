@@ -106,7 +106,7 @@ class Simulated:
         """The whole diagram, with one log of all that a run keeps: each log takes an event a sample."""
         builder = diagram if isinstance(diagram, DiagramBuilder) else DiagramBuilder()
         if builder is not diagram:
-            whole = diagram or (open_loop if scenario.jet_schedule else closed_loop).build(scenario)
+            whole = diagram or (open_loop if scenario.open_loop else closed_loop).build(scenario)
             builder.AddNamedSystem(whole.get_name() or "diagram", whole)
         self._systems = builder.GetSystems()
         self._estimation = self._part(lambda system: isinstance(system, MassPropertyEstimator))

@@ -55,7 +55,10 @@ PORTS_IN = {"command", "held_command", "closed", "held_closed"}
 # the orbiter's ports as they are documented: inputs and outputs
 PORTS: dict[ModuleType, tuple[dict[str, int], dict[str, int]]] = {
     vehicle: (dict.fromkeys(PORTS_IN, 44), VEHICLE_OUT),
-    autopilot: ({"gyro": 3, "estimate": 10, "converged": 1, "reconfiguration": 7 + 44}, AUTOPILOT_OUT),
+    autopilot: (
+        {"gyro": 3, "estimate": 10, "converged": 1, "reconfiguration": 7 + 44, "prescribed": 44},
+        AUTOPILOT_OUT,
+    ),
     estimation: ({"jet_commands": 44, "outside_wrench": 6, **SENSORS}, ESTIMATION_OUT),
     closed_loop: ({}, {**VEHICLE_OUT, **AUTOPILOT_OUT, **ESTIMATION_OUT}),
     open_loop: ({}, {**VEHICLE_OUT, "command": 44, "held_command": 44, **ESTIMATION_OUT}),
@@ -234,7 +237,7 @@ def test_sensors_read_the_body_before_the_command_of_the_same_sample(sample_mane
 
 def test_the_autopilot_answers_a_reading_at_once_and_holds_its_answer(sample_maneuver: Scenario) -> None:
     dut = autopilot.build(sample_maneuver)
-    assert _depends_on(dut, "command") == {"gyro", "estimate", "converged", "reconfiguration"}
+    assert _depends_on(dut, "command") == {"gyro", "estimate", "converged", "reconfiguration", "prescribed"}
     assert _depends_on(dut, "held_command") == set()
     assert _depends_on(dut, "selection_counts") == set()
     assert _depends_on(dut, "hand_controllers") == set()

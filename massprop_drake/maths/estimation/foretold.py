@@ -21,11 +21,10 @@ import numpy as np
 from massprop_drake.maths.estimation.filter import Told
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams, JointFilterState, initial, sampled
 from massprop_drake.maths.estimation.joint import bound
-from massprop_drake.maths.estimation.joint.bound import BoundStep
-from massprop_drake.maths.estimation.joint.layout import CENTER, N_PROPERTIES, RATE, VELOCITY, JointParams, JointState
+from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, RATE, JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import readings
-from massprop_drake.maths.estimation.joint.prediction import error_rows, propagated, turned_by
 from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.maneuver.information import carried_on, leaks
 
 
 class Instant(NamedTuple):
@@ -92,7 +91,7 @@ def step(
         used = ~np.isnan(readings(sample.rates, sample.velocities, sample.attitudes))
         after, course = bound.course(own.joint, sample, mean, used, joint)
         if failing:
-            carried, shown = _carried(before, course, joint)
+            carried, shown = carried_on((carried, shown), own.joint, course, leaks(joint.places.jets), joint)
     kept = {"clock": clock, "frame": sample.frames[1], "speeds": speeds, "setting": setting}
     return Foretelling(own._replace(joint=after, **kept), carried, shown)
 
@@ -103,38 +102,3 @@ def _mean(state: JointState, at: Instant, params: JointParams) -> Array:
     mean[:N_PROPERTIES], mean[RATE] = at.properties, at.rate
     mean[places.fill : places.fill + places.tanks] = at.propellant
     return mean
-
-
-def _carried(before: Foretelling, course: BoundStep, params: JointParams) -> tuple[Array, Array]:
-    """B and G after an interval and its readings."""
-    through = propagated(before.carried, course.prediction, params)[:, : params.places.jets]
-    carried = through + _pushed(before, course, params)
-    shown = before.shown
-    if course.upper.shape[0] > 0:
-        seen = np.linalg.solve(course.upper.T, course.jacobian @ carried)
-        carried = carried - course.half_gain @ seen
-        shown = shown + seen.T @ seen
-    return carried, shown
-
-
-def _pushed(before: Foretelling, course: BoundStep, params: JointParams) -> Array:
-    """Changes of rate and velocities by a unit of each force over an interval, g, shape (size, n_jets)."""
-    state, prediction, places = before.filter.joint, course.prediction, params.places
-    n = places.jets
-    wide = params._replace(places=places._replace(n_force=n, size=places.force + n))  # a slot for each jet, leaking
-    slots = state._replace(
-        mean=np.append(state.mean[: places.force], np.zeros(n)),
-        slot_jet=np.arange(n, dtype=np.float64),
-        slot_sign=np.ones(n),
-        slot_on_top=np.ones(n),
-    )
-    of_forces = slice(places.force, places.force + n)
-    turned, pushed = (rows[:, of_forces] for rows in error_rows(slots, course.acting, wide))
-    result = np.zeros((places.size, n))
-    result[RATE] = turned
-    arms = params.accelerometer_positions - state.mean[CENTER]
-    by_end = turned_by(state.mean[RATE], prediction.end, arms, prediction.duration_s)[1]
-    for package in range(places.accelerometers):
-        part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
-        result[part] = pushed + by_end[package] @ turned
-    return result

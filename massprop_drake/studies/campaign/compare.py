@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from massprop_drake.display import plotted
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.model import Model
 from massprop_drake.studies.campaign import charts, merit, report, statistics
@@ -280,7 +281,7 @@ def page(folders: Sequence[str | Path]) -> str:
     Raises:
         InputError: when one holds no campaign that has been run, or they do not have the same draws.
     """
-    return report.rendered(_HERE / "compare.html", contents(columns([read(folder) for folder in folders])))
+    return plotted.page(_HERE / "compare.html", contents(columns([read(folder) for folder in folders])))
 
 
 def contents(found: Sequence[Column]) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from massprop_drake.display import interactive, templates
+from massprop_drake.display import plotted, templates
 from massprop_drake.inputs.model import yaml_text
 from massprop_drake.maths.mass_properties import N_ROTATION, NAMES
 from massprop_drake.results.detections import JUMP
@@ -26,9 +26,6 @@ SIZED = ("leak", "degraded")  # kinds of failures that have a size
 
 _HERE = Path(__file__).parent
 _DISPLAY = Path(templates.__file__).parent
-_STYLES = (_DISPLAY / "report.css", _HERE / "campaign.css")
-# of plotly the part that draws heat maps besides lines, points and bars: a third of it
-_SCRIPTS = (_DISPLAY / "plotly-cartesian.min.js", _DISPLAY / "themed.js", _HERE / "campaign.js")
 _MAIN = (  # of a cell, side by side
     "false_declarations_per_hour", "false_declarations_in_case", "healthy_jets_out", "ended_wrong", "failing",
     "isolated", "named", *(f"found_within_{delay:g}_s" for delay in DELAYS_S), "delay_50_percent_s", "coverage_3_sigma",
@@ -229,25 +226,13 @@ def page(folder: str | Path) -> str:
 
 def page_of(study: Study) -> str:
     """The same of a campaign that has been read."""
-    return rendered(_HERE / "campaign.html", contents(study))
+    return plotted.page(_HERE / "campaign.html", contents(study))
 
 
 def notebook(study: Study) -> str:
     """What a notebook shows of a campaign, as HTML."""
     title = f"{study.spec.file.name}: {study.spec.base.name}"
     return templates.fragment(_DISPLAY / "summary.html", {"title": title, "verdict": verdict(study)})
-
-
-def rendered(template: Path, content: Mapping[str, Any]) -> str:
-    """A page with plots; those are `content['plots']`."""
-    return templates.page(
-        template,
-        content,
-        data={"plots": content["plots"]},
-        styles=[path.read_text(encoding="utf-8") for path in _STYLES],
-        scripts=[path.read_text(encoding="utf-8") for path in _SCRIPTS],
-        needs=interactive.NEEDS,
-    )
 
 
 def contents(study: Study) -> dict[str, Any]:

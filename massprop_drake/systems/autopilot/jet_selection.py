@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.autopilot import ports
-from massprop_drake.maths.autopilot.jet_selection import forces_of
+from massprop_drake.maths.autopilot.jet_selection import delivered_velocity, forces_of
 from massprop_drake.maths.autopilot.phase_space import Request, Urgency
 from massprop_drake.maths.autopilot.ports import Burning
 from massprop_drake.maths.autopilot.pulses import Pulses, pulse_onsets, whole_cycles
@@ -40,6 +40,8 @@ class JetSelection(LeafSystem):
         reconfiguration (in, 7 + n_jets): see `FailureDetector`. Optional. A declared failure stops the
             running burst; the jets in question are not selected again, if control about every axis
             remains without them; known forces are met by asking in every idle cycle for what undoes them.
+        prescribed (in, n_jets): fraction commanded over the coming sample, 0 to 1. Optional. In a sample in which any
+            is above zero these fire instead, and a running burst ends; what it was for is asked for again.
         command (out, n_jets): 1 for each jet that fires over the coming sample, else 0; of pulses the share of it for
             which the jet is open. Feedthrough.
         held_command (out, n_jets): the command decided at the last sample. No feedthrough.
@@ -113,6 +115,8 @@ class JetSelection(LeafSystem):
         self._estimate = self.DeclareVectorInputPort("estimate", 10)
         self._converged = self.DeclareVectorInputPort("converged", 1)
         self._reconfiguration = self.DeclareVectorInputPort("reconfiguration", self._layout.size)
+        self._prescribed = self.DeclareVectorInputPort("prescribed", n_jets)
+        self._forces = forces_of(wrenches)
         starts = make().initial
         self._groups = SelectionState._make(self.DeclareDiscreteState(part) if part.size else None for part in starts)
         self._burst = Cached(self, "burst", self._compute, {self.xd_ticket(), self.all_input_ports_ticket()})
@@ -137,7 +141,18 @@ class JetSelection(LeafSystem):
         return SelectionState._make(_group(context, group) for group in self._groups)
 
     def _compute(self, context: Any) -> tuple[Array, tuple[Array, ...]]:
-        """The sample of the burst as `ports.fired` has it, and states that change besides."""
+        """What fires over the coming sample, as `ports.fired` has it, and states that change besides."""
+        row, changed = self._decided(context)
+        prescribed = self._prescribed.Eval(context) if self._prescribed.HasValue(context) else None
+        if prescribed is None or not prescribed.any():
+            return row, changed
+        properties = self._properties(context)
+        reciprocal = self._nominal if properties is None else float(properties[MASS_RECIPROCAL])
+        delivered = delivered_velocity(prescribed, self._forces, reciprocal, self._period_s)
+        return np.concatenate((np.zeros(prescribed.size), prescribed, delivered)), changed
+
+    def _decided(self, context: Any) -> tuple[Array, tuple[Array, ...]]:
+        """The sample of the burst, and states that change besides."""
         remaining, refused = _group(context, self._groups.remaining), _group(context, self._groups.refused)
         request, properties = self._request.Eval(context), self._properties(context)
         there = self._reconfiguration.HasValue(context)

@@ -56,12 +56,13 @@ def _counts(dut: JetSelection, context: Any) -> list[float]:
 
 def test_topology() -> None:
     dut, context = _dut()
-    assert inputs(dut) == {"request": 8, "estimate": 10, "converged": 1, "reconfiguration": 7 + N}
+    told = {"estimate": 10, "converged": 1, "reconfiguration": 7 + N, "prescribed": N}
+    assert inputs(dut) == {"request": 8, **told}
     assert outputs(dut) == {"command": N, "held_command": N, "delivered": 3, "counts": 4, "out_of_use": N}
     # held_command feeds the continuous plant and the estimators, delivered the controller: loops that
     # only their being state breaks
     assert feedthrough(dut) == {
-        "command": {"request", "estimate", "converged", "reconfiguration"},
+        "command": {"request", "estimate", "converged", "reconfiguration", "prescribed"},
         "held_command": set(),
         "delivered": set(),
         "counts": set(),

@@ -68,6 +68,24 @@ class BoundStep(NamedTuple):
     upper: Array
 
 
+class IntervalEnd(NamedTuple):
+    """The end of an interval before its readings are taken in.
+
+    Attributes:
+        acting: see `Drive`.
+        prediction: see `Prediction`.
+        mean: the truth, see `true_mean`, shape (size,).
+        root: of the covariance, with its noise as more columns, shape (size, k).
+        spin: see `JointState`.
+    """
+
+    acting: Drive
+    prediction: Prediction
+    mean: Array
+    root: Array
+    spin: Array
+
+
 def step(state: JointState, sample: Sample, mean: Array, used: np.ndarray, params: JointParams) -> JointState:
     """The bound's state after one more sample; arguments as `course`."""
     return course(state, sample, mean, used, params)[0]
@@ -85,36 +103,56 @@ def course(
         used: the components that the estimator used, shape (m,).
         params: see `JointParams`.
     """
+    return taken_in(state, ahead(state, sample, mean, params), sample.time_s, (used, params.variances), params)
+
+
+def ahead(state: JointState, sample: Sample, mean: Array | None, params: JointParams) -> IntervalEnd:
+    """The end of an interval; arguments as `course`, but that without a mean it is what is predicted."""
     at, at_truth = state.mean, params._replace(second_order=False)
-    state, _ = stamped(state, sample.timing, at_truth)
-    state = state._replace(mean=at)
-    acting = driven(state, sample, at_truth)
-    read = rate_read(sample.rates, mean, params)
-    shown = np.where(np.isnan(read.rate), np.nan, mean[RATE])
-    prediction = predict(state, acting, read._replace(rate=shown), at_truth, (sample.frames, sample.speeds))
-    root = propagated(state.root, prediction, at_truth)
-    spin = state.spin + prediction.spin
-    first = params.places.thrust
+    stamped_too, _ = stamped(state, sample.timing, at_truth)
+    before = stamped_too._replace(mean=at)
+    acting = driven(before, sample, at_truth)
+    read = rate_read(sample.rates, at, params)
+    shown = np.full(3, np.nan) if mean is None else np.where(np.isnan(read.rate), np.nan, mean[RATE])
+    prediction = predict(before, acting, read._replace(rate=shown), at_truth, (sample.frames, sample.speeds))
+    root = propagated(before.root, prediction, at_truth)
+    there = prediction.mean if mean is None else mean
+    return IntervalEnd(acting, prediction, there, root, state.spin + prediction.spin)
+
+
+def taken_in(
+    state: JointState, end: IntervalEnd, time_s: float, readings: tuple[np.ndarray, Array], params: JointParams
+) -> tuple[JointState, BoundStep]:
+    """The bound's state after an interval's readings, and how errors come to it.
+
+    Args:
+        state: before the interval.
+        end: of it.
+        time_s: of the readings.
+        readings: which components are used, and variances of all, shape (m,) each.
+        params: see `JointParams`.
+    """
+    (used, variances), root, first = readings, end.root, params.places.thrust
     counts = np.flatnonzero(used)
-    jacobian = outputs(mean, state.reference, spin, params)[1][counts]
+    jacobian = outputs(end.mean, state.reference, end.spin, params)[1][counts]
     half_gain, upper = np.zeros((root.shape[0], 0)), np.zeros((0, 0))
     if used.any():
-        found = updated(root, jacobian @ root, params.variances[counts], np.zeros(counts.shape[0]), first)
+        found = updated(root, jacobian @ root, variances[counts], np.zeros(counts.shape[0]), first)
         root, half_gain, upper = found.root, found.half_gain, found.upper
     else:
         root = compressed(root, first)
-    firing = acting.firing
+    firing = end.acting.firing
     after = state._replace(
-        mean=mean,
+        mean=end.mean,
         root=root,
         level=firing.level,
         slope=firing.slope,
         level_std=firing.level_std,
-        tick_slope=acting.tick_slope,
-        spin=spin,
-        time_s=sample.time_s,
+        tick_slope=end.acting.tick_slope,
+        spin=end.spin,
+        time_s=time_s,
     )
-    return after, BoundStep(acting, prediction, jacobian, half_gain, upper)
+    return after, BoundStep(end.acting, end.prediction, jacobian, half_gain, upper)
 
 
 def deviation(state: JointState) -> Array:

@@ -1,0 +1,108 @@
+r"""Aims of a maneuver, and how far from them a course of commands is.
+
+With M what is known of the parameters before, G what the course shows (`information`), C = (M + G)^-1 without forces,
+and e a combination of parameters, its 1-sigma is (e^T C e)^1/2. A force f of a jet j that leaks is told from what jet k
+would do instead when its expected log likelihood ratio, with everything else free,
+
+    delta = 1/2 f^2 (S_jj - S_jk^2 / S_kk),    S = G_ff - G_f C G_f^T,
+
+is as large as the doubt that may be left asks for. From nothing at all it is told when
+
+    delta = 1/2 f^2 S_jj - 1/2 log(1 + F^2 S_jj)
+
+is, with F the most that the force might have been; that a jet fails at all is unlikely besides. In both a ratio says
+how far there is to go: 1-sigma over the wanted one, and (wanted delta over delta)^1/2, which falls with firing like a
+1-sigma.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.linear_algebra import Array
+
+_TINY = float(np.finfo(np.float64).tiny)
+_NOTHING = 1e-9  # nats: two that nothing tells apart; so that their ratio is a number
+
+
+class Aims(NamedTuple):
+    """Quantities and differences that are to be known.
+
+    Attributes:
+        combinations: e of each, of all parameters without forces, shape (n, n_known).
+        deviations: 1-sigma of each that is wanted, shape (n,).
+        pairs: failures of each pair that is to be told apart, j and k, as `information.leaks_and_losses` counts them,
+            k = -1: j is to be told from nothing, integers, shape (p, 2).
+        forces: of j, lbf or N, shape (p,).
+        most: that it might have been, lbf or N, shape (p,).
+        odds: delta that is wanted, nats, shape (p,).
+    """
+
+    combinations: Array
+    deviations: Array
+    pairs: np.ndarray
+    forces: Array
+    most: Array
+    odds: Array
+
+
+class Known(NamedTuple):
+    """Knowledge before a maneuver.
+
+    Attributes:
+        information: M of the parameters that are not known exactly, shape (n, n).
+        of: which these are, integers, shape (n,).
+    """
+
+    information: Array
+    of: np.ndarray
+
+
+class Reached(NamedTuple):
+    """Distance from aims.
+
+    Attributes:
+        deviations: 1-sigma of each combination, shape (n,).
+        deltas: of each pair, nats, shape (p,).
+        ratios: of all, combinations first; none above 1: all is reached, shape (n + p,).
+    """
+
+    deviations: Array
+    deltas: Array
+    ratios: Array
+
+    @property
+    def shortfall(self) -> float:
+        """Sum of the logarithms of the ratios above 1."""
+        return float(np.log(np.maximum(self.ratios, 1.0)).sum())
+
+
+def reached(shown: Array, known: Known, aims: Aims) -> Reached:
+    """Compares what a course shows with aims.
+
+    Args:
+        shown: G with forces, see `information.FollowedCourse`, shape (k, k).
+        known: see `Known`.
+        aims: see `Aims`.
+    """
+    of, first = known.of, aims.combinations.shape[1]
+    total = known.information + shown[np.ix_(of, of)]
+    size = 1.0 / np.sqrt(np.diagonal(total))
+    root = np.linalg.cholesky(total * np.outer(size, size))
+    half = np.linalg.solve(root, (aims.combinations[:, of] * size).T)
+    deviations = np.sqrt(np.sum(half * half, axis=0))
+    ratios = [deviations / aims.deviations]
+    deltas = np.zeros(0)
+    if aims.pairs.size > 0:
+        by_forces = np.linalg.solve(root, size.reshape(-1, 1) * shown[of][:, first:])
+        left = shown[first:, first:] - by_forces.T @ by_forces
+        own, other = aims.pairs.T
+        alike = left[own, other] ** 2 / np.maximum(left[other, other], _TINY)
+        any_force = 0.5 * np.log1p(aims.most**2 * np.maximum(left[own, own], 0.0))
+        another = 0.5 * aims.forces**2 * (left[own, own] - alike)
+        nothing = 0.5 * aims.forces**2 * left[own, own] - any_force
+        deltas = np.maximum(np.where(other < 0, nothing, another), _NOTHING)
+        ratios.append(np.sqrt(aims.odds / deltas))
+    return Reached(deviations, deltas, np.concatenate(ratios))

@@ -1,0 +1,294 @@
+r"""Information that a course of commands gives about the vehicle, and motion along it, by the joint filter's equations.
+
+Parameters theta are the ten mass properties, what the joint state has from thrust errors on, and forces by which jets
+fail: constant ones on top of what a jet is told to give, or what is missing while it fires. Were they known, only the
+motion would have a covariance. With B what a unit error of each has brought to the state, F and H the derivatives of
+prediction and outputs, K the gain and S the covariance of innovations of that filter,
+
+    B <- (1 - K H)(F B + g),    G <- G + (H (F B + g))^T S^-1 (H (F B + g)),
+
+g is what a unit of each force does in the interval. G is the Fisher information about theta, whatever is known of it
+before. With a prior of the information M the covariance is (M + G)^-1, and parameters that do not matter are in it by
+the Schur complement. So a course is followed once for all priors, all targets and all suspects.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.attitude import propagated as turned_on
+from massprop_drake.maths.attitude import rotation_matrix
+from massprop_drake.maths.estimation.joint import bound
+from massprop_drake.maths.estimation.joint.bound import BoundStep
+from massprop_drake.maths.estimation.joint.burns import Burn
+from massprop_drake.maths.estimation.joint.cycle import Sample, begun, initial
+from massprop_drake.maths.estimation.joint.layout import (
+    CENTER,
+    INERTIA,
+    MASS,
+    N_PROPERTIES,
+    RATE,
+    VELOCITY,
+    JointParams,
+    JointState,
+)
+from massprop_drake.maths.estimation.joint.measurement import outputs
+from massprop_drake.maths.estimation.joint.orientation import UNTURNED
+from massprop_drake.maths.estimation.joint.prediction import (
+    effective_seconds,
+    error_rows,
+    propagated,
+    turned_by,
+    wrenches_of,
+)
+from massprop_drake.maths.estimation.joint.ticks import on_ticks
+from massprop_drake.maths.estimation.joint.wheels import Spun
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS
+
+_TINY = float(np.finfo(np.float64).tiny)
+_SELDOM = 1e-6  # share of the samples: a reading that never changes says nothing
+
+
+class Step(NamedTuple):
+    """One sample interval of a course.
+
+    Attributes:
+        command: fraction commanded of each jet, shape (n_jets,).
+        torques: of the wheels' motors on the wheels, N-m or ft-lbf, shape (n_wheels,).
+        period_s: its length.
+        missing: which readings there will be none of at its end, see `measurement.readings`, boolean, shape (m,).
+    """
+
+    command: Array
+    torques: Array
+    period_s: float
+    missing: np.ndarray
+
+
+class FollowedCourse(NamedTuple):
+    """FollowedCourse of commands up to a sample. Never changed; a step makes a new one.
+
+    Attributes:
+        joint: state with the covariance of the motion alone, its mean as the vehicle is taken to be.
+        carried: B, shape (size, k).
+        shown: G, shape (k, k).
+        attitude: body to fixed frame, quaternion, shape (4,).
+        velocity, position: of the center of mass since the start, fixed frame, shape (3,) each.
+        speeds: of the wheels, rad/s, shape (n_wheels,).
+    """
+
+    joint: JointState
+    carried: Array
+    shown: Array
+    attitude: Array
+    velocity: Array
+    position: Array
+    speeds: Array
+
+
+class Forces(NamedTuple):
+    """Forces by which jets may fail, one of each.
+
+    Attributes:
+        jets: which jet each is of, shape (f,).
+        extra: 1: the jet gives as much more all the time, a leak; 0: as much less while it fires, shape (f,).
+    """
+
+    jets: Array
+    extra: Array
+
+
+def leaks(n_jets: int) -> Forces:
+    """A leak of each jet."""
+    return Forces(np.arange(n_jets, dtype=np.float64), np.ones(n_jets))
+
+
+def leaks_and_losses(n_jets: int) -> Forces:
+    """A leak of each jet, then a loss of each."""
+    return Forces(np.tile(np.arange(n_jets, dtype=np.float64), 2), np.repeat((1.0, 0.0), n_jets))
+
+
+def n_known(params: JointParams) -> int:
+    """Number of parameters without the forces of jets: 10 and what the state has from thrust errors on."""
+    return N_PROPERTIES + params.places.force - params.places.thrust
+
+
+def start(properties: Array, rate: Array, speeds: Array, params: JointParams) -> FollowedCourse:
+    """The course before its first step: nothing is known of the motion.
+
+    Args:
+        properties: the ten parameters, shape (10,).
+        rate: rad/s, shape (3,).
+        speeds: of the wheels, rad/s, shape (n_wheels,).
+        params: see `JointParams`.
+    """
+    places, known = params.places, n_known(params)
+    before = initial(params)
+    root = before.root.copy()
+    root[:N_PROPERTIES], root[places.thrust :] = 0.0, 0.0
+    mean = np.zeros(places.size)
+    mean[:N_PROPERTIES], mean[RATE] = properties, rate
+    mean[places.fill : places.fill + places.tanks] = params.tanks.fill
+    nothing = np.full((max(places.gyros, places.accelerometers, places.trackers), 3), np.nan)
+    step = Step(np.zeros(places.jets), np.zeros(places.wheels), 0.0, np.ones(places.outputs, dtype=bool))
+    sample = _sample(before, step, (UNTURNED, UNTURNED), (speeds, speeds), params)
+    sample = sample._replace(
+        rates=nothing[: places.gyros],
+        velocities=nothing[: places.accelerometers],
+        attitudes=nothing[: places.trackers],
+    )
+    joint = begun(before._replace(root=root, mean=mean), sample, params)._replace(
+        mean=mean, reference=mean[RATE].copy()
+    )
+    size = known + 2 * places.jets
+    carried = np.zeros((places.size, size))
+    carried[:N_PROPERTIES, :N_PROPERTIES] = np.eye(N_PROPERTIES)
+    carried[places.thrust : places.force, N_PROPERTIES:known] = np.eye(known - N_PROPERTIES)
+    return FollowedCourse(joint, carried, np.zeros((size, size)), UNTURNED, np.zeros(3), np.zeros(3), speeds)
+
+
+def failing_from_now(course: FollowedCourse, params: JointParams) -> FollowedCourse:
+    """The course with jets that fail from its end on: nothing has shown their forces yet."""
+    first = n_known(params)
+    carried, shown = course.carried.copy(), course.shown.copy()
+    carried[:, first:], shown[first:], shown[:, first:] = 0.0, 0.0, 0.0
+    return course._replace(carried=carried, shown=shown)
+
+
+def followed(course: FollowedCourse, step: Step, params: JointParams) -> FollowedCourse:
+    """The course after one more interval.
+
+    Args:
+        course: up to then.
+        step: see `Step`.
+        params: see `JointParams`.
+    """
+    places, before = params.places, course.joint
+    speeds = course.speeds + step.torques * step.period_s / params.wheels.inertias
+    frame = turned_on(course.attitude, before.mean[RATE], step.period_s)
+    sample = _sample(before, step, (course.attitude, frame), (course.speeds, speeds), params)
+    end = bound.ahead(before, sample, None, params)
+    weighed = ~step.missing, _variances(before, end, params)
+    after, done = bound.taken_in(before, end, sample.time_s, weighed, params)
+    forces = leaks_and_losses(places.jets)
+    carried, shown = carried_on((course.carried, course.shown), before, done, forces, params)
+    force = effective_seconds(before, done.acting.firing, params) @ wrenches_of(before.mean, params)[:, 3:]
+    middle = 0.5 * (before.mean[RATE] + after.mean[RATE])
+    turn = rotation_matrix(turned_on(course.attitude, middle, 0.5 * step.period_s))
+    velocity = course.velocity + before.mean[MASS] * (turn @ force)
+    mean = after.mean.copy()
+    mean[VELOCITY : places.slow] = 0.0
+    return FollowedCourse(
+        after._replace(mean=mean),
+        carried,
+        shown,
+        turned_on(course.attitude, middle, step.period_s),
+        velocity,
+        course.position + 0.5 * step.period_s * (course.velocity + velocity),
+        speeds,
+    )
+
+
+def _variances(before: JointState, end: bound.IntervalEnd, params: JointParams) -> Array:
+    """Variances of the readings, shape (m,): a rounded one without noise is news as often as it changes."""
+    moved = outputs(end.mean, before.reference, end.spin, params)[0]
+    moved -= outputs(before.mean, before.reference, before.spin, params)[0]
+    changes = np.where(params.dithered > 0.0, 1.0, np.abs(moved) / np.maximum(params.cells, _TINY))
+    return params.variances / np.clip(changes, _SELDOM, 1.0)
+
+
+def _sample(
+    state: JointState, step: Step, frames: tuple[Array, Array], speeds: tuple[Array, Array], params: JointParams
+) -> Sample:
+    """A sample whose readings are all there but for those that are missing; of those only that counts."""
+    places = params.places
+    read = np.where(step.missing, np.nan, 0.0)
+    counts = 3 * np.cumsum([places.gyros, places.accelerometers])
+    rates, velocities, attitudes = (part.reshape(-1, 3) for part in np.split(read, counts))
+    n_wheels = places.wheels
+    return Sample(
+        state.time_s + step.period_s,
+        np.array([step.period_s]),
+        step.command.reshape(1, -1),
+        np.zeros(6),
+        rates,
+        velocities,
+        on_ticks(),
+        attitudes,
+        np.stack(frames),
+        Spun(*speeds, np.zeros(n_wheels), np.ones(n_wheels)),
+        Burn(np.zeros((places.engines, 3, N_CHANNELS)), np.zeros((places.engines, N_CHANNELS))),
+    )
+
+
+def prior_information(state: JointState, params: JointParams) -> tuple[Array, np.ndarray]:
+    """Information of a state about the parameters, shape (n, n), and the places of these, shape (n,).
+
+    The common scale is back in inertia, mass and thrusts (`thrust_scale`); what the state knows exactly is left out.
+
+    Args:
+        state: of the joint filter; one before its first sample, too.
+        params: see `JointParams`.
+    """
+    places = params.places
+    root = state.root.copy()
+    if places.n_scale > 0:
+        common = root[places.scale].copy()
+        scaled = params.thrust_sigma * common
+        root[INERTIA] -= np.outer(state.mean[INERTIA], scaled)
+        root[MASS] -= state.mean[MASS] * scaled
+        root[places.thrust : places.thrust + places.n_thrust] += common
+        root[places.scale] = 0.0
+    rows = np.vstack((root[:N_PROPERTIES], root[places.thrust : places.force]))
+    open_ones = np.flatnonzero(rows.any(axis=1))
+    covariance = rows[open_ones] @ rows[open_ones].T
+    size = np.sqrt(np.diagonal(covariance))
+    return np.linalg.inv(covariance / np.outer(size, size)) / np.outer(size, size), open_ones
+
+
+def carried_on(
+    before: tuple[Array, Array], state: JointState, course: BoundStep, forces: Forces, params: JointParams
+) -> tuple[Array, Array]:
+    """B and G after an interval and its readings.
+
+    Args:
+        before: both before the interval, columns of forces last.
+        state: likewise.
+        course: see `BoundStep`.
+        forces: see `Forces`.
+        params: see `JointParams`.
+    """
+    carried, shown = before
+    carried = propagated(carried, course.prediction, params)[:, : carried.shape[1]]
+    carried[:, -forces.jets.size :] += _pushed(state, course, forces, params)
+    if course.upper.shape[0] > 0:
+        seen = np.linalg.solve(course.upper.T, course.jacobian @ carried)
+        carried = carried - course.half_gain @ seen
+        shown = shown + seen.T @ seen
+    return carried, shown
+
+
+def _pushed(state: JointState, course: BoundStep, forces: Forces, params: JointParams) -> Array:
+    """Changes of rate and velocities by a unit of each force over an interval, g, shape (size, f)."""
+    prediction, places = course.prediction, params.places
+    n = forces.jets.size
+    wide = params._replace(places=places._replace(n_force=n, size=places.force + n))  # a slot for each
+    slots = state._replace(
+        mean=np.append(state.mean[: places.force], np.zeros(n)),
+        slot_jet=forces.jets,
+        slot_sign=2.0 * forces.extra - 1.0,
+        slot_on_top=forces.extra,
+    )
+    of_forces = slice(places.force, places.force + n)
+    turned, pushed = (rows[:, of_forces] for rows in error_rows(slots, course.acting, wide))
+    result = np.zeros((places.size, n))
+    result[RATE] = turned
+    arms = params.accelerometer_positions - state.mean[CENTER]
+    by_end = turned_by(state.mean[RATE], prediction.end, arms, prediction.duration_s)[1]
+    for package in range(places.accelerometers):
+        part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
+        result[part] = pushed + by_end[package] @ turned
+    return result

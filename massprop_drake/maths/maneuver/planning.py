@@ -1,0 +1,284 @@
+"""Search for the maneuver of least cost: actions one after the other by the true recursion, then fewer and shorter."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.maths.maneuver.actions import Craft, FiringAction, FlownAction, coasting, fly, stepped
+from massprop_drake.maths.maneuver.aims import Aims, Known, Reached, reached
+from massprop_drake.maths.maneuver.information import failing_from_now, start
+
+Array = NDArray[np.float64]
+
+LEAD = 5  # samples before the first action, after which the motion is known; compute budget
+_TRIED = 8  # actions that are flown at each step; compute budget
+_LEAST = 1e-3  # nats that an action must gain to be worth it; compute budget
+_THRIFT = (1.0, 0.7, 0.5)  # powers of an action's cost by which its gain is divided, one search each; compute budget
+_FOREVER = 1e6  # times that everything is flown, where only a floor is left
+
+
+class ManeuverLimits(NamedTuple):
+    """Limits of a maneuver; infinity: none.
+
+    Attributes:
+        rate: rad/s.
+        angle: from the first attitude, rad.
+        displacement: from the first position, ft or m.
+        propellant: slug or kg.
+        time: s.
+    """
+
+    rate: float = math.inf
+    angle: float = math.inf
+    displacement: float = math.inf
+    propellant: float = math.inf
+    time: float = math.inf
+
+
+class Cost(NamedTuple):
+    """Price of a unit of propellant, and of a second."""
+
+    propellant: float
+    second: float
+
+
+class Task(NamedTuple):
+    """Task of a search.
+
+    Attributes:
+        craft: see `Craft`.
+        known: see `Known`.
+        aims: see `Aims`.
+        limits: see `ManeuverLimits`.
+        cost: see `Cost`.
+        margin: by which share aims are narrower than what is asked.
+    """
+
+    craft: Craft
+    known: Known
+    aims: Aims
+    limits: ManeuverLimits
+    cost: Cost
+    margin: float
+
+
+class Plan(NamedTuple):
+    """Actions in their order, what they show, and the way there.
+
+    Attributes:
+        actions: in their order, the lead first.
+        flown: after each.
+        reached: likewise.
+    """
+
+    actions: tuple[FiringAction, ...]
+    flown: tuple[FlownAction, ...]
+    reached: tuple[Reached, ...]
+
+    @property
+    def propellant(self) -> float:
+        """Propellant that it uses, slug or kg."""
+        return math.fsum(action.propellant for action in self.actions)
+
+    @property
+    def samples(self) -> int:
+        """Number of samples that it lasts."""
+        return self.flown[-1].row
+
+
+def begun(task: Task) -> Plan:
+    """A plan with nothing but its lead, at whose end suspects fail."""
+    craft = task.craft
+    course = start(craft.properties, craft.rate, craft.speeds, craft.params)
+    lead = coasting(LEAD, craft)
+    flown = fly((course, 0), lead, craft)
+    flown = flown._replace(course=failing_from_now(flown.course, craft.params))
+    return Plan((lead,), (flown,), (reached(flown.course.shown, task.known, task.aims),))
+
+
+def cost_of(plan: Plan, task: Task) -> float:
+    """Cost of a plan."""
+    return task.cost.propellant * plan.propellant + task.cost.second * plan.samples * task.craft.period_s
+
+
+def _price(action: FiringAction, task: Task) -> float:
+    return task.cost.propellant * action.propellant + task.cost.second * action.length * task.craft.period_s
+
+
+def with_action(plan: Plan, action: FiringAction, task: Task) -> Plan | None:
+    """The plan with one more action; None: that exceeds a limit."""
+    if not _affords(plan, action, task):
+        return None
+    last = plan.flown[-1]
+    flown = fly((last.course, last.row), action, task.craft)
+    if not _keeps(flown, task.limits):
+        return None
+    done = reached(flown.course.shown, task.known, task.aims)
+    return Plan((*plan.actions, action), (*plan.flown, flown), (*plan.reached, done))
+
+
+def _affords(plan: Plan, action: FiringAction, task: Task) -> bool:
+    """Tests whether propellant and time are left for an action."""
+    time_s = (plan.flown[-1].row + action.length) * task.craft.period_s
+    return plan.propellant + action.propellant <= task.limits.propellant and time_s <= task.limits.time
+
+
+def _keeps(flown: FlownAction, limits: ManeuverLimits) -> bool:
+    """Tests whether the motion keeps its limits."""
+    return flown.rate <= limits.rate and flown.angle <= limits.angle and flown.displacement <= limits.displacement
+
+
+def characterized(actions: Sequence[FiringAction], task: Task) -> tuple[list[FiringAction], list[Array]]:
+    """Actions that keep the limits when they start at rest, and what each shows, shape (k, k).
+
+    Those of the same jets are followed together: a longer one goes on where a shorter one ends.
+    """
+    first = begun(task)
+    before, kept, shown = first.flown[-1], list[FiringAction](), list[Array]()
+    together, of = dict[tuple[int, int], FlownAction](), FiringAction((), (), 0, 0, 0.0)
+    for action in actions:
+        if (action.jets, action.torques) != (of.jets, of.torques):
+            together, of = {(0, 0): before._replace(rate=0.0, angle=0.0, displacement=0.0)}, action
+        flown = _together(together, (action.samples, action.coast), action, task.craft)
+        if _affords(first, action, task) and _keeps(flown, task.limits):
+            kept.append(action)
+            shown.append(flown.course.shown - before.course.shown)
+    return kept, shown
+
+
+def _together(
+    known: dict[tuple[int, int], FlownAction], at: tuple[int, int], action: FiringAction, craft: Craft
+) -> FlownAction:
+    """The course after so many samples of firing and of coasting, by what is known of fewer."""
+    if at not in known:
+        firing, coasting_for = at
+        fewer = (firing, coasting_for - 1) if coasting_for else (firing - 1, 0)
+        known[at] = stepped(_together(known, fewer, action, craft), action, craft, fires=not coasting_for)
+    return known[at]
+
+
+def extended(plan: Plan, choice: tuple[Sequence[FiringAction], Sequence[Array]], thrift: float, task: Task) -> Plan:
+    """A plan with actions until its aims are reached, or none adds to it.
+
+    Those that add most for their cost, as if what they show added up, are flown, and the best of these is taken.
+
+    Args:
+        plan: to begin with.
+        choice: actions to choose from, and what each shows from rest, shape (k, k) each.
+        thrift: power of the cost by which a gain is divided.
+        task: see `Task`.
+    """
+    actions, shown = choice
+    prices = [_price(action, task) ** thrift for action in actions]
+    while plan.reached[-1].shortfall > 0.0:
+        missing, so_far = plan.reached[-1].shortfall, plan.flown[-1].course.shown
+        added = [missing - reached(so_far + more, task.known, task.aims).shortfall for more in shown]
+        longest, most, tried = None, 0.0, 0
+        for place in np.argsort(-np.array(added) / prices, kind="stable").tolist():
+            longer = with_action(plan, actions[place], task)
+            if longer is None:
+                continue
+            gain = missing - longer.reached[-1].shortfall
+            if gain > _LEAST and gain / prices[place] > most:
+                longest, most = longer, gain / prices[place]
+            tried += 1
+            if tried == _TRIED:
+                break
+        if longest is None:
+            return plan
+        plan = longest
+    return plan
+
+
+def rebuilt(actions: Sequence[FiringAction], upto: int, plan: Plan, task: Task) -> Plan | None:
+    """A plan of these actions, of which so many are those of another; None: that exceeds a limit."""
+    made: Plan | None = Plan(plan.actions[:upto], plan.flown[:upto], plan.reached[:upto])
+    for action in actions[upto:]:
+        if made is None:
+            return None
+        made = with_action(made, action, task)
+    return made
+
+
+def trimmed(plan: Plan, task: Task) -> Plan:
+    """The plan with actions left out or shortened while its aims are still reached."""
+    better = True
+    while better:
+        better = False
+        for place in range(len(plan.actions) - 1, 0, -1):
+            for fewer in _lesser(plan.actions, place):
+                shorter = rebuilt(fewer, place, plan, task)
+                reaches = shorter is not None and shorter.reached[-1].shortfall == 0.0
+                if shorter is not None and reaches and cost_of(shorter, task) < cost_of(plan, task):
+                    plan, better = shorter, True
+                    break
+    return plan
+
+
+def _lesser(actions: tuple[FiringAction, ...], place: int) -> list[tuple[FiringAction, ...]]:
+    """The actions without one, with it half as long, and with it without its coast."""
+    before, one, after = actions[:place], actions[place], actions[place + 1 :]
+    found = [before + after]
+    if one.samples > 1:
+        half = one.samples // 2
+        shorter = one._replace(samples=half, propellant=one.propellant * half / one.samples)
+        found.append((*before, shorter, *after))
+    if one.coast > 1:
+        found.append((*before, one._replace(coast=1), *after))
+    return found
+
+
+class SearchResult(NamedTuple):
+    """Result of a search.
+
+    Attributes:
+        plan: of least cost; the nearest one where none reaches all aims.
+        trace: the plan from which it was trimmed, whose beginnings are plans for looser aims.
+    """
+
+    plan: Plan
+    trace: Plan
+
+
+def best(choice: tuple[Sequence[FiringAction], Sequence[Array]], task: Task) -> SearchResult:
+    """The plan of least cost among several searches.
+
+    Args:
+        choice: see `extended`.
+        task: see `Task`.
+    """
+    first, found = begun(task), list[SearchResult]()
+    for thrift in _THRIFT:
+        longest = extended(first, choice, thrift, task)
+        found.append(SearchResult(trimmed(longest, task) if longest.reached[-1].shortfall == 0.0 else longest, longest))
+    return min(found, key=lambda each: (each.plan.reached[-1].shortfall, cost_of(each.plan, task)))
+
+
+def floor_of(shown: Sequence[Array], task: Task) -> Reached:
+    """Floors of all aims: everything that can be fired is fired for ever.
+
+    Args:
+        shown: what each action shows, shape (k, k) each.
+        task: see `Task`.
+    """
+    return reached(_FOREVER * sum(shown, np.zeros_like(shown[0])), task.known, task.aims)
+
+
+def unseen(shown: Sequence[Array], task: Task, row: int) -> Array:
+    """Direction that no firing shows, along a combination's error, of all parameters, shape (n_known,).
+
+    Args:
+        shown: what each action shows, shape (k, k) each.
+        task: see `Task`.
+        row: of the combination.
+    """
+    of, combination = task.known.of, task.aims.combinations[row]
+    total = task.known.information + _FOREVER * sum(shown, np.zeros_like(shown[0]))[np.ix_(of, of)]
+    direction = np.zeros(combination.size)
+    direction[of] = np.linalg.solve(total, combination[of])
+    return direction

@@ -1,0 +1,278 @@
+"""Targets, suspects and limits of a design, read from text."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.errors import InputError, suggestion
+from massprop_drake.inputs import units
+from massprop_drake.inputs.plausible import FOOT, SLUG
+from massprop_drake.inputs.scenario import FaultsBlock
+from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.maths.estimation.faults.priors import log_rate
+from massprop_drake.maths.estimation.joint.layout import JointParams
+from massprop_drake.maths.maneuver.aims import Aims
+from massprop_drake.maths.maneuver.information import n_known
+from massprop_drake.maths.maneuver.planning import ManeuverLimits
+from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, symmetric
+
+Array = NDArray[np.float64]
+
+_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
+_MOMENTS = {"Ixx": (0, 0), "Iyy": (1, 1), "Izz": (2, 2)}
+_PRODUCTS = {"Iyz": (1, 2), "Ixz": (0, 2), "Ixy": (0, 1)}
+_GROUPS = {"inertia": tuple(_MOMENTS), "center": ("x_cm", "y_cm", "z_cm")}
+TARGETS = ("mass", *_GROUPS, *_MOMENTS, *_PRODUCTS, *_GROUPS["center"])
+LIMITS = {  # by what each is measured in, and what is said of it
+    "rate": ("rate", "deg/s"),
+    "angle": ("angle", "deg"),
+    "displacement": ("length", "m"),
+    "propellant": ("mass", "kg"),
+    "time": ("time", "s"),
+}
+_SI = {"length": (1, 0), "mass": (0, 1)}
+
+
+class Target(NamedTuple):
+    """A quantity that is to be known.
+
+    Attributes:
+        name: one of `TARGETS` but for groups.
+        unit: of the rest.
+        value: as the vehicle is taken to be.
+        asked: 1-sigma.
+        combination: its derivative by the ten parameters, shape (10,).
+        share: what 100 % is; zero: it has no percent.
+    """
+
+    name: str
+    unit: str
+    value: float
+    asked: float
+    combination: Array
+    share: float
+
+
+def targets(asked: Mapping[str, str], properties: Array, vehicle: Vehicle) -> list[Target]:
+    """Reads targets such as ``{"mass": "1%", "center": "2 mm"}``, groups taken apart.
+
+    Args:
+        asked: 1-sigma by name, a share or with a unit.
+        properties: the ten parameters as the vehicle is taken to be, shape (10,).
+        vehicle: for its units.
+
+    Raises:
+        InputError: for a name or a 1-sigma that is none.
+    """
+    found = list[Target]()
+    for name, text in asked.items():
+        if name not in TARGETS:
+            raise InputError(f"design: target '{name}': no such quantity{suggestion(name, TARGETS)}")
+        for each in _GROUPS.get(name, (name,)):
+            if each in {one.name for one in found}:
+                raise InputError(f"design: target '{each}' is given twice")
+            found.append(_target(name, each, text, properties, vehicle))
+    return found
+
+
+def valued(name: str, properties: Array) -> tuple[Array, float]:
+    """The derivative of a quantity by the ten parameters, shape (10,), and its value.
+
+    Args:
+        name: one of `TARGETS` but for groups.
+        properties: the ten parameters, shape (10,).
+    """
+    combination = np.zeros(10)
+    if name == "mass":
+        combination[MASS_RECIPROCAL] = -(properties[MASS_RECIPROCAL] ** -2.0)
+        return combination, float(1.0 / properties[MASS_RECIPROCAL])
+    if name in _GROUPS["center"]:
+        element = CENTER_OF_MASS.start + _GROUPS["center"].index(name)
+        combination[element] = 1.0
+        return combination, float(properties[element])
+    inertia = np.linalg.inv(symmetric(properties[:6]))
+    row, column = {**_MOMENTS, **_PRODUCTS}[name]
+    for element in range(6):
+        change = symmetric(np.eye(6)[element])
+        combination[element] = -(inertia @ change @ inertia)[row, column]
+    return combination, float(inertia[row, column])
+
+
+def _target(group: str, name: str, text: str, properties: Array, vehicle: Vehicle) -> Target:
+    combination, value = valued(name, properties)
+    names = vehicle.unit_names
+    if name == "mass":
+        unit, powers, share = names["mass"], (0, 1), value
+    elif name in _GROUPS["center"]:
+        unit, powers, share = names["length"], (1, 0), 0.0
+    else:
+        unit, powers = f"{names['mass']}-{names['length']}^2", (2, 1)
+        row, column = {**_MOMENTS, **_PRODUCTS}[name]
+        moments = [valued(each, properties)[1] for each in _MOMENTS]
+        share = math.sqrt(moments[row] * moments[column])
+    asks = _deviation(text, share, powers, vehicle, f"design: target {group}={text}")
+    return Target(name, unit, value, asks, combination, share)
+
+
+def _deviation(text: str, share: float, powers: tuple[int, int], vehicle: Vehicle, where: str) -> float:
+    """A 1-sigma in the vehicle's units, of a share or with a unit of length and mass to these powers."""
+    number, unit = _quantity(text, where)
+    example = "1%" if share else f"5 mm, or in {vehicle.unit_names['length']}"
+    if not unit:
+        raise InputError(f"{where}: needs a unit, such as {example}")
+    read = units.parsed(unit)
+    if read.dimension == (0, 0, 0, 0) and share:
+        deviation = number * read.factor * share
+    elif read.dimension == (*powers, 0, 0):
+        deviation = number * read.factor / _si(powers, vehicle)
+    else:
+        raise InputError(f"{where}: '{unit}' does not fit; write it like {example}")
+    if not (math.isfinite(deviation) and deviation > 0.0):
+        raise InputError(f"{where}: must be above zero")
+    return deviation
+
+
+def _quantity(text: str, where: str) -> tuple[float, str]:
+    """Number and unit of a text such as `0.5deg/s`."""
+    match = _QUANTITY.fullmatch(text)
+    if match is None:
+        raise InputError(f"{where}: is no number with a unit, such as 0.5 deg/s or 1%")
+    return float(match[1]), match[2]
+
+
+def _si(powers: tuple[int, int], vehicle: Vehicle) -> float:
+    """The SI value of the vehicle's unit of length and mass to these powers."""
+    if vehicle.unit_names["mass"] == "kg":
+        return 1.0
+    return float(FOOT ** powers[0] * SLUG ** powers[1])
+
+
+def limits(asked: Mapping[str, str], vehicle: Vehicle) -> ManeuverLimits:
+    """Reads limits such as ``{"rate": "0.5 deg/s", "propellant": "0.2 kg"}``; a bare number is in the vehicle's units.
+
+    Raises:
+        InputError: for a name or a limit that is none.
+    """
+    found = {}
+    for name, text in asked.items():
+        where = f"design: limit {name}={text}"
+        if name not in LIMITS:
+            raise InputError(f"{where}: no such limit{suggestion(name, LIMITS)}")
+        number, unit = _quantity(text, where)
+        kind, example = LIMITS[name]
+        if unit:
+            read = units.parsed(unit)
+            wanted = units.parsed(example)
+            if read.dimension != wanted.dimension:
+                raise InputError(f"{where}: '{unit}' does not fit; write it like 1 {example}")
+            number *= read.factor / (_si(_SI[kind], vehicle) if kind in _SI else 1.0)
+        if not (math.isfinite(number) and number > 0.0):
+            raise InputError(f"{where}: forbids every maneuver; it must be above zero")
+        found[name] = number
+    return ManeuverLimits(**found)
+
+
+class Suspicion(NamedTuple):
+    """Jets of which one may be failing.
+
+    Attributes:
+        pairs: places of those that are to be told apart, the second -1: from nothing, integers, shape (p, 2).
+        forces: of the first of each pair, lbf or N, shape (p,).
+        thrusts: of it, shape (p,).
+        loss: whether a jet gives less while it fires; else it leaks.
+    """
+
+    pairs: NDArray[np.int_]
+    forces: Array
+    thrusts: Array
+    loss: bool
+
+
+def suspicion(suspects: Sequence[str], force: str, vehicle: Vehicle, fires: NDArray[np.int_]) -> Suspicion:
+    """Reads suspects: one is to be told from every other jet, several from each other.
+
+    Args:
+        suspects: designations.
+        force: that it leaks, a share of its thrust or with a unit; below zero: that is missing while it fires.
+        vehicle: see `Vehicle`.
+        fires: jets that may be used, integers.
+
+    Raises:
+        InputError: when a suspect is none, or would never show.
+    """
+    places = list[int]()
+    for name in suspects:
+        if name not in vehicle.designations:
+            raise InputError(f"design: suspect '{name}': no such jet{suggestion(name, vehicle.designations)}")
+        if vehicle.designations.index(name) in places:
+            raise InputError(f"design: suspect '{name}' is given twice")
+        places.append(vehicle.designations.index(name))
+    if not places:
+        return Suspicion(np.zeros((0, 2), dtype=int), np.zeros(0), np.zeros(0), False)
+    where = f"design: force {force}"
+    number, unit = _quantity(force, where)
+    read = units.parsed(unit) if unit else units.parsed("N" if vehicle.unit_names["force"] == "N" else "lbf")
+    thrusts = np.linalg.norm(vehicle.thrusts, axis=1)
+    if read.dimension == (0, 0, 0, 0):
+        forces = number * read.factor * thrusts
+    elif read.dimension == units.parsed("N").dimension:
+        own = units.parsed("N" if vehicle.unit_names["force"] == "N" else "lbf").factor
+        forces = np.full(thrusts.size, number * read.factor / own)
+    else:
+        raise InputError(f"{where}: '{unit}' does not fit; write it like 5% or 0.2 N")
+    if number == 0.0 or not math.isfinite(number):
+        raise InputError(f"{where}: a suspect that never pushes cannot be told; give what it leaks, or misses")
+    for place in places:
+        name = vehicle.designations[place]
+        if abs(forces[place]) > thrusts[place]:
+            most = f"{thrusts[place]:g} {vehicle.unit_names['force']}"
+            raise InputError(f"{where}: is more than the thrust of {name}, {most}")
+        if number < 0.0 and place not in fires:
+            raise InputError(
+                f"design: suspect '{name}': gives less only while it fires, and it may not fire; leave it out of "
+                "'without', or out of the suspects"
+            )
+    others = places if len(places) > 1 else list(range(len(vehicle.jets)))
+    pairs = np.array([(one, other) for one in places for other in (*others, -1) if one != other], dtype=int)
+    first = pairs[:, 0]
+    return Suspicion(pairs, np.abs(forces[first]), thrusts[first], number < 0.0)
+
+
+def aims(
+    wanted: Sequence[Target], suspected: Suspicion, params: JointParams, faults: FaultsBlock, margin: float
+) -> Aims:
+    """Aims of a search: targets and suspects with a margin, since it goes by the nominal vehicle.
+
+    A failure is looked for once the vehicle is known as the convergence guard asks, so with suspects that is an aim.
+
+    Args:
+        wanted: targets.
+        suspected: see `Suspicion`.
+        params: of the joint filter.
+        faults: how likely a failure is, and how sure a declaration must be.
+        margin: by which share each 1-sigma is to be smaller.
+    """
+    rows = [target.combination for target in wanted]
+    deviations = [target.asked for target in wanted]
+    if suspected.pairs.size:
+        scaled = [*range(3), MASS_RECIPROCAL]
+        guards = np.append(params.guard_relative * np.abs(params.nominal[scaled]), params.guard_center)
+        for element, guard in zip([*scaled, *range(10)[CENTER_OF_MASS]], guards.tolist(), strict=True):
+            if math.isfinite(guard):
+                rows.append(np.eye(10)[element])
+                deviations.append(guard)
+    combinations = np.zeros((len(rows), n_known(params)))
+    combinations[:, :10] = np.array(rows).reshape(-1, 10)
+    nothing = suspected.pairs[:, 1] < 0
+    pairs = suspected.pairs + (params.places.jets if suspected.loss else 0)
+    pairs[nothing, 1] = -1
+    doubt = min(faults.false_per_hour / faults.jet_per_hour, 0.25)  # that a declaration may leave
+    odds = math.log(1.0 / doubt - 1.0) - np.where(nothing, log_rate(faults.jet_per_hour, 1.0), 0.0)
+    asks = np.array(deviations) / (1.0 + margin)
+    return Aims(combinations, asks, pairs, suspected.forces, suspected.thrusts, odds * (1.0 + margin) ** 2)

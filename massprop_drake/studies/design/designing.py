@@ -1,0 +1,141 @@
+"""Design of a maneuver: what is asked, the search, the scenario that flies it, and what flights of it show."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.errors import InputError, suggestion
+from massprop_drake.inputs import crafts
+from massprop_drake.inputs import params as inputs
+from massprop_drake.inputs.scenario import HypothesesBlock, PlantBlock, Scenario
+from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.maths.estimation.filters.joint import JointFilterState, initial
+from massprop_drake.maths.estimation.joint.layout import RATE
+from massprop_drake.maths.maneuver.actions import Craft, candidates
+from massprop_drake.maths.maneuver.aims import Known
+from massprop_drake.maths.maneuver.information import prior_information
+from massprop_drake.maths.maneuver.planning import Cost, Task, best, characterized
+from massprop_drake.results.run import Run
+from massprop_drake.results.stored import STATE_FILE
+from massprop_drake.runners.logs import restored
+from massprop_drake.studies.design import asked, reach, writing
+from massprop_drake.studies.design.found import Design
+from massprop_drake.studies.design.verification import flown
+from massprop_drake.systems.autopilot.jet_sets import jet_sets
+
+Array = NDArray[np.float64]
+
+MARGIN = 0.15  # by which share each 1-sigma is smaller than asked, since the truth is not nominal; probability
+_SECOND = 0.05  # what a second costs, in seconds of a jet's propellant, or that in seconds; a preference
+
+
+def design(
+    case: Scenario | Vehicle,
+    targets: Mapping[str, str] | None = None,
+    *,
+    suspects: Sequence[str] = (),
+    force: str = "5%",
+    limits: Mapping[str, str] | None = None,
+    without: Sequence[str] = (),
+    spare: str = "propellant",
+    margin: float = MARGIN,
+    hold: bool = False,
+    known: Run | str | Path | None = None,
+    flights: int = 0,
+) -> Design:
+    """Designs the firings that make mass properties known, or tell which jet fails, at least cost.
+
+        design(load_vehicle("servicer"), {"mass": "1%", "inertia": "0.5%"}, limits={"rate": "1 deg/s"}, flights=5)
+
+    The vehicle is taken as its file has it, or as it is known at the end of a run. Each firing is followed by the joint
+    filter's own recursion, see `maths.estimation.information`.
+
+    Args:
+        case: a vehicle, whose settings are the usual ones; or a scenario, for vehicle, plant and settings.
+        targets: 1-sigma by name: a share of the value, or with a unit. See `asked.TARGETS`.
+        suspects: jets of which one may fail: one is to be told from every other jet, several from each other.
+        force: that a suspect leaks, a share of its thrust or with a unit; below zero: misses while it fires.
+        limits: of rate, angle, displacement, propellant and time, see `asked.LIMITS`.
+        without: jets that are not to be fired, as plumes or rules forbid.
+        spare: what is to be spared, `propellant` or `time`.
+        margin: by which share each 1-sigma is to be smaller than asked, as the truth is not nominal.
+        hold: whether the autopilot holds attitude while nothing is prescribed, by firings that come on top.
+        known: a run, or its folder, from whose end the maneuver goes on; None: nothing is known but what is stated.
+        flights: how often the maneuver is flown, with seeds 0, 1, ...; with a suspect that fails as often for each.
+
+    Raises:
+        InputError: when something asked for is none, or cannot be reached: then it says what is in the way.
+    """
+    run = Run.load(known) if isinstance(known, (str, Path)) else known
+    base = _joint(run.scenario if run is not None else case if isinstance(case, Scenario) else _usual(case))
+    vehicle = base.vehicle_data
+    if run is not None and isinstance(case, Vehicle) and case.name != vehicle.name:
+        raise InputError(f"design: the run is of vehicle '{vehicle.name}', not of '{case.name}'")
+    if spare not in ("propellant", "time"):
+        raise InputError(f"design: spare: either propellant or time, not '{spare}'")
+    if not 0.0 <= margin <= 10.0:
+        raise InputError(f"design: margin: must be from 0 to 10, not {margin:g}")
+    craft, state = _start(base, run, without)
+    wanted = asked.targets(targets or {}, craft.properties, vehicle)
+    suspected = asked.suspicion(suspects, force, vehicle, craft.jets)
+    if not wanted and not suspects:
+        raise InputError("design: nothing is asked for; give a target, such as mass=1%, or a suspect")
+    aims = asked.aims(wanted, suspected, craft.params, base.faults, margin)
+    flow = float(np.median(craft.flows[craft.jets]))
+    cost = Cost(1.0 / flow, _SECOND) if spare == "propellant" else Cost(_SECOND / flow, 1.0)
+    task = Task(
+        craft,
+        Known(*prior_information(state.joint, craft.params)),
+        aims,
+        asked.limits(limits or {}, vehicle),
+        cost,
+        margin,
+    )
+    sets = jet_sets(craft)
+    floors = reach.require_within_reach(sets, task, (wanted, suspected), vehicle)
+    reach.require_room(sets, task, limits or {})
+    choice = characterized(candidates(sets, craft), task)
+    found = best(choice, task)
+    reach.require_reached(found.plan, task, (wanted, suspected), vehicle, limits or {})
+    made = writing.made(found, task, writing.DesignRequest(wanted, suspected, floors, hold), base, run)
+    return flown(made, wanted, vehicle, flights) if flights else made
+
+
+def _usual(vehicle: Vehicle) -> Scenario:
+    """A scenario of a vehicle whose thrusts are off as its file says, with the usual settings."""
+    return Scenario(vehicle=vehicle, plant=PlantBlock(thrust_dispersion=float(vehicle.thrust_uncertainties.max())))
+
+
+def _joint(scenario: Scenario) -> Scenario:
+    """The scenario with the joint filter, and nothing that happens."""
+    if scenario.vehicle_data.needs_pose_filter:
+        raise InputError(
+            f"design: vehicle '{scenario.vehicle_data.name}' is estimated in a fixed frame, by estimation.filter: "
+            "pose; maneuvers are designed for vehicles that have gyros and no position sensor"
+        )
+    changed: dict[str, Any] = {"failures": (), "engine_failures": (), "jumps": ()}
+    if scenario.estimation.filter != "joint":
+        changed["estimation"] = scenario.estimation.model_copy(update={"filter": "joint"})
+        changed["detector"] = HypothesesBlock()
+    return scenario.model_copy(update=changed)
+
+
+def _start(scenario: Scenario, run: Run | None, without: Sequence[str]) -> tuple[Craft, JointFilterState]:
+    """The vehicle as a maneuver commands it, and the filter's state before."""
+    vehicle = scenario.vehicle_data
+    for name in without:
+        if name not in vehicle.designations:
+            raise InputError(f"design: without '{name}': no such jet{suggestion(name, vehicle.designations)}")
+    craft, made = crafts.craft(scenario, frozenset(without)), inputs.estimation_params(scenario)
+    if craft.jets.size == 0 and not craft.torques.any():
+        raise InputError("design: without: leaves no jet to fire")
+    if run is None:
+        return craft, initial(made.filter_params)
+    state = restored(run.state["states"], made, STATE_FILE).filter
+    speeds = np.where(np.isnan(state.speeds), craft.speeds, state.speeds)
+    return craft._replace(rate=state.joint.mean[RATE], properties=state.estimate, speeds=speeds), state

@@ -1,0 +1,101 @@
+"""Designs as data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.inputs.scenario import Scenario
+
+Array = NDArray[np.float64]
+
+
+class TargetFound(NamedTuple):
+    """A target, and how well it will be known.
+
+    Attributes:
+        name: of the quantity.
+        unit: of all numbers.
+        value: as the vehicle is taken to be.
+        asked: 1-sigma that was asked for.
+        before: 1-sigma before the maneuver.
+        predicted: after it.
+        floor: what no firing takes away.
+        flown: 1-sigma of the filter at the end of each flight.
+        errors: error of its estimate there.
+    """
+
+    name: str
+    unit: str
+    value: float
+    asked: float
+    before: float
+    predicted: float
+    floor: float
+    flown: tuple[float, ...]
+    errors: tuple[float, ...]
+
+
+class PairFound(NamedTuple):
+    """Two suspects, and when they are told apart.
+
+    Attributes:
+        jet: that fails.
+        other: that would explain it; None: nothing fails.
+        force: lbf or N; below zero: missing while it fires.
+        after_s: from the beginning of the maneuver on, s; None: not by its end.
+    """
+
+    jet: str
+    other: str | None
+    force: float
+    after_s: float | None
+
+
+class Trace(NamedTuple):
+    """Knowledge against propellant and time.
+
+    Attributes:
+        propellant: that is used, slug or kg, shape (n,).
+        time_s: since the beginning, shape (n,).
+        deviations: 1-sigma of each target by then, shape (n, n_targets).
+    """
+
+    propellant: Array
+    time_s: Array
+    deviations: Array
+
+
+class Design(NamedTuple):
+    """A maneuver that makes known what was asked.
+
+    Attributes:
+        scenario: that flies it.
+        begins_s: when in that scenario it begins, s.
+        duration_s: of the maneuver.
+        firing_s: for which jets fire or wheels turn in it.
+        propellant: that it uses, slug or kg.
+        rate, angle, displacement: largest on the way, rad/s, rad, ft or m.
+        targets: see `TargetFound`.
+        pairs: see `PairFound`.
+        course: along the maneuver.
+        front: of the plans for looser aims that the search went through.
+        named_s: of each flight with a suspect that fails, by suspect: when it was named, s after it failed; None: not.
+    """
+
+    scenario: Scenario
+    begins_s: float
+    duration_s: float
+    firing_s: float
+    propellant: float
+    rate: float
+    angle: float
+    displacement: float
+    targets: tuple[TargetFound, ...]
+    pairs: tuple[PairFound, ...]
+    course: Trace
+    front: Trace
+    named_s: Mapping[str, tuple[float | None, ...]]

@@ -1,0 +1,60 @@
+"""Plots of a design: what is known for how much propellant, and what fires when."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprop_drake.display.spec import Bars, Level, Line, Mark, Over, Panel, Plot, Points
+from massprop_drake.display.style import COLORS, THIN_LINE, TRUTH_COLOR
+from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.studies.design.found import Design
+
+
+def plots(made: Design, vehicle: Vehicle) -> list[Plot]:
+    """The plots of a design."""
+    return [*([front(made, vehicle)] if made.targets else []), firings(made, vehicle)]
+
+
+def front(made: Design, vehicle: Vehicle) -> Plot:
+    """1-sigma of each target, as a share of what is asked, against propellant: of plans for looser aims, and flown."""
+    most = 1.05 * max(float(made.front.propellant[-1]), made.propellant) or 1.0
+    ends = np.array([0.0, most])
+    marks: list[Mark] = [Line(ends, np.ones(2), TRUTH_COLOR, "asked", dashed=True)]
+    for number, target in enumerate(made.targets):
+        color = COLORS[number % (len(COLORS) - 1)]
+        looser = made.front.deviations[:, number] / target.asked
+        marks.append(Line(made.front.propellant, looser, color, target.name, THIN_LINE))
+        flown = np.array(target.flown) / target.asked
+        at = np.full(flown.size or 1, made.propellant)
+        values = flown if flown.size else np.array([target.predicted / target.asked])
+        marks.append(Points(at, values, color))
+    over = Over("propellant", vehicle.unit_names["mass"], (0.0, most))
+    panel = Panel("1-sigma / asked", "", tuple(marks), scale="log", over=over)
+    meaning = "lines: plans for looser targets; points: this maneuver" + (", flown" if made.targets[0].flown else "")
+    title = "What is known for how much propellant"
+    return Plot("front", title, vehicle.name, np.zeros(1), (panel,), meaning=meaning)
+
+
+def firings(made: Design, vehicle: Vehicle) -> Plot:
+    """Firings of jets and torques of wheels over time, and how well targets are known by then."""
+    scenario, begins = made.scenario, made.begins_s
+    pulses = [(one.jet, one.start_s, one.end_s) for one in scenario.jet_schedule if one.start_s >= begins]
+    pulses += [(one.wheel, one.start_s, one.end_s) for one in scenario.wheel_schedule if one.start_s >= begins]
+    names = (*vehicle.designations, *(wheel.name for wheel in vehicle.wheels))
+    rows = [name for name in names if any(name == one for one, _, _ in pulses)]
+    bars = Bars(
+        np.array([start for _, start, _ in pulses]),
+        np.array([end for _, _, end in pulses]),
+        np.array([float(rows.index(name)) for name, _, _ in pulses]),
+        COLORS[0],
+        label="commanded",
+    )
+    panels = [Panel("", "", (bars,), rows=tuple(rows))]
+    time_s = begins + np.insert(made.course.time_s, 0, 0.0)
+    if made.targets:
+        lines: list[Mark] = [Level(1.0, label="asked")]
+        for number, target in enumerate(made.targets):
+            values = np.insert(made.course.deviations[:, number], 0, target.before) / target.asked
+            lines.append(Line(time_s, values, COLORS[number % (len(COLORS) - 1)], target.name))
+        panels.append(Panel("1-sigma / asked", "", tuple(lines), scale="log"))
+    return Plot("firings", "The maneuver", vehicle.name, np.array((begins, begins + made.duration_s)), tuple(panels))

@@ -1,0 +1,64 @@
+"""Flights of a design, against what it foretells."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from massprop_drake.inputs.scenario import CglrBlock, Degraded, Leak, Scenario
+from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.maths.maneuver.planning import LEAD
+from massprop_drake.runners.simulate import simulate
+from massprop_drake.studies.design.asked import Target, valued
+from massprop_drake.studies.design.found import Design
+
+_LISTENING_S = 10.0  # after a maneuver, for which a suspect may still be named
+
+
+def flown(made: Design, wanted: Sequence[Target], vehicle: Vehicle, flights: int) -> Design:
+    """The design with what flights of it show."""
+    quiet = made.scenario.model_copy(update={"detector": CglrBlock(kind="off")})
+    results = [_one_flight(quiet, seed, wanted) for seed in range(flights)] if wanted else []
+    targets = tuple(
+        one._replace(
+            flown=tuple(deviations[place] for deviations, _ in results),
+            errors=tuple(errors[place] for _, errors in results),
+        )
+        for place, one in enumerate(made.targets)
+    )
+    named = {}
+    for jet in dict.fromkeys(pair.jet for pair in made.pairs):
+        force = next(pair.force for pair in made.pairs if pair.jet == jet)
+        named[jet] = tuple(_named_s(made, jet, force, seed, vehicle) for seed in range(flights))
+    return made._replace(targets=targets, named_s=named)
+
+
+def _one_flight(scenario: Scenario, seed: int, wanted: Sequence[Target]) -> tuple[list[float], list[float]]:
+    """1-sigma and error of each target at the end of a flight's maneuver."""
+    run = simulate(scenario.model_copy(update={"seed": seed}), look_back=False)
+    estimate, covariance, truth = run.results.estimates, run.covariance, run["truth"][-1]
+    deviations, errors = [], []
+    for target in wanted:
+        combination, value = valued(target.name, estimate)
+        of = np.flatnonzero(combination)  # what no sensor shows has no covariance
+        deviations.append(math.sqrt(combination[of] @ covariance[np.ix_(of, of)] @ combination[of]))
+        errors.append(value - valued(target.name, truth)[1])
+    return deviations, errors
+
+
+def _named_s(made: Design, jet: str, force: float, seed: int, vehicle: Vehicle) -> float | None:
+    """Time from a suspect's failure, as the maneuver begins, until it is named in a flight, s; None: it is not."""
+    at_s = made.begins_s + LEAD * vehicle.sample_period_s
+    thrust = float(np.linalg.norm(vehicle.thrusts[vehicle.designations.index(jet)]))
+    failure = (
+        Leak(kind="leak", jet=jet, start_s=at_s, force=force)
+        if force > 0.0
+        else Degraded(kind="degraded", jet=jet, start_s=at_s, fraction=1.0 + force / thrust)
+    )
+    longer_s = made.scenario.duration_s + _LISTENING_S
+    case = made.scenario.model_copy(update={"seed": seed, "failures": (failure,), "duration_s": longer_s})
+    run = simulate(case, look_back=False)
+    named = [one.time_s for one in run.results.detections if one.jet == jet and one.withdrawn_s is None]
+    return min(named) - at_s if named else None

@@ -1,0 +1,45 @@
+"""Sets of jets that are worth firing together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.maths.autopilot.jet_selection import activity_vectors
+from massprop_drake.maths.maneuver.actions import Craft
+from massprop_drake.systems.autopilot.jet_selection_program import JetSelectionProgram
+
+Array = NDArray[np.float64]
+
+_ASKED = 0.2  # of what the strongest jet gives in a second; jets then fire together, compute budget
+_SHARE = 0.3  # of the longest on-time of a selection: jets with less stay shut, compute budget
+
+
+def jet_sets(craft: Craft) -> list[tuple[int, ...]]:
+    """Each jet alone, then for each axis and way those of least propellant that turn or push along it.
+
+    Args:
+        craft: see `Craft`.
+    """
+    return list(dict.fromkeys(_sets(craft)))
+
+
+def _sets(craft: Craft) -> Iterator[tuple[int, ...]]:
+    for jet in craft.jets.tolist():
+        yield (jet,)
+    if craft.jets.size == 0:
+        return
+    activity = activity_vectors(craft.params.wrenches, craft.properties)
+    limits = np.zeros(craft.params.places.jets)
+    limits[craft.jets] = 1.0
+    program = JetSelectionProgram(craft.flows)
+    for axis in range(6):
+        reach = float(np.abs(activity[axis, craft.jets]).max())
+        for way in (1.0, -1.0):
+            request = np.zeros(6)
+            request[axis] = _ASKED * way * reach
+            on_times = program.solve(activity, request, limits).on_times_s
+            if on_times.any():
+                yield tuple(np.flatnonzero(on_times > _SHARE * on_times.max()).tolist())

@@ -1,0 +1,151 @@
+"""Information along a course: against the joint filter's own covariance, against forecasts, and its motion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from massprop_drake import Scenario
+from massprop_drake.inputs import params
+from massprop_drake.maths.estimation.joint import bound
+from massprop_drake.maths.estimation.joint.cycle import Sample, begun, initial
+from massprop_drake.maths.estimation.joint.layout import RATE, VELOCITY, JointParams
+from massprop_drake.maths.estimation.joint.orientation import UNTURNED
+from massprop_drake.maths.estimation.joint.ticks import on_ticks
+from massprop_drake.maths.estimation.joint.wheels import Spun
+from massprop_drake.maths.maneuver.information import (
+    FollowedCourse,
+    Step,
+    failing_from_now,
+    followed,
+    n_known,
+    prior_information,
+    start,
+)
+
+Array = np.ndarray
+
+
+def joint(name: str) -> JointParams:
+    found: JointParams = params.estimation_params(Scenario(vehicle=name)).filter_params.joint
+    return found
+
+
+def steps(made: JointParams, count: int, period_s: float = 0.1) -> list[Step]:
+    """Firings of one or two jets, and of wheels, now and then; nothing is missing."""
+    random, places = np.random.default_rng(5), made.places
+    found = []
+    for _ in range(count):
+        command = np.zeros(places.jets)
+        if random.random() < 0.5:
+            command[random.integers(places.jets, size=2)] = 1.0
+        torques = 2e-3 * random.standard_normal(places.wheels)
+        found.append(Step(command, torques, period_s, np.zeros(places.outputs, dtype=bool)))
+    return found
+
+
+def course(made: JointParams, flown: list[Step]) -> FollowedCourse:
+    found = start(made.nominal, np.zeros(3), np.zeros(made.places.wheels), made)
+    for step in flown:
+        found = followed(found, step, made)
+    return found
+
+
+def filtered(made: JointParams, flown: list[Step], means: list[Array]) -> Array:
+    """Covariance of what is uncertain by the filter's recursion from its prior, along the same motion."""
+    places = made.places
+    speeds, mean = np.zeros(places.wheels), means[0]
+    none = [np.full((n, 3), np.nan) for n in (places.gyros, places.accelerometers, places.trackers)]
+    unspun = Spun(speeds, speeds, np.zeros(places.wheels), np.ones(places.wheels))
+    first = Sample(0.0, np.zeros(1), np.zeros((1, places.jets)), np.zeros(6), *none[:2], on_ticks(), none[2])
+    first = first._replace(speeds=unspun, frames=np.stack((UNTURNED, UNTURNED)))
+    state = begun(initial(made)._replace(mean=mean), first, made)._replace(mean=mean, reference=mean[RATE].copy())
+    for row, step in enumerate(flown):
+        after = speeds + step.torques * step.period_s / made.wheels.inertias
+        there = [np.zeros((n, 3)) for n in (places.gyros, places.accelerometers, places.trackers)]
+        sample = Sample(
+            state.time_s + step.period_s, np.array([step.period_s]), step.command.reshape(1, -1), np.zeros(6),
+            *there[:2], on_ticks(), there[2], speeds=Spun(speeds, after, np.zeros(after.size), np.ones(after.size)),
+        )  # fmt: skip
+        state = bound.step(state, sample, means[row + 1], ~step.missing, made)
+        speeds = after
+    root = np.vstack((state.root[:10], state.root[places.thrust : places.force]))
+    found: Array = root @ root.T
+    return found
+
+
+@pytest.mark.parametrize("name", ["small_satellite", "servicer"])
+def test_with_a_prior_it_is_the_filters_covariance(name: str) -> None:
+    made = joint(name)
+    flown = steps(made, 25)
+    courses = [start(made.nominal, np.zeros(3), np.zeros(made.places.wheels), made)]
+    for step in flown:
+        courses.append(followed(courses[-1], step, made))
+    information, of = prior_information(initial(made), made)
+    covariance = np.linalg.inv(information + courses[-1].shown[np.ix_(of, of)])
+    expected = filtered(made, flown, [each.joint.mean for each in courses])[np.ix_(of, of)]
+    size = np.sqrt(np.diagonal(expected))
+    np.testing.assert_allclose(np.sqrt(np.diagonal(covariance)), size, rtol=2e-3)
+    np.testing.assert_allclose(covariance / np.outer(size, size), expected / np.outer(size, size), atol=4e-3)
+
+
+def test_motion_is_that_of_a_rigid_body() -> None:
+    made = joint("small_satellite")
+    jet = 8
+    pulse = np.eye(made.places.jets)[jet]
+    present = np.zeros(made.places.outputs, dtype=bool)
+    fires = [Step(pulse, np.zeros(0), 0.1, present)] * 5
+    coasts = [Step(np.zeros(made.places.jets), np.zeros(0), 0.1, present)] * 10
+    found = course(made, fires + coasts)
+    inertia = np.linalg.inv(made.nominal[np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])])
+    wrench = made.wrenches[jet]
+    torque = wrench[:3] - np.cross(made.nominal[6:9], wrench[3:])
+    expected = 0.5 * np.linalg.solve(inertia, torque)  # of half a second, which coupling moves by 2e-5 rad/s
+    np.testing.assert_allclose(found.joint.mean[RATE], expected, rtol=1e-3, atol=3e-5)
+    np.testing.assert_allclose(found.velocity, 0.5 * made.nominal[9] * wrench[3:], rtol=5e-3, atol=1e-5)
+    assert not found.joint.mean[VELOCITY : made.places.slow].any()
+
+
+def test_what_is_missing_tells_nothing() -> None:
+    made = joint("small_satellite")
+    flown = [step._replace(missing=np.ones(made.places.outputs, dtype=bool)) for step in steps(made, 10)]
+    assert not course(made, flown).shown.any()
+
+
+def test_a_reading_that_is_rounded_and_stands_still_tells_little() -> None:
+    """Of the orbiter, whose sensors have no noise: a hundred samples at rest are worth no more than ten."""
+    made = joint("orbiter")
+    still = Step(np.zeros(made.places.jets), np.zeros(0), 0.08, np.zeros(made.places.outputs, dtype=bool))
+    fires = still._replace(command=np.eye(made.places.jets)[0])
+    few, many = (course(made, [still] * count + [fires] * 3) for count in (10, 100))
+    assert many.shown[0, 0] == pytest.approx(few.shown[0, 0], rel=1e-3)
+
+
+def test_jets_that_fail_from_now_on_have_not_shown_yet() -> None:
+    made = joint("small_satellite")
+    first = n_known(made)
+    begun_to_fail = failing_from_now(course(made, steps(made, 10)), made)
+    assert not begun_to_fail.shown[first:].any()
+    assert not begun_to_fail.shown[:, first:].any()
+    assert begun_to_fail.shown[:first, :first].any()
+    one = np.eye(made.places.jets)[7]
+    after = followed(begun_to_fail, steps(made, 1)[0]._replace(command=one), made)
+    leaks, losses = np.split(np.diagonal(after.shown)[first:], 2)
+    assert (leaks > 0.0).all()  # whatever fires
+    assert losses.argmax() == 7  # others by what their valves leave of the sample before
+    assert np.delete(losses, 7).max() < 0.1 * losses[7]
+
+
+def test_a_leak_shows_as_the_forecast_of_the_filter_has_it() -> None:
+    """With all else free the information about a force is what the forecast's innovations say of it."""
+    made = joint("small_satellite")
+    flown = steps(made, 20)
+    found = course(made, flown)
+    information, of = prior_information(initial(made), made)
+    first = n_known(made)
+    leaks = slice(first, first + made.places.jets)
+    cross = found.shown[of][:, leaks]
+    left = found.shown[leaks, leaks] - cross.T @ np.linalg.inv(information + found.shown[np.ix_(of, of)]) @ cross
+    assert (np.diagonal(left) > 0.0).all()
+    assert (np.diagonal(left) < np.diagonal(found.shown)[leaks]).all()
+    assert (np.linalg.eigvalsh(left) > -1e-6 * left.max()).all()

@@ -1,0 +1,52 @@
+"""Jets that are prescribed beside an autopilot, and flights with neither."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from massprop_drake import load_scenario, simulate
+from massprop_drake.errors import InputError
+
+SHORT = ["duration_s=12", "maneuver=[]", "estimation.filter=joint", "detector.kind=off"]
+PULSE = "jet_schedule=[{jet: ZP1, start_s: 2, end_s: 2.4}]"
+
+
+def test_an_autopilot_holds_attitude_while_nothing_is_prescribed() -> None:
+    run = simulate(
+        load_scenario("small_satellite_maneuver", [*SHORT, PULSE, "autopilot.engaged=true"]), look_back=False
+    )
+    jet = run.scenario.vehicle_data.designations.index("ZP1")
+    fires = run["command"] > 0.0
+    prescribed = (run.time_s > 1.95) & (run.time_s < 2.35)
+    assert fires[prescribed, jet].all()
+    assert fires[prescribed].sum() == 4  # nothing else
+    assert not fires[run.time_s < 1.95].any()
+    assert fires[~prescribed].any()  # against what the pulse did
+    turned = np.degrees(np.linalg.norm(run["rate"], axis=1))
+    assert turned.max() > 0.4
+    assert turned[-1] < 0.25  # within the rate deadband
+
+
+def test_without_one_what_a_pulse_did_stays() -> None:
+    run = simulate(load_scenario("small_satellite_maneuver", [*SHORT, PULSE]), look_back=False)
+    assert (run["command"] > 0.0).sum() == 4
+    assert np.degrees(np.linalg.norm(run["rate"][-1])) > 0.4
+
+
+def test_nobody_flies_where_none_is_engaged() -> None:
+    """Not even against a rate at the start."""
+    settings = [*SHORT, "autopilot.engaged=false", "plant.initial_rate=[0.01, 0, 0]"]
+    run = simulate(load_scenario("small_satellite_maneuver", settings), look_back=False)
+    assert not run["command"].any()
+    assert "hand_controllers" not in run.signals or not run["hand_controllers"].any()
+
+
+def test_a_maneuver_needs_an_autopilot() -> None:
+    with pytest.raises(InputError, match="flown by the autopilot, which does not fly"):
+        load_scenario("small_satellite_maneuver", ["autopilot.engaged=false"])
+    with pytest.raises(InputError, match=r"autopilot\.engaged: true, for both"):
+        load_scenario("small_satellite_maneuver", [PULSE])
+    both = load_scenario("small_satellite_maneuver", [PULSE, "autopilot.engaged=true"])
+    assert both.maneuver
+    assert both.jet_schedule

@@ -1,0 +1,180 @@
+"""Designs of maneuvers: against flights, with limits, suspects and what is known already, and what cannot be had."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from massprop_drake import Design, Run, design, load_scenario, load_vehicle, simulate
+from massprop_drake.cli.app import app
+from massprop_drake.errors import InputError
+from massprop_drake.studies.design import saving
+
+KNOWN = ["estimation={filter: joint, std_fraction: 0.01}", "plant.mass_properties=null", "plant.thrust_dispersion=0.01"]
+
+
+@pytest.fixture(scope="module")
+def weighed() -> Design:
+    """The servicer's mass to 2 %, which one firing or two tell, within narrow limits and without two jets."""
+    asked = {"rate": "1 deg/s", "time": "20 s"}
+    return design(load_vehicle("servicer"), {"mass": "2%"}, limits=asked, without=["XP1", "XP2"], flights=2)
+
+
+def test_flights_are_as_predicted(weighed: Design) -> None:
+    (mass,) = weighed.targets
+    assert (mass.name, mass.unit) == ("mass", "kg")
+    assert mass.asked == pytest.approx(0.02 * mass.value)
+    assert mass.floor < mass.predicted <= mass.asked / 1.15
+    np.testing.assert_allclose(mass.flown, mass.predicted, rtol=0.1)
+    assert max(map(abs, mass.errors)) < 4.0 * mass.asked
+
+
+def test_limits_are_kept_in_flight(weighed: Design) -> None:
+    run = simulate(weighed.scenario.model_copy(update={"seed": 3}))
+    assert np.linalg.norm(run["rate"], axis=1).max() == pytest.approx(weighed.rate, rel=0.05)
+    assert weighed.rate <= math.radians(1.0)
+    fired = {pulse.jet for pulse in weighed.scenario.jet_schedule}
+    assert fired
+    assert not fired & {"XP1", "XP2"}
+    assert run.time_s[-1] == pytest.approx(weighed.duration_s)
+    flow = dict(zip(weighed.scenario.vehicle_data.designations, weighed.scenario.vehicle_data.mass_flows, strict=True))
+    used = sum(flow[pulse.jet] * (pulse.end_s - pulse.start_s) for pulse in weighed.scenario.jet_schedule)
+    assert used == pytest.approx(weighed.propellant)
+
+
+def test_more_is_known_for_more_propellant(weighed: Design) -> None:
+    propellant, deviations = weighed.front.propellant, weighed.front.deviations[:, 0]
+    assert (np.diff(propellant) >= 0.0).all()
+    assert (np.diff(deviations) < 0.0).all()
+    assert weighed.course.deviations[-1, 0] == pytest.approx(weighed.targets[0].predicted)
+    assert weighed.propellant <= propellant[-1]
+
+
+def test_its_folder_flies(weighed: Design, tmp_path: Path) -> None:
+    folder = saving.save(weighed, tmp_path / "design")
+    files = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+    assert files == {
+        "scenario.yaml", "design.json", "design.html", "manifest.json", "figures/front.png", "figures/firings.png",
+    }  # fmt: skip
+    again = load_scenario(folder)
+    assert again.jet_schedule == weighed.scenario.jet_schedule
+    assert again.open_loop
+    content = json.loads((folder / "design.json").read_text(encoding="utf-8"))
+    assert content["targets"][0]["predicted"] == weighed.targets[0].predicted
+    page = (folder / "design.html").read_text(encoding="utf-8")
+    assert "plot-front" in page
+    assert "mass is" in page
+    assert saving.save(weighed, folder) == folder  # what is unchanged is replaced
+
+
+def test_wheels_turn_the_vehicle_at_no_cost() -> None:
+    """Nobody flies meanwhile: where only wheels turn, an autopilot would undo it by jets."""
+    found = design(load_vehicle("cubesat"), {"Ixx": "5%"}, flights=1)
+    assert found.propellant == 0.0
+    assert {pulse.wheel for pulse in found.scenario.wheel_schedule} == {"RWX"}
+    assert found.scenario.open_loop
+    np.testing.assert_allclose(found.targets[0].flown, found.targets[0].predicted, rtol=0.1)
+
+
+@pytest.fixture(scope="module")
+def run() -> Run:
+    """A flight in which the vehicle becomes known, by an autopilot."""
+    settings = ["duration_s=10", "estimation.filter=joint", "detector.kind=off", "execution.engine=loop"]
+    return simulate(load_scenario("small_satellite_maneuver", settings), look_back=False)
+
+
+def test_it_goes_on_from_what_a_run_knows(run: Run, tmp_path: Path) -> None:
+    folder = run.save(tmp_path / "run", pictures=False, report=False)
+    asked, limits = {"mass": "1%", "inertia": "1%"}, {"rate": "2 deg/s"}
+    ones = [design(run.scenario, asked, known=known, limits=limits) for known in (run, folder)]
+    assert ones[0].targets == ones[1].targets
+    assert ones[0].scenario.jet_schedule == ones[1].scenario.jet_schedule
+    (found, _), (mass, *moments) = ones, ones[0].targets
+    assert mass.before / mass.value > 0.25  # it has only turned
+    assert max(one.before / one.value for one in moments) < 0.02
+    assert found.begins_s == 10.0
+    assert not found.scenario.open_loop  # the autopilot that flew goes on
+    assert all(pulse.start_s >= 10.0 for pulse in found.scenario.jet_schedule)
+    flown = simulate(found.scenario.model_copy(update={"detector": run.scenario.detector}), look_back=False)
+    np.testing.assert_array_equal(flown["rate"][: run.time_s.size], run["rate"])
+    share = flown.covariance[9, 9] ** 0.5 / flown.results.estimates[9]
+    assert 0.8 * mass.predicted / mass.value < share < 1.05 * mass.asked / mass.value  # holding attitude tells more
+
+
+def test_suspects_are_told_apart_as_foretold() -> None:
+    case = load_scenario("small_satellite_maneuver", KNOWN)
+    found = design(case, suspects=["ZP1", "ZN2"], force="0.25 N", flights=1)
+    pairs = {(pair.jet, pair.other): pair for pair in found.pairs}
+    assert set(pairs) == {("ZP1", "ZN2"), ("ZP1", None), ("ZN2", "ZP1"), ("ZN2", None)}
+    for jet in ("ZP1", "ZN2"):
+        (named_s,) = found.named_s[jet]
+        after = [pair.after_s for pair in found.pairs if pair.jet == jet]
+        assert None not in after
+        assert named_s is not None
+        assert max(filter(None, after)) - 0.2 <= named_s
+
+
+def test_a_loss_is_told_by_firing_the_suspects() -> None:
+    case = load_scenario("small_satellite_maneuver", KNOWN)
+    found = design(case, suspects=["ZP1", "ZP2"], force="-20%")
+    assert {"ZP1", "ZP2"} <= {pulse.jet for pulse in found.scenario.jet_schedule}
+    assert all(pair.force == pytest.approx(-1.0) for pair in found.pairs)
+
+
+@pytest.mark.parametrize(
+    ("name", "asked", "words"),
+    [
+        ("servicer", {"targets": {"weight": "1%"}}, "target 'weight': no such quantity"),
+        ("servicer", {"targets": {"mass": "1"}}, "target mass=1: needs a unit, such as 1%"),
+        ("servicer", {"targets": {"mass": "1 m"}}, "'m' does not fit; write it like 1%"),
+        ("servicer", {"targets": {"center": "1%"}}, "'%' does not fit; write it like 5 mm"),
+        ("servicer", {"targets": {"mass": "0.1%"}}, "common scale of all thrusts"),
+        ("cubesat", {"targets": {"mass": "1%"}}, "No firing of these jets shows 1/m"),
+        ("servicer", {"targets": {}}, "nothing is asked for"),
+        ("servicer", {"targets": {"mass": "2%"}, "limits": {"rate": "0.001 deg/s"}}, "rate 0.001 deg/s: forbids every"),
+        ("servicer", {"targets": {"mass": "2%"}, "limits": {"rate": "0"}}, "forbids every maneuver"),
+        ("servicer", {"targets": {"mass": "2%"}, "limits": {"speed": "1"}}, "no such limit"),
+        ("servicer", {"targets": {"mass": "2%"}, "limits": {"propellant": "2 g"}}, "'g' does not fit"),
+        ("servicer", {"targets": {"mass": "2%"}, "without": ["T1"]}, "without 'T1': no such jet"),
+        ("servicer", {"suspects": ["T1"]}, "suspect 'T1': no such jet"),
+        ("servicer", {"suspects": ["XP1"], "force": "0%"}, "a suspect that never pushes"),
+        ("servicer", {"suspects": ["XP1"], "force": "200%"}, "is more than the thrust of XP1"),
+        ("servicer", {"suspects": ["XP1"], "force": "-5%", "without": ["XP1"]}, "gives less only while it fires"),
+        ("air_bearing", {"targets": {"mass": "2%"}}, "in a fixed frame"),
+    ],
+)
+def test_what_cannot_be_had_is_one_message(name: str, asked: dict[str, object], words: str) -> None:
+    with pytest.raises(InputError, match="design: ") as caught:
+        design(load_vehicle(name), **asked)  # type: ignore[arg-type]
+    assert words in str(caught.value)
+
+
+def test_a_limit_that_is_too_narrow_says_how_far_one_comes() -> None:
+    with pytest.raises(InputError, match="no maneuver was found") as caught:
+        design(load_vehicle("servicer"), {"mass": "1%"}, limits={"propellant": "0.0003 kg"})
+    assert "within propellant 0.0003 kg" in str(caught.value)
+    assert "mass is known to" in str(caught.value)
+
+
+def test_the_command_writes_and_prints_it(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    words = ["design", "cubesat", "--target", "Ixx=5%", "--flights", "0", "--out", str(out)]
+    printed = CliRunner().invoke(app, words)
+    assert printed.exit_code == 0
+    assert "Ixx is 0.041 kg-m^2" in printed.stdout
+    assert "RWX" in printed.stdout
+    assert (out / "design.html").exists()
+    as_json = CliRunner().invoke(app, [*words, "--json"])
+    assert json.loads(as_json.stdout)["targets"][0]["name"] == "Ixx"
+
+
+@pytest.mark.parametrize("words", [["--target", "mass"], ["--target", "mass=1%", "--target", "mass=2%"]])
+def test_words_that_are_no_target_are_refused(words: list[str], tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["design", "servicer", *words, "--out", str(tmp_path / "out")])
+    assert isinstance(result.exception, InputError)
+    assert not (tmp_path / "out").exists()
