@@ -37,6 +37,7 @@ TUTORIALS = {
     "your_own_vehicle": ["tug_center_of_mass.png"],
     "consistency": ["nis.png"],
     "probability": ["probability.png"],
+    "design_a_maneuver": ["design.png"],
 }
 DIAGRAMS = (
     "closed_loop_overview",

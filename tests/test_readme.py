@@ -17,7 +17,7 @@ CARD = re.compile(r"<!-- card:headlines -->\n.+\n<!-- /card:headlines -->", flag
 def test_every_command_runs_and_prints_what_is_shown(massprop: Massprop) -> None:
     ours = [words[1:] for words in commands(README) if words[0] == "massprop"]
     others = [words for words in commands(README) if words[0] != "massprop"]
-    assert [words[0] for words in ours] == ["run", "view", "estimate", "list"]
+    assert [words[0] for words in ours] == ["run", "view", "estimate", "list", "design"]
     printed = []
     for words in ours:
         # the plain loop gives the diagram's bits in half of the time
@@ -27,6 +27,7 @@ def test_every_command_runs_and_prints_what_is_shown(massprop: Massprop) -> None
     (shown,) = blocks(README, "text")
     assert unshown(shown, printed[0]) == []
     assert [line for line in printed[2].splitlines() if line.startswith("detected:")] == shown.splitlines()[1:]
+    assert printed[4].startswith("5.2 s with 2.1 s of firings, 0.00107 kg")  # 1.1 g in 5 s
     assert others == [["pip", "install", "."]]  # `make wheel` and its tests install it
 
 

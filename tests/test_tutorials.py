@@ -135,6 +135,16 @@ def test_probability(tutorial: Tutorial, tmp_path: Path) -> None:
     assert (tmp_path / "probability.png").stat().st_size > 0
 
 
+def test_design_a_maneuver(tutorial: Tutorial, tmp_path: Path) -> None:
+    left = tutorial("design_a_maneuver")
+    for target in left["found"].targets:
+        np.testing.assert_allclose(target.flown, target.predicted, rtol=0.1)
+    assert {pair.jet for pair in left["test"].pairs} == {"YP1", "YN2"}
+    assert left["orbiter"].propellant < 0.6 * 5.4  # slug, of the thesis's maneuver
+    assert (tmp_path / "servicer_design" / "design.html").exists()
+    assert (tmp_path / "design.png").stat().st_size > 0
+
+
 def test_your_own_vehicle(tutorial: Tutorial, tmp_path: Path) -> None:
     left = tutorial("your_own_vehicle")
     flight, last = left["flight"], left["last"]

@@ -68,7 +68,7 @@ def test_its_folder_flies(weighed: Design, tmp_path: Path) -> None:
     assert content["targets"][0]["predicted"] == weighed.targets[0].predicted
     page = (folder / "design.html").read_text(encoding="utf-8")
     assert "plot-front" in page
-    assert "mass is" in page
+    assert "mass, 180 kg: 1-sigma" in page
     assert saving.save(weighed, folder) == folder  # what is unchanged is replaced
 
 
@@ -166,7 +166,7 @@ def test_the_command_writes_and_prints_it(tmp_path: Path) -> None:
     words = ["design", "cubesat", "--target", "Ixx=5%", "--flights", "0", "--out", str(out)]
     printed = CliRunner().invoke(app, words)
     assert printed.exit_code == 0
-    assert "Ixx is 0.041 kg-m^2" in printed.stdout
+    assert "Ixx, 0.041 kg-m^2: 1-sigma" in printed.stdout
     assert "RWX" in printed.stdout
     assert (out / "design.html").exists()
     as_json = CliRunner().invoke(app, [*words, "--json"])
