@@ -1,4 +1,4 @@
-"""Designs maneuvers: for a servicer's mass properties, within limits, for a jet that may leak, and for the orbiter.
+"""Designs maneuvers: for a servicer's mass, for a jet that may leak, and for the orbiter.
 
 python docs/tutorials/design_a_maneuver.py OUT
 """

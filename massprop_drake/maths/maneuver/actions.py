@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.joint.layout import RATE, JointParams
+from massprop_drake.maths.maneuver.aims import Known
 from massprop_drake.maths.maneuver.information import FollowedCourse, Step, followed
 
 Array = NDArray[np.float64]
@@ -116,27 +117,33 @@ class FlownAction(NamedTuple):
     displacement: float
 
 
-def fly(before: tuple[FollowedCourse, int], action: FiringAction, craft: Craft) -> FlownAction:
+def fly(
+    before: tuple[FollowedCourse, int], action: FiringAction, craft: Craft, known: Known | None = None
+) -> FlownAction:
     """Follows a course through an action.
 
     Args:
         before: the course, and the number of its samples.
         action: that follows.
         craft: see `Craft`.
+        known: before the course, see `information.followed`.
     """
     flown = FlownAction(*before, 0.0, 0.0, 0.0)
     for sample in range(action.length):
-        flown = stepped(flown, action, craft, fires=sample < action.samples)
+        flown = stepped(flown, action, craft, known, fires=sample < action.samples)
     return flown
 
 
-def stepped(before: FlownAction, action: FiringAction, craft: Craft, *, fires: bool) -> FlownAction:
-    """One sample more of an action, in which it fires or coasts."""
+def stepped(
+    before: FlownAction, action: FiringAction, craft: Craft, known: Known | None = None, *, fires: bool
+) -> FlownAction:
+    """One sample more of an action, in which it fires or coasts; arguments as `fly`."""
     places, row = craft.params.places, before.row + 1
     command, torques = np.zeros(places.jets), np.zeros(places.wheels)
     if fires:
         command[list(action.jets)], torques[:] = 1.0, action.torques
-    course = followed(before.course, Step(command, torques, craft.period_s, row % craft.every != 0), craft.params)
+    step = Step(command, torques, craft.period_s, row % craft.every != 0)
+    course = followed(before.course, step, craft.params, known)
     return FlownAction(
         course,
         row,

@@ -46,6 +46,7 @@ from massprop_drake.maths.estimation.joint.prediction import (
 from massprop_drake.maths.estimation.joint.ticks import on_ticks
 from massprop_drake.maths.estimation.joint.wheels import Spun
 from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.maneuver.aims import Known
 from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS
 
 _TINY = float(np.finfo(np.float64).tiny)
@@ -158,19 +159,24 @@ def failing_from_now(course: FollowedCourse, params: JointParams) -> FollowedCou
     return course._replace(carried=carried, shown=shown)
 
 
-def followed(course: FollowedCourse, step: Step, params: JointParams) -> FollowedCourse:
+def followed(course: FollowedCourse, step: Step, params: JointParams, before_it: Known | None = None) -> FollowedCourse:
     """The course after one more interval.
 
     Args:
         course: up to then.
         step: see `Step`.
         params: see `JointParams`.
+        before_it: knowledge before the course. With it, products of errors that are left by then are noise: a filter
+            that knows neither inverse inertia nor center of mass learns less from a firing than information says.
     """
     places, before = params.places, course.joint
     speeds = course.speeds + step.torques * step.period_s / params.wheels.inertias
     frame = turned_on(course.attitude, before.mean[RATE], step.period_s)
     sample = _sample(before, step, (course.attitude, frame), (course.speeds, speeds), params)
-    end = bound.ahead(before, sample, None, params)
+    doubt = None
+    if before_it is not None and (step.command.any() or step.torques.any()):
+        doubt = _doubt(course, before_it, params)
+    end = bound.ahead(before, sample, None, params, doubt)
     weighed = ~step.missing, _variances(before, end, params)
     after, done = bound.taken_in(before, end, sample.time_s, weighed, params)
     forces = leaks_and_losses(places.jets)
@@ -190,6 +196,18 @@ def followed(course: FollowedCourse, step: Step, params: JointParams) -> Followe
         course.position + 0.5 * step.period_s * (course.velocity + velocity),
         speeds,
     )
+
+
+def _doubt(course: FollowedCourse, before_it: Known, params: JointParams) -> Array:
+    """Root of the covariance of all the state, motion and parameters taken as independent, shape (size, size)."""
+    of, root = before_it.of, course.joint.root.copy()
+    total = before_it.information + course.shown[np.ix_(of, of)]
+    size = 1.0 / np.sqrt(np.diagonal(total))
+    half = np.linalg.inv(np.linalg.cholesky(total * np.outer(size, size))).T * size.reshape(-1, 1)
+    rows = np.where(of < N_PROPERTIES, of, of + params.places.thrust - N_PROPERTIES)
+    root[rows] = 0.0
+    root[np.ix_(rows, rows)] = half
+    return root
 
 
 def _variances(before: JointState, end: bound.IntervalEnd, params: JointParams) -> Array:

@@ -115,7 +115,7 @@ def with_action(plan: Plan, action: FiringAction, task: Task) -> Plan | None:
     if not _affords(plan, action, task):
         return None
     last = plan.flown[-1]
-    flown = fly((last.course, last.row), action, task.craft)
+    flown = fly((last.course, last.row), action, task.craft, task.known)
     if not _keeps(flown, task.limits):
         return None
     done = reached(flown.course.shown, task.known, task.aims)

@@ -55,8 +55,8 @@ def verdict(made: Design) -> list[dict[str, Any]]:
         lines.append(
             {
                 "good": all(value <= 1.05 * one.asked for value in one.flown) if one.flown else None,
-                "text": f"{one.name}, {one.value:.4g} {one.unit}: 1-sigma {one.predicted:.3g}{_percent(one)} predicted, "
-                f"{one.asked:.3g} asked{flown}; no firing makes it less than {one.floor:.2g}.",
+                "text": f"{one.name}, {one.value:.4g} {one.unit}: 1-sigma {one.predicted:.3g}{_percent(one)} "
+                f"predicted, {one.asked:.3g} asked{flown}; no firing makes it less than {one.floor:.2g}.",
             }
         )
     for jet, pairs in _by_jet(made.pairs).items():

@@ -106,8 +106,13 @@ def course(
     return taken_in(state, ahead(state, sample, mean, params), sample.time_s, (used, params.variances), params)
 
 
-def ahead(state: JointState, sample: Sample, mean: Array | None, params: JointParams) -> IntervalEnd:
-    """The end of an interval; arguments as `course`, but that without a mean it is what is predicted."""
+def ahead(
+    state: JointState, sample: Sample, mean: Array | None, params: JointParams, doubt: Array | None = None
+) -> IntervalEnd:
+    """The end of an interval; arguments as `course`, but that without a mean it is what is predicted.
+
+    With a doubt, the root of a covariance of all the state, products of its errors are noise, as to the filter.
+    """
     at, at_truth = state.mean, params._replace(second_order=False)
     stamped_too, _ = stamped(state, sample.timing, at_truth)
     before = stamped_too._replace(mean=at)
@@ -115,6 +120,11 @@ def ahead(state: JointState, sample: Sample, mean: Array | None, params: JointPa
     read = rate_read(sample.rates, at, params)
     shown = np.full(3, np.nan) if mean is None else np.where(np.isnan(read.rate), np.nan, mean[RATE])
     prediction = predict(before, acting, read._replace(rate=shown), at_truth, (sample.frames, sample.speeds))
+    if doubt is not None:
+        unsure = predict(
+            before._replace(root=doubt), acting, read._replace(rate=shown), params, (sample.frames, sample.speeds)
+        )
+        prediction = prediction._replace(noise=unsure.noise)
     root = propagated(before.root, prediction, at_truth)
     there = prediction.mean if mean is None else mean
     return IntervalEnd(acting, prediction, there, root, state.spin + prediction.spin)
