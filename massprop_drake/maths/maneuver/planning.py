@@ -22,6 +22,9 @@ _THRIFT = (1.0, 0.7, 0.5)  # powers of an action's cost by which its gain is div
 _FOREVER = 1e6  # times that everything is flown, where only a floor is left
 
 
+Choice = tuple[Sequence[FiringAction], Sequence[Array]]  # actions, and what each shows, shape (k, k)
+
+
 class ManeuverLimits(NamedTuple):
     """Limits of a maneuver; infinity: none.
 
@@ -57,6 +60,7 @@ class Task(NamedTuple):
         limits: see `ManeuverLimits`.
         cost: see `Cost`.
         margin: by which share aims are narrower than what is asked.
+        doubting: whether products of errors are noise, see `information.followed`: in a start that does not converge.
     """
 
     craft: Craft
@@ -65,6 +69,7 @@ class Task(NamedTuple):
     limits: ManeuverLimits
     cost: Cost
     margin: float
+    doubting: bool = False
 
 
 class Plan(NamedTuple):
@@ -115,7 +120,7 @@ def with_action(plan: Plan, action: FiringAction, task: Task) -> Plan | None:
     if not _affords(plan, action, task):
         return None
     last = plan.flown[-1]
-    flown = fly((last.course, last.row), action, task.craft, task.known)
+    flown = fly((last.course, last.row), action, task.craft, task.known if task.doubting else None)
     if not _keeps(flown, task.limits):
         return None
     done = reached(flown.course.shown, task.known, task.aims)
@@ -133,7 +138,7 @@ def _keeps(flown: FlownAction, limits: ManeuverLimits) -> bool:
     return flown.rate <= limits.rate and flown.angle <= limits.angle and flown.displacement <= limits.displacement
 
 
-def characterized(actions: Sequence[FiringAction], task: Task) -> tuple[list[FiringAction], list[Array]]:
+def characterized(actions: Sequence[FiringAction], task: Task) -> Choice:
     """Actions that keep the limits when they start at rest, and what each shows, shape (k, k).
 
     Those of the same jets are followed together: a longer one goes on where a shorter one ends.
@@ -162,7 +167,7 @@ def _together(
     return known[at]
 
 
-def extended(plan: Plan, choice: tuple[Sequence[FiringAction], Sequence[Array]], thrift: float, task: Task) -> Plan:
+def extended(plan: Plan, choice: Choice, thrift: float, task: Task) -> Plan:
     """A plan with actions until its aims are reached, or none adds to it.
 
     Those that add most for their cost, as if what they show added up, are flown, and the best of these is taken.
@@ -245,7 +250,7 @@ class SearchResult(NamedTuple):
     trace: Plan
 
 
-def best(choice: tuple[Sequence[FiringAction], Sequence[Array]], task: Task) -> SearchResult:
+def best(choice: Choice, task: Task) -> SearchResult:
     """The plan of least cost among several searches.
 
     Args:

@@ -244,23 +244,35 @@ def suspicion(suspects: Sequence[str], force: str, vehicle: Vehicle, fires: NDAr
     return Suspicion(pairs, np.abs(forces[first]), thrusts[first], number < 0.0)
 
 
-def aims(
-    wanted: Sequence[Target], suspected: Suspicion, params: JointParams, faults: FaultsBlock, margin: float
-) -> Aims:
+class Judged(NamedTuple):
+    """How failures and estimates are judged.
+
+    Attributes:
+        faults: how likely a failure is, and how sure a declaration must be.
+        margin: by which share each 1-sigma is to be smaller than asked.
+        converging: whether estimates are to converge.
+    """
+
+    faults: FaultsBlock
+    margin: float
+    converging: bool
+
+
+def aims(wanted: Sequence[Target], suspected: Suspicion, params: JointParams, judged: Judged) -> Aims:
     """Aims of a search: targets and suspects with a margin, since it goes by the nominal vehicle.
 
-    A failure is looked for once the vehicle is known as the convergence guard asks, so with suspects that is an aim.
+    A failure is looked for once estimates have converged, so with suspects that is an aim.
 
     Args:
         wanted: targets.
         suspected: see `Suspicion`.
         params: of the joint filter.
-        faults: how likely a failure is, and how sure a declaration must be.
-        margin: by which share each 1-sigma is to be smaller.
+        judged: see `Judged`.
     """
+    (faults, margin, converging) = judged
     rows = [target.combination for target in wanted]
     deviations = [target.asked for target in wanted]
-    if suspected.pairs.size:
+    if converging or suspected.pairs.size:
         scaled = [*range(3), MASS_RECIPROCAL]
         guards = np.append(params.guard_relative * np.abs(params.nominal[scaled]), params.guard_center)
         for element, guard in zip([*scaled, *range(10)[CENTER_OF_MASS]], guards.tolist(), strict=True):

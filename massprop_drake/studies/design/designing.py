@@ -17,9 +17,9 @@ from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.estimation.filters.joint import JointFilterState, initial
 from massprop_drake.maths.estimation.joint.layout import RATE
 from massprop_drake.maths.maneuver.actions import Craft, candidates
-from massprop_drake.maths.maneuver.aims import Known
+from massprop_drake.maths.maneuver.aims import Aims, Known, reached
 from massprop_drake.maths.maneuver.information import prior_information
-from massprop_drake.maths.maneuver.planning import Cost, Task, best, characterized
+from massprop_drake.maths.maneuver.planning import Choice, Cost, SearchResult, Task, best, characterized, rebuilt
 from massprop_drake.results.run import Run
 from massprop_drake.results.stored import STATE_FILE
 from massprop_drake.runners.logs import restored
@@ -31,6 +31,7 @@ from massprop_drake.systems.autopilot.jet_sets import jet_sets
 Array = NDArray[np.float64]
 
 MARGIN = 0.15  # by which share each 1-sigma is smaller than asked, since the truth is not nominal; probability
+_EARLY = 0.5  # of the 1-sigmas at which estimates converge: then they have converged before the end; probability
 _SECOND = 0.05  # what a second costs, in seconds of a jet's propellant, or that in seconds; a preference
 
 
@@ -85,7 +86,7 @@ def design(
     suspected = asked.suspicion(suspects, force, vehicle, craft.jets)
     if not wanted and not suspects:
         raise InputError("design: nothing is asked for; give a target, such as mass=1%, or a suspect")
-    aims = asked.aims(wanted, suspected, craft.params, base.faults, margin)
+    aims = asked.aims(wanted, suspected, craft.params, asked.Judged(base.faults, margin, False))
     flow = float(np.median(craft.flows[craft.jets]))
     cost = Cost(1.0 / flow, _SECOND) if spare == "propellant" else Cost(_SECOND / flow, 1.0)
     task = Task(
@@ -100,10 +101,34 @@ def design(
     floors = reach.require_within_reach(sets, task, (wanted, suspected), vehicle)
     reach.require_room(sets, task, limits or {})
     choice = characterized(candidates(sets, craft), task)
-    found = best(choice, task)
+    converging = asked.aims(wanted, suspected, craft.params, asked.Judged(base.faults, margin, True))
+    found, task = _best(choice, task, converging)
     reach.require_reached(found.plan, task, (wanted, suspected), vehicle, limits or {})
     made = writing.made(found, task, writing.DesignRequest(wanted, suspected, floors, hold), base, run)
     return flown(made, wanted, vehicle, flights) if flights else made
+
+
+def _best(choice: Choice, task: Task, converging: Aims) -> tuple[SearchResult, Task]:
+    """The plan of least cost, and the task that it is the answer to.
+
+    Where estimates converge, a start is gone over until products of errors do not matter. Where they would not, by a
+    filter to which these are noise, the plan is that of such a filter.
+
+    Args:
+        choice: of actions.
+        task: see `Task`.
+        converging: its aims, and then convergence.
+    """
+    found = best(choice, task)
+    if found.plan.reached[-1].shortfall > 0.0:
+        return found, task
+    unsure = task._replace(doubting=True)
+    again = rebuilt(found.plan.actions, 1, found.plan, unsure)
+    assert again is not None  # what is noise moves nothing
+    guards = reached(again.flown[-1].course.shown, task.known, converging).ratios[task.aims.deviations.size :]
+    if (guards < _EARLY).all():
+        return found, task
+    return best(choice, unsure), unsure
 
 
 def _usual(vehicle: Vehicle) -> Scenario:

@@ -95,7 +95,7 @@ def _by_sample(plan: Plan, task: Task, n: int) -> tuple[Trace, list[float | None
         for sample in range(action.length):
             fires = sample < action.samples
             one = action._replace(samples=int(fires), coast=int(not fires))
-            flown = fly((flown.course, flown.row), one, task.craft, task.known)
+            flown = fly((flown.course, flown.row), one, task.craft, task.known if task.doubting else None)
             done.append(reached(flown.course.shown, task.known, task.aims))
             used.append(used[-1] + (action.propellant / action.samples if fires else 0.0))
             rows.append(flown.row)
