@@ -20,8 +20,9 @@ from massprop_drake.diagrams._wiring import (
     connect_wheels,
     export_outputs,
 )
-from massprop_drake.inputs import params
+from massprop_drake.inputs import crafts, params
 from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.systems.autopilot.firing_test import FiringTestSystem
 from massprop_drake.systems.autopilot.jet_schedule import JetSchedule
 
 
@@ -62,6 +63,14 @@ def build(scenario: Scenario, *, findings: bool = False) -> Diagram:
         period_s = scenario.vehicle_data.sample_period_s
         schedule = builder.AddNamedSystem("jet_schedule", JetSchedule(table, period_s=period_s))
         builder.Connect(schedule.GetOutputPort("command"), pilot.GetInputPort("prescribed"))
+
+    testing = crafts.firing_test(scenario)
+    if testing is not None:
+        test = builder.AddNamedSystem("firing_test", FiringTestSystem(testing))
+        builder.Connect(body.GetOutputPort(gyro), test.GetInputPort("gyro"))
+        for name in ("estimate", "covariance", *(("fault_probability",) if testing.groups else ())):
+            builder.Connect(estimators.GetOutputPort(name), test.GetInputPort(name))
+        builder.Connect(test.GetOutputPort("command"), pilot.GetInputPort("prescribed"))
 
     wheels = connect_wheels(builder, body, pilot, scenario)
     engines = connect_engine_commands(builder, body, scenario)

@@ -5,12 +5,18 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.inputs import params
+from massprop_drake.errors import InputError, suggestion
+from massprop_drake.inputs import asked, params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.autopilot.jet_selection import least_cycles
 from massprop_drake.maths.maneuver.actions import Craft
+from massprop_drake.maths.maneuver.onboard import FiringTest
+from massprop_drake.maths.maneuver.planning import Cost
 
 Array = NDArray[np.float64]
+
+MARGIN = 0.15  # by which share each 1-sigma is smaller than asked, since the truth is not nominal; probability
+SECOND = 0.05  # what a second costs, in seconds of a jet's propellant; a preference
 
 
 def craft(scenario: Scenario, without: frozenset[str] = frozenset()) -> Craft:
@@ -34,6 +40,42 @@ def craft(scenario: Scenario, without: frozenset[str] = frozenset()) -> Craft:
         rate=np.zeros(3),
         speeds=np.array([scenario.plant.wheel_speeds.get(wheel.name, 0.0) for wheel in wheels]),
         every=_every(scenario),
+    )
+
+
+def firing_test(scenario: Scenario) -> FiringTest | None:
+    """Settings of test firings in flight; None: there are none.
+
+    Raises:
+        InputError: when what is asked for is none.
+    """
+    block, vehicle = scenario.autopilot.test_firing, scenario.vehicle_data
+    if block is None:
+        return None
+    if scenario.estimation.filter != "joint":
+        raise InputError("autopilot.test_firing: goes with estimation.filter: joint")
+    if block.when == "group" and scenario.detector.kind != "hypotheses":
+        raise InputError("autopilot.test_firing: when: group goes with detector.kind: hypotheses")
+    for name in block.without:
+        if name not in vehicle.designations:
+            raise InputError(f"autopilot.test_firing.without: no jet '{name}'{suggestion(name, vehicle.designations)}")
+    own = craft(scenario, frozenset(block.without))
+    wanted = asked.targets(block.targets, own.properties, vehicle)
+    nobody = asked.suspicion((), block.force, vehicle, own.jets)
+    every = asked.suspicion(vehicle.designations, block.force, vehicle, own.jets)
+    flow = float(np.median(own.flows[own.jets]))
+    thrusts = np.linalg.norm(vehicle.thrusts, axis=1)
+    return FiringTest(
+        craft=own,
+        targets=asked.aims(wanted, nobody, own.params, asked.Judged(scenario.faults, 0.0, False)),
+        forces=np.array([every.forces[every.pairs[:, 0] == jet][0] for jet in range(thrusts.size)]),
+        thrusts=thrusts,
+        odds=asked.odds(scenario.faults),
+        limits=asked.limits(block.limits, vehicle),
+        cost=Cost(1.0 / flow, SECOND),
+        margin=MARGIN,
+        patience_s=block.patience_s,
+        groups=block.when == "group",
     )
 
 

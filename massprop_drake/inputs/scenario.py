@@ -564,6 +564,27 @@ class WheelControlBlock(Model):
         return self
 
 
+class FiringTestBlock(Model):
+    """Firings that are designed and flown when the estimators leave a question open."""
+
+    when: Literal["group", "target"] = described(
+        ..., "a group of jets of which one has failed is to be told apart; or targets are to be known"
+    )
+    targets: dict[Text, Text] = described({}, "1-sigma by name with when: target, as `massprop design` takes it")
+    force: Text = described("5%", "by which a suspect may fail with when: group, likewise")
+    limits: dict[Text, Text] = described({}, "of one test: rate, angle, displacement, propellant, time; likewise")
+    without: tuple[Text, ...] = described((), "jets that are not to be fired for a test")
+    patience_s: Real = described(
+        2.0, "for which the question must stand, and between two tests", "s", gt=0.0, span=plausible.TIME
+    )
+
+    @model_validator(mode="after")
+    def _asks(self) -> FiringTestBlock:
+        if (self.when == "target") != bool(self.targets):
+            raise ValueError("targets go with when: target, which needs at least one")
+        return self
+
+
 class AutopilotBlock(Model):
     """Manual modes of the thesis: discrete rate, attitude hold, acceleration."""
 
@@ -581,6 +602,9 @@ class AutopilotBlock(Model):
         min_length=1,
     )
     jet_selection: JetSelectionBlock = described(JetSelectionBlock(), "flying of the on-times that are selected")
+    test_firing: FiringTestBlock | None = described(
+        None, "firings that answer what the estimators leave open; null: none"
+    )
     wheels: WheelControlBlock | None = described(
         None, "wheels turn the vehicle; null: they stand, or are turned by `wheel_schedule`"
     )
@@ -1363,6 +1387,7 @@ def check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[Fi
         require("jet", name, vehicle.designations, "faults", "jets", name)
     problems.extend(_no_on_times(scenario, vehicle))
     problems.extend(_no_wheels(scenario, vehicle))
+    problems.extend(_no_test_firing(scenario))
     problems.extend(_too_many_faults(scenario.faults, vehicle))
     period = vehicle.sample_period_s
     problems.extend(_of_the_plant(scenario, vehicle))
@@ -1417,6 +1442,17 @@ def _no_on_times(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPa
                 f"{kind.on_time_quantum_s:g} s is longer than a sample, {vehicle.sample_period_s:g} s"
             )
             yield path, problem
+
+
+def _no_test_firing(scenario: Scenario) -> Iterator[tuple[FieldPath, str]]:
+    """Finds what keeps an autopilot from flying test firings."""
+    path: FieldPath = ("autopilot", "test_firing")
+    if scenario.autopilot.test_firing is None:
+        return
+    if scenario.jet_schedule:
+        yield path, "does not go with jet_schedule, which prescribes jets as well; leave out one of the two"
+    elif scenario.open_loop:
+        yield path, "needs an autopilot; leave out autopilot.engaged: false"
 
 
 def _no_wheels(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:

@@ -79,7 +79,8 @@ def needs_diagram(scenario: Scenario) -> bool:
 
     Wheels, burns of engines, bodies and joints, and jets that are prescribed beside an autopilot.
     """
-    beside = bool(scenario.jet_schedule) and not scenario.open_loop
+    prescribed = scenario.jet_schedule or scenario.autopilot.test_firing
+    beside = bool(prescribed) and not scenario.open_loop
     turned = bool(scenario.vehicle_data.wheels or scenario.engine_schedule)
     return turned or beside or isinstance(scenario.plant, MultibodyBlock)
 

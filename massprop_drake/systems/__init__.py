@@ -18,6 +18,7 @@ _HOMES = {
     "Disturbance_": "vehicle.disturbance",
     "FailureDetector": "estimation.failure_detector",
     "FindingsMonitor": "estimation.findings_monitor",
+    "FiringTestSystem": "autopilot.firing_test",
     "HandControllers": "autopilot.hand_controllers",
     "ImpulseModel": "estimation.impulse_model",
     "IntegratingAccelerometer": "vehicle.integrating_accelerometer",

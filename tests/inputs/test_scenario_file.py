@@ -131,6 +131,7 @@ def test_one_of_everything_runs(tmp_path: Path, toy_data: dict[str, Any]) -> Non
         "plant.engine_dispersion",
         "plant.propellant",  # of tanks, likewise
         "autopilot.engaged",  # for jets that are prescribed
+        "autopilot.test_firing",  # by the joint filter alone
         "autopilot.wheels",  # likewise
         "autopilot.gimbal_bandwidth",
         "estimation.given.covariance",

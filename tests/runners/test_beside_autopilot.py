@@ -50,3 +50,17 @@ def test_a_maneuver_needs_an_autopilot() -> None:
     both = load_scenario("small_satellite_maneuver", [PULSE, "autopilot.engaged=true"])
     assert both.maneuver
     assert both.jet_schedule
+
+
+def test_firings_are_flown_until_targets_are_known() -> None:
+    """Nothing is commanded by hand: the vehicle is weighed by what the estimators ask for."""
+    asked = "{when: target, targets: {mass: 1%, Iyy: 1%}, limits: {rate: 1 deg/s}}"
+    settings = ["duration_s=20", *SHORT[1:], f"autopilot.test_firing={asked}"]
+    run = simulate(load_scenario("small_satellite_maneuver", settings), look_back=False)
+    mass = run.covariance[9, 9] ** 0.5 / run.results.estimates[9]
+    assert mass < 0.01
+    assert abs(1.0 / run.results.estimates[9] - 560.0) < 4.0 * 5.6
+    fires = run.time_s[(run["command"] > 0.0).any(axis=1)]
+    assert fires.min() > 1.9  # the question has stood for two seconds
+    turned = 2.0 * np.degrees(np.arccos(np.clip(np.abs(run["attitude"][:, 0]), 0.0, 1.0)))
+    assert turned.max() < 3.0

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError, suggestion
-from massprop_drake.inputs import crafts
+from massprop_drake.inputs import asked, crafts
 from massprop_drake.inputs import params as inputs
 from massprop_drake.inputs.scenario import HypothesesBlock, PlantBlock, Scenario
 from massprop_drake.inputs.vehicle import Vehicle
@@ -23,16 +23,14 @@ from massprop_drake.maths.maneuver.planning import Choice, Cost, SearchResult, T
 from massprop_drake.results.run import Run
 from massprop_drake.results.stored import STATE_FILE
 from massprop_drake.runners.logs import restored
-from massprop_drake.studies.design import asked, reach, writing
+from massprop_drake.studies.design import reach, writing
 from massprop_drake.studies.design.found import Design
 from massprop_drake.studies.design.verification import flown
 from massprop_drake.systems.autopilot.jet_sets import jet_sets
 
 Array = NDArray[np.float64]
 
-MARGIN = 0.15  # by which share each 1-sigma is smaller than asked, since the truth is not nominal; probability
 _EARLY = 0.5  # of the 1-sigmas at which estimates converge: then they have converged before the end; probability
-_SECOND = 0.05  # what a second costs, in seconds of a jet's propellant, or that in seconds; a preference
 
 
 def design(
@@ -44,7 +42,7 @@ def design(
     limits: Mapping[str, str] | None = None,
     without: Sequence[str] = (),
     spare: str = "propellant",
-    margin: float = MARGIN,
+    margin: float = crafts.MARGIN,
     hold: bool = False,
     known: Run | str | Path | None = None,
     flights: int = 0,
@@ -88,7 +86,7 @@ def design(
         raise InputError("design: nothing is asked for; give a target, such as mass=1%, or a suspect")
     aims = asked.aims(wanted, suspected, craft.params, asked.Judged(base.faults, margin, False))
     flow = float(np.median(craft.flows[craft.jets]))
-    cost = Cost(1.0 / flow, _SECOND) if spare == "propellant" else Cost(_SECOND / flow, 1.0)
+    cost = Cost(1.0 / flow, crafts.SECOND) if spare == "propellant" else Cost(crafts.SECOND / flow, 1.0)
     task = Task(
         craft,
         Known(*prior_information(state.joint, craft.params)),
@@ -102,13 +100,13 @@ def design(
     reach.require_room(sets, task, limits or {})
     choice = characterized(candidates(sets, craft), task)
     converging = asked.aims(wanted, suspected, craft.params, asked.Judged(base.faults, margin, True))
-    found, task = _best(choice, task, converging)
+    found, task = _best(choice, task, converging, len(wanted))
     reach.require_reached(found.plan, task, (wanted, suspected), vehicle, limits or {})
     made = writing.made(found, task, writing.DesignRequest(wanted, suspected, floors, hold), base, run)
     return flown(made, wanted, vehicle, flights) if flights else made
 
 
-def _best(choice: Choice, task: Task, converging: Aims) -> tuple[SearchResult, Task]:
+def _best(choice: Choice, task: Task, converging: Aims, n: int) -> tuple[SearchResult, Task]:
     """The plan of least cost, and the task that it is the answer to.
 
     Where estimates converge, a start is gone over until products of errors do not matter. Where they would not, by a
@@ -118,6 +116,7 @@ def _best(choice: Choice, task: Task, converging: Aims) -> tuple[SearchResult, T
         choice: of actions.
         task: see `Task`.
         converging: its aims, and then convergence.
+        n: number of targets among them.
     """
     found = best(choice, task)
     if found.plan.reached[-1].shortfall > 0.0:
@@ -125,7 +124,7 @@ def _best(choice: Choice, task: Task, converging: Aims) -> tuple[SearchResult, T
     unsure = task._replace(doubting=True)
     again = rebuilt(found.plan.actions, 1, found.plan, unsure)
     assert again is not None  # what is noise moves nothing
-    guards = reached(again.flown[-1].course.shown, task.known, converging).ratios[task.aims.deviations.size :]
+    guards = reached(again.flown[-1].course.shown, task.known, converging).ratios[n : converging.deviations.size]
     if (guards < _EARLY).all():
         return found, task
     return best(choice, unsure), unsure

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError
+from massprop_drake.inputs.asked import Suspicion, Target
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, thrust_sigmas
 from massprop_drake.maths.maneuver.actions import candidates
 from massprop_drake.maths.maneuver.aims import Reached
 from massprop_drake.maths.maneuver.planning import ManeuverLimits, Plan, Task, characterized, floor_of, unseen
 from massprop_drake.signals import SYMBOLS
-from massprop_drake.studies.design.asked import Suspicion, Target
 
 Array = NDArray[np.float64]
 _UNKNOWN = "the vehicle is not known well enough for failures to be looked for"

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from massprop_drake.inputs.asked import Target, valued
 from massprop_drake.inputs.scenario import CglrBlock, Degraded, Leak, Scenario
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.maneuver.planning import LEAD
 from massprop_drake.runners.simulate import simulate
-from massprop_drake.studies.design.asked import Target, valued
 from massprop_drake.studies.design.found import Design
 
 _LISTENING_S = 10.0  # after a maneuver, for which a suspect may still be named

@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from massprop_drake.inputs.asked import Suspicion, Target
 from massprop_drake.inputs.scenario import JetPulse, Scenario, WheelPulse
 from massprop_drake.maths.maneuver.actions import fly
 from massprop_drake.maths.maneuver.aims import Reached, reached
 from massprop_drake.maths.maneuver.planning import Plan, SearchResult, Task, begun
 from massprop_drake.results.run import Run
-from massprop_drake.studies.design.asked import Suspicion, Target
 from massprop_drake.studies.design.found import Design, PairFound, TargetFound, Trace
 
 

@@ -284,7 +284,12 @@ def aims(wanted: Sequence[Target], suspected: Suspicion, params: JointParams, ju
     nothing = suspected.pairs[:, 1] < 0
     pairs = suspected.pairs + (params.places.jets if suspected.loss else 0)
     pairs[nothing, 1] = -1
-    doubt = min(faults.false_per_hour / faults.jet_per_hour, 0.25)  # that a declaration may leave
-    odds = math.log(1.0 / doubt - 1.0) - np.where(nothing, log_rate(faults.jet_per_hour, 1.0), 0.0)
+    needed = odds(faults) - np.where(nothing, log_rate(faults.jet_per_hour, 1.0), 0.0)
     asks = np.array(deviations) / (1.0 + margin)
-    return Aims(combinations, asks, pairs, suspected.forces, suspected.thrusts, odds * (1.0 + margin) ** 2)
+    return Aims(combinations, asks, pairs, suspected.forces, suspected.thrusts, needed * (1.0 + margin) ** 2)
+
+
+def odds(faults: FaultsBlock) -> float:
+    """Logarithm of the odds at which a failed jet is declared."""
+    doubt = min(faults.false_per_hour / faults.jet_per_hour, 0.25)  # that a declaration may leave
+    return math.log(1.0 / doubt - 1.0)

@@ -1,0 +1,146 @@
+"""Test firings that are designed in flight, from what the estimators say by then."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.maths.estimation.joint.cycle import initial
+from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES
+from massprop_drake.maths.maneuver.actions import Craft, candidates
+from massprop_drake.maths.maneuver.aims import Aims, Known
+from massprop_drake.maths.maneuver.information import prior_information
+from massprop_drake.maths.maneuver.planning import (
+    Cost,
+    ManeuverLimits,
+    Task,
+    begun,
+    characterized,
+    extended,
+    trimmed,
+)
+
+Array = NDArray[np.float64]
+
+_LENGTHS = (1, 2, 4, 8)  # samples that an action lasts, compute budget
+_LIKELY = 0.01  # probability that makes a jet a suspect
+_FAILED = 0.9  # probability that some jet has failed, from which on a group is asked about
+_MOST = 6  # suspects, the likeliest; compute budget
+
+
+class FiringTest(NamedTuple):
+    """Settings of test firings in flight.
+
+    Attributes:
+        craft: as the vehicle's file has it.
+        targets: without pairs, and with no margin taken off; those of a group have none.
+        forces: by which a suspect may fail, lbf or N, shape (n_jets,).
+        thrusts: of the jets, lbf or N, shape (n_jets,).
+        odds: by which suspects are to be told apart, nats.
+        limits: of one test.
+        cost: see `Cost`.
+        margin: by which share aims are narrower.
+        patience_s: for which the question must stand, and between two tests.
+        groups: whether suspects are told apart; else targets are reached.
+    """
+
+    craft: Craft
+    targets: Aims
+    forces: Array
+    thrusts: Array
+    odds: float
+    limits: ManeuverLimits
+    cost: Cost
+    margin: float
+    patience_s: float
+    groups: bool
+
+
+def suspects(probability: Array, settings: FiringTest) -> tuple[int, ...]:
+    """Jets among which it is open which one has failed; none: no question.
+
+    Args:
+        probability: of each jet, then of nothing and of something unknown, shape (n_jets + 2,).
+        settings: see `FiringTest`.
+    """
+    of_jets = probability[: settings.craft.params.places.jets]
+    likely = np.flatnonzero(of_jets > _LIKELY)
+    if likely.size < 2 or not float(of_jets.max()) < 1.0 - _LIKELY or 1.0 - float(probability[-2:].sum()) < _FAILED:
+        return ()
+    return tuple(sorted(likely[np.argsort(-of_jets[likely])][:_MOST].tolist()))
+
+
+def missed(covariance: Array, settings: FiringTest) -> bool:
+    """Whether a target is not known well enough.
+
+    Args:
+        covariance: of the ten estimates, shape (10, 10).
+        settings: see `FiringTest`.
+    """
+    for combination, deviation in zip(settings.targets.combinations, settings.targets.deviations, strict=True):
+        of = np.flatnonzero(combination)
+        variance = combination[of] @ covariance[np.ix_(of, of)] @ combination[of]
+        if not variance <= deviation**2:
+            return True
+    return False
+
+
+def commands(
+    sets: Sequence[tuple[int, ...]],
+    estimate: tuple[Array, Array],
+    rate: Array,
+    among: tuple[int, ...],
+    settings: FiringTest,
+) -> Array:
+    """Commands of a test firing, a row per sample, shape (n_samples, n_jets); no row: no firing helps.
+
+    Args:
+        sets: of jets that fire together.
+        estimate: the ten parameters, shape (10,), and their covariance, shape (10, 10), NaN where not estimated.
+        rate: rad/s, shape (3,).
+        among: suspects; none: targets are reached.
+        settings: see `FiringTest`.
+    """
+    n = settings.craft.params.places.jets
+    mean = np.where(np.isnan(estimate[0]), settings.craft.properties, estimate[0])
+    craft = settings.craft._replace(properties=mean, rate=rate, torques=np.zeros_like(settings.craft.torques))
+    aims = _apart(among, settings) if among else settings.targets
+    narrow = aims._replace(deviations=aims.deviations / (1.0 + settings.margin))
+    known = _known(estimate[1], craft)
+    task = Task(craft, known, narrow, settings.limits, settings.cost, settings.margin)
+    choice = characterized(candidates(sets, craft, _LENGTHS), task)
+    plan = extended(begun(task), choice, 1.0, task)
+    plan = trimmed(plan, task) if plan.reached[-1].shortfall == 0.0 else plan
+    rows = []
+    for action in plan.actions[1:]:  # what comes before is past
+        row = np.zeros((action.length, n))
+        row[: action.samples, list(action.jets)] = 1.0
+        rows.append(row)
+    return np.vstack(rows) if rows else np.zeros((0, n))
+
+
+def _apart(among: tuple[int, ...], settings: FiringTest) -> Aims:
+    """Aims that tell suspects apart, whether they leak or miss."""
+    n = settings.craft.params.places.jets
+    pairs = [(one + kind, other + kind) for kind in (0, n) for one in among for other in among if one != other]
+    first = np.array(pairs)[:, 0] % n
+    odds = np.full(len(pairs), settings.odds * (1.0 + settings.margin) ** 2)
+    of = np.zeros((0, settings.targets.combinations.shape[1]))
+    return Aims(of, np.zeros(0), np.array(pairs), settings.forces[first], settings.thrusts[first], odds)
+
+
+def _known(covariance: Array, craft: Craft) -> Known:
+    """Knowledge of the ten parameters by the estimators, and of the rest as it is stated."""
+    information, of = prior_information(initial(craft.params), craft.params)
+    ten = of[of < N_PROPERTIES]
+    ten = ten[np.isfinite(np.diagonal(covariance)[ten])]
+    rest = np.isin(of, ten, invert=True)
+    whole = np.zeros_like(information)
+    whole[np.ix_(rest, rest)] = information[np.ix_(rest, rest)]
+    size = np.sqrt(np.diagonal(covariance)[ten])
+    own = np.linalg.inv(covariance[np.ix_(ten, ten)] / np.outer(size, size)) / np.outer(size, size)
+    whole[np.ix_(~rest, ~rest)] = own
+    return Known(whole, of)

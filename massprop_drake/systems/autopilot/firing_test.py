@@ -1,0 +1,110 @@
+"""Test firings in flight: jets are asked to fire so that a question of the estimators is answered."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import Value
+from pydrake.systems.framework import EventStatus, LeafSystem
+
+from massprop_drake.maths.maneuver.onboard import FiringTest, commands, missed, suspects
+from massprop_drake.systems.autopilot.jet_sets import jet_sets
+
+Array = NDArray[np.float64]
+
+
+class FiringTestMemory(NamedTuple):
+    """State of test firings. Never changed; an update makes a new one.
+
+    Attributes:
+        rows: commands that are still to be flown, a row per sample, shape (n, n_jets).
+        since_s: from when on the question stands, s; infinity: there is none.
+        pause_s: until when nothing is asked after a test, s.
+        tests: how many have been flown.
+    """
+
+    rows: Array
+    since_s: float
+    pause_s: float
+    tests: int
+
+    def __deepcopy__(self, _memo: Any) -> FiringTestMemory:
+        """Itself: a clone of a context shares what is never changed."""
+        return self
+
+
+class FiringTestSystem(LeafSystem):
+    """Asks for the firings that tell which jet of a group fails, or that make mass properties known.
+
+    Dual control in its simplest form: when a question has stood for a while, a maneuver is designed from what the
+    estimators say, as `massprop design` does before a flight, and flown once; if the question stands, again.
+
+    Ports:
+        estimate (in, 10), covariance (in, 100): of the estimators. Required.
+        fault_probability (in, n_jets + 2): see `CycleEstimator`. Required where groups are asked about.
+        gyro (in, 3): measured rate, rad/s, body axes. Required.
+        command (out, n_jets): fraction commanded over the coming sample, zero while nothing is tested: `prescribed` of
+            the autopilot. No feedthrough.
+        tests (out, 1): how many tests have begun. No feedthrough.
+
+    State: abstract, `FiringTestMemory`.
+
+    Timing: a test that is designed at t_k fires from t_k+1 on.
+
+    Args:
+        settings: see `FiringTest`.
+    """
+
+    def __init__(self, settings: FiringTest):
+        super().__init__()
+        self.set_name("firing_test")
+        self._settings, self._sets = settings, jet_sets(settings.craft)
+        n_jets = settings.craft.params.places.jets
+        self._estimate = self.DeclareVectorInputPort("estimate", 10)
+        self._covariance = self.DeclareVectorInputPort("covariance", 100)
+        self._probability = self.DeclareVectorInputPort("fault_probability", n_jets + 2)
+        self._gyro = self.DeclareVectorInputPort("gyro", 3)
+        start = FiringTestMemory(np.zeros((0, n_jets)), np.inf, 0.0, 0)
+        self._memory = self.DeclareAbstractState(Value[object](start))
+        state = {self.xa_ticket()}
+        self.DeclareVectorOutputPort("command", n_jets, self._calc_command, prerequisites_of_calc=state)
+        self.DeclareVectorOutputPort("tests", 1, self._calc_tests, prerequisites_of_calc=state)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(settings.craft.period_s, 0.0, self._update)
+
+    def _kept(self, context: Any) -> FiringTestMemory:
+        memory: FiringTestMemory = context.get_abstract_state(self._memory).get_value()
+        return memory
+
+    def _calc_command(self, context: Any, output: Any) -> None:
+        rows = self._kept(context).rows
+        output.SetFromVector(rows[0] if rows.shape[0] else np.zeros(rows.shape[1]))
+
+    def _calc_tests(self, context: Any, output: Any) -> None:
+        output.SetFromVector([float(self._kept(context).tests)])
+
+    def _update(self, context: Any, state: Any) -> EventStatus:
+        memory = self._next(context, self._kept(context))
+        state.get_mutable_abstract_state(self._memory).set_value(memory)
+        return EventStatus.Succeeded()
+
+    def _next(self, context: Any, memory: FiringTestMemory) -> FiringTestMemory:
+        """The state after a sample."""
+        settings, time_s = self._settings, context.get_time()
+        if memory.rows.shape[0] > 0:
+            return memory._replace(rows=memory.rows[1:], pause_s=time_s + settings.patience_s)
+        if time_s < memory.pause_s:
+            return memory._replace(since_s=np.inf)
+        covariance = self._covariance.Eval(context).reshape(10, 10)
+        among = suspects(self._probability.Eval(context), settings) if settings.groups else ()
+        asks = bool(among) if settings.groups else missed(covariance, settings)
+        if not asks:
+            return memory._replace(since_s=np.inf)
+        since_s = min(memory.since_s, time_s)
+        if time_s - since_s < settings.patience_s:
+            return memory._replace(since_s=since_s)
+        known = self._estimate.Eval(context), covariance
+        rows = commands(self._sets, known, self._gyro.Eval(context), among, settings)
+        flown = memory.tests + int(rows.shape[0] > 0)
+        return FiringTestMemory(rows, np.inf, time_s + settings.patience_s, flown)
