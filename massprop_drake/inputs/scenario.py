@@ -568,7 +568,7 @@ class FiringTestBlock(Model):
     """Firings that are designed and flown when the estimators leave a question open."""
 
     when: Literal["group", "target"] = described(
-        ..., "a group of jets of which one has failed is to be told apart; or targets are to be known"
+        ..., "jets are to be told of which it is open which one has failed, or whether; or targets are to be known"
     )
     targets: dict[Text, Text] = described({}, "1-sigma by name with when: target, as `massprop design` takes it")
     force: Text = described("5%", "by which a suspect may fail with when: group, likewise")

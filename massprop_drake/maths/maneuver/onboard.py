@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -27,7 +28,7 @@ Array = NDArray[np.float64]
 
 _LENGTHS = (1, 2, 4, 8)  # samples that an action lasts, compute budget
 _LIKELY = 0.01  # probability that makes a jet a suspect
-_FAILED = 0.9  # probability that some jet has failed, from which on a group is asked about
+_FAILED = 0.5  # probability that some jet has failed, from which on it is asked which, and whether
 _MOST = 6  # suspects, the likeliest; compute budget
 
 
@@ -60,7 +61,7 @@ class FiringTest(NamedTuple):
 
 
 def suspects(probability: Array, settings: FiringTest) -> tuple[int, ...]:
-    """Jets among which it is open which one has failed; none: no question.
+    """Jets of which it is open which one has failed, or whether; none: no question.
 
     Args:
         probability: of each jet, then of nothing and of something unknown, shape (n_jets + 2,).
@@ -68,7 +69,8 @@ def suspects(probability: Array, settings: FiringTest) -> tuple[int, ...]:
     """
     of_jets = probability[: settings.craft.params.places.jets]
     likely = np.flatnonzero(of_jets > _LIKELY)
-    if likely.size < 2 or not float(of_jets.max()) < 1.0 - _LIKELY or 1.0 - float(probability[-2:].sum()) < _FAILED:
+    declared = 1.0 / (1.0 + math.exp(-settings.odds))
+    if not _LIKELY < float(of_jets.max()) < declared or 1.0 - float(probability[-2:].sum()) < _FAILED:
         return ()
     return tuple(sorted(likely[np.argsort(-of_jets[likely])][:_MOST].tolist()))
 
@@ -123,9 +125,15 @@ def commands(
 
 
 def _apart(among: tuple[int, ...], settings: FiringTest) -> Aims:
-    """Aims that tell suspects apart, whether they leak or miss."""
+    """Aims that tell suspects apart, and from nothing, whether they leak or miss."""
     n = settings.craft.params.places.jets
-    pairs = [(one + kind, other + kind) for kind in (0, n) for one in among for other in among if one != other]
+    pairs = [
+        (one + kind, other + kind if other >= 0 else -1)
+        for kind in (0, n)
+        for one in among
+        for other in (*among, -1)
+        if one != other
+    ]
     first = np.array(pairs)[:, 0] % n
     odds = np.full(len(pairs), settings.odds * (1.0 + settings.margin) ** 2)
     of = np.zeros((0, settings.targets.combinations.shape[1]))
