@@ -39,7 +39,8 @@ class FiringTestSystem(LeafSystem):
     """Asks for the firings that tell which jet of a group fails, or that make mass properties known.
 
     Dual control in its simplest form: when a question has stood for a while, a maneuver is designed from what the
-    estimators say, as `massprop design` does before a flight, and flown once; if the question stands, again.
+    estimators say, as `massprop design` does before a flight, and flown until the question is answered; if it stands
+    at the end, again.
 
     Ports:
         estimate (in, 10), covariance (in, 100): of the estimators. Required.
@@ -92,14 +93,14 @@ class FiringTestSystem(LeafSystem):
     def _next(self, context: Any, memory: FiringTestMemory) -> FiringTestMemory:
         """The state after a sample."""
         settings, time_s = self._settings, context.get_time()
-        if memory.rows.shape[0] > 0:
-            return memory._replace(rows=memory.rows[1:], pause_s=time_s + settings.patience_s)
-        if time_s < memory.pause_s:
-            return memory._replace(since_s=np.inf)
         covariance = self._covariance.Eval(context).reshape(10, 10)
         among = suspects(self._probability.Eval(context), settings) if settings.groups else ()
         asks = bool(among) if settings.groups else missed(covariance, settings)
-        if not asks:
+        if not asks:  # what is left of a test is not flown
+            return memory._replace(rows=memory.rows[:0], since_s=np.inf)
+        if memory.rows.shape[0] > 0:
+            return memory._replace(rows=memory.rows[1:], pause_s=time_s + settings.patience_s)
+        if time_s < memory.pause_s:
             return memory._replace(since_s=np.inf)
         since_s = min(memory.since_s, time_s)
         if time_s - since_s < settings.patience_s:

@@ -64,7 +64,7 @@ def test_topology() -> None:
     [
         ({}, ()),
         ({8: 1.0}, ()),  # it is known which
-        ({8: 0.3, 11: 0.2}, ()),  # it may be that nothing has failed
+        ({8: 0.2, 11: 0.2}, ()),  # it may be that nothing has failed
         ({8: 0.6, 11: 0.4}, (8, 11)),
         ({8: 0.88}, (8,)),  # has it?
         ({8: 0.6, 11: 0.37, 2: 0.02, 5: 0.001}, (2, 8, 11)),
