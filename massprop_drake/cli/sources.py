@@ -158,14 +158,11 @@ def recovered(scenario: str | Path, overrides: list[str]) -> Scenario:
 
 def vehicle_or_scenario(name: str, overrides: list[str]) -> Vehicle | Scenario:
     """Loads a vehicle, or a scenario; fields that are set make a scenario of a vehicle."""
-    if name in bundled_scenarios():
+    path = Path(name)
+    own = exists(path) and name not in bundled_vehicles()
+    is_run = own and exists(path / "scenario.yaml")
+    if name in bundled_scenarios() or is_run or (own and kind_of(Document(read_text(path), name).data) != "vehicle"):
         return recovered(name, overrides)
-    if name not in bundled_vehicles():
-        path = Path(name)
-        if exists(path / "scenario.yaml") or not exists(path):
-            return recovered(name, overrides) if exists(path) else load_vehicle(name)
-        if kind_of(Document(read_text(path), name).data) != "vehicle":
-            return recovered(name, overrides)
     return vehicle_scenario(name, name, overrides) if overrides else load_vehicle(name)
 
 

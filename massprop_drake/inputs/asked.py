@@ -15,7 +15,7 @@ from massprop_drake.inputs import units
 from massprop_drake.inputs.plausible import FOOT, SLUG
 from massprop_drake.inputs.scenario import FaultsBlock
 from massprop_drake.inputs.vehicle import Vehicle
-from massprop_drake.maths.estimation.faults.priors import log_rate
+from massprop_drake.maths.estimation.faults.priors import Priors, log_rate
 from massprop_drake.maths.estimation.joint.layout import JointParams
 from massprop_drake.maths.maneuver.aims import Aims
 from massprop_drake.maths.maneuver.information import n_known
@@ -215,37 +215,53 @@ def suspicion(suspects: Sequence[str], force: str, vehicle: Vehicle, fires: NDAr
         places.append(vehicle.designations.index(name))
     if not places:
         return Suspicion(np.zeros((0, 2), dtype=int), np.zeros(0), np.zeros(0), False)
-    where = f"design: force {force}"
-    number, unit = _quantity(force, where)
-    read = units.parsed(unit) if unit else units.parsed("N" if vehicle.unit_names["force"] == "N" else "lbf")
-    thrusts = np.linalg.norm(vehicle.thrusts, axis=1)
+    signed = forces(force, vehicle, places)
+    loss = bool(signed[places[0]] < 0.0)
+    for place in places if loss else ():
+        if place not in fires:
+            raise InputError(
+                f"design: suspect '{vehicle.designations[place]}': gives less only while it fires, and it may not "
+                "fire; leave it out of 'without', or out of the suspects"
+            )
+    others = places if len(places) > 1 else list(range(len(vehicle.jets)))
+    pairs = np.array([(one, other) for one in places for other in (*others, -1) if one != other], dtype=int)
+    first = pairs[:, 0]
+    return Suspicion(pairs, np.abs(signed[first]), np.linalg.norm(vehicle.thrusts, axis=1)[first], loss)
+
+
+def forces(text: str, vehicle: Vehicle, places: Sequence[int]) -> Array:
+    """Reads a force by which jets fail, of each jet, lbf or N, below zero: that is missing, shape (n_jets,).
+
+    Args:
+        text: a share of the thrust, or with a unit.
+        vehicle: see `Vehicle`.
+        places: of the jets that it must be possible for.
+
+    Raises:
+        InputError: when it is none, or more than the thrust of one of these jets.
+    """
+    where = f"design: force {text}"
+    number, unit = _quantity(text, where)
+    own = units.parsed("N" if vehicle.unit_names["force"] == "N" else "lbf")
+    read = units.parsed(unit) if unit else own
+    thrusts: Array = np.linalg.norm(vehicle.thrusts, axis=1)
     if read.dimension == (0, 0, 0, 0):
-        forces = number * read.factor * thrusts
-    elif read.dimension == units.parsed("N").dimension:
-        own = units.parsed("N" if vehicle.unit_names["force"] == "N" else "lbf").factor
-        forces = np.full(thrusts.size, number * read.factor / own)
+        found = number * read.factor * thrusts
+    elif read.dimension == own.dimension:
+        found = np.full(thrusts.size, number * read.factor / own.factor)
     else:
         raise InputError(f"{where}: '{unit}' does not fit; write it like 5% or 0.2 N")
     if number == 0.0 or not math.isfinite(number):
         raise InputError(f"{where}: a suspect that never pushes cannot be told; give what it leaks, or misses")
     for place in places:
-        name = vehicle.designations[place]
-        if abs(forces[place]) > thrusts[place]:
+        if abs(found[place]) > thrusts[place]:
             most = f"{thrusts[place]:g} {vehicle.unit_names['force']}"
-            raise InputError(f"{where}: is more than the thrust of {name}, {most}")
-        if number < 0.0 and place not in fires:
-            raise InputError(
-                f"design: suspect '{name}': gives less only while it fires, and it may not fire; leave it out of "
-                "'without', or out of the suspects"
-            )
-    others = places if len(places) > 1 else list(range(len(vehicle.jets)))
-    pairs = np.array([(one, other) for one in places for other in (*others, -1) if one != other], dtype=int)
-    first = pairs[:, 0]
-    return Suspicion(pairs, np.abs(forces[first]), thrusts[first], number < 0.0)
+            raise InputError(f"{where}: is more than the thrust of {vehicle.designations[place]}, {most}")
+    return found
 
 
 class Judged(NamedTuple):
-    """How failures and estimates are judged.
+    """Demands on failures and estimates.
 
     Attributes:
         faults: how likely a failure is, and how sure a declaration must be.
@@ -290,6 +306,10 @@ def aims(wanted: Sequence[Target], suspected: Suspicion, params: JointParams, ju
 
 
 def odds(faults: FaultsBlock) -> float:
-    """Logarithm of the odds at which a failed jet is declared."""
-    doubt = min(faults.false_per_hour / faults.jet_per_hour, 0.25)  # that a declaration may leave
-    return math.log(1.0 / doubt - 1.0)
+    """Logarithm of the odds at which a failed jet is declared; at least 3 to 1."""
+    return math.log(1.0 / min(doubt(faults), 0.25) - 1.0)
+
+
+def doubt(faults: FaultsBlock) -> float:
+    """Probability that the declaration of a failed jet may be wrong with."""
+    return Priors(false_per_hour=faults.false_per_hour).doubt(faults.jet_per_hour)

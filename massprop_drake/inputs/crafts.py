@@ -62,13 +62,12 @@ def firing_test(scenario: Scenario) -> FiringTest | None:
     own = craft(scenario, frozenset(block.without))
     wanted = asked.targets(block.targets, own.properties, vehicle)
     nobody = asked.suspicion((), block.force, vehicle, own.jets)
-    every = asked.suspicion(vehicle.designations, block.force, vehicle, own.jets)
     flow = float(np.median(own.flows[own.jets]))
     thrusts = np.linalg.norm(vehicle.thrusts, axis=1)
     return FiringTest(
         craft=own,
         targets=asked.aims(wanted, nobody, own.params, asked.Judged(scenario.faults, 0.0, False)),
-        forces=np.array([every.forces[every.pairs[:, 0] == jet][0] for jet in range(thrusts.size)]),
+        forces=np.abs(asked.forces(block.force, vehicle, range(thrusts.size))),
         thrusts=thrusts,
         odds=asked.odds(scenario.faults),
         limits=asked.limits(block.limits, vehicle),

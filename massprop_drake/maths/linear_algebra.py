@@ -355,3 +355,22 @@ def is_covariance(matrix: Array, tolerance: float = 1e-9) -> bool:
     if not np.allclose(scaled, scaled.T, rtol=0.0, atol=tolerance):
         return False
     return bool(np.linalg.eigvalsh(symmetrized(scaled)).min() > -tolerance)
+
+
+def scaled_root(matrix: Array) -> tuple[Array, Array]:
+    """Lower triangular root of a positive definite matrix in the units u that make its diagonal one, and u.
+
+    Args:
+        matrix: symmetric, its elements of any sizes, shape (n, n); with L the root it is (L L^T)_ij / (u_i u_j).
+    """
+    size: Array = 1.0 / np.sqrt(np.diagonal(matrix))
+    scaled: Array = matrix * np.outer(size, size)
+    root: Array = np.linalg.cholesky(scaled).astype(np.float64, copy=False)
+    return root, size
+
+
+def scaled_inverse(matrix: Array) -> Array:
+    """Inverse of a positive definite matrix whose elements are of any sizes, in units that make its diagonal one."""
+    size = np.sqrt(np.diagonal(matrix))
+    result: Array = np.linalg.inv(matrix / np.outer(size, size)) / np.outer(size, size)
+    return result

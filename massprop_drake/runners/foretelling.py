@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError
 from massprop_drake.inputs import params
+from massprop_drake.inputs.asked import doubt
 from massprop_drake.inputs.scenario import CglrBlock, Dispersion, DisturbanceBlock, PlantBlock, Scenario
 from massprop_drake.maths.estimation import foretold
 from massprop_drake.maths.estimation.cycle import EstimationParams, initial_state, told_of
@@ -20,6 +21,7 @@ from massprop_drake.maths.estimation.foretold import Instant
 from massprop_drake.maths.estimation.joint import bound
 from massprop_drake.maths.estimation.joint.layout import thrust_sigmas
 from massprop_drake.maths.estimation.whole import Samples
+from massprop_drake.maths.maneuver.aims import from_another, from_nothing
 from massprop_drake.maths.mass_properties import INVERSE_INERTIA, MASS_RECIPROCAL
 from massprop_drake.maths.vehicle.on_times import levels_alone
 from massprop_drake.maths.vehicle.rigid_body import MASS, RATE
@@ -30,7 +32,6 @@ from massprop_drake.signals import PROPELLANT
 Array = NDArray[np.float64]
 
 SHARE = 0.05  # of its thrust that a suspect jet leaks
-_TINY = float(np.finfo(np.float64).tiny)
 
 
 class Suspect(NamedTuple):
@@ -232,18 +233,16 @@ def _suspects(scenario: Scenario, since_s: Array, shown: Array, share: float) ->
         share: of its thrust that it leaks.
     """
     vehicle, faults = scenario.vehicle_data, scenario.faults
-    doubt = min(faults.false_per_hour / faults.jet_per_hour, 0.5)  # that a declaration may leave
-    odds = math.log(1.0 / doubt - 1.0)
+    odds = math.log(1.0 / doubt(faults) - 1.0)
     thrusts, jets = np.linalg.norm(vehicle.thrusts, axis=1), np.arange(len(vehicle.jets))
     forces = share * thrusts
     surprise = odds - np.array([log_rate(faults.jet_per_hour, one) for one in since_s.tolist()])
     own = np.diagonal(shown, axis1=1, axis2=2)
     for jet in jets.tolist():
         others = np.delete(jets, jet)
-        any_force = 0.5 * np.log1p(thrusts[jet] ** 2 * own[:, jet])  # it might have been any up to the thrust
-        led = 0.5 * forces[jet] ** 2 * own[:, jet] - any_force
-        shared = shown[:, jet, others] ** 2 / np.maximum(own[:, others], _TINY)
-        apart = 0.5 * forces[jet] ** 2 * (own[:, jet, None] - shared) >= odds
+        led = from_nothing(own[:, jet], float(forces[jet]), float(thrusts[jet]))
+        cross, theirs = shown[:, jet, others], own[:, others]
+        apart = from_another(own[:, jet, None], cross, theirs, float(forces[jet])) >= odds
         noticed = _since(since_s, led >= surprise)
         each = np.array([_since(since_s, apart[:, place]) for place in range(others.size)])
         longest = int(np.argmax(each)) if others.size else -1

@@ -12,6 +12,8 @@ from massprop_drake.maths.linear_algebra import (
     inverse_positive_definite,
     is_covariance,
     is_positive_definite,
+    scaled_inverse,
+    scaled_root,
     skew,
     sparse_product,
     symmetrized,
@@ -188,3 +190,16 @@ def test_a_product_leaves_out_columns_that_are_zero_alone() -> None:
     rows[:, [0, 5]] = 0.0
     rows[:, 2] = [1.0, -1.0, 0.0]  # no sum
     np.testing.assert_allclose(sparse_product(rows, matrix), rows @ matrix, rtol=1e-13)
+
+
+def test_elements_of_any_sizes_are_inverted_in_their_own_units() -> None:
+    """A covariance whose deviations lie twenty powers of ten apart, as those of inverse inertia and position do."""
+    rng = np.random.default_rng(4)
+    units = np.geomspace(1e-10, 1e10, 6)
+    matrix = positive_definite(rng, 6, 100.0)
+    mixed = matrix * np.outer(units, units)
+    expected = np.linalg.inv(matrix) / np.outer(units, units)
+    np.testing.assert_allclose(scaled_inverse(mixed), expected, rtol=1e-11)
+    root, size = scaled_root(mixed)
+    np.testing.assert_array_equal(root, np.tril(root))
+    np.testing.assert_allclose(root @ root.T / np.outer(size, size), mixed, rtol=1e-12)

@@ -1,4 +1,4 @@
-"""What a flight will tell, foretold: against flights, against a leak that is flown, and what cannot be told."""
+"""Forecasts of what a flight will tell: against flights, against a leak that is flown, and what cannot be told."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_sigmas_are_those_of_the_flight(told: Forecast, flown: Run) -> None:
 
 
 def test_what_all_thrusts_have_in_common_is_a_floor(told: Forecast) -> None:
-    """Those of the jets that fire: of n thrusts of 1 % the mean is known to 1 % / n^1/2."""
+    """Only jets that fire count: of n thrusts of 1 % the mean is known to 1 % / n^1/2."""
     floor = told.floors[0] / told.properties[0]
     fired = round((0.01 / floor) ** 2)
     assert 0.01 / floor == pytest.approx(np.sqrt(fired), rel=1e-9)

@@ -24,7 +24,6 @@ from massprop_drake.maths.estimation.joint import bound
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, RATE, JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import readings
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.maneuver.information import carried_on, leaks
 
 
 class Instant(NamedTuple):
@@ -91,7 +90,9 @@ def step(
         used = ~np.isnan(readings(sample.rates, sample.velocities, sample.attitudes))
         after, course = bound.course(own.joint, sample, mean, used, joint)
         if failing:
-            carried, shown = carried_on((carried, shown), own.joint, course, leaks(joint.places.jets), joint)
+            carried, shown = bound.carried_on(
+                (carried, shown), own.joint, course, bound.leaks(joint.places.jets), joint
+            )
     kept = {"clock": clock, "frame": sample.frames[1], "speeds": speeds, "setting": setting}
     return Foretelling(own._replace(joint=after, **kept), carried, shown)
 

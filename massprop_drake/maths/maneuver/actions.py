@@ -100,7 +100,7 @@ def candidates(sets: Sequence[tuple[int, ...]], craft: Craft, lengths: Sequence[
 
 
 class FlownAction(NamedTuple):
-    """FollowedCourse after an action, and the motion on its way.
+    """Course after an action, and the motion on its way.
 
     Attributes:
         course: after it.

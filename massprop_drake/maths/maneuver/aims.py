@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.linear_algebra import Array, scaled_root
 
 _TINY = float(np.finfo(np.float64).tiny)
 _NOTHING = 1e-9  # nats: two that nothing tells apart; so that their ratio is a number
@@ -89,8 +89,7 @@ def reached(shown: Array, known: Known, aims: Aims) -> Reached:
     """
     of, first = known.of, aims.combinations.shape[1]
     total = known.information + shown[np.ix_(of, of)]
-    size = 1.0 / np.sqrt(np.diagonal(total))
-    root = np.linalg.cholesky(total * np.outer(size, size))
+    root, size = scaled_root(total)
     half = np.linalg.solve(root, (aims.combinations[:, of] * size).T)
     deviations = np.sqrt(np.sum(half * half, axis=0))
     ratios = [deviations / aims.deviations]
@@ -99,10 +98,23 @@ def reached(shown: Array, known: Known, aims: Aims) -> Reached:
         by_forces = np.linalg.solve(root, size.reshape(-1, 1) * shown[of][:, first:])
         left = shown[first:, first:] - by_forces.T @ by_forces
         own, other = aims.pairs.T
-        alike = left[own, other] ** 2 / np.maximum(left[other, other], _TINY)
-        any_force = 0.5 * np.log1p(aims.most**2 * np.maximum(left[own, own], 0.0))
-        another = 0.5 * aims.forces**2 * (left[own, own] - alike)
-        nothing = 0.5 * aims.forces**2 * left[own, own] - any_force
+        another = from_another(left[own, own], left[own, other], left[other, other], aims.forces)
+        nothing = from_nothing(left[own, own], aims.forces, aims.most)
         deltas = np.maximum(np.where(other < 0, nothing, another), _NOTHING)
         ratios.append(np.sqrt(aims.odds / deltas))
     return Reached(deviations, deltas, np.concatenate(ratios))
+
+
+def from_another(own: Array, cross: Array, other: Array, force: Array | float) -> Array:
+    """Expected log likelihood ratio of a force and of the one of another jet that suits best, nats.
+
+    Args:
+        own, cross, other: S_jj, S_jk and S_kk, of shapes that fit.
+        force: f, lbf or N.
+    """
+    return 0.5 * force**2 * (own - cross**2 / np.maximum(other, _TINY))
+
+
+def from_nothing(own: Array, force: Array | float, most: Array | float) -> Array:
+    """Expected log likelihood ratio of a force that might have been any, and of none, nats; arguments as above."""
+    return 0.5 * force**2 * own - 0.5 * np.log1p(most**2 * np.maximum(own, 0.0))

@@ -21,12 +21,10 @@ import numpy as np
 from massprop_drake.maths.attitude import propagated as turned_on
 from massprop_drake.maths.attitude import rotation_matrix
 from massprop_drake.maths.estimation.joint import bound
-from massprop_drake.maths.estimation.joint.bound import BoundStep
+from massprop_drake.maths.estimation.joint.bound import carried_on, leaks_and_losses
 from massprop_drake.maths.estimation.joint.burns import Burn
 from massprop_drake.maths.estimation.joint.cycle import Sample, begun, initial
 from massprop_drake.maths.estimation.joint.layout import (
-    CENTER,
-    INERTIA,
     MASS,
     N_PROPERTIES,
     RATE,
@@ -36,16 +34,11 @@ from massprop_drake.maths.estimation.joint.layout import (
 )
 from massprop_drake.maths.estimation.joint.measurement import outputs
 from massprop_drake.maths.estimation.joint.orientation import UNTURNED
-from massprop_drake.maths.estimation.joint.prediction import (
-    effective_seconds,
-    error_rows,
-    propagated,
-    turned_by,
-    wrenches_of,
-)
+from massprop_drake.maths.estimation.joint.prediction import effective_seconds, wrenches_of
+from massprop_drake.maths.estimation.joint.thrust_scale import reported
 from massprop_drake.maths.estimation.joint.ticks import on_ticks
 from massprop_drake.maths.estimation.joint.wheels import Spun
-from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.linear_algebra import Array, scaled_inverse, scaled_root
 from massprop_drake.maths.maneuver.aims import Known
 from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS
 
@@ -70,7 +63,7 @@ class Step(NamedTuple):
 
 
 class FollowedCourse(NamedTuple):
-    """FollowedCourse of commands up to a sample. Never changed; a step makes a new one.
+    """Course of commands up to a sample. Never changed; a step makes a new one.
 
     Attributes:
         joint: state with the covariance of the motion alone, its mean as the vehicle is taken to be.
@@ -88,28 +81,6 @@ class FollowedCourse(NamedTuple):
     velocity: Array
     position: Array
     speeds: Array
-
-
-class Forces(NamedTuple):
-    """Forces by which jets may fail, one of each.
-
-    Attributes:
-        jets: which jet each is of, shape (f,).
-        extra: 1: the jet gives as much more all the time, a leak; 0: as much less while it fires, shape (f,).
-    """
-
-    jets: Array
-    extra: Array
-
-
-def leaks(n_jets: int) -> Forces:
-    """A leak of each jet."""
-    return Forces(np.arange(n_jets, dtype=np.float64), np.ones(n_jets))
-
-
-def leaks_and_losses(n_jets: int) -> Forces:
-    """A leak of each jet, then a loss of each."""
-    return Forces(np.tile(np.arange(n_jets, dtype=np.float64), 2), np.repeat((1.0, 0.0), n_jets))
 
 
 def n_known(params: JointParams) -> int:
@@ -133,14 +104,8 @@ def start(properties: Array, rate: Array, speeds: Array, params: JointParams) ->
     mean = np.zeros(places.size)
     mean[:N_PROPERTIES], mean[RATE] = properties, rate
     mean[places.fill : places.fill + places.tanks] = params.tanks.fill
-    nothing = np.full((max(places.gyros, places.accelerometers, places.trackers), 3), np.nan)
     step = Step(np.zeros(places.jets), np.zeros(places.wheels), 0.0, np.ones(places.outputs, dtype=bool))
     sample = _sample(before, step, (UNTURNED, UNTURNED), (speeds, speeds), params)
-    sample = sample._replace(
-        rates=nothing[: places.gyros],
-        velocities=nothing[: places.accelerometers],
-        attitudes=nothing[: places.trackers],
-    )
     joint = begun(before._replace(root=root, mean=mean), sample, params)._replace(
         mean=mean, reference=mean[RATE].copy()
     )
@@ -201,9 +166,8 @@ def followed(course: FollowedCourse, step: Step, params: JointParams, before_it:
 def _doubt(course: FollowedCourse, before_it: Known, params: JointParams) -> Array:
     """Root of the covariance of all the state, motion and parameters taken as independent, shape (size, size)."""
     of, root = before_it.of, course.joint.root.copy()
-    total = before_it.information + course.shown[np.ix_(of, of)]
-    size = 1.0 / np.sqrt(np.diagonal(total))
-    half = np.linalg.inv(np.linalg.cholesky(total * np.outer(size, size))).T * size.reshape(-1, 1)
+    lower, size = scaled_root(before_it.information + course.shown[np.ix_(of, of)])
+    half = np.linalg.inv(lower).T * size.reshape(-1, 1)
     rows = np.where(of < N_PROPERTIES, of, of + params.places.thrust - N_PROPERTIES)
     root[rows] = 0.0
     root[np.ix_(rows, rows)] = half
@@ -251,62 +215,10 @@ def prior_information(state: JointState, params: JointParams) -> tuple[Array, np
         state: of the joint filter; one before its first sample, too.
         params: see `JointParams`.
     """
-    places = params.places
-    root = state.root.copy()
+    places, errors = params.places, state.root[params.places.thrust : params.places.force].copy()
     if places.n_scale > 0:
-        common = root[places.scale].copy()
-        scaled = params.thrust_sigma * common
-        root[INERTIA] -= np.outer(state.mean[INERTIA], scaled)
-        root[MASS] -= state.mean[MASS] * scaled
-        root[places.thrust : places.thrust + places.n_thrust] += common
-        root[places.scale] = 0.0
-    rows = np.vstack((root[:N_PROPERTIES], root[places.thrust : places.force]))
+        errors[: places.n_thrust] += state.root[places.scale]
+        errors[places.scale - places.thrust] = 0.0
+    rows = np.vstack((reported(state, params)[1], errors))
     open_ones = np.flatnonzero(rows.any(axis=1))
-    covariance = rows[open_ones] @ rows[open_ones].T
-    size = np.sqrt(np.diagonal(covariance))
-    return np.linalg.inv(covariance / np.outer(size, size)) / np.outer(size, size), open_ones
-
-
-def carried_on(
-    before: tuple[Array, Array], state: JointState, course: BoundStep, forces: Forces, params: JointParams
-) -> tuple[Array, Array]:
-    """B and G after an interval and its readings.
-
-    Args:
-        before: both before the interval, columns of forces last.
-        state: likewise.
-        course: see `BoundStep`.
-        forces: see `Forces`.
-        params: see `JointParams`.
-    """
-    carried, shown = before
-    carried = propagated(carried, course.prediction, params)[:, : carried.shape[1]]
-    carried[:, -forces.jets.size :] += _pushed(state, course, forces, params)
-    if course.upper.shape[0] > 0:
-        seen = np.linalg.solve(course.upper.T, course.jacobian @ carried)
-        carried = carried - course.half_gain @ seen
-        shown = shown + seen.T @ seen
-    return carried, shown
-
-
-def _pushed(state: JointState, course: BoundStep, forces: Forces, params: JointParams) -> Array:
-    """Changes of rate and velocities by a unit of each force over an interval, g, shape (size, f)."""
-    prediction, places = course.prediction, params.places
-    n = forces.jets.size
-    wide = params._replace(places=places._replace(n_force=n, size=places.force + n))  # a slot for each
-    slots = state._replace(
-        mean=np.append(state.mean[: places.force], np.zeros(n)),
-        slot_jet=forces.jets,
-        slot_sign=2.0 * forces.extra - 1.0,
-        slot_on_top=forces.extra,
-    )
-    of_forces = slice(places.force, places.force + n)
-    turned, pushed = (rows[:, of_forces] for rows in error_rows(slots, course.acting, wide))
-    result = np.zeros((places.size, n))
-    result[RATE] = turned
-    arms = params.accelerometer_positions - state.mean[CENTER]
-    by_end = turned_by(state.mean[RATE], prediction.end, arms, prediction.duration_s)[1]
-    for package in range(places.accelerometers):
-        part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
-        result[part] = pushed + by_end[package] @ turned
-    return result
+    return scaled_inverse(rows[open_ones] @ rows[open_ones].T), open_ones

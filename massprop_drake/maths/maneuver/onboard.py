@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.joint.cycle import initial
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES
+from massprop_drake.maths.linear_algebra import scaled_inverse
 from massprop_drake.maths.maneuver.actions import Craft, candidates
 from massprop_drake.maths.maneuver.aims import Aims, Known
 from massprop_drake.maths.maneuver.information import prior_information
@@ -76,7 +77,7 @@ def suspects(probability: Array, settings: FiringTest) -> tuple[int, ...]:
 
 
 def missed(covariance: Array, settings: FiringTest) -> bool:
-    """Whether a target is not known well enough.
+    """Tests whether a target is not known well enough.
 
     Args:
         covariance: of the ten estimates, shape (10, 10).
@@ -148,7 +149,5 @@ def _known(covariance: Array, craft: Craft) -> Known:
     rest = np.isin(of, ten, invert=True)
     whole = np.zeros_like(information)
     whole[np.ix_(rest, rest)] = information[np.ix_(rest, rest)]
-    size = np.sqrt(np.diagonal(covariance)[ten])
-    own = np.linalg.inv(covariance[np.ix_(ten, ten)] / np.outer(size, size)) / np.outer(size, size)
-    whole[np.ix_(~rest, ~rest)] = own
+    whole[np.ix_(~rest, ~rest)] = scaled_inverse(covariance[np.ix_(ten, ten)])
     return Known(whole, of)

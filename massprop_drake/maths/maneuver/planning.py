@@ -19,8 +19,7 @@ LEAD = 5  # samples before the first action, after which the motion is known; co
 _TRIED = 8  # actions that are flown at each step; compute budget
 _LEAST = 1e-3  # nats that an action must gain to be worth it; compute budget
 _THRIFT = (1.0, 0.7, 0.5)  # powers of an action's cost by which its gain is divided, one search each; compute budget
-_FOREVER = 1e6  # times that everything is flown, where only a floor is left
-
+_FOREVER = 1e6  # arithmetic: times that everything is flown, where only a floor is left
 
 Choice = tuple[Sequence[FiringAction], Sequence[Array]]  # actions, and what each shows, shape (k, k)
 
@@ -71,6 +70,11 @@ class Task(NamedTuple):
     margin: float
     doubting: bool = False
 
+    @property
+    def doubt(self) -> Known | None:
+        """Knowledge as `information.followed` takes it."""
+        return self.known if self.doubting else None
+
 
 class Plan(NamedTuple):
     """Actions in their order, what they show, and the way there.
@@ -120,7 +124,7 @@ def with_action(plan: Plan, action: FiringAction, task: Task) -> Plan | None:
     if not _affords(plan, action, task):
         return None
     last = plan.flown[-1]
-    flown = fly((last.course, last.row), action, task.craft, task.known if task.doubting else None)
+    flown = fly((last.course, last.row), action, task.craft, task.doubt)
     if not _keeps(flown, task.limits):
         return None
     done = reached(flown.course.shown, task.known, task.aims)
@@ -271,7 +275,7 @@ def floor_of(shown: Sequence[Array], task: Task) -> Reached:
         shown: what each action shows, shape (k, k) each.
         task: see `Task`.
     """
-    return reached(_FOREVER * sum(shown, np.zeros_like(shown[0])), task.known, task.aims)
+    return reached(_for_ever(shown), task.known, task.aims)
 
 
 def unseen(shown: Sequence[Array], task: Task, row: int) -> Array:
@@ -283,7 +287,12 @@ def unseen(shown: Sequence[Array], task: Task, row: int) -> Array:
         row: of the combination.
     """
     of, combination = task.known.of, task.aims.combinations[row]
-    total = task.known.information + _FOREVER * sum(shown, np.zeros_like(shown[0]))[np.ix_(of, of)]
+    total = task.known.information + _for_ever(shown)[np.ix_(of, of)]
     direction = np.zeros(combination.size)
     direction[of] = np.linalg.solve(total, combination[of])
     return direction
+
+
+def _for_ever(shown: Sequence[Array]) -> Array:
+    """What is shown when everything is fired for ever, shape (k, k)."""
+    return _FOREVER * np.sum(shown, axis=0)

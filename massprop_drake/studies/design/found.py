@@ -69,6 +69,21 @@ class Trace(NamedTuple):
     deviations: Array
 
 
+class ManeuverCommand(NamedTuple):
+    """A command of a maneuver.
+
+    Attributes:
+        name: of the jet or wheel.
+        torque: of a wheel's motor; zero of a jet.
+        start_s, end_s: in the scenario's time.
+    """
+
+    name: str
+    torque: float
+    start_s: float
+    end_s: float
+
+
 class Design(NamedTuple):
     """A maneuver that makes known what was asked.
 
@@ -99,3 +114,11 @@ class Design(NamedTuple):
     course: Trace
     front: Trace
     named_s: Mapping[str, tuple[float | None, ...]]
+
+    @property
+    def commanded(self) -> list[ManeuverCommand]:
+        """Commands of the maneuver in order of time."""
+        scenario = self.scenario
+        found = [ManeuverCommand(one.jet, 0.0, one.start_s, one.end_s) for one in scenario.jet_schedule]
+        found += [ManeuverCommand(one.wheel, one.torque, one.start_s, one.end_s) for one in scenario.wheel_schedule]
+        return sorted((one for one in found if one.start_s >= self.begins_s), key=lambda one: one.start_s)

@@ -37,15 +37,13 @@ def front(made: Design, vehicle: Vehicle) -> Plot:
 
 def firings(made: Design, vehicle: Vehicle) -> Plot:
     """Firings of jets and torques of wheels over time, and how well targets are known by then."""
-    scenario, begins = made.scenario, made.begins_s
-    pulses = [(one.jet, one.start_s, one.end_s) for one in scenario.jet_schedule if one.start_s >= begins]
-    pulses += [(one.wheel, one.start_s, one.end_s) for one in scenario.wheel_schedule if one.start_s >= begins]
+    begins, commanded = made.begins_s, made.commanded
     names = (*vehicle.designations, *(wheel.name for wheel in vehicle.wheels))
-    rows = [name for name in names if any(name == one for one, _, _ in pulses)]
+    rows = [name for name in names if any(name == one.name for one in commanded)]
     bars = Bars(
-        np.array([start for _, start, _ in pulses]),
-        np.array([end for _, _, end in pulses]),
-        np.array([float(rows.index(name)) for name, _, _ in pulses]),
+        np.array([one.start_s for one in commanded]),
+        np.array([one.end_s for one in commanded]),
+        np.array([float(rows.index(one.name)) for one in commanded]),
         COLORS[0],
         label="commanded",
     )

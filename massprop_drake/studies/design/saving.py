@@ -89,11 +89,9 @@ def _by_jet(pairs: Sequence[PairFound]) -> dict[str, list[PairFound]]:
 
 def firings(made: Design) -> list[tuple[str, float, float]]:
     """Commands in order of time: jet, or wheel with its torque, start and end, s."""
-    scenario, begins = made.scenario, made.begins_s
-    found = [(one.jet, one.start_s, one.end_s) for one in scenario.jet_schedule if one.start_s >= begins]
-    turned = [one for one in scenario.wheel_schedule if one.start_s >= begins]
-    found += [(f"{one.wheel} {one.torque:+.3g}", one.start_s, one.end_s) for one in turned]
-    return sorted(found, key=lambda each: each[1])
+    return [
+        (f"{one.name} {one.torque:+.3g}" if one.torque else one.name, one.start_s, one.end_s) for one in made.commanded
+    ]
 
 
 def page(made: Design) -> str:

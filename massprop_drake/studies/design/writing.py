@@ -9,7 +9,7 @@ import numpy as np
 
 from massprop_drake.inputs.asked import Suspicion, Target
 from massprop_drake.inputs.scenario import JetPulse, Scenario, WheelPulse
-from massprop_drake.maths.maneuver.actions import fly
+from massprop_drake.maths.maneuver.actions import stepped
 from massprop_drake.maths.maneuver.aims import Reached, reached
 from massprop_drake.maths.maneuver.planning import Plan, SearchResult, Task, begun
 from massprop_drake.results.run import Run
@@ -94,8 +94,7 @@ def _by_sample(plan: Plan, task: Task, n: int) -> tuple[Trace, list[float | None
     for action in plan.actions[1:]:
         for sample in range(action.length):
             fires = sample < action.samples
-            one = action._replace(samples=int(fires), coast=int(not fires))
-            flown = fly((flown.course, flown.row), one, task.craft, task.known if task.doubting else None)
+            flown = stepped(flown, action, task.craft, task.doubt, fires=fires)
             done.append(reached(flown.course.shown, task.known, task.aims))
             used.append(used[-1] + (action.propellant / action.samples if fires else 0.0))
             rows.append(flown.row)

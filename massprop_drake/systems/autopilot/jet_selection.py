@@ -105,7 +105,8 @@ class JetSelection(LeafSystem):
         self._going_on, self._fired = chosen(ports.going_on, compiled), chosen(ports.fired, compiled)
         some_request = Request(np.zeros(3), np.zeros(3), np.inf, Urgency.NONE)
         self._pulses, self._period_s = whole_cycles(n_jets) if pulses is None else pulses, period_s
-        self._held = held(Burning(forces_of(wrenches), period_s, some_request, self._pulses), compiled)
+        self._forces = forces_of(wrenches)
+        self._held = held(Burning(self._forces, period_s, some_request, self._pulses), compiled)
         self._nominal = float(mass_properties[MASS_RECIPROCAL])
         self._command = slice(n_jets, 2 * n_jets)
         self._rows = (slice(0, n_jets), self._command, slice(2 * n_jets, None))
@@ -116,7 +117,6 @@ class JetSelection(LeafSystem):
         self._converged = self.DeclareVectorInputPort("converged", 1)
         self._reconfiguration = self.DeclareVectorInputPort("reconfiguration", self._layout.size)
         self._prescribed = self.DeclareVectorInputPort("prescribed", n_jets)
-        self._forces = forces_of(wrenches)
         starts = make().initial
         self._groups = SelectionState._make(self.DeclareDiscreteState(part) if part.size else None for part in starts)
         self._burst = Cached(self, "burst", self._compute, {self.xd_ticket(), self.all_input_ports_ticket()})
@@ -141,7 +141,7 @@ class JetSelection(LeafSystem):
         return SelectionState._make(_group(context, group) for group in self._groups)
 
     def _compute(self, context: Any) -> tuple[Array, tuple[Array, ...]]:
-        """What fires over the coming sample, as `ports.fired` has it, and states that change besides."""
+        """Jets of the coming sample, as `ports.fired` has them, and states that change besides."""
         row, changed = self._decided(context)
         prescribed = self._prescribed.Eval(context) if self._prescribed.HasValue(context) else None
         if prescribed is None or not prescribed.any():

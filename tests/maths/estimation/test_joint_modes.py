@@ -78,7 +78,7 @@ STEPS, SUBSTEPS = 70, 2
 
 
 def parts(name: str) -> list[Slosh | HingedPanel]:
-    """What moves in a bundled model, from its masses, inertias and springs."""
+    """Moving parts of a bundled model, from its masses, inertias and springs."""
     if name == "slosh":
         frequency = np.sqrt(0.0328 / 0.3413) / (2.0 * np.pi)
         own = {

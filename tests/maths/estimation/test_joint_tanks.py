@@ -52,7 +52,7 @@ def filled(mean: Array) -> Array:
 
 
 def test_slices_leave_by_the_parallel_axis_theorem() -> None:
-    """In the estimate as in the true vehicle, of which a tank by hand is the oracle: a disk less."""
+    """The estimate changes as the true vehicle does, by an oracle of a tank done by hand: a disk less."""
     used = np.array([0.004, 0.0])  # one after the other is of the second order
     found = drawn(TRUTH, TANKS.fill, used, 1.0, TANKS)
     true = Tanks(TANKS.outlets, TANKS.columns, TANKS.spreads, FEEDS)

@@ -1,4 +1,4 @@
-"""How far a course is from its aims: against sums that are done by hand."""
+"""Distances of a course from its aims, against sums that are done by hand."""
 
 from __future__ import annotations
 

@@ -113,7 +113,7 @@ def test_what_is_missing_tells_nothing() -> None:
 
 
 def test_a_reading_that_is_rounded_and_stands_still_tells_little() -> None:
-    """Of the orbiter, whose sensors have no noise: a hundred samples at rest are worth no more than ten."""
+    """The orbiter's sensors have no noise: a hundred samples at rest are worth no more than ten."""
     made = joint("orbiter")
     still = Step(np.zeros(made.places.jets), np.zeros(0), 0.08, np.zeros(made.places.outputs, dtype=bool))
     fires = still._replace(command=np.eye(made.places.jets)[0])

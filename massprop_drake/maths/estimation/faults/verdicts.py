@@ -31,7 +31,7 @@ from massprop_drake.maths.estimation.joint.thrust_scale import reported_force
 
 _GROUP_S = 2.0  # for which that of a group must be there
 _GROUP = 3  # jets that a group may have
-_PUSHES = (Kind.UNKNOWN, Kind.WANDER)  # causes of something unknown that pushes: for once, or all along
+_PUSHING = (Kind.UNKNOWN, Kind.WANDER)  # causes of something unknown that pushes: for once, or all along
 _LEAST_LEAK, _LEAST_LOSS = 0.002, 0.1  # of full thrust: less is no failure, but a thrust that is not as stated
 _STUCK_ON, _STUCK_OFF = 0.5, 0.9  # of full thrust, from which on it is called so
 _SIGNIFICANT = 3.0  # sigmas by which a force must have changed to be said to have, and
@@ -115,7 +115,7 @@ def odds(tree: Tree, params: JointParams) -> Odds:
     failed = np.zeros(n)
     for each, share in probabilities(tree):
         none += share * float(not each.events)
-        unknown += share * float(any(event.cause.kind in _PUSHES for event in each.events))
+        unknown += share * float(any(event.cause.kind in _PUSHING for event in each.events))
         for way in each.ways if each.run.age > 0 else ():
             jet, sign = way
             failed[jet] += share * above_floor(way, each, params)

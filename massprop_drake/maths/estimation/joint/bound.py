@@ -3,6 +3,9 @@
 The same prediction and the same update, with derivatives at the truth, without the terms of second order and without
 increments, for the components that the estimator used. Rounding counts as white noise of variance q^2/12, so an
 estimator may do a little better. Thrust errors are estimated from the start.
+
+What constants that the recursion does not estimate would do to its innovations is the information about them, see
+`carried_on`.
 """
 
 from __future__ import annotations
@@ -13,9 +16,23 @@ import numpy as np
 
 from massprop_drake.maths.estimation.joint.covariance import compressed, updated
 from massprop_drake.maths.estimation.joint.cycle import Sample, begun, driven, initial
-from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, RATE, JointParams, JointState
+from massprop_drake.maths.estimation.joint.layout import (
+    CENTER,
+    N_PROPERTIES,
+    RATE,
+    VELOCITY,
+    JointParams,
+    JointState,
+)
 from massprop_drake.maths.estimation.joint.measurement import outputs, rate_read
-from massprop_drake.maths.estimation.joint.prediction import Drive, Prediction, predict, propagated
+from massprop_drake.maths.estimation.joint.prediction import (
+    Drive,
+    Prediction,
+    error_rows,
+    predict,
+    propagated,
+    turned_by,
+)
 from massprop_drake.maths.estimation.joint.ticks import stamped
 from massprop_drake.maths.linear_algebra import Array
 
@@ -66,6 +83,28 @@ class BoundStep(NamedTuple):
     jacobian: Array
     half_gain: Array
     upper: Array
+
+
+class Forces(NamedTuple):
+    """Forces by which jets may fail, one of each.
+
+    Attributes:
+        jets: which jet each is of, shape (f,).
+        extra: 1: the jet gives as much more all the time, a leak; 0: as much less while it fires, shape (f,).
+    """
+
+    jets: Array
+    extra: Array
+
+
+def leaks(n_jets: int) -> Forces:
+    """A leak of each jet."""
+    return Forces(np.arange(n_jets, dtype=np.float64), np.ones(n_jets))
+
+
+def leaks_and_losses(n_jets: int) -> Forces:
+    """A leak of each jet, then a loss of each."""
+    return Forces(np.tile(np.arange(n_jets, dtype=np.float64), 2), np.repeat((1.0, 0.0), n_jets))
 
 
 class IntervalEnd(NamedTuple):
@@ -169,4 +208,49 @@ def deviation(state: JointState) -> Array:
     """The least 1-sigma of the ten parameters, shape (10,)."""
     rows = state.root[:N_PROPERTIES]
     result: Array = np.sqrt(np.sum(rows * rows, axis=1))
+    return result
+
+
+def carried_on(
+    before: tuple[Array, Array], state: JointState, course: BoundStep, forces: Forces, params: JointParams
+) -> tuple[Array, Array]:
+    """B and G after an interval and its readings.
+
+    Args:
+        before: both before the interval, columns of forces last.
+        state: likewise.
+        course: see `BoundStep`.
+        forces: see `Forces`.
+        params: see `JointParams`.
+    """
+    carried, shown = before
+    carried = propagated(carried, course.prediction, params)[:, : carried.shape[1]]
+    carried[:, -forces.jets.size :] += _pushed(state, course, forces, params)
+    if course.upper.shape[0] > 0:
+        seen = np.linalg.solve(course.upper.T, course.jacobian @ carried)
+        carried = carried - course.half_gain @ seen
+        shown = shown + seen.T @ seen
+    return carried, shown
+
+
+def _pushed(state: JointState, course: BoundStep, forces: Forces, params: JointParams) -> Array:
+    """Changes of rate and velocities by a unit of each force over an interval, g, shape (size, f)."""
+    prediction, places = course.prediction, params.places
+    n = forces.jets.size
+    wide = params._replace(places=places._replace(n_force=n, size=places.force + n))  # a slot for each
+    slots = state._replace(
+        mean=np.append(state.mean[: places.force], np.zeros(n)),
+        slot_jet=forces.jets,
+        slot_sign=2.0 * forces.extra - 1.0,
+        slot_on_top=forces.extra,
+    )
+    of_forces = slice(places.force, places.force + n)
+    turned, pushed = (rows[:, of_forces] for rows in error_rows(slots, course.acting, wide))
+    result = np.zeros((places.size, n))
+    result[RATE] = turned
+    arms = params.accelerometer_positions - state.mean[CENTER]
+    by_end = turned_by(state.mean[RATE], prediction.end, arms, prediction.duration_s)[1]
+    for package in range(places.accelerometers):
+        part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
+        result[part] = pushed + by_end[package] @ turned
     return result

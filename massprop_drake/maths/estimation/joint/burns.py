@@ -31,7 +31,7 @@ from massprop_drake.maths.vehicle.engine_thrust import (
     wrenches_of,
 )
 
-_UNIFORM = 1.0 / np.sqrt(12.0)  # 1-sigma of a share that may be anything from -1/2 to 1/2
+_UNIFORM = 1.0 / np.sqrt(12.0)  # arithmetic: 1-sigma of a share that may be anything from -1/2 to 1/2
 
 
 class Burn(NamedTuple):

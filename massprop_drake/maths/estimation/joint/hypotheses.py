@@ -46,8 +46,8 @@ from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import ELEMENT
 from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS, N_ERRORS
 
-# 1-sigma of something unstated that acts, in what all jets give, and its time constant, s: propellant that sloshes, or
-# drag and what vents
+# probability: 1-sigma of something unstated that acts, in what all jets give, and its time constant, s: propellant that
+# sloshes, or drag and what vents
 STIRS = tuple((10.0 ** (-0.5 * step), constant_s) for step in range(8) for constant_s in (10.0, 100.0))
 _FIRING_S = 3.0  # seconds: T_f, over which jets and what is unstated are taken for each other
 JUMP_SHARES = (0.3, 0.06)  # of the vehicle's mass (1 sigma): a payload, large or small
