@@ -17,17 +17,14 @@ from massprop_drake.maths.estimation import foretold
 from massprop_drake.maths.estimation.cycle import EstimationParams, initial_state, told_of
 from massprop_drake.maths.estimation.faults.priors import log_rate
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams
-from massprop_drake.maths.estimation.foretold import Instant
-from massprop_drake.maths.estimation.joint import bound
 from massprop_drake.maths.estimation.joint.layout import thrust_sigmas
 from massprop_drake.maths.estimation.whole import Samples
 from massprop_drake.maths.maneuver.aims import from_another, from_nothing
 from massprop_drake.maths.mass_properties import INVERSE_INERTIA, MASS_RECIPROCAL
 from massprop_drake.maths.vehicle.on_times import levels_alone
-from massprop_drake.maths.vehicle.rigid_body import MASS, RATE
+from massprop_drake.maths.vehicle.rigid_body import MASS
 from massprop_drake.runners.cycles import RecordRows, Unattended, row_sample
 from massprop_drake.runners.simulate import needs_diagram, simulate, true_parameters
-from massprop_drake.signals import PROPELLANT
 
 Array = NDArray[np.float64]
 
@@ -79,7 +76,7 @@ class Forecast(NamedTuple):
 def foretell(
     scenario: Scenario, *, nominal: bool = False, share: float = SHARE, since_s: float | None = None
 ) -> Forecast:
-    """Foretells what a scenario's flight will tell, without its sensors' noise and without flying its estimators.
+    """Foretells what a scenario's flight will tell: the joint filter along it, linearized at the truth.
 
     The vehicle flies as stated: no failures, jumps or disturbances, thrusts and sensors as the file has them.
 
@@ -141,7 +138,7 @@ def _as_stated(scenario: Scenario, *, nominal: bool) -> Scenario:
 
 
 def _flown(scenario: Scenario, estimation: EstimationParams) -> Mapping[str, Array]:
-    """True states, commands and what besides gyros and accelerometers is read, by the names of a run's signals."""
+    """True states, commands and readings of the flight, by the names of a run's signals."""
     if needs_diagram(scenario):
         run = simulate(scenario, look_back=False)
         return {"time_s": run.time_s, **{name: run[name] for name in run.signals}}
@@ -151,7 +148,7 @@ def _flown(scenario: Scenario, estimation: EstimationParams) -> Mapping[str, Arr
     loop.advance(scenario.duration_s)
     logs = loop.emptied()
     body = logs["body_state"]
-    return {**logs, "rate": body[:, RATE], "truth": true_parameters(body[:, MASS], logs["structure"])}
+    return {**logs, "truth": true_parameters(body[:, MASS], logs["structure"])}
 
 
 def _forecast(
@@ -166,14 +163,12 @@ def _forecast(
         fails_s: from when on a suspect leaks, s.
         share: of its thrust.
     """
-    vehicle, time_s, places = scenario.vehicle_data, logs["time_s"], made.joint.places
-    record, fill = _record(scenario, logs, made), logs.get(PROPELLANT, np.zeros((time_s.size, 0)))
-    now, deviations, shown = foretold.begun(made), list[Array](), list[Array]()
+    vehicle, time_s, record = scenario.vehicle_data, logs["time_s"], _record(scenario, logs, made)
+    (now, linear), deviations, shown = foretold.begun(logs["truth"][0], made), list[Array](), list[Array]()
     for row in range(time_s.size):
         sample, failing = row_sample(record, row), bool(time_s[row] > fails_s)
-        at = Instant(logs["truth"][row], logs["rate"][row], fill[row, : places.tanks])
-        now = foretold.step(now, (sample.rates, sample.velocities), told_of(sample), at, made, failing=failing)
-        deviations.append(bound.deviation(now.filter.joint))
+        now = foretold.step(now, (sample.rates, sample.velocities), told_of(sample), linear, failing=failing)
+        deviations.append(np.sqrt(np.diagonal(now.filter.covariance)))
         if failing:
             shown.append(now.shown)
     seconds = logs["thrust"].sum(axis=0) / np.linalg.norm(vehicle.thrusts, axis=1) * vehicle.sample_period_s
@@ -191,16 +186,19 @@ def _forecast(
 
 
 def _record(scenario: Scenario, logs: Mapping[str, Array], made: JointFilterParams) -> RecordRows:
-    """Rows of a record of the flight: gyros read the true rates; what accelerometers read does not matter."""
-    vehicle, time_s, places = scenario.vehicle_data, logs["time_s"], made.joint.places
-    n, commands = time_s.size, logs["command"]
-    rates = np.repeat(logs["rate"][:, None], places.gyros, axis=1)
-    told = np.vstack((np.zeros(places.jets), commands[:-1]))
-    samples = Samples(time_s, rates, np.zeros((n, places.accelerometers, 3)), told, np.zeros((n, 6)))
+    """Rows of a record of the flight."""
+    vehicle, time_s, commands = scenario.vehicle_data, logs["time_s"], logs["command"]
+    n, jets = time_s.size, made.joint.places.jets
+    rates, velocities = (
+        np.stack([logs[sensor.name] for sensor in sensors], axis=1) if sensors else np.zeros((n, 0, 3))
+        for sensors in (vehicle.gyros, vehicle.accelerometers)
+    )
+    told = np.vstack((np.zeros(jets), commands[:-1]))
+    samples = Samples(time_s, rates, velocities, told, np.zeros((n, 6)))
     read = [logs[sensor.name].reshape(n, -1) for sensor in vehicle.tracked if sensor.name in logs]
     onsets_s = logs.get("command_onset")
     if onsets_s is not None:
-        onsets_s = np.vstack((levels_alone(places.jets), onsets_s))
+        onsets_s = np.vstack((levels_alone(jets), onsets_s))
     return RecordRows(samples, None, commands, np.hstack(read) if read else None, onsets_s)
 
 

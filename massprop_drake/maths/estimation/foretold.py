@@ -1,9 +1,9 @@
-r"""Forecast of a flight: the joint filter's recursion at the truth, and how soon failures show.
+r"""Forecast of a flight: the joint filter's recursion along it, and how soon failures show.
 
-Covariances go over as in `joint.bound`, by the readings that there will be. A force f of a jet that fails, constant
-from some time on, moves the rate and what accelerometers gather; what the filter makes of it moves its estimates. With
-B the error that a unit of each force has brought to the state, F and H the derivatives of prediction and outputs, K the
-gain and S the covariance of innovations,
+The filter takes in what a flight without failures reads. A force f of a jet that fails, constant from some time on,
+moves the rate and what accelerometers gather; what the filter makes of it moves its estimates. With B the error that a
+unit of each force has brought to the state, F and H the derivatives of prediction and outputs, K the gain and S the
+covariance of innovations, all as the filter has them,
 
     B <- (1 - K H)(F B + g),    G <- G + (H (F B + g))^T S^-1 (H (F B + g)),
 
@@ -19,32 +19,20 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.filter import Told
-from massprop_drake.maths.estimation.filters.joint import JointFilterParams, JointFilterState, initial, sampled
-from massprop_drake.maths.estimation.joint import bound
-from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, RATE, JointParams, JointState
-from massprop_drake.maths.estimation.joint.measurement import readings
+from massprop_drake.maths.estimation.filters import joint
+from massprop_drake.maths.estimation.filters.joint import JointFilterParams, JointFilterState
+from massprop_drake.maths.estimation.joint.hypotheses import without_increments
+from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES
+from massprop_drake.maths.estimation.joint.sensitivity import carried, informed, link, smeared
+from massprop_drake.maths.estimation.joint.start import OVER
 from massprop_drake.maths.linear_algebra import Array
-
-
-class Instant(NamedTuple):
-    """The vehicle at a sample, as it is taken to be.
-
-    Attributes:
-        properties: the ten parameters, shape (10,).
-        rate: rad/s, shape (3,).
-        propellant: in tanks, slug or kg, shape (n_tanks,).
-    """
-
-    properties: Array
-    rate: Array
-    propellant: Array
 
 
 class Foretelling(NamedTuple):
     """Forecast up to a sample.
 
     Attributes:
-        filter: state of the joint filter, its `joint` at the truth.
+        filter: state of the joint filter.
         carried: B, by a leak of each jet, per lbf or N, shape (size, n_jets).
         shown: G, shape (n_jets, n_jets).
     """
@@ -54,52 +42,45 @@ class Foretelling(NamedTuple):
     shown: Array
 
 
-def begun(params: JointFilterParams) -> Foretelling:
-    """Forecast before the first sample."""
-    places = params.joint.places
-    return Foretelling(initial(params), np.zeros((places.size, places.jets)), np.zeros((places.jets, places.jets)))
+def begun(properties: Array, params: JointFilterParams) -> tuple[Foretelling, JointFilterParams]:
+    """Forecast before the first sample, and parameters to go on with: at the truth no error is of second order.
+
+    Args:
+        properties: the ten parameters, shape (10,).
+        params: see `JointFilterParams`.
+    """
+    places, begins = params.joint.places, joint.initial(params)
+    state = begins.joint._replace(mean=begins.joint.mean.copy(), guarded=True)
+    state.mean[:N_PROPERTIES] = properties
+    nothing = np.zeros((places.size, places.jets)), np.zeros((places.jets, places.jets))
+    linear = params._replace(joint=without_increments(params.joint)._replace(second_order=False))
+    return Foretelling(begins._replace(joint=state, start=OVER), *nothing), linear
 
 
 def step(
-    before: Foretelling,
-    read: tuple[Array, Array],
-    told: Told,
-    at: Instant,
-    params: JointFilterParams,
-    *,
-    failing: bool = False,
+    before: Foretelling, read: tuple[Array, Array], told: Told, params: JointFilterParams, *, failing: bool = False
 ) -> Foretelling:
     """Forecast after one more sample.
 
     Args:
         before: the forecast up to then.
-        read: rates and velocities, NaN where there will be no reading, else of no meaning but for the rates, which are
-            the true ones, shape (s, 3) each.
+        read: rates and velocities, NaN where missing, shape (s, 3) each.
         told: see `Told`.
-        at: see `Instant`.
         params: see `JointFilterParams`.
         failing: whether jets leak from before the interval on.
     """
-    own, joint = before.filter, params.joint
-    clock, sample, anew, (speeds, setting) = sampled(own, read, told, params)
-    mean = _mean(own.joint, at, joint)
-    carried, shown = before.carried, before.shown
-    if anew or not own.joint.started:
-        after = bound.begun_at(own.joint, sample, mean, joint)
-    else:
-        used = ~np.isnan(readings(sample.rates, sample.velocities, sample.attitudes))
-        after, course = bound.course(own.joint, sample, mean, used, joint)
-        if failing:
-            carried, shown = bound.carried_on(
-                (carried, shown), own.joint, course, bound.leaks(joint.places.jets), joint
-            )
-    kept = {"clock": clock, "frame": sample.frames[1], "speeds": speeds, "setting": setting}
-    return Foretelling(own._replace(joint=after, **kept), carried, shown)
-
-
-def _mean(state: JointState, at: Instant, params: JointParams) -> Array:
-    """The state's mean at a sample: as before, but for what is known to change."""
-    mean, places = state.mean.copy(), params.places
-    mean[:N_PROPERTIES], mean[RATE] = at.properties, at.rate
-    mean[places.fill : places.fill + places.tanks] = at.propellant
-    return mean
+    measured = joint.step(before.filter, *read, told, params)
+    report, sample = measured.evidence.report, measured.evidence.sample
+    by_forces, shown = before.carried, before.shown
+    if failing and report.course is not None:
+        places, update = params.joint.places, report.course.update
+        over = link(before.filter.joint, report, sample, params.joint)
+        crossed = over.crossing_rows @ by_forces
+        by_forces = informed(by_forces, over, places)
+        by_forces = carried(by_forces, np.zeros((6, places.jets)), over, places) + smeared(over, places)
+        shown = shown + crossed.T @ crossed
+        counts = np.flatnonzero(report.used)
+        if counts.size > 0:
+            seen = np.linalg.solve(update.upper.T, over.jacobian[counts] @ by_forces)
+            by_forces, shown = by_forces - update.half_gain @ seen, shown + seen.T @ seen
+    return Foretelling(measured.state, by_forces, shown)
