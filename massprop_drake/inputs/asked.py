@@ -15,7 +15,7 @@ from massprop_drake.inputs import units
 from massprop_drake.inputs.plausible import FOOT, SLUG
 from massprop_drake.inputs.scenario import FaultsBlock
 from massprop_drake.inputs.vehicle import Vehicle
-from massprop_drake.maths.estimation.faults.priors import Priors, log_rate
+from massprop_drake.maths.estimation.faults.priors import Priors, log_jump, log_surprise
 from massprop_drake.maths.estimation.joint.layout import JointParams
 from massprop_drake.maths.maneuver.aims import Aims
 from massprop_drake.maths.maneuver.information import n_known
@@ -300,9 +300,11 @@ def aims(wanted: Sequence[Target], suspected: Suspicion, params: JointParams, ju
     nothing = suspected.pairs[:, 1] < 0
     pairs = suspected.pairs + (params.places.jets if suspected.loss else 0)
     pairs[nothing, 1] = -1
-    needed = odds(faults) - np.where(nothing, log_rate(faults.jet_per_hour, 1.0), 0.0)
+    sized = zip(suspected.forces.tolist(), suspected.thrusts.tolist(), strict=True)
+    told = [log_surprise(*both, 1.0, priors(faults), missing=suspected.loss) for both in sized]
+    needed = (odds(faults) - np.where(nothing, told, 0.0)) * (1.0 + margin) ** 2
     asks = np.array(deviations) / (1.0 + margin)
-    return Aims(combinations, asks, pairs, suspected.forces, suspected.thrusts, needed * (1.0 + margin) ** 2)
+    return Aims(combinations, asks, pairs, suspected.forces, suspected.thrusts, needed, log_jump(1.0, priors(faults)))
 
 
 def odds(faults: FaultsBlock) -> float:
@@ -312,4 +314,9 @@ def odds(faults: FaultsBlock) -> float:
 
 def doubt(faults: FaultsBlock) -> float:
     """Probability that the declaration of a failed jet may be wrong with."""
-    return Priors(false_per_hour=faults.false_per_hour).doubt(faults.jet_per_hour)
+    return priors(faults).doubt(faults.jet_per_hour)
+
+
+def priors(faults: FaultsBlock) -> Priors:
+    """Priors of faults as a scenario has them."""
+    return Priors(*(getattr(faults, name) for name in Priors._fields))

@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError
 from massprop_drake.inputs import params
-from massprop_drake.inputs.asked import doubt
+from massprop_drake.inputs.asked import odds, priors
 from massprop_drake.inputs.scenario import CglrBlock, Dispersion, DisturbanceBlock, PlantBlock, Scenario
 from massprop_drake.maths.estimation import foretold
 from massprop_drake.maths.estimation.cycle import EstimationParams, initial_state, told_of
-from massprop_drake.maths.estimation.faults.priors import log_rate
+from massprop_drake.maths.estimation.faults.priors import log_jump, log_surprise
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams
 from massprop_drake.maths.estimation.joint.layout import thrust_sigmas
 from massprop_drake.maths.estimation.whole import Samples
-from massprop_drake.maths.maneuver.aims import from_another, from_nothing
+from massprop_drake.maths.maneuver.aims import FOLLOWED, from_another, from_nothing, of_jump
 from massprop_drake.maths.mass_properties import INVERSE_INERTIA, MASS_RECIPROCAL
 from massprop_drake.maths.vehicle.on_times import levels_alone
 from massprop_drake.maths.vehicle.rigid_body import MASS
@@ -227,32 +227,35 @@ def _suspects(scenario: Scenario, since_s: Array, shown: Array, share: float) ->
     Args:
         scenario: for the vehicle, and how likely faults are.
         since_s: of the samples since a jet leaks, s, shape (n,).
-        shown: see `Foretelling`, by each of them, shape (n, n_jets, n_jets).
+        shown: see `Foretelling`, by each of them, shape (n, p, p).
         share: of its thrust that it leaks.
     """
-    vehicle, faults = scenario.vehicle_data, scenario.faults
-    odds = math.log(1.0 / doubt(faults) - 1.0)
-    thrusts, jets = np.linalg.norm(vehicle.thrusts, axis=1), np.arange(len(vehicle.jets))
+    vehicle, given, needed = scenario.vehicle_data, priors(scenario.faults), odds(scenario.faults)
+    thrusts, n = np.linalg.norm(vehicle.thrusts, axis=1), len(vehicle.jets)
     forces = share * thrusts
-    surprise = odds - np.array([log_rate(faults.jet_per_hour, one) for one in since_s.tolist()])
-    own = np.diagonal(shown, axis1=1, axis2=2)
-    for jet in jets.tolist():
-        others = np.delete(jets, jet)
-        led = from_nothing(own[:, jet], float(forces[jet]), float(thrusts[jet]))
-        cross, theirs = shown[:, jet, others], own[:, others]
-        apart = from_another(own[:, jet, None], cross, theirs, float(forces[jet])) >= odds
-        noticed = _since(since_s, led >= surprise)
-        each = np.array([_since(since_s, apart[:, place]) for place in range(others.size)])
+    own, jets = np.diagonal(shown, axis1=1, axis2=2), np.arange(n)
+    jumped = [
+        log_jump(one, given) + of_jump(each, jets, forces) for one, each in zip(since_s.tolist(), shown, strict=True)
+    ]
+    otherwise = np.logaddexp(0.0, np.array(jumped))
+    counts = np.arange(1, since_s.size + 1) >= FOLLOWED
+    for jet in range(n):
+        others = np.delete(np.arange(2 * n), (jet, n + jet))
+        force, thrust = float(forces[jet]), float(thrusts[jet])
+        fails = np.array([log_surprise(force, thrust, one, given, missing=False) for one in since_s.tolist()])
+        led = fails + from_nothing(own[:, jet], force, thrust) - otherwise[:, jet]
+        apart = from_another(own[:, jet, None], shown[:, jet, others], own[:, others], force) >= needed
+        noticed = _first(since_s, counts & (led >= needed))
+        each = np.array([_first(since_s, counts & (led >= needed) & apart[:, place]) for place in range(others.size)])
         longest = int(np.argmax(each)) if others.size else -1
         alike = longest >= 0 and each[longest] > noticed
-        told = max(noticed, float(each[longest])) if alike else noticed
+        told = float(each[longest]) if alike else noticed
         after_s, noticed_s = (one if math.isfinite(one) else None for one in (told, noticed))
-        name = vehicle.designations[others[longest]] if alike else None
-        yield Suspect(vehicle.designations[jet], float(forces[jet]), after_s, noticed_s, name)
+        name = vehicle.designations[others[longest] % n] if alike else None
+        yield Suspect(vehicle.designations[jet], force, after_s, noticed_s, name)
 
 
-def _since(since_s: Array, holds: NDArray[np.bool_]) -> float:
-    """The time from which on something holds to the end; infinity: it does not."""
-    ends = np.flatnonzero(~holds)
-    begin = 0 if ends.size == 0 else int(ends[-1]) + 1
-    return math.inf if begin >= holds.size else float(since_s[begin])
+def _first(since_s: Array, holds: NDArray[np.bool_]) -> float:
+    """The first time at which something holds; infinity: it never does."""
+    at = np.flatnonzero(holds)
+    return float(since_s[at[0]]) if at.size else math.inf

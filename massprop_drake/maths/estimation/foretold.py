@@ -21,9 +21,9 @@ import numpy as np
 from massprop_drake.maths.estimation.filter import Told
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams, JointFilterState
-from massprop_drake.maths.estimation.joint.hypotheses import without_increments
+from massprop_drake.maths.estimation.joint.hypotheses import jump_units, without_increments
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES
-from massprop_drake.maths.estimation.joint.sensitivity import carried, informed, link, smeared
+from massprop_drake.maths.estimation.joint.sensitivity import carried, impulse_columns, informed, link
 from massprop_drake.maths.estimation.joint.start import OVER
 from massprop_drake.maths.linear_algebra import Array
 
@@ -33,8 +33,9 @@ class Foretelling(NamedTuple):
 
     Attributes:
         filter: state of the joint filter.
-        carried: B, by a leak of each jet, per lbf or N, shape (size, n_jets).
-        shown: G, shape (n_jets, n_jets).
+        carried: B, by a leak of each jet and a loss of each, per lbf or N, and by jumps of the mass properties in their
+            units, shape (size, p).
+        shown: G, shape (p, p).
     """
 
     filter: JointFilterState
@@ -52,9 +53,12 @@ def begun(properties: Array, params: JointFilterParams) -> tuple[Foretelling, Jo
     places, begins = params.joint.places, joint.initial(params)
     state = begins.joint._replace(mean=begins.joint.mean.copy(), guarded=True)
     state.mean[:N_PROPERTIES] = properties
-    nothing = np.zeros((places.size, places.jets)), np.zeros((places.jets, places.jets))
+    units = jump_units(params.joint)
+    pushes = 2 * places.jets + units.shape[1]
+    carried_by = np.zeros((places.size, pushes))
+    carried_by[:N_PROPERTIES, 2 * places.jets :] = units
     linear = params._replace(joint=without_increments(params.joint)._replace(second_order=False))
-    return Foretelling(begins._replace(joint=state, start=OVER), *nothing), linear
+    return Foretelling(begins._replace(joint=state, start=OVER), carried_by, np.zeros((pushes, pushes))), linear
 
 
 def step(
@@ -77,7 +81,9 @@ def step(
         over = link(before.filter.joint, report, sample, params.joint)
         crossed = over.crossing_rows @ by_forces
         by_forces = informed(by_forces, over, places)
-        by_forces = carried(by_forces, np.zeros((6, places.jets)), over, places) + smeared(over, places)
+        by_forces = carried(by_forces, np.zeros((6, by_forces.shape[1])), over, places)
+        pushed = np.hstack((over.duration_s * over.effects.T, -over.amount * over.effects.T))
+        by_forces[:, : 2 * places.jets] += impulse_columns(pushed, over, places)
         shown = shown + crossed.T @ crossed
         counts = np.flatnonzero(report.used)
         if counts.size > 0:

@@ -4,26 +4,34 @@ With M what is known of the parameters before, G what the course shows (`informa
 and e a combination of parameters, its 1-sigma is (e^T C e)^1/2. A force f of a jet j that leaks is told from what jet k
 would do instead when its expected log likelihood ratio, with everything else free,
 
-    delta = 1/2 f^2 (S_jj - S_jk^2 / S_kk),    S = G_ff - G_f C G_f^T,
+    delta = 1/2 f^2 (S_jj - max(S_jk, 0)^2 / S_kk),    S = G_ff - G_f C G_f^T,
 
 is as large as the doubt that may be left asks for. From nothing at all it is told when
 
     delta = 1/2 f^2 S_jj - 1/2 log(1 + F^2 S_jj)
 
-is, with F the most that the force might have been; that a jet fails at all is unlikely besides. In both a ratio says
-how far there is to go: 1-sigma over the wanted one, and (wanted delta over delta)^1/2, which falls with firing like a
-1-sigma.
+is, with F the most that the force might have been; that a jet fails at all is unlikely besides. A jump of the
+mass properties may explain the leak as well; in units of what is expected of one it leads nothing by
+
+    1/2 f^2 S_ju (1 + S_uu)^-1 S_uj - 1/2 log det(1 + S_uu),
+
+which is taken off. In all a ratio says how far there is to go: 1-sigma over the wanted one, and (wanted delta over
+delta)^1/2, which falls with firing like a 1-sigma.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
+from massprop_drake.maths.estimation.joint.hypotheses import JUMP_SHARES
+from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES
 from massprop_drake.maths.linear_algebra import Array, scaled_root
 
 _TINY = float(np.finfo(np.float64).tiny)
+FOLLOWED = 3  # samples that a detector takes at least, to follow what it proposes: compute budget
 _NOTHING = 1e-9  # nats: two that nothing tells apart; so that their ratio is a number
 
 
@@ -34,10 +42,11 @@ class Aims(NamedTuple):
         combinations: e of each, of all parameters without forces, shape (n, n_known).
         deviations: 1-sigma of each that is wanted, shape (n,).
         pairs: failures of each pair that is to be told apart, j and k, as `information.leaks_and_losses` counts them,
-            k = -1: j is to be told from nothing, integers, shape (p, 2).
+            k = -1: j is to be told from what is no failure, integers, shape (p, 2).
         forces: of j, lbf or N, shape (p,).
         most: that it might have been, lbf or N, shape (p,).
         odds: delta that is wanted, nats, shape (p,).
+        jump: log probability of a jump of each size, nats.
     """
 
     combinations: Array
@@ -46,6 +55,7 @@ class Aims(NamedTuple):
     forces: Array
     most: Array
     odds: Array
+    jump: float = -math.inf
 
 
 class Known(NamedTuple):
@@ -100,6 +110,8 @@ def reached(shown: Array, known: Known, aims: Aims) -> Reached:
         own, other = aims.pairs.T
         another = from_another(left[own, own], left[own, other], left[other, other], aims.forces)
         nothing = from_nothing(left[own, own], aims.forces, aims.most)
+        if math.isfinite(aims.jump):
+            nothing -= np.logaddexp(0.0, aims.jump + of_jump(left, own, aims.forces))
         deltas = np.maximum(np.where(other < 0, nothing, another), _NOTHING)
         ratios.append(np.sqrt(aims.odds / deltas))
     return Reached(deviations, deltas, np.concatenate(ratios))
@@ -108,13 +120,33 @@ def reached(shown: Array, known: Known, aims: Aims) -> Reached:
 def from_another(own: Array, cross: Array, other: Array, force: Array | float) -> Array:
     """Expected log likelihood ratio of a force and of the one of another jet that suits best, nats.
 
+    No jet gives less than nothing: where the other would have to, no force at all suits best.
+
     Args:
         own, cross, other: S_jj, S_jk and S_kk, of shapes that fit.
         force: f, lbf or N.
     """
-    return 0.5 * force**2 * (own - cross**2 / np.maximum(other, _TINY))
+    return 0.5 * force**2 * (own - np.maximum(cross, 0.0) ** 2 / np.maximum(other, _TINY))
 
 
 def from_nothing(own: Array, force: Array | float, most: Array | float) -> Array:
     """Expected log likelihood ratio of a force that might have been any, and of none, nats; arguments as above."""
     return 0.5 * force**2 * own - 0.5 * np.log1p(most**2 * np.maximum(own, 0.0))
+
+
+def of_jump(left: Array, own: np.ndarray, force: Array) -> Array:
+    """Expected lead over nothing, where a jet fails, of jumps of each size together, nats, shape (p,).
+
+    Args:
+        left: S, jumps last, see `hypotheses.jump_units`, shape (f, f).
+        own: failures, integers, shape (p,).
+        force: f of each, lbf or N, shape (p,).
+    """
+    sizes, leads = np.arange(-N_PROPERTIES * len(JUMP_SHARES), 0).reshape(-1, N_PROPERTIES), []
+    for size in sizes:
+        root, scale = scaled_root(np.eye(N_PROPERTIES) + left[np.ix_(size, size)])
+        half = np.linalg.solve(root, scale.reshape(-1, 1) * left[size][:, own])
+        spent = np.log(np.diagonal(root)).sum() - np.log(scale).sum()
+        leads.append(0.5 * force**2 * np.sum(half**2, axis=0) - spent)
+    found: Array = np.logaddexp.reduce(leads, axis=0)
+    return found

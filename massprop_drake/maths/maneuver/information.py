@@ -1,7 +1,8 @@
 r"""Information that a course of commands gives about the vehicle, and motion along it, by the joint filter's equations.
 
 Parameters theta are the ten mass properties, what the joint state has from thrust errors on, and forces by which jets
-fail: constant ones on top of what a jet is told to give, or what is missing while it fires. Were they known, only the
+fail: constant ones on top of what a jet is told to give, or what is missing while it fires; and jumps of the mass
+properties, since what a payload does may look like a leak. Were they known, only the
 motion would have a covariance. With B what a unit error of each has brought to the state, F and H the derivatives of
 prediction and outputs, K the gain and S the covariance of innovations of that filter,
 
@@ -24,6 +25,7 @@ from massprop_drake.maths.estimation.joint import bound
 from massprop_drake.maths.estimation.joint.bound import carried_on, leaks_and_losses
 from massprop_drake.maths.estimation.joint.burns import Burn
 from massprop_drake.maths.estimation.joint.cycle import Sample, begun, initial
+from massprop_drake.maths.estimation.joint.hypotheses import jump_units
 from massprop_drake.maths.estimation.joint.layout import (
     MASS,
     N_PROPERTIES,
@@ -109,7 +111,7 @@ def start(properties: Array, rate: Array, speeds: Array, params: JointParams) ->
     joint = begun(before._replace(root=root, mean=mean), sample, params)._replace(
         mean=mean, reference=mean[RATE].copy()
     )
-    size = known + 2 * places.jets
+    size = known + 2 * places.jets + jump_units(params).shape[1]
     carried = np.zeros((places.size, size))
     carried[:N_PROPERTIES, :N_PROPERTIES] = np.eye(N_PROPERTIES)
     carried[places.thrust : places.force, N_PROPERTIES:known] = np.eye(known - N_PROPERTIES)
@@ -117,10 +119,11 @@ def start(properties: Array, rate: Array, speeds: Array, params: JointParams) ->
 
 
 def failing_from_now(course: FollowedCourse, params: JointParams) -> FollowedCourse:
-    """The course with jets that fail from its end on: nothing has shown their forces yet."""
-    first = n_known(params)
+    """The course with jets that fail, or mass properties that jump, at its end: nothing has shown that yet."""
+    first, units = n_known(params), jump_units(params)
     carried, shown = course.carried.copy(), course.shown.copy()
     carried[:, first:], shown[first:], shown[:, first:] = 0.0, 0.0, 0.0
+    carried[:N_PROPERTIES, -units.shape[1] :] = units
     return course._replace(carried=carried, shown=shown)
 
 
@@ -144,8 +147,9 @@ def followed(course: FollowedCourse, step: Step, params: JointParams, before_it:
     end = bound.ahead(before, sample, None, params, doubt)
     weighed = ~step.missing, _variances(before, end, params)
     after, done = bound.taken_in(before, end, sample.time_s, weighed, params)
-    forces = leaks_and_losses(places.jets)
-    carried, shown = carried_on((course.carried, course.shown), before, done, forces, params)
+    first = n_known(params)
+    failing = leaks_and_losses(places.jets), slice(first, first + 2 * places.jets)
+    carried, shown = carried_on((course.carried, course.shown), before, done, failing, params)
     force = effective_seconds(before, done.acting.firing, params) @ wrenches_of(before.mean, params)[:, 3:]
     middle = 0.5 * (before.mean[RATE] + after.mean[RATE])
     turn = rotation_matrix(turned_on(course.attitude, middle, 0.5 * step.period_s))

@@ -31,7 +31,7 @@ def flown(made: Design, wanted: Sequence[Target], vehicle: Vehicle, flights: int
     named = {}
     for jet in dict.fromkeys(pair.jet for pair in made.pairs):
         force = next(pair.force for pair in made.pairs if pair.jet == jet)
-        named[jet] = tuple(_named_s(made, jet, force, seed, vehicle) for seed in range(flights))
+        named[jet] = tuple(named_s(made, jet, force, seed, vehicle) for seed in range(flights))
     return made._replace(targets=targets, named_s=named)
 
 
@@ -48,7 +48,7 @@ def _one_flight(scenario: Scenario, seed: int, wanted: Sequence[Target]) -> tupl
     return deviations, errors
 
 
-def _named_s(made: Design, jet: str, force: float, seed: int, vehicle: Vehicle) -> float | None:
+def named_s(made: Design, jet: str, force: float, seed: int, vehicle: Vehicle) -> float | None:
     """Time from a suspect's failure, as the maneuver begins, until it is named in a flight, s; None: it is not."""
     at_s = made.begins_s + LEAD * vehicle.sample_period_s
     thrust = float(np.linalg.norm(vehicle.thrusts[vehicle.designations.index(jet)]))

@@ -10,7 +10,7 @@ import numpy as np
 from massprop_drake.inputs.asked import Suspicion, Target
 from massprop_drake.inputs.scenario import JetPulse, Scenario, WheelPulse
 from massprop_drake.maths.maneuver.actions import stepped
-from massprop_drake.maths.maneuver.aims import Reached, reached
+from massprop_drake.maths.maneuver.aims import FOLLOWED, Reached, reached
 from massprop_drake.maths.maneuver.planning import Plan, SearchResult, Task, begun
 from massprop_drake.results.run import Run
 from massprop_drake.studies.design.found import Design, PairFound, TargetFound, Trace
@@ -102,6 +102,7 @@ def _by_sample(plan: Plan, task: Task, n: int) -> tuple[Trace, list[float | None
     deviations = np.array([each.deviations for each in done])
     wide = 1.0 + task.margin
     looked_for = np.all(deviations[:, n:] <= task.aims.deviations[n:] * wide, axis=1)
+    looked_for[:FOLLOWED] = False
     told = (np.array([each.deltas for each in done]) >= task.aims.odds / wide**2) & looked_for.reshape(-1, 1)
     after = [float(time_s[np.argmax(one)] - time_s[0]) if one.any() else None for one in told.T]
     return Trace(np.array(used), time_s, deviations[:, :n]), after

@@ -160,7 +160,7 @@ def with_cause(**changes: Any) -> Callable[[Any], Any]:
         (lambda each: each._replace(run=each.run._replace(expected=((1.0,),))), "those of the newest failure"),
         (lambda each: each._replace(run=each.run._replace(state=None)), "a hypothesis must have a state"),
         (lambda each: each._replace(decided=frozenset({99})), "an index is out of its range"),
-        (with_state(mean=np.full(PLACES.size, np.inf)), "only readings of a hypothesis may be missing"),
+        (with_state(mean=np.full(PLACES.size, np.inf)), "only readings of a hypothesis, and what it assumes, may"),
         (with_state(slot_jet=np.full(SLOTS, 0.5)), "a force must be of a jet"),
         (with_state(slot_jet=np.full(SLOTS, 6.0)), "a force must be of a jet"),
         (with_state(slot_sign=np.zeros(SLOTS)), "a force must be of a jet"),

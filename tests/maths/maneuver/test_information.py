@@ -130,7 +130,8 @@ def test_jets_that_fail_from_now_on_have_not_shown_yet() -> None:
     assert begun_to_fail.shown[:first, :first].any()
     one = np.eye(made.places.jets)[7]
     after = followed(begun_to_fail, steps(made, 1)[0]._replace(command=one), made)
-    leaks, losses = np.split(np.diagonal(after.shown)[first:], 2)
+    leaks, losses, jumps = np.split(np.diagonal(after.shown)[first:], np.array((1, 2)) * made.places.jets)
+    assert jumps[:6].sum() > 0.0  # of the inertia, by the rates that there are
     assert (leaks > 0.0).all()  # whatever fires
     assert losses.argmax() == 7  # others by what their valves leave of the sample before
     assert np.delete(losses, 7).max() < 0.1 * losses[7]

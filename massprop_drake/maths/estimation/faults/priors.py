@@ -12,12 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from massprop_drake.maths.estimation.joint.hypotheses import JUMP_SHARES
 from massprop_drake.maths.estimation.joint.layout import JointParams
 from massprop_drake.maths.linear_algebra import Array
 
 _HOUR_S = 3600.0
 _FULL_SPREAD = 0.03  # of full thrust, 1 sigma: of a jet that is stuck
 LEAST_LEAK = 1e-3  # of full thrust: a smaller leak is none
+_FAIRLY = 0.2  # of a force, to which it is known when it is declared: a linearization
 _MOST = 1.05  # of full thrust: no jet gives more
 _FAR = 30.0  # sigmas: from there on a normal tail by its asymptote
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(15)  # of a standard normal variable
@@ -79,6 +81,26 @@ class Params(NamedTuple):
 def log_rate(per_hour: float, seconds: float) -> float:
     """Log probability of an event of a rate within some time, nats."""
     return math.log(per_hour * seconds / _HOUR_S)
+
+
+def log_surprise(force: float, thrust: float, seconds: float, priors: Priors, *, missing: bool) -> float:
+    """Log probability that a jet fails within some time by a force, once this is known fairly well, nats.
+
+    It comes on top of what a force N(0, T^2) is worth.
+
+    Args:
+        force, thrust: f and T, lbf or N.
+        seconds: within which it fails.
+        priors: see `Priors`.
+        missing: whether the force is missing, and not too much.
+    """
+    known = force_correction(force, _FAIRLY * force, thrust, priors, missing=missing)
+    return log_rate(priors.jet_per_hour, seconds) + known
+
+
+def log_jump(seconds: float, priors: Priors) -> float:
+    """Log probability that the mass properties jump by one of the sizes within some time, nats."""
+    return log_rate(priors.payload_per_hour, seconds) - math.log(len(JUMP_SHARES))
 
 
 def force_correction(

@@ -98,9 +98,9 @@ class _Reader:
         if self.number() == 0.0:
             return None
         state = unpack(self.take(state_layout(self._places).size), self._places)
-        told = state._replace(read=state.read[~np.isnan(state.read)])
+        told = state._replace(read=state.read[~np.isnan(state.read)], assumed=state.assumed[~np.isnan(state.assumed)])
         if not all(np.isfinite(part).all() for part in told):
-            raise ValueError(f"{_NAME}: only readings of a hypothesis may be missing")
+            raise ValueError(f"{_NAME}: only readings of a hypothesis, and what it assumes, may be missing")
         known = np.isin(state.slot_jet, np.arange(-1, self._places.jets)) & np.isin(state.slot_on_top, (0.0, 1.0))
         if not (known & (np.abs(state.slot_sign) == 1.0)).all():
             raise ValueError(f"{_NAME}: a force must be of a jet, too much or too little")

@@ -97,11 +97,6 @@ class Forces(NamedTuple):
     extra: Array
 
 
-def leaks(n_jets: int) -> Forces:
-    """A leak of each jet."""
-    return Forces(np.arange(n_jets, dtype=np.float64), np.ones(n_jets))
-
-
 def leaks_and_losses(n_jets: int) -> Forces:
     """A leak of each jet, then a loss of each."""
     return Forces(np.tile(np.arange(n_jets, dtype=np.float64), 2), np.repeat((1.0, 0.0), n_jets))
@@ -212,20 +207,24 @@ def deviation(state: JointState) -> Array:
 
 
 def carried_on(
-    before: tuple[Array, Array], state: JointState, course: BoundStep, forces: Forces, params: JointParams
+    before: tuple[Array, Array],
+    state: JointState,
+    course: BoundStep,
+    failing: tuple[Forces, slice],
+    params: JointParams,
 ) -> tuple[Array, Array]:
     """B and G after an interval and its readings.
 
     Args:
-        before: both before the interval, columns of forces last.
+        before: both before the interval.
         state: likewise.
         course: see `BoundStep`.
-        forces: see `Forces`.
+        failing: forces, and the columns that are theirs.
         params: see `JointParams`.
     """
-    carried, shown = before
+    (carried, shown), (forces, columns) = before, failing
     carried = propagated(carried, course.prediction, params)[:, : carried.shape[1]]
-    carried[:, -forces.jets.size :] += _pushed(state, course, forces, params)
+    carried[:, columns] += _pushed(state, course, forces, params)
     if course.upper.shape[0] > 0:
         seen = np.linalg.solve(course.upper.T, course.jacobian @ carried)
         carried = carried - course.half_gain @ seen

@@ -243,6 +243,11 @@ def jump_sigma(params: JointParams, share: float) -> Array:
     return sigma
 
 
+def jump_units(params: JointParams) -> Array:
+    """Units of jumps of the mass properties, of each of `JUMP_SHARES`, shape (10, 10 * len(JUMP_SHARES))."""
+    return np.hstack([np.diag(jump_sigma(params, share)) for share in JUMP_SHARES])
+
+
 def opened(
     state: JointState,
     cause: Cause,
