@@ -36,15 +36,14 @@ def measured(run: Run, number: int) -> dict[str, object]:
     share = float(random.uniform(0.03, 0.1) if leaks else -random.uniform(0.2, 0.5))
     failing = names[int(random.integers(len(names)))]
     made = design(vehicle, suspects=names, force=f"{100 * share:.3g}%", known=run)
-    pairs = [pair for pair in made.pairs if pair.jet == failing]
-    named = named_s(made, failing, pairs[0].force, number, vehicle)
-    apart = [pair.after_s for pair in pairs]
+    (size, *_) = [pair.force for pair in made.pairs if pair.jet == failing]
+    named = named_s(made, failing, size, number, vehicle)
     return {
         "vehicle": vehicle.name,
         "group": names,
         "failing": failing,
-        "force": pairs[0].force,
-        "predicted_s": None if None in apart else max(each for each in apart if each is not None),
+        "force": size,
+        "predicted_s": made.expected_s[failing],
         "flown_s": named,
         "propellant": made.propellant,
     }

@@ -162,4 +162,5 @@ def _start(scenario: Scenario, run: Run | None, without: Sequence[str]) -> tuple
         return craft, initial(made.filter_params)
     state = restored(run.state["states"], made, STATE_FILE).filter
     speeds = np.where(np.isnan(state.speeds), craft.speeds, state.speeds)
-    return craft._replace(rate=state.joint.mean[RATE], properties=state.estimate, speeds=speeds), state
+    properties = np.where(np.isnan(state.estimate), craft.properties, state.estimate)  # mass that no sensor shows
+    return craft._replace(rate=state.joint.mean[RATE], properties=properties, speeds=speeds), state

@@ -12,6 +12,8 @@ from massprop_drake.inputs.scenario import Scenario
 
 Array = NDArray[np.float64]
 
+LISTENING_S = 10.0  # s, after a maneuver, for which a suspect may still be named
+
 
 class TargetFound(NamedTuple):
     """A target, and how well it will be known.
@@ -98,6 +100,7 @@ class Design(NamedTuple):
         pairs: see `PairFound`.
         course: along the maneuver.
         front: of the plans for looser aims that the search went through.
+        expected_s: by suspect, when it is to be named if it fails, told from every other jet, s; None: it is not.
         named_s: of each flight with a suspect that fails, by suspect: when it was named, s after it failed; None: not.
     """
 
@@ -113,6 +116,7 @@ class Design(NamedTuple):
     pairs: tuple[PairFound, ...]
     course: Trace
     front: Trace
+    expected_s: Mapping[str, float | None]
     named_s: Mapping[str, tuple[float | None, ...]]
 
     @property

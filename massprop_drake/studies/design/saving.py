@@ -32,6 +32,7 @@ def as_data(made: Design) -> dict[str, Any]:
         "largest": {"rate": made.rate, "angle": made.angle, "displacement": made.displacement},
         "targets": [one._asdict() for one in made.targets],
         "suspects": [one._asdict() for one in made.pairs],
+        "expected_s": dict(made.expected_s),
         "named_s": {jet: list(times) for jet, times in made.named_s.items()},
         "course": {name: values.tolist() for name, values in made.course._asdict().items()},
         "front": {name: values.tolist() for name, values in made.front._asdict().items()},
@@ -66,8 +67,13 @@ def verdict(made: Design) -> list[dict[str, Any]]:
         others = ", ".join(names[:4]) + (" and others" if len(names) > 4 else "")
         times = made.named_s.get(jet, ())
         named = [f"{time:.2g}" if time is not None else "never" for time in times]
+        expected_s = made.expected_s[jet]
+        expected = (
+            "; with all other jets not" if expected_s is None else f"; with all other jets after {expected_s:.2g} s"
+        )
         flown = f"; named after {', '.join(named)} s in flights" if named else ""
-        lines.append({"good": None not in times if times else None, "text": f"{jet} is {told} from {others}{flown}."})
+        text = f"{jet} is {told} from {others}, from all other jets {when}{flown}."
+        lines.append({"good": None not in times if times else None, "text": text})
     return lines
 
 

@@ -12,9 +12,7 @@ from massprop_drake.inputs.scenario import CglrBlock, Degraded, Leak, Scenario
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.maneuver.planning import LEAD
 from massprop_drake.runners.simulate import simulate
-from massprop_drake.studies.design.found import Design
-
-_LISTENING_S = 10.0  # after a maneuver, for which a suspect may still be named
+from massprop_drake.studies.design.found import LISTENING_S, Design
 
 
 def flown(made: Design, wanted: Sequence[Target], vehicle: Vehicle, flights: int) -> Design:
@@ -57,7 +55,7 @@ def named_s(made: Design, jet: str, force: float, seed: int, vehicle: Vehicle) -
         if force > 0.0
         else Degraded(kind="degraded", jet=jet, start_s=at_s, fraction=1.0 + force / thrust)
     )
-    longer_s = made.scenario.duration_s + _LISTENING_S
+    longer_s = made.scenario.duration_s + LISTENING_S
     case = made.scenario.model_copy(update={"seed": seed, "failures": (failure,), "duration_s": longer_s})
     run = simulate(case, look_back=False)
     named = [one.time_s for one in run.results.detections if one.jet == jet and one.withdrawn_s is None]

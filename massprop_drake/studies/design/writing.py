@@ -6,14 +6,17 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from massprop_drake.inputs.asked import Suspicion, Target
 from massprop_drake.inputs.scenario import JetPulse, Scenario, WheelPulse
-from massprop_drake.maths.maneuver.actions import stepped
-from massprop_drake.maths.maneuver.aims import FOLLOWED, Reached, reached
+from massprop_drake.maths.maneuver.actions import FlownAction, coasting, stepped
+from massprop_drake.maths.maneuver.aims import FOLLOWED, Aims, Reached, reached
 from massprop_drake.maths.maneuver.planning import Plan, SearchResult, Task, begun
 from massprop_drake.results.run import Run
-from massprop_drake.studies.design.found import Design, PairFound, TargetFound, Trace
+from massprop_drake.studies.design.found import LISTENING_S, Design, PairFound, TargetFound, Trace
+
+Array = NDArray[np.float64]
 
 
 class DesignRequest(NamedTuple):
@@ -37,9 +40,11 @@ def made(found: SearchResult, task: Task, asks: DesignRequest, base: Scenario, r
     (plan, trace), (wanted, suspected, floors, hold) = found, asks
     craft, vehicle = task.craft, base.vehicle_data
     begins_s = 0.0 if run is None else base.duration_s
-    course, apart_s = _by_sample(plan, task, len(wanted))
     before, last = plan.reached[0], plan.reached[-1]
     n = len(wanted)
+    rows, spent = _by_sample(plan, task)
+    deviations, apart_s = _told_s(rows, task, task.aims, n)
+    course = Trace(np.array(spent), np.array([each.row for each in rows]) * craft.period_s, deviations[:, :n])
     targets = tuple(
         TargetFound(
             one.name, one.unit, one.value, one.asked, float(before.deviations[place]), float(last.deviations[place]),
@@ -76,36 +81,64 @@ def made(found: SearchResult, task: Task, asks: DesignRequest, base: Scenario, r
         pairs,
         course,
         front,
+        {vehicle.designations[jet]: time_s for jet, time_s in _named_s(rows, task, n).items()},
         {},
     )
 
 
-def _by_sample(plan: Plan, task: Task, n: int) -> tuple[Trace, list[float | None]]:
-    """The course of a plan sample by sample, and when each pair is told apart, s after the lead.
-
-    Args:
-        plan: see `Plan`.
-        task: see `Task`.
-        n: number of targets; other combinations must be known before suspects are looked for.
-    """
-    first = begun(task)
-    (flown,), done, used = first.flown, [first.reached[-1]], [0.0]
-    rows = [flown.row]
+def _by_sample(plan: Plan, task: Task) -> tuple[list[FlownAction], list[float]]:
+    """The course of a plan sample by sample from the end of its lead, and the propellant used by then."""
+    (flown,), used = begun(task).flown, [0.0]
+    rows = [flown]
     for action in plan.actions[1:]:
         for sample in range(action.length):
             fires = sample < action.samples
-            flown = stepped(flown, action, task.craft, task.doubt, fires=fires)
-            done.append(reached(flown.course.shown, task.known, task.aims))
+            rows.append(stepped(rows[-1], action, task.craft, task.doubt, fires=fires))
             used.append(used[-1] + (action.propellant / action.samples if fires else 0.0))
-            rows.append(flown.row)
-    time_s = np.array(rows) * task.craft.period_s
-    deviations = np.array([each.deviations for each in done])
-    wide = 1.0 + task.margin
-    looked_for = np.all(deviations[:, n:] <= task.aims.deviations[n:] * wide, axis=1)
-    looked_for[:FOLLOWED] = False
-    told = (np.array([each.deltas for each in done]) >= task.aims.odds / wide**2) & looked_for.reshape(-1, 1)
-    after = [float(time_s[np.argmax(one)] - time_s[0]) if one.any() else None for one in told.T]
-    return Trace(np.array(used), time_s, deviations[:, :n]), after
+    return rows, used
+
+
+def _told_s(rows: Sequence[FlownAction], task: Task, aims: Aims, n: int) -> tuple[Array, list[float | None]]:
+    """1-sigma of each combination by sample, and when each pair is told apart, s after the lead.
+
+    Args:
+        rows: see `_by_sample`.
+        task: see `Task`.
+        aims: whose pairs they are.
+        n: number of targets; other combinations must be known before suspects are looked for.
+    """
+    done = [reached(flown.course.shown, task.known, aims) for flown in rows]
+    deviations, wide = np.array([each.deviations for each in done]), 1.0 + task.margin
+    looked_for = np.all(deviations[:, n:] <= aims.deviations[n:] * wide, axis=1)
+    told = (np.array([each.deltas for each in done]) >= aims.odds / wide**2) & looked_for.reshape(-1, 1)
+    after = [max(int(np.argmax(one)), FOLLOWED) * task.craft.period_s if one.any() else None for one in told.T]
+    return deviations, after
+
+
+def _named_s(rows: list[FlownAction], task: Task, n: int) -> dict[int, float | None]:
+    """When each suspect is named, told from every other jet whether it leaks or misses, s after the lead.
+
+    Nothing fires after the maneuver, for as long as flights are listened to.
+    """
+    aims, period_s, jets = task.aims, task.craft.period_s, task.craft.params.places.jets
+    if aims.pairs.size == 0:
+        return {}
+    rest = coasting(round(LISTENING_S / period_s), task.craft)
+    after = list(rows)
+    for _ in range(rest.coast):
+        after.append(stepped(after[-1], rest, task.craft, fires=False))
+    found: dict[int, float | None] = {}
+    for own in dict.fromkeys(aims.pairs[:, 0].tolist()):
+        (nothing,) = np.flatnonzero((aims.pairs[:, 0] == own) & (aims.pairs[:, 1] < 0))
+        others = np.append(np.delete(np.arange(2 * jets), (own % jets, jets + own % jets)), -1)
+        odds = np.where(others < 0, aims.odds[nothing], aims.odds[aims.pairs[:, 1] >= 0].min())
+        size = others.size
+        pairs = np.column_stack((np.full(size, own), others))
+        forces, most = (np.full(size, each[nothing]) for each in (aims.forces, aims.most))
+        every = aims._replace(pairs=pairs, forces=forces, most=most, odds=odds)
+        told = _told_s(after, task, every, n)[1]
+        found[own % jets] = None if None in told else max(one for one in told if one is not None)
+    return found
 
 
 def _scenario(plan: Plan, task: Task, base: Scenario, begins_s: float, *, hold: bool) -> Scenario:

@@ -113,6 +113,14 @@ def test_it_goes_on_from_what_a_run_knows(run: Run, tmp_path: Path) -> None:
     assert 0.8 * mass.predicted / mass.value < share < 1.05 * mass.asked / mass.value  # holding attitude tells more
 
 
+def test_it_goes_on_from_a_run_that_cannot_know_the_mass() -> None:
+    """Gyros alone show no mass: firings are designed with the nominal one."""
+    run = simulate(load_scenario("cubesat_leak", ["duration_s=20", "failures=[]"]), look_back=False)
+    assert np.isnan(run.results.estimates[9])
+    found = design(run.scenario, suspects=["T4", "T8"], known=run)
+    assert max(pair.after_s or math.inf for pair in found.pairs) < 1.5
+
+
 def test_suspects_are_told_apart_as_foretold() -> None:
     case = load_scenario("small_satellite_maneuver", KNOWN)
     found = design(case, suspects=["ZP1", "ZN2"], force="0.25 N", flights=1)
