@@ -68,9 +68,7 @@ def verdict(made: Design) -> list[dict[str, Any]]:
         times = made.named_s.get(jet, ())
         named = [f"{time:.2g}" if time is not None else "never" for time in times]
         expected_s = made.expected_s[jet]
-        expected = (
-            "; with all other jets not" if expected_s is None else f"; with all other jets after {expected_s:.2g} s"
-        )
+        when = "not" if expected_s is None else f"after {expected_s:.2g} s"
         flown = f"; named after {', '.join(named)} s in flights" if named else ""
         text = f"{jet} is {told} from {others}, from all other jets {when}{flown}."
         lines.append({"good": None not in times if times else None, "text": text})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -132,6 +133,9 @@ def test_suspects_are_told_apart_as_foretold() -> None:
         assert None not in after
         assert named_s is not None
         assert max(filter(None, after)) - 0.2 <= named_s
+    assert all(one is not None and 0.3 <= one < 2.0 for one in found.expected_s.values())
+    (first, *_) = [line["text"] for line in saving.verdict(found) if line["text"].startswith("ZP1")]
+    assert re.fullmatch(r"ZP1 is told after .* s from ZN2, from all other jets after .* s; named after .* s.*", first)
 
 
 def test_a_loss_is_told_by_firing_the_suspects() -> None:
