@@ -36,6 +36,8 @@ run = simulate(load_scenario("small_satellite_maneuver", settings))
 test = design(run.scenario, suspects=["YP1", "YN2"], force="0.25 N", known=run)
 for pair in test.pairs:
     print(f"{pair.jet} from {pair.other or 'nothing'}: {pair.after_s:.1f} s")
+for jet, expected_s in test.expected_s.items():
+    print(f"{jet} from all jets: {expected_s:.1f} s")
 print(f"begins at {test.begins_s:.0f} s, {1000 * test.propellant:.2f} g")
 
 # The orbiter
