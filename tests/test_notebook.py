@@ -102,7 +102,7 @@ def test_tables_and_figures_show_themselves(executed: dict[str, Any]) -> None:
     outputs = shown(executed)
     assert sum("image/png" in data for data in outputs) == 2
     (table,) = ["".join(data["text/html"]) for data in outputs if "text/html" in data]
-    assert "Found: jet R4R: stuck on." in table
+    assert "Found: jet R4R (cluster 12): stuck on, " in table
     assert max(len("".join(data.get("text/plain", ""))) for data in outputs) < 500
 
 
@@ -129,7 +129,7 @@ def test_graph_figures_and_flight_are_shown(in_drake: tuple[dict[str, Any], Path
         assert f">{part}<" in graph
     assert sum("image/png" in data for data in outputs) == 2
     table, flight = ["".join(data["text/html"]) for data in outputs if "text/html" in data]
-    assert "Found: jet YP1: leak" in table
+    assert "Found: jet YP1 (cluster " in table
     assert 'src="replay.html"' in flight
     replay = (folder / "replay.html").read_text(encoding="utf-8")
     assert "meshcat" in replay.lower()

@@ -393,7 +393,7 @@ def _print_listed(console: Terminal, title: str, headings: Sequence[str], rows: 
 
 
 def _print_parameters(console: Terminal, title: str, results: Summary, vehicle: Vehicle, *, truth: bool) -> None:
-    """Prints the ten parameters, and below them the mass and the inertia that follow from them.
+    """Prints mass, center of mass and inertia, and below them the reciprocals that are estimated.
 
     The numbers of a row have the power of ten that stands with its unit.
     """
@@ -401,11 +401,11 @@ def _print_parameters(console: Terminal, title: str, results: Summary, vehicle: 
 
     headings = ["parameter", "unit", "estimate", "truth", "error %", "1-sigma", "1-sigma %", "in 3 sigma"]
     rows: list[list[Text | str] | None] = []
-    for row in table.parameters(results, vehicle.unit_names, truth=truth):
-        inside: Text | str = console.words(("no", "bold red")) if row.inside == "no" else row.inside
-        rows.append([*row[:7], inside])
-    rows.append(None)
-    rows += [list(row[:7]) for row in table.derived(results, vehicle.unit_names)]
+    for block in table.blocks(results, vehicle.unit_names, truth=truth):
+        rows += [None] if rows else []
+        for row in block:
+            inside: Text | str = console.words(("no", "bold red")) if row.inside == "no" else row.inside
+            rows.append([*row[:7], inside])
     unknown = () if truth else ("truth", "error %", "in 3 sigma")
     print_table(console, title, headings, rows, spare=("1-sigma %", "in 3 sigma", "truth"), absent=unknown)
 

@@ -16,6 +16,7 @@ from massprop_drake.results import events as said
 from massprop_drake.results.against import Against
 from massprop_drake.results.consistency import INCONSISTENT
 from massprop_drake.results.detections import JUMP, DetectionRecord, remarks, size
+from massprop_drake.results.fault_probabilities import rounded
 from massprop_drake.results.folder import write_page
 from massprop_drake.results.identifiability import in_words
 from massprop_drake.results.summary import Summary
@@ -65,19 +66,19 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
         "time": interactive.times(run.time_s),
         **interactive.packed([interactive.drawn(plot(source)) for plot in plots.available(source).values()]),
         "jumps": jumps,
+        "failing": _failing(source) if jumps else None,
     }
     units = scenario.vehicle_data.unit_names
-    rows = table.parameters(results, units, truth=source.simulated)
+    first, rest = table.blocks(results, units, truth=source.simulated)
     content = {
         "title": f"{results.vehicle}: {results.scenario}",
         "summary": run.summary,
         "innovations": results.consistency.in_words(),
         "units": units,
         "verdict": [*_verdict(run), *_armed(source, results)],
-        "parameters": rows,
+        "blocks": [first, rest],
         "bound": results.above_bound,
-        "bounded": any(row.bound != "-" for row in rows),
-        "derived": table.derived(results, units),
+        "bounded": any(row.bound != "-" for row in rest),
         "intervals": results.intervals and results.intervals.in_words(),
         "allowed": results.intervals and results.intervals.guaranteed and table.intervals(results, units),
         "contradicted": results.intervals is not None and results.intervals.contradicted,
@@ -180,16 +181,39 @@ def _of_the_record(results: Summary) -> Iterator[str]:
 def _of_failures(results: Summary, units: Mapping[str, str]) -> Iterator[tuple[bool, str]]:
     """What the verdict says of failures: those declared, and those injected that were not found as what they are."""
     declared = [entry for entry in results.detections if entry.withdrawn_s is None]
-    if declared:
-        yield False, "Found: " + "; ".join(detections.in_words(entry, units) for entry in declared) + "."
-    else:
+    for entry in declared[:_WHOLE]:
+        yield False, f"Found: {detections.in_words(entry, units, whole=True)}; {_when(entry, results)}."
+    if declared[_WHOLE:]:
+        yield False, f"Found as well: {'; '.join(detections.in_words(entry, units) for entry in declared[_WHOLE:])}."
+    if not declared:
         yield True, "No failed jet and no jump of the mass properties was found."
     lost = [one.name for one in results.injected or () if one.good is False]
     if lost:
         yield False, f"Not found as what it is: {', '.join(lost)}; see below."
 
 
+def _when(entry: DetectionRecord, results: Summary) -> str:
+    """Says since when something is so, when it was declared, and how probable it is at the end."""
+    since = f"since {entry.onset_s:.2f} s, declared at {entry.time_s:.2f} s"
+    of_jets = {} if results.fault_probability is None else results.fault_probability.jets
+    sure = of_jets.get(entry.jet or "")
+    return since if sure is None else f"{since}, with a probability {_of(sure.probability)}"
+
+
+def _of(probability: float) -> str:
+    """Says a probability after the word."""
+    words = rounded(probability)
+    return words if words.startswith("above") else f"of {words}"
+
+
+_WHOLE = 6  # declarations that have a sentence each
 _BEFORE_S, _AFTER_S = 2.0, 5.0  # that are shown around a failure
+
+
+def _failing(source: plots.Source) -> str | None:
+    """Returns the name of the plot that shows a failure best."""
+    shown = plots.available(source)
+    return next((name for name in ("fault_probabilities", "likelihoods", "consistency") if name in shown), None)
 
 
 def _jumps(run: Run) -> tuple[list[dict[str, Any]], dict[int, int]]:

@@ -315,6 +315,26 @@
     else waiting.push({ card, begin });
   }
 
+  // the plot that shows a failure best, about the first one, above all others
+  async function failing() {
+    const figure = data.plots.find(({ name }) => name === data.failing), jump = data.jumps[0];
+    if (!figure) return;
+    const place = document.getElementById("failing"), card = make("section", "", "failing"), plot = make("div");
+    place.hidden = false;
+    card.append(make("h3", figure.title + ", " + jump.text + ": " + jump.title), plot);
+    place.append(card);
+    const draw = () => {
+      const now = range;
+      range = [jump.start, jump.end];
+      const { traces, layout } = shown(figure);
+      range = now;
+      for (const key of Object.keys(layout)) if (/^yaxis/.test(key)) layout[key].title = ""; // there is no room for it
+      return Plotly.react(plot, traces, { ...layout, height: 230 }, themed.options);
+    };
+    themed.onChange(draw);
+    await draw();
+  }
+
   // the next figure to draw: the nearest to the window, and whether it is in it
   function next() {
     const far = waiting.map(({ card }) => { const box = card.getBoundingClientRect(); return Math.max(0, box.top - innerHeight, -box.bottom); });
@@ -355,6 +375,7 @@
 
   (async () => {
     data.plots.forEach(add);
+    await failing();
     await painted();
     while (waiting.length) {
       const { inWindow, begin } = next();

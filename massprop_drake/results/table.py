@@ -13,6 +13,7 @@ import numpy as np
 
 from massprop_drake.maths import mass_properties
 from massprop_drake.maths.estimation.identifiability import Flag
+from massprop_drake.maths.mass_properties import CENTER_OF_MASS, INVERSE_INERTIA, MASS_RECIPROCAL
 from massprop_drake.results.against import Against
 from massprop_drake.results.summary import Parameter, Summary
 from massprop_drake.signals import SYMBOLS, mass_property_units
@@ -91,6 +92,18 @@ def derived(results: Summary, units: Mapping[str, str]) -> list[Row]:
     return rows
 
 
+def blocks(results: Summary, units: Mapping[str, str], *, truth: bool = True) -> tuple[list[Row], list[Row]]:
+    """Returns rows of mass, center of mass and inertia, and rows of the reciprocals that are estimated.
+
+    Args: as `parameters`.
+    """
+    ten, (mass, *inertia) = parameters(results, units, truth=truth), derived(results, units)
+    elements, reciprocal = ten[INVERSE_INERTIA], ten[MASS_RECIPROCAL]
+    unsure = [row.flag for row in elements if row.flag != Flag.IDENTIFIED] or [row.flag for row in elements]
+    first = [mass._replace(inside=reciprocal.inside, flag=reciprocal.flag), *ten[CENTER_OF_MASS]]
+    return [*first, *(row._replace(flag=unsure[0]) for row in inertia)], [*elements, reciprocal]
+
+
 def intervals(results: Summary, units: Mapping[str, str]) -> list[tuple[str, ...]]:
     """Rows of guaranteed intervals: symbol, unit, low, middle, high, and whether the estimate lies inside.
 
@@ -149,7 +162,9 @@ def _of_derived(name: str, unit: str, value: float | None, deviation: float | No
     known, sigma, true = (math.nan if one is None else one for one in (value, deviation, truth))
     error = 100.0 * (known - true) / abs(true) if true and not fixed else math.nan
     row = _row(name, unit, Parameter(name, known, math.nan if fixed else sigma, true, error))
-    return row._replace(inside="fixed") if fixed else row
+    if fixed:
+        return row._replace(inside="fixed")
+    return row if math.isnan(true - known) else row._replace(inside="yes" if abs(known - true) <= 3.0 * sigma else "no")
 
 
 def _row(symbol: str, unit: str, one: Parameter) -> Row:

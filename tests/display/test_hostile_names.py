@@ -210,8 +210,10 @@ def test_the_report(visited: Any, stuck_run: Run, tmp_path: Path, first: int) ->
     assert set(words(page, "#plot-jets .ytick text")) == {shown(f"{jet.designation} ({jet.cluster})") for jet in jets}
     known = words(page, "#plot-failure_magnitude .legendtext")
     assert {shown(f"truth of {jet.designation}") for jet in (jets[28], *jets[:3])} <= set(known)
-    (line,) = [line for line in words(page, "#verdict li") if line.startswith("Found")]
-    assert all(shown(f"jet {jet.designation}: stuck on") in line for jet in jets)
+    (*each, rest) = [line for line in words(page, "#verdict li") if line.startswith("Found")]
+    assert all(shown(f"jet {jet.designation} (cluster") in line for jet, line in zip(jets, each, strict=False))
+    assert len(each) == 6
+    assert all(shown(f"jet {jet.designation}: stuck on") in rest for jet in jets[6:])
 
 
 @pytest.mark.parametrize("first", ROUNDS)

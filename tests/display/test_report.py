@@ -38,7 +38,14 @@ def without_plotly(html: str) -> str:
 
 
 def test_the_verdict_comes_first_and_names_the_failed_jet(html: str) -> None:
-    assert html.index("Found: jet R4R: stuck on.") < html.index("What was learned") < html.index('id="plots"')
+    found = re.search(r"Found: jet R4R \(cluster 12\): stuck on, .* lbf; since .* s, declared at .* s\.", html)
+    assert found
+    assert (
+        found.start()
+        < html.index('id="failing"')
+        < html.index("Mass, center of mass, inertia")
+        < html.index('id="plots"')
+    )
 
 
 def test_an_inconsistent_flight_is_said_in_the_verdict(stuck_run: Run) -> None:
@@ -89,10 +96,7 @@ def test_terminal_and_page_say_the_same_numbers(html: str, stuck_run: Run, capsy
     show.simulated(stuck_run.results, stuck_run.scenario.vehicle_data, Path("there"))
     printed = {line.split("│")[1].strip(): line for line in capsys.readouterr().out.splitlines() if line[:1] == "│"}
     vehicle = stuck_run.scenario.vehicle_data
-    rows = [
-        *table.parameters(stuck_run.results, vehicle.unit_names),
-        *table.derived(stuck_run.results, vehicle.unit_names),
-    ]
+    rows = [row for block in table.blocks(stuck_run.results, vehicle.unit_names) for row in block]
     assert [row.symbol for row in rows] == list(printed)
     for row in rows:
         on_page = html[html.index(f'<th scope="row">{row.symbol}</th>') :].split("</tr>", maxsplit=1)[0]
@@ -448,7 +452,8 @@ def test_on_paper_it_has_four_pages_at_the_most(fresh: Any) -> None:
 
 def test_it_opens_from_disk_without_a_word_on_the_console(report: Any) -> None:
     assert report.said == []
-    assert "jet R4R: stuck on" in report.page.inner_text("#verdict")
+    assert "jet R4R (cluster 12): stuck on" in report.page.inner_text("#verdict")
+    assert report.page.locator("#failing .legendtext").count() > 0  # about the failure
     assert report.page.locator(".plot .main-svg").count() > 10
 
 
