@@ -2,12 +2,14 @@
 
     python benchmarks/card.py [--kinds KIND ...] [--quick] [--first N] [--against COMMIT] [--write docs | baseline]
     python benchmarks/card.py --flight KIND NUMBER
+    python benchmarks/card.py --baseline [--write docs]
 
 Flies the kinds of `card.yaml` on this machine's processors, by compiled kernels where numba is installed, and prints
 a row a kind. The number of a flight is its seed, and everything in it is drawn from that: a flight flown alone, on
 another worker or after a kill is the same bit for bit. Results are kept in `runs/card` by the code that flew them, and
 no flight is flown twice. All of it takes a night; `--quick`, a tenth of it, a quarter of an hour on two processors.
-`baseline.parquet` has the flights of one version, so that others can be held against it without flying it again.
+`baseline.parquet` has the flights of one version, so that others can be held against it without flying it again;
+`--baseline` shows these alone. `docs/card.md` has the columns by which a reader decides, the terminal all of them.
 """
 
 from __future__ import annotations
@@ -205,6 +207,17 @@ def flown_before(version: Version) -> list[dict[str, Any]]:
     return list(found.values())
 
 
+def baseline(card: Card) -> tuple[Version, dict[str, table.Row]]:
+    """The version whose flights `baseline.parquet` has, and their statistics by kind."""
+    content = pq.read_table(_BASELINE)
+    facts = {key.decode(): text.decode() for key, text in content.schema.metadata.items()}
+    flights: dict[str, list[dict[str, Any]]] = {kind: [] for kind in card.kinds}
+    for row in content.to_pylist():
+        flights[row["kind"]].append(row)
+    version = Version(_ROOT, facts["commit"], _RUNS / facts["version"])
+    return version, statistics(card, {kind: rows for kind, rows in flights.items() if rows})
+
+
 def results(version: Version, card: Card, cases: Sequence[Case]) -> dict[str, table.Row]:
     """Statistics of the flights by kind."""
     wanted = {one.case_id for one in cases}
@@ -212,6 +225,11 @@ def results(version: Version, card: Card, cases: Sequence[Case]) -> dict[str, ta
     for row in flown_before(version):
         if row["case_id"] in wanted:
             flights[row["kind"]].append(row)
+    return statistics(card, flights)
+
+
+def statistics(card: Card, flights: Mapping[str, Sequence[Mapping[str, Any]]]) -> dict[str, table.Row]:
+    """Statistics of rows of results by kind; says which flights failed to run."""
     for kind, each in flights.items():
         for row in sorted(each, key=lambda row: row["number"]):
             if row["facts"] is None:
@@ -220,18 +238,32 @@ def results(version: Version, card: Card, cases: Sequence[Case]) -> dict[str, ta
 
 
 def document(card: Card, found: Mapping[str, table.Row], version: Version, first: int) -> str:
-    """Formats the page of the card."""
-    parts = [
-        "# Card",
-        "What the estimator is worth, a row for each kind of flight. `benchmarks/card.yaml` says how each is drawn; "
-        f"`python benchmarks/card.py --write docs` flies all of them and writes this page. Commit `{version.label}`, "
-        f"flights from number {first} on.",
-        table.LEGEND.strip(),
-    ]
+    """Formats the card with all columns, a table a group."""
+    parts = ["# Card", f"Commit `{version.label}`, flights from number {first} on.", table.LEGEND.strip()]
     for title, kinds in card.groups.items():
         rows = [table.cells(card.kinds[kind], found[kind]) for kind in kinds if kind in found]
         if rows:
             parts += [f"## {title}", table.markdown(table.HEADER, rows)]
+    return "\n\n".join(parts) + "\n"
+
+
+def page(card: Card, found: Mapping[str, table.Row], version: Version, first: int) -> str:
+    """Formats the page of the card: one table, with the columns by which a reader decides."""
+    rows = []
+    for title, kinds in card.groups.items():
+        of_group = [table.brief_cells(card.kinds[kind], found[kind]) for kind in kinds if kind in found]
+        if of_group:
+            rows += [[f"**{title}**"], *of_group]  # Markdown fills a short row up
+    parts = [
+        "# Card",
+        "What the estimator is worth, a row for each kind of flight. "
+        f"Commit `{version.label}`, flights from number {first} on.",
+        table.brief_legend(found.values()),
+        table.markdown(table.BRIEF, rows),
+        "`benchmarks/card.yaml` says how each kind is drawn. `python benchmarks/card.py --baseline` prints all "
+        "columns: intervals, groups, calibration, errors of forces and payloads, time of a step. "
+        "`python benchmarks/card.py --write docs` flies all with the present code, and writes this page anew.",
+    ]
     return "\n\n".join(parts) + "\n"
 
 
@@ -247,7 +279,7 @@ def headlines(card: Card, found: Mapping[str, table.Row]) -> str:
 
 def write_docs(card: Card, found: Mapping[str, table.Row], version: Version, first: int) -> None:
     """Writes docs/card.md, and the README's headlines."""
-    (_ROOT / "docs" / "card.md").write_text(document(card, found, version, first))
+    (_ROOT / "docs" / "card.md").write_text(page(card, found, version, first))
     readme = _ROOT / "README.md"
     text, count = re.subn(
         r"(?s)(<!-- card:headlines -->\n).*?(<!-- /card:headlines -->)",
@@ -267,6 +299,15 @@ def write_baseline(version: Version, cases: Sequence[Case]) -> None:
     pq.write_table(made.replace_schema_metadata(facts), _BASELINE, compression="zstd", compression_level=19)
 
 
+def show(card: Card, version: Version, found: Mapping[str, table.Row], first: int, *, write: bool) -> None:
+    """Prints the card with all columns, or writes the page and the headlines."""
+    if write:
+        write_docs(card, found, version, first)
+    else:
+        print(document(card, found, version, first))
+        print(headlines(card, found))
+
+
 def main() -> None:
     """Flies what is missing, and prints or writes the table."""
     card = load_card()
@@ -283,6 +324,7 @@ def main() -> None:
     parser.add_argument("--flight", nargs=2, metavar=("KIND", "NUMBER"), help="fly one alone, and print its facts")
     parser.add_argument("--workers", type=int, help="processes; default: one for each processor")
     parser.add_argument("--numpy", action="store_true", help="kernels in numpy, also where numba is installed")
+    parser.add_argument("--baseline", action="store_true", help="the table of the flights in baseline.parquet")
     parser.add_argument("--no-flights", action="store_true", help="the table of what has been flown")
     given = parser.parse_args()
     compiled = not given.numpy and importlib.util.find_spec("numba") is not None
@@ -291,6 +333,9 @@ def main() -> None:
 
         alone = Flights({"kinds": card.kinds, "compiled": compiled})
         print(alone.fly({"kind": given.flight[0], "number": int(given.flight[1])})["facts"])
+        return
+    if given.baseline:
+        show(card, *baseline(card), 0, write=given.write == "docs")
         return
     cases = []
     for kind in given.kinds or card.kinds:
@@ -310,11 +355,8 @@ def main() -> None:
         print(f"{versions[1].label} -> {versions[0].label}\n\n{table.markdown(table.VERSUS, rows)}")
     elif given.write == "baseline":
         write_baseline(version, cases)
-    elif given.write:
-        write_docs(card, found[0], version, given.first)
     else:
-        print(document(card, found[0], version, given.first))
-        print(headlines(card, found[0]))
+        show(card, version, found[0], given.first, write=bool(given.write))
 
 
 if __name__ == "__main__":

@@ -313,11 +313,7 @@ def write_page(
         panels[0].legend(fontsize=7)
         figure.tight_layout()
         figure.savefig(folder / "images" / "speed_scaling.svg")
-    table = "\n".join(
-        f"| {row['case']} | {row['way']} | {row['ms']:.0f} | {row['ratio']:.2f} | {row['least']:.2f} to "
-        f"{row['most']:.2f} | {row['target'] or ''} |"
-        for row in rows
-    )
+    table = "\n".join(f"| {row['case']} | {row['way']} | {row['ms']:.0f} | {row['ratio']:.2f} |" for row in rows)
     page = (REPOSITORY / "benchmarks" / "speed.md").read_text(encoding="utf-8")
     for name, text in {"against": against, "table": table, **tables}.items():
         page = page.replace(f"{{{name}}}", text)

@@ -1,9 +1,10 @@
-"""Writes the results of finished campaigns into docs/campaigns, a page for each, below its mark; and the index.
+"""Writes the results of finished campaigns into docs/campaigns, a page for each, below its mark.
 
     massprop campaign run gyro_quantum --out runs/gyro_quantum
     python docs/make_campaigns.py runs/gyro_quantum ...
 
-What stands above the mark, question and finding, is written by hand and kept.
+What stands above the mark, question and finding, is written by hand and kept. The repository keeps few of the pages;
+the headline of every campaign stands in docs/campaigns.md, by hand.
 """
 
 from __future__ import annotations
@@ -18,22 +19,27 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import stats
 
-from massprop_drake.inputs.campaign import bundled_campaigns, load_campaign
 from massprop_drake.inputs.distributions import LogUniform
 from massprop_drake.inputs.model import digest
 from massprop_drake.results.injected import InjectedRecord
 from massprop_drake.studies.campaign import merit, statistics, store
 from massprop_drake.studies.campaign.campaign import Campaign
 from massprop_drake.studies.campaign.counts import Row, flown
-from massprop_drake.studies.campaign.plan import PlannedCase, design
+from massprop_drake.studies.campaign.plan import PlannedCase
 from massprop_drake.studies.campaign.reading import told_apart
 from massprop_drake.studies.campaign.statistics import Figure
 
 PAGES = Path(__file__).parent / "campaigns"
 MARK = "<!-- below: written by docs/make_campaigns.py -->\n"
 NEW = "# {title}\n\n{description}.\n\n{mark}"
+NOTES = (
+    "Errors are medians {when}. In parentheses stands the 95 % interval. `n` is what a line's first figure was "
+    "measured on; where another's differs, it stands beside it. "
+    "[Campaigns](../campaigns.md#what-the-figures-mean) has the words."
+)
 
 Measure = Callable[[Sequence[Row]], Figure]
+Columns = Mapping[str, tuple[str, Measure]]  # unit and measure by heading
 
 _SIZES = [digit * 10.0**power for power in range(-2, 5) for digit in (1.0, 2.0, 5.0)]  # edges of bins of sizes
 _FEW = 6  # sizes that need no bins
@@ -91,18 +97,24 @@ def named(name: str) -> Measure:
     return lambda rows: merit.figures(rows)[name]
 
 
-def shown(figure: Figure, unit: str) -> str:
-    """A figure with its interval and n."""
+def number(figure: Figure, unit: str) -> str:
+    """What a figure was measured on: hours of a rate, else a count."""
+    return f"{figure.n:.3g} h" if unit == "1/h" else f"{figure.n:g}"
+
+
+def shown(figure: Figure, unit: str, usual: str = "") -> str:
+    """A figure with its interval, and its n where that is not the usual one."""
     if not math.isfinite(figure.value):
         return "-"
     factor = 100.0 if unit == "share" else 1.0
-    n = f"{figure.n:.3g} h" if unit == "1/h" else f"{figure.n:g}"
+    n = number(figure, unit)
     value, low, high = (f"{factor * part:.3g}" for part in figure[:3])
-    interval = f"{low} to {high}, " if math.isfinite(figure.low) else ""
-    return f"{value}{' %' if unit == 'share' else ''} ({interval}n {n})"
+    inside = [f"{low} to {high}"] if math.isfinite(figure.low) else []
+    inside += [f"n {n}"] if n != usual else []
+    return f"{value} ({', '.join(inside)})" if inside else value
 
 
-def estimates(suffix: str, length: str) -> dict[str, tuple[str, Measure]]:
+def estimates(suffix: str, length: str) -> Columns:
     """Columns about estimates: unit and measure by heading."""
     return {
         "inverse inertia, %": ("", error_median(("Ixx_inv", "Iyy_inv", "Izz_inv"), suffix)),
@@ -111,28 +123,27 @@ def estimates(suffix: str, length: str) -> dict[str, tuple[str, Measure]]:
     }
 
 
-CONSISTENCY = {
-    "ended wrong": ("share", named("ended_wrong")),
-    "within 3 sigma": ("share", named("coverage_3_sigma")),
-    "NEES in band": ("share", named("nees_in_band")),
+CONSISTENCY: Columns = {
+    "ended wrong, %": ("share", named("ended_wrong")),
+    "within 3 sigma, %": ("share", named("coverage_3_sigma")),
+    "NEES in band, %": ("share", named("nees_in_band")),
 }
-INNOVATIONS = {  # of healthy flights alone: a failure shows in them
+INNOVATIONS: Columns = {  # of healthy flights alone: a failure shows in them
     "NIS, rotation": ("", named("nis_rotation")),
     "NIS, translation": ("", named("nis_translation")),
 }
-HEALTHY = {
-    "false declarations, 1/h": ("1/h", named("false_declarations_per_hour")),
-    "of them before any failure, 1/h": ("1/h", named("false_declarations_per_hour_healthy")),
-    "cases with healthy jets out": ("share", named("healthy_jets_out")),
-}
-FAILURES = {
-    "isolated": ("share", named("isolated")),
-    "taken for another": ("share", named("wrong")),
-    "missed": ("share", named("missed")),
-    "not tested": ("share", named("not_tested")),
-    "found within 1 s": ("share", named("found_within_1_s")),
-    "within 5 s": ("share", named("found_within_5_s")),
+FAILURES: Columns = {
+    "isolated, %": ("share", named("isolated")),
+    "taken for another, %": ("share", named("wrong")),
+    "missed, %": ("share", named("missed")),
+    "not tested, %": ("share", named("not_tested")),
+    "found within 5 s, %": ("share", named("found_within_5_s")),
     "median delay, s": ("", named("delay_50_percent_s")),
+}
+HEALTHY: Columns = {
+    "healthy jets out, %": ("share", named("healthy_jets_out")),
+    "false, 1/h": ("1/h", named("false_declarations_per_hour")),
+    "false before any failure, 1/h": ("1/h", named("false_declarations_per_hour_healthy")),
 }
 
 
@@ -145,27 +156,51 @@ def table(headings: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
     return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows)
 
 
-def figures_table(headings: Sequence[str], groups: Sequence[Group], columns: Mapping[str, tuple[str, Measure]]) -> str:
-    """A line for each group, a column for each measure; columns without any number are left out."""
-    cells = {name: [shown(measure(group.rows), unit) for group in groups] for name, (unit, measure) in columns.items()}
-    cells = {name: column for name, column in cells.items() if set(column) != {"-"}}
-    if not cells:
+def figures_table(headings: Sequence[str], groups: Sequence[Group], columns: Columns) -> str:
+    """A line for each group, a column for each measure."""
+    figures = {name: (unit, [measure(group.rows) for group in groups]) for name, (unit, measure) in columns.items()}
+    return formatted(headings, [group.labels for group in groups], figures)
+
+
+def formatted(
+    headings: Sequence[str], labels: Sequence[tuple[str, ...]], figures: Mapping[str, tuple[str, Sequence[Figure]]]
+) -> str:
+    """A table of figures with the n of each line's first; columns without any number are left out.
+
+    Args:
+        headings: of the labels.
+        labels: of each line.
+        figures: unit, and the figure of each line, by heading.
+    """
+    kept = {
+        name: column for name, column in figures.items() if any(math.isfinite(figure.value) for figure in column[1])
+    }
+    if not kept:
         return ""
-    lines = [(*group.labels, *(cells[name][place] for name in cells)) for place, group in enumerate(groups)]
-    return table((*headings, *cells), lines)
+    unit, first = next(iter(kept.values()))
+    usual = [number(figure, unit) for figure in first]
+    lines = [
+        (*label, usual[place], *(shown(column[place], unit, usual[place]) for unit, column in kept.values()))
+        for place, label in enumerate(labels)
+    ]
+    return table((*headings, "n", *kept), lines)
 
 
 def outcomes_table(headings: Sequence[str], groups: Sequence[Group]) -> str:
-    """How the failures of each group ended, and how soon they were found."""
-    lines = []
-    for group in groups:
-        found = [one["outcome"] for row in flown(group.rows) for one in row["injected"]]
-        curve = merit.detection_curve(merit.events(group.rows))
-        rest = [merit.figures(group.rows)["isolated"], curve.at(1.0), curve.at(5.0)]
-        counts = [str(found.count(outcome)) for outcome in _OUTCOMES]
-        lines.append((*group.labels, str(len(found)), *counts, *(shown(figure, "share") for figure in rest)))
-    heads = [outcome.replace("_", " ") for outcome in _OUTCOMES]
-    return table((*headings, "n", *heads, "isolated, of those that acted", "within 1 s", "within 5 s"), lines)
+    """How the failures of each group ended."""
+    found = [[one["outcome"] for row in flown(group.rows) for one in row["injected"]] for group in groups]
+    counts = [[each.count(outcome) for outcome in _OUTCOMES] for each in found]
+    return counts_table(headings, [group.labels for group in groups], counts)
+
+
+def counts_table(headings: Sequence[str], labels: Sequence[tuple[str, ...]], counts: Sequence[Sequence[int]]) -> str:
+    """How many failures of each line ended in each of `_OUTCOMES`; outcomes that none has are left out."""
+    kept = [place for place in range(len(_OUTCOMES)) if any(line[place] for line in counts)]
+    lines = [
+        (*label, str(sum(line)), *(str(line[place]) for place in kept))
+        for label, line in zip(labels, counts, strict=True)
+    ]
+    return table((*headings, "n", *(_OUTCOMES[place].replace("_", " ") for place in kept)), lines)
 
 
 def sized(rows: Sequence[Row], campaign: Campaign, cases: Sequence[PlannedCase]) -> list[dict[str, Any]]:
@@ -280,25 +315,22 @@ def results(folder: Path) -> tuple[Campaign, str]:
     groups = [Group(label, [row for row in good if cell[row["case_id"]] == number]) for number, label in labels.items()]
     groups = [group for group in groups if group.rows]
 
+    at = spec.file.times_s[0] if spec.file.times_s else None
+    suffix, when = ("", "at the end") if at is None else (f"@{at:g}", f"at {at:g} s")
     parts = [
         f"{len(rows)} of {len(cases)} flights, {merit.hours(rows):.3g} h; {len(rows) - len(good)} failed to run. "
-        "In parentheses the 95 % interval and what a figure was measured on. "
-        f"Base scenario {digest(spec.base)[:12]}, seed {spec.file.seed}."
+        f"{NOTES.format(when=when)} Base scenario {digest(spec.base)[:12]}, seed {spec.file.seed}."
     ]
 
     def section(title: str, text: str) -> None:
         if text:
             parts.append(f"## {title}\n\n{text}")
 
-    at = spec.file.times_s[0] if spec.file.times_s else None
-    suffix, when = ("", "at the end") if at is None else (f"@{at:g}", f"at {at:g} s")
-    heads = headings or ["all"]
-    lines = groups if headings else [Group(("all",), good)]
-    section(f"Error, median, {when}", figures_table(heads, lines, estimates(suffix, units["length"])))
+    lines = groups if headings else [Group((), good)]
     failed = any(row["injected"] for row in good)
-    section("Consistency at the end", figures_table(heads, lines, CONSISTENCY | ({} if failed else INNOVATIONS)))
-    section("Healthy jets", figures_table(heads, lines, HEALTHY))
-    section("Failures", figures_table(heads, lines, FAILURES))
+    about = estimates(suffix, units["length"]) | CONSISTENCY | ({} if failed else INNOVATIONS)
+    section("Estimates", figures_table(headings, lines, about))
+    section("Declarations", figures_table(headings, lines, FAILURES | HEALTHY))
     if failed:
         kinds = [one for group in groups for one in by_failure(group, units["force"])]
         section("Failures by kind and size", outcomes_table([*headings, "kind", "size"], kinds))
@@ -309,8 +341,7 @@ def results(folder: Path) -> tuple[Campaign, str]:
     for quantity in spec.quantities:
         if isinstance(quantity.distribution, LogUniform) and not quantity.label.startswith("failures"):
             drawn = {case.case_id: float(case.drawn[quantity.label]) for case in cases}
-            columns = CONSISTENCY | HEALTHY | FAILURES
-            text = figures_table([f"`{quantity.label}`"], by_draw(good, drawn), columns)
+            text = figures_table([f"`{quantity.label}`"], by_draw(good, drawn), CONSISTENCY | FAILURES | HEALTHY)
             section(f"By `{quantity.label}`", text)
     return campaign, "\n\n".join(parts) + "\n"
 
@@ -341,20 +372,6 @@ def write_page(folder: Path, pages: Path = PAGES) -> Path:
     return path
 
 
-def write_index(pages: Path = PAGES) -> None:
-    """Writes the table of all bundled campaigns into the index."""
-    lines = []
-    for name in bundled_campaigns():
-        spec = load_campaign(name)
-        flights = len(design(spec)) * math.prod(len(values) for values in spec.file.sweep.values())
-        link = f"[{name}]({name}.md)" if (pages / f"{name}.md").exists() else name
-        lines.append((link, spec.file.description, str(flights)))
-    path = pages / "index.md"
-    text = table(("campaign", "what it flies", "flights"), lines) + "\n"
-    path.write_text(updated(path.read_text(encoding="utf-8"), text), encoding="utf-8")
-
-
 if __name__ == "__main__":
     for folder in sys.argv[1:]:
         write_page(Path(folder))
-    write_index()

@@ -30,6 +30,7 @@ KEYS: dict[str, Callable[[], list[Key]]] = {
     "campaign.md": campaign_keys,
     "records.md": map_keys,
 }
+BRIEF = ("campaign.md",)  # pages with one table
 MARK = "<!-- docs/make_reference.py writes what follows from the code: edit the descriptions there -->"
 HEADINGS = ("key", "type", "unit", "default", "range", "meaning")
 _TOLD = re.compile(r"<!-- default ([^>]+) -->`[^`\n]*`")
@@ -66,6 +67,19 @@ def reference(found: Sequence[Key]) -> str:
         heading = f"`{parent}`: {_escaped(meaning.partition(';')[0])}" if parent else "Top level"
         parts.append("\n".join([f"### {heading}", "", *_table(members)]))
     return "\n\n".join(parts) + "\n"
+
+
+def brief(found: Sequence[Key]) -> str:
+    """One table of keys, in Markdown, with a row for all that are alike but for their name."""
+    groups: dict[tuple[str, str, str], list[str]] = {}
+    for key in found:
+        default = "" if key.default in ("-", "see below") else _default(key)
+        limits = ", ".join(_escaped(part) for part in (key.unit, key.range) if part != "-")
+        kind = ", ".join(part for part in (key.type.replace(" | ", " or "), limits) if part)
+        groups.setdefault((kind, default, _escaped(key.meaning)), []).append(f"`{key.name}`")
+    rows = [("key", "type", "default", "meaning"), ("---",) * 4]
+    rows += [(", ".join(names), *meant) for meant, names in groups.items()]
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in rows) + "\n"
 
 
 def _parent(name: str) -> str:
@@ -138,7 +152,8 @@ def told(text: str, defaults: Mapping[str, str]) -> str:
 
 def tables() -> dict[str, str]:
     """The tables by page, in Markdown."""
-    return {page: reference(found()) for page, found in KEYS.items()} | {"reference/ports.md": ports()}
+    made = {page: (brief if page in BRIEF else reference)(found()) for page, found in KEYS.items()}
+    return made | {"reference/ports.md": ports()}
 
 
 def all_defaults() -> dict[str, str]:

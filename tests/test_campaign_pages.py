@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -11,13 +12,15 @@ import pytest
 from conftest import REPOSITORY
 from script_probe import script
 
-from massprop_drake.inputs.campaign import bundled_campaigns, campaign_from
+from massprop_drake.inputs.campaign import bundled_campaigns, campaign_from, load_campaign
 from massprop_drake.inputs.model import yaml_text
 from massprop_drake.inputs.yaml import Document
 from massprop_drake.studies.campaign import store
 from massprop_drake.studies.campaign.campaign import Campaign
 from massprop_drake.studies.campaign.flight import Flights
-from massprop_drake.studies.campaign.plan import planned
+from massprop_drake.studies.campaign.plan import design, planned
+
+PAGES = {"every_jet", "healthy_maneuver", "thrust_dispersion"}  # that the repository keeps
 
 CAMPAIGN = """
 name: tiny
@@ -69,8 +72,8 @@ def test_a_page_has_a_line_for_each_cell_and_keeps_what_is_written_by_hand(
     made = page.read_text(encoding="utf-8")
     assert made.startswith("# Tiny\n\nTwo cells of two short flights.\n")
     assert "4 of 4 flights" in made
-    _, _, consistency = made.partition("## Consistency at the end")
-    lines = consistency.partition("##")[0].strip().splitlines()
+    _, _, estimates = made.partition("## Estimates")
+    lines = estimates.partition("##")[0].strip().splitlines()
     assert [line.split("|")[1].strip() for line in lines] == ["`vehicle.gyros[0].quantum`", "---", "1e-06", "1e-05"]
     assert "## Failures by kind and size" in made
     assert "## Failures by their order in the flight" in made
@@ -100,27 +103,42 @@ def test_median_and_its_interval(pages: ModuleType) -> None:
 
 
 def test_a_figure_is_shown_with_interval_and_n(pages: ModuleType) -> None:
-    assert pages.shown(pages.Figure(0.5, 0.25, 0.75, 12), "share") == "50 % (25 to 75, n 12)"
+    assert pages.shown(pages.Figure(0.5, 0.25, 0.75, 12), "share") == "50 (25 to 75, n 12)"
+    assert pages.shown(pages.Figure(0.5, 0.25, 0.75, 12), "share", "12") == "50 (25 to 75)"
     assert pages.shown(pages.Figure(0.0, 0.0, 6.0, 0.5), "1/h") == "0 (0 to 6, n 0.5 h)"
     assert pages.shown(pages.Figure(1.5, math.nan, math.nan, 3), "") == "1.5 (n 3)"
+    assert pages.shown(pages.Figure(1.5, math.nan, math.nan, 3), "", "3") == "1.5"
     assert pages.shown(pages.Figure(math.nan, math.nan, math.nan, 0), "share") == "-"
 
 
-def test_the_index_names_each_campaign_and_how_many_flights_it_has(
-    pages: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(pages, "bundled_campaigns", lambda: ["every_jet", "healthy_maneuver"])  # reading all takes long
-    (tmp_path / "index.md").write_text(f"Text.\n{pages.MARK}", encoding="utf-8")
-    pages.write_index(tmp_path)
-    made = (tmp_path / "index.md").read_text(encoding="utf-8")
-    assert made.startswith("Text.\n")
-    assert "| healthy_maneuver |" in made
-    assert "| 1500 |" in made
-    assert "| every_jet | All 44 jets, each stuck on, stuck off, and leaking 10 and 30 lbf | 176 |" in made
+def test_a_line_has_one_n_and_columns_without_numbers_are_left_out(pages: ModuleType) -> None:
+    none = pages.Figure(math.nan, math.nan, math.nan, 0)
+    figures = {
+        "a": ("share", [pages.Figure(0.5, 0.25, 0.75, 12), none]),
+        "b": ("", [none, none]),
+        "c": ("1/h", [pages.Figure(2.0, 1.0, 3.0, 0.5), none]),
+    }
+    lines = pages.formatted(["key"], [("x",), ("y",)], figures).splitlines()
+    assert lines[0] == "| key | n | a | c |"
+    assert lines[2:] == ["| x | 12 | 50 (25 to 75) | 2 (1 to 3, n 0.5 h) |", "| y | 0 | - | - |"]
+    counts = pages.counts_table(["key"], [("x",), ("y",)], [[1, 0, 0, 2, 0, 0], [0, 0, 0, 3, 0, 0]]).splitlines()
+    assert [counts[0], *counts[2:]] == ["| key | n | named | missed |", "| x | 3 | 1 | 2 |", "| y | 3 | 0 | 3 |"]
+
+
+def test_the_table_of_results_names_each_campaign_and_how_many_flights_it_has() -> None:
+    text = (REPOSITORY / "docs" / "campaigns.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (\[?)(\w+)(?:\]\(campaigns/\2\.md\))? \| .* \| (\d+) of (\d+) \|$", text, re.MULTILINE)
+    assert sorted(name for _, name, _, _ in rows) == sorted(bundled_campaigns())
+    assert {name for link, name, _, _ in rows if link} == PAGES
+    assert all(int(flown) <= int(of) for _, _, flown, of in rows)
+    for name in ("every_jet", "healthy_maneuver"):  # reading all takes long
+        spec = load_campaign(name)
+        flights = len(design(spec)) * math.prod(len(values) for values in spec.file.sweep.values())
+        assert [of for _, each, _, of in rows if each == name] == [str(flights)]
 
 
 def test_every_page_that_is_there_belongs_to_a_bundled_campaign(pages: ModuleType) -> None:
-    there = {path.stem for path in pages.PAGES.glob("*.md")} - {"index"}
-    assert there == set(bundled_campaigns())
+    there = {path.stem for path in pages.PAGES.glob("*.md")}
+    assert there == PAGES <= set(bundled_campaigns())
     for name in there:
         assert pages.MARK in (pages.PAGES / f"{name}.md").read_text(encoding="utf-8")

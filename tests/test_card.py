@@ -120,6 +120,16 @@ def test_a_row_counts_flights(card: ModuleType) -> None:
     assert shown["wrong"] == "33.3 (0.84 to 90.6)"  # of Clopper and Pearson
     assert shown["largest error, sigma"] == "7.0 [1; 1]"
     assert card.table.headline("{right} of {n}", [row, row]) == "33.3 (4.33 to 77.7) of 6"
+    assert card.table.brief_cells({"title": "x"}, row) == ["x", "1/3", "1", "0.50", "7.0", "1"]
+
+
+def test_the_page_is_that_of_the_flights_in_the_baseline(card: ModuleType) -> None:
+    content = card.load_card()
+    version, found = card.baseline(content)
+    written = (FOLDER.parent / "docs" / "card.md").read_text(encoding="utf-8")
+    if version.label in written:  # else it is of flights that are not kept
+        assert written == card.page(content, found, version, 0)
+    assert written.count("\n| ") == 1 + 1 + sum(title in written for title in content.groups) + len(found)
 
 
 def test_a_verdict_counts_with_its_first_reason(card: ModuleType) -> None:

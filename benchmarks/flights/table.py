@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -51,6 +52,16 @@ LEGEND = """
 - **misjudged**: share of runs called inconsistent where what the files state holds, and of those not called
   inconsistent, or for another first reason, where it does not.
 - **step**: processor time of a step of the estimator over every twentieth flight: mean; longest.
+"""
+
+BRIEF = ("flights", "right", "wrong", "named after, s", "largest error, sigma", "misjudged")
+BRIEF_LEGEND = """
+Numbers of flights. **Right**, of all: every failure that acted was named, payloads were announced once, wrong readings
+were said to be wrong, and nothing else was declared. **Wrong**: a jet was named that had not failed, a group without
+one that had, a payload or a false reading that there was not. In the rest something that acted was not declared, or in
+a group. **Named after**: median, from when a failure first acted. **Largest error** of all parameters and flights, in
+their own 1-sigma at the end. **Misjudged**: called inconsistent where what the files state holds, or not called so, or
+for another first reason, where it does not. By its 95 % interval, a share is at least {least}.
 """
 
 
@@ -286,6 +297,29 @@ def cells(spec: Mapping[str, Any], row: Row) -> list[str]:
         "-" if spec.get("verdict") == "either" else share(row.misjudged, row.n),
         "; ".join("-" if math.isnan(x) else f"{x:.2f}" for x in (mean_ms, longest_ms)),
     ]
+
+
+def brief_cells(spec: Mapping[str, Any], row: Row) -> list[str]:
+    """Formats the cells of a row, in the order of `BRIEF`."""
+    if not row.n:
+        return [spec["title"], "0/0", *["-"] * (len(BRIEF) - 2)]
+    right, wrong = (row.counts[OUTCOMES.index(outcome)] for outcome in ("right", "wrong"))
+    return [
+        spec["title"],
+        f"{right}/{row.n}",
+        str(wrong),
+        f"{np.median(row.delays_s):.2f}" if row.delays_s.size else "-",
+        f"{np.nanmax(np.abs(row.sigmas), initial=0.0):.1f}",
+        "-" if spec.get("verdict") == "either" else str(row.misjudged),
+    ]
+
+
+def brief_legend(rows: Iterable[Row]) -> str:
+    """Explains the columns of `BRIEF`, and what the usual numbers of flights can show."""
+    usual = Counter(row.n for row in rows if row.n).most_common(3)
+    lows = {n: float(binomtest(n, n).proportion_ci(0.95, "exact").low) for n, _ in usual}
+    least = ", ".join(f"{_short(100.0 * low)} % where {n}/{n} are right" for n, low in sorted(lows.items()))
+    return BRIEF_LEGEND.strip().replace("\n", " ").format(least=least)
 
 
 def headline(sentence: str, rows: Sequence[Row]) -> str:

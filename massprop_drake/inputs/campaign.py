@@ -54,7 +54,7 @@ class CampaignExecution(Model):
     """How the cases are computed; the engine changes no bit of a result."""
 
     engine: Literal["diagram", "loop"] | None = described(
-        None, "as of a scenario; null: loop, or diagram where the plant of base is continuous, which needs it"
+        None, "as of a scenario; null: loop, or diagram where the plant of base is continuous"
     )
     compiled: Flag = described(False, "as of a scenario")
 
@@ -72,8 +72,7 @@ class CampaignFile(Model):
     base: Text = described(..., "a bundled scenario, or a scenario's file relative to this one")
     records: Text | None = described(
         None,
-        "telemetry to estimate instead of simulating: files, relative to this one, as a pattern such as flights/*.csv; "
-        "base gives vehicle and settings",
+        "telemetry to estimate instead of simulating, a pattern such as flights/*.csv; base gives vehicle and settings",
     )
     cases: Whole | None = described(
         None, "number of cases of each cell; null: all there are, with grid or records", "-", ge=1, le=MOST_CASES
@@ -82,7 +81,7 @@ class CampaignFile(Model):
     method: Literal["random", "lhs", "sobol", "grid", "saltelli"] = described(
         "random",
         "random: independent draws; lhs: Latin hypercube; sobol: scrambled Sobol sequence; grid: every combination; "
-        "saltelli: pairs of Sobol points, from which the report computes Sobol indices",
+        "saltelli: pairs of Sobol points, for Sobol indices",
     )
     set: dict[str, Any] = described({}, "fields of the scenario that have one value in all cases, by dotted key")
     draw: dict[str, Any] = described(

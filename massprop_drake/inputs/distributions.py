@@ -137,8 +137,8 @@ class Normal(Distribution):
 
     mean: Real = described(0.0, "mean, before anything is cut off")
     std: Real = described(..., "1-sigma, before anything is cut off", gt=0.0)
-    low: Real | None = described(None, "no value below this; null: any")
-    high: Real | None = described(None, "no value above this; null: any")
+    low: Real | None = described(None, "no value beyond this; null: any")
+    high: Real | None = described(None, "no value beyond this; null: any")
 
     @model_validator(mode="after")
     def _ordered(self) -> Normal:
