@@ -31,7 +31,7 @@ class FiringTestMemory(NamedTuple):
     tests: int
 
     def __deepcopy__(self, _memo: Any) -> FiringTestMemory:
-        """Itself: a clone of a context shares what is never changed."""
+        """Returns itself: a clone of a context shares what is never changed."""
         return self
 
 
@@ -91,7 +91,7 @@ class FiringTestSystem(LeafSystem):
         return EventStatus.Succeeded()
 
     def _next(self, context: Any, memory: FiringTestMemory) -> FiringTestMemory:
-        """The state after a sample."""
+        """Computes the state after a sample."""
         settings, time_s = self._settings, context.get_time()
         covariance = self._covariance.Eval(context).reshape(10, 10)
         among = suspects(self._probability.Eval(context), settings) if settings.groups else ()
