@@ -53,7 +53,7 @@ def connect_estimation(
 def connect_wheels(
     builder: DiagramBuilder, vehicle: framework.Diagram, commander: System, scenario: Scenario
 ) -> list[System]:
-    """Connects a vehicle's wheels to the autopilot's torques, or to prescribed ones; returns what plays these."""
+    """Connects a vehicle's wheels to the autopilot's torques, or to prescribed ones; returns systems that play them."""
     if not scenario.vehicle_data.wheels:
         return []
     if commander.HasOutputPort("wheel_torque"):

@@ -174,7 +174,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             )
 
         def _declare_tanks(self, fill: Array) -> set[Any]:
-            """Declares what tanks need, for propellant at the start; returns what the structure depends on besides."""
+            """Declares state and events for tanks with initial propellant; returns the structure's dependencies."""
             self._drained = self.DeclareVectorInputPort("drained", fill.size)
             begun = np.concatenate((np.zeros(STRUCTURE.size), fill, [0.0]))
             self._running = self.DeclareDiscreteState(begun)
