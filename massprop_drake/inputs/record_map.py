@@ -372,7 +372,7 @@ class CommandMap(_Sampled):
 
     @property
     def is_timed(self) -> bool:
-        """Tests whether commands are on-times."""
+        """True if commands are on-times."""
         return self.columns is not None and self.threshold is None and is_of(self.unit, "time")
 
     @property
