@@ -42,7 +42,7 @@ _OUTCOMES = ("named", "group", "wrong", "missed", "not_tested", "never_acted")
 
 
 class Group(NamedTuple):
-    """Rows of a table's line.
+    """Rows of cases in one line of a table.
 
     Attributes:
         labels: of the line, one for each heading.
@@ -57,7 +57,7 @@ class Group(NamedTuple):
 
 
 def median(values: Sequence[float]) -> Figure:
-    """A median with its distribution-free interval, by order statistics."""
+    """Computes a median with its distribution-free interval, by order statistics."""
     x = np.sort(np.asarray(values, dtype=float))
     if not x.size:
         return Figure(math.nan, math.nan, math.nan, 0)
@@ -67,7 +67,7 @@ def median(values: Sequence[float]) -> Figure:
 
 
 def _error(row: Row, names: Sequence[str], suffix: str, *, relative: bool) -> float:
-    """Largest relative error of some parameters, %, or the length of their error's vector; NaN where unknown."""
+    """Computes the largest relative error of some parameters, %, or their error's length; NaN where unknown."""
     errors = [row[f"error{suffix}.{name}"] for name in names]
     if any(error is None for error in errors):
         return math.nan
@@ -77,7 +77,7 @@ def _error(row: Row, names: Sequence[str], suffix: str, *, relative: bool) -> fl
 
 
 def error_median(names: Sequence[str], suffix: str, *, relative: bool = True) -> Measure:
-    """The measure of `_error` over cases."""
+    """Makes the measure of `_error` over cases."""
 
     def measured(rows: Sequence[Row]) -> Figure:
         errors = [_error(row, names, suffix, relative=relative) for row in flown(rows)]
@@ -87,12 +87,12 @@ def error_median(names: Sequence[str], suffix: str, *, relative: bool = True) ->
 
 
 def named(name: str) -> Measure:
-    """A figure of `merit.figures`."""
+    """Makes the measure of a figure of `merit.figures`."""
     return lambda rows: merit.figures(rows)[name]
 
 
 def shown(figure: Figure, unit: str) -> str:
-    """A figure with its interval and n."""
+    """Formats a figure with its interval and n."""
     if not math.isfinite(figure.value):
         return "-"
     factor = 100.0 if unit == "share" else 1.0
@@ -103,7 +103,7 @@ def shown(figure: Figure, unit: str) -> str:
 
 
 def estimates(suffix: str, length: str) -> dict[str, tuple[str, Measure]]:
-    """Columns about estimates: unit and measure by heading."""
+    """Returns columns about estimates: unit and measure by heading."""
     return {
         "inverse inertia, %": ("", error_median(("Ixx_inv", "Iyy_inv", "Izz_inv"), suffix)),
         f"center of mass, {length}": ("", error_median(("x_cm", "y_cm", "z_cm"), suffix, relative=False)),
@@ -140,13 +140,13 @@ FAILURES = {
 
 
 def table(headings: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
-    """A table in Markdown."""
+    """Formats a table in Markdown."""
     rows = [headings, ["---"] * len(headings), *lines]
     return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows)
 
 
 def figures_table(headings: Sequence[str], groups: Sequence[Group], columns: Mapping[str, tuple[str, Measure]]) -> str:
-    """A line for each group, a column for each measure; columns without any number are left out."""
+    """Makes a line for each group, a column for each measure; columns without any number are left out."""
     cells = {name: [shown(measure(group.rows), unit) for group in groups] for name, (unit, measure) in columns.items()}
     cells = {name: column for name, column in cells.items() if set(column) != {"-"}}
     if not cells:
@@ -156,7 +156,7 @@ def figures_table(headings: Sequence[str], groups: Sequence[Group], columns: Map
 
 
 def outcomes_table(headings: Sequence[str], groups: Sequence[Group]) -> str:
-    """How the failures of each group ended, and how soon they were found."""
+    """Makes a table of the outcomes of each group's failures, and how soon they were found."""
     lines = []
     for group in groups:
         found = [one["outcome"] for row in flown(group.rows) for one in row["injected"]]
@@ -169,7 +169,7 @@ def outcomes_table(headings: Sequence[str], groups: Sequence[Group]) -> str:
 
 
 def sized(rows: Sequence[Row], campaign: Campaign, cases: Sequence[PlannedCase]) -> list[dict[str, Any]]:
-    """Cases with the planned size of each failure: the force of a leak, what a degraded jet lacks, lbf or N."""
+    """Returns cases with the planned size of each failure: the force of a leak, or a degraded jet's loss, lbf or N."""
     base = campaign.spec.base
     thrusts = {jet.designation: jet.thrust for jet in base.vehicle_data.jets}
     usual = base.model_dump(mode="json", include={"failures"})["failures"]
@@ -189,7 +189,7 @@ def sized(rows: Sequence[Row], campaign: Campaign, cases: Sequence[PlannedCase])
 
 
 def by_failure(group: Group, force: str) -> list[Group]:
-    """Failures by kind and size; in each row that is returned, those of one kind and size are left."""
+    """Groups failures by kind and size; in each row that is returned, those of one kind and size are left."""
     ones = [one for row in flown(group.rows) for one in row["injected"]]
     binned = len({one["size"] for one in ones} - {None}) > _FEW
 
@@ -210,7 +210,7 @@ def by_failure(group: Group, force: str) -> list[Group]:
 
 
 def by_order(group: Group) -> list[Group]:
-    """Failures by their order in the flight."""
+    """Groups failures by their order in the flight."""
     most = max((len(row["injected"]) for row in flown(group.rows)), default=0)
     return [
         Group((*group.labels, str(place + 1)), _only(group.rows, lambda index, _, place=place: index == place))  # type: ignore[misc]
@@ -219,7 +219,7 @@ def by_order(group: Group) -> list[Group]:
 
 
 def _only(rows: Sequence[Row], wanted: Callable[[int, Mapping[str, Any]], bool]) -> list[Row]:
-    """Cases with some of their failures alone; those that have none left are left out."""
+    """Returns cases with some of their failures alone; those that have none left are left out."""
     kept = [
         {**row, "injected": [one for index, one in enumerate(row["injected"]) if wanted(index, one)]}
         for row in flown(rows)
@@ -228,7 +228,7 @@ def _only(rows: Sequence[Row], wanted: Callable[[int, Mapping[str, Any]], bool])
 
 
 def outcome_matrix(rows: Sequence[Row], force: str) -> str:
-    """What became of every jet's failures, where each case is a jet and a failure of its own; else nothing."""
+    """Makes a table of outcomes by jet and failure, where each case is one of its own; else nothing."""
     cells: dict[tuple[str, str], str] = {}
     for row in flown(rows):
         if len(row["injected"]) != 1:
@@ -248,7 +248,7 @@ def outcome_matrix(rows: Sequence[Row], force: str) -> str:
 
 
 def by_draw(rows: Sequence[Row], values: Mapping[int, float]) -> list[Group]:
-    """Cells by a drawn number, as many in each bin."""
+    """Groups cells by a drawn number, as many in each bin."""
     inner = np.quantile(list(values.values()), np.linspace(0.0, 1.0, _BINS + 1)[1:-1])
     edges = [min(values.values()), *inner.tolist(), max(values.values())]
     place = {case: int(np.searchsorted(inner, value, side="right")) for case, value in values.items()}
@@ -262,7 +262,7 @@ def by_draw(rows: Sequence[Row], values: Mapping[int, float]) -> list[Group]:
 
 
 def results(folder: Path) -> tuple[Campaign, str]:
-    """The generated part of a campaign's page.
+    """Makes the generated part of a campaign's page.
 
     Raises:
         InputError: when the folder holds no campaign, or nothing has been flown.
@@ -316,7 +316,7 @@ def results(folder: Path) -> tuple[Campaign, str]:
 
 
 def updated(page: str, text: str) -> str:
-    """A page with its generated part replaced.
+    """Returns a page with its generated part replaced.
 
     Raises:
         ValueError: when the page has no mark.

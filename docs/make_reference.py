@@ -38,7 +38,7 @@ _LONG = 12  # characters of a number beyond which its page shows six digits
 
 
 def updated(text: str, tables: str) -> str:
-    """A page's text with its tables made anew.
+    """Returns a page's text with its tables replaced.
 
     Args:
         text: of the page; what stands before `MARK` is kept.
@@ -54,7 +54,7 @@ def updated(text: str, tables: str) -> str:
 
 
 def reference(found: Sequence[Key]) -> str:
-    """A table of keys for the file itself, then one for each mapping in it, in Markdown."""
+    """Makes a table of keys for the file itself, then one for each mapping in it, in Markdown."""
     shown = [key for key in found if not key.name.startswith("vehicle.")]  # a scenario's: on a page of its own
     meanings = {key.name: key.meaning for key in shown}
     groups: dict[str, list[Key]] = {}
@@ -69,7 +69,7 @@ def reference(found: Sequence[Key]) -> str:
 
 
 def _parent(name: str) -> str:
-    """The mapping that a key stands in; what is in parentheses may have dots of its own."""
+    """Returns the mapping that a key stands in; what is in parentheses may have dots of its own."""
     head, _, inside = name.partition(" (")
     return head if inside.endswith(")") and "." in inside else name.rpartition(".")[0]
 
@@ -85,12 +85,12 @@ def _cells(key: Key) -> tuple[str, ...]:
 
 
 def _escaped(text: str) -> str:
-    """Text with what Markdown's tables would take as marks."""
+    """Escapes what Markdown's tables would take as marks."""
     return text.replace("|", "\\|").replace("<", "\\<")
 
 
 def _default(key: Key) -> str:
-    """A default as it is written in a file; angles in degrees too."""
+    """Formats a default as it is written in a file; angles in degrees too."""
     if key.default in ("required", "see below"):
         return key.default
     if key.type != "number" or len(key.default) < _LONG:
@@ -101,13 +101,13 @@ def _default(key: Key) -> str:
 
 
 def ports() -> str:
-    """A table of the ports whose elements have names, in Markdown."""
+    """Makes a table of the ports whose elements have names, in Markdown."""
     rows = [("port", "elements"), ("---", "---"), *((f"`{port}`", _elements_of(port)) for port in PORTS)]
     return "\n".join("| " + " | ".join(cells) + " |" for cells in rows) + "\n"
 
 
 def _elements_of(port: str) -> str:
-    """The names of a port's elements, field by field."""
+    """Returns the names of a port's elements, field by field."""
     return ", ".join(_shortened([_named(part) for part in of_field]) for of_field in elements(port).values())
 
 
@@ -116,12 +116,12 @@ def _named(part: Sequence[str]) -> str:
 
 
 def _shortened(names: Sequence[str]) -> str:
-    """Names of a field; of many the first two and the last."""
+    """Returns names of a field; of many the first two and the last."""
     return ", ".join(names if len(names) <= _MOST else [*names[:2], "...", names[-1]])
 
 
 def told(text: str, defaults: Mapping[str, str]) -> str:
-    """A page's text with the defaults that its prose tells.
+    """Returns a page's text with the defaults that its prose tells replaced.
 
     Args:
         text: of the page.
@@ -137,17 +137,17 @@ def told(text: str, defaults: Mapping[str, str]) -> str:
 
 
 def tables() -> dict[str, str]:
-    """The tables by page, in Markdown."""
+    """Makes the tables by page, in Markdown."""
     return {page: reference(found()) for page, found in KEYS.items()} | {"reference/ports.md": ports()}
 
 
 def all_defaults() -> dict[str, str]:
-    """The defaults of a vehicle's and a scenario's keys, as they are written."""
+    """Returns the defaults of a vehicle's and a scenario's keys, as they are written."""
     return {key.name: _default(key) for key in (*keys(Vehicle), *keys(Scenario))}
 
 
 def pages() -> list[Path]:
-    """All pages, and the README."""
+    """Returns all pages, and the README."""
     return [*sorted(DOCS.rglob("*.md")), DOCS.parent / "README.md"]
 
 

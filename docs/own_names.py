@@ -1,4 +1,4 @@
-"""Names of types that several modules have, such as `Bank`: each is that of the module where it is written."""
+"""Resolution of names of types that several modules have, such as `Bank`, to the module where they are written."""
 
 from __future__ import annotations
 
