@@ -105,7 +105,7 @@ def load_card() -> Card:
 
 
 def case(card: Card, kind: str, number: int) -> Case:
-    """Identifies a flight by what it is drawn from."""
+    """Identifies a flight by its kind, draw and number."""
     spec = card.kinds[kind]
     drawn = [spec["draw"], spec.get("with", {}), spec.get("stream", kind), spec.get("hours", False), kind, number]
     digest = hashlib.sha256(json.dumps(drawn, sort_keys=True).encode()).digest()
@@ -268,7 +268,7 @@ def write_baseline(version: Version, cases: Sequence[Case]) -> None:
 
 
 def main() -> None:
-    """Flies what is missing, and prints or writes the table."""
+    """Flies missing flights, and prints or writes the table."""
     card = load_card()
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--kinds", nargs="+", choices=list(card.kinds), metavar="KIND", help=", ".join(card.kinds))

@@ -121,7 +121,7 @@ def _shortened(names: Sequence[str]) -> str:
 
 
 def told(text: str, defaults: Mapping[str, str]) -> str:
-    """Returns a page's text with the defaults that its prose tells replaced.
+    """Returns a page's text with the defaults in its prose replaced.
 
     Args:
         text: of the page.

@@ -10,7 +10,7 @@ from sphinx.transforms.post_transforms import SphinxPostTransform
 
 
 class OwnNames(SphinxPostTransform):
-    """Gives a reference to a bare name the module that the name is from, before Sphinx looks for it anywhere."""
+    """Resolves a reference to a bare name to the module that the name is from, before Sphinx looks for it anywhere."""
 
     default_priority = 5  # before references are resolved
 

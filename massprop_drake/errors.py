@@ -1,4 +1,4 @@
-"""The error that tells users what is wrong with their input, and the words its messages share."""
+"""Error that says what is wrong with a user's input, and words that its messages share."""
 
 from __future__ import annotations
 

@@ -105,7 +105,7 @@ def ten_minutes(random: Random, number: int) -> Flight:
 
 
 def hours(random: Random, number: int) -> Flight:
-    """Draws six healthy hours with the sample maneuver every ten minutes, told of propellant in turn."""
+    """Draws six healthy hours, the sample maneuver every ten minutes; odd ones with `joint.tank_fraction` null."""
     program = [window.model_dump() for window in load_scenario("orbiter_maneuver").maneuver]
     late = [
         {**one, "start_s": one["start_s"] + begin, "end_s": one["end_s"] + begin}

@@ -446,7 +446,7 @@ def _drawn_jets(random: np.random.Generator, sides: Array, planar: bool) -> list
 def drawn_flight(
     seed: int, *, vehicle: str, seconds: float, departures: Mapping[str, Any], told: Mapping[str, float], walk: float
 ) -> tuple[Vehicle, TrackedFlight]:
-    """Draws a flight, and the vehicle file that its estimator is told.
+    """Draws a flight, and the vehicle file for its estimator.
 
     Args:
         seed: of every draw.

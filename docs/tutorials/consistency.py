@@ -40,7 +40,7 @@ def nis(run, name):
 
 
 def nees(run):
-    """Computes the squared error at the end in units of its covariance: nine parameters, and 1/m."""
+    """Computes the final squared error in units of its covariance: nine parameters, and 1/m."""
     error = run["estimate"][-1] - run["truth"][-1]
     # elements lie 20 powers of ten apart: solve in units of 1-sigma
     scale = np.sqrt(run.covariance.diagonal())

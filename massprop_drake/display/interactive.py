@@ -136,7 +136,7 @@ class _Lists:
         self._places: dict[tuple[float | None, ...], int | list[Any]] = {}
 
     def place(self, values: list[float | None], *, mirrored: bool) -> int | list[Any]:
-        """Keeps a list, and returns its number; or that of another one with what is to be done to its values.
+        """Keeps a list, and returns its number; or that of another one with the operation on its values.
 
         Args:
             values: the list.

@@ -146,6 +146,6 @@ def _handler(page: bytes, live: Live) -> type[BaseHTTPRequestHandler]:
             self.end_headers()
 
         def log_message(self, *_: Any) -> None:
-            """Says nothing on the terminal."""
+            """Suppresses messages on the terminal."""
 
     return Handler

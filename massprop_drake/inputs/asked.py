@@ -195,7 +195,7 @@ class Suspicion(NamedTuple):
 
 
 def suspicion(suspects: Sequence[str], force: str, vehicle: Vehicle, fires: NDArray[np.int_]) -> Suspicion:
-    """Reads suspects: one is to be told from every other jet, several from each other.
+    """Reads suspects: one is to be distinguished from every other jet, several from each other.
 
     Args:
         suspects: designations.

@@ -223,7 +223,7 @@ KINDS: Mapping[str, type[Distribution]] = {
 
 
 def distribution_in(value: Any) -> tuple[str, Any] | None:
-    """Tells a distribution from other data: its tag and its parameters, or None.
+    """Recognizes a distribution in other data: its tag and its parameters, or None.
 
     Raises:
         ValueError: when it looks like a distribution and has a tag that is none.

@@ -465,7 +465,7 @@ def _short(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
 
 
 def _noise(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
-    """Finds process noise that is not small beside what it is added to."""
+    """Finds process noise that is not small beside the quantity that it is added to."""
     sizes = initial_standard_deviation(vehicle.nominal.vector(), 1.0, vehicle.center_of_mass_floor)
     for index, (std, size) in enumerate(zip(scenario.process_noise_std, sizes, strict=True)):
         path: FieldPath = ("rotation", "process_noise_std", index) if index < 9 else ("mass", "process_noise_std")

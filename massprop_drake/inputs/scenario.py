@@ -154,7 +154,7 @@ class EngineFailureBlock(Model):
 
 
 class DisturbanceBlock(Model):
-    """A torque and a force that nobody commands, body axes: a mean, and a first-order Gauss-Markov process about it."""
+    """Uncommanded torque and force, body axes: a mean, and a first-order Gauss-Markov process about it."""
 
     torque: Vector3 = described(
         (0.0, 0.0, 0.0), "mean torque about the center of mass", "ft-lbf | N-m", span=plausible.OUTSIDE_TORQUE

@@ -678,7 +678,7 @@ def _each_axis(value: Any) -> Any:
 
 
 class Disturbance(Model):
-    """A torque and a force, body axes, that nobody commands and that change slowly: drag, solar pressure, venting.
+    """Uncommanded torque and force, body axes, that change slowly: drag, solar pressure, venting.
 
     Each component is a first-order Gauss-Markov process, estimated along with the mass properties.
     """
@@ -975,7 +975,7 @@ class Vehicle(Model):
 
     @property
     def opens_at(self) -> Place | None:
-        """Place of an on-time in its sample where no onset is told; None: commands are levels."""
+        """Place of an on-time in its sample where no onset is given; None: commands are levels."""
         return self.jet_commands.at if self.has_on_times else None
 
     @cached_property

@@ -156,7 +156,7 @@ class _Walk:
         self.renamed: dict[str, str] = {}
 
     def through(self, node: Node, path: FieldPath) -> None:
-        """Walks through a part and what is in it."""
+        """Walks through a part and its content."""
         self.lines.setdefault(path, node.start_mark.line + 1)
         if isinstance(node, MappingNode):
             for key, value in node.value:

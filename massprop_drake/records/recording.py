@@ -228,7 +228,7 @@ _MAPS = "'massprop map' proposes one, and 'massprop estimate --map' takes it"
 
 
 def open_recording(path: str | Path, by: RecordMap | None = None, rows: int | None = None) -> Recording:
-    """Reads a file of any kind that is known, told by its ending.
+    """Reads a file of any known kind, recognized by its ending.
 
     Args:
         path: of a CSV, Parquet, .mat, ULog (.ulg), ROS 1 (.bag), ROS 2 (folder, .db3) or MCAP (.mcap) file.
@@ -264,7 +264,7 @@ def open_recording(path: str | Path, by: RecordMap | None = None, rows: int | No
 
 
 def require_table(path: str | Path) -> None:
-    """Requires that a record can be read without a map, as far as its name tells.
+    """Requires that a record can be read without a map, by its name.
 
     Raises:
         InputError: for a file of another program's, which says what it is and, where it is damaged, how.

@@ -339,7 +339,7 @@ def _fitted(
 
 
 def _gain(normal: Equations, places: list[int]) -> float:
-    """Computes the misfit that some unknowns explain together; zero where they cannot be told apart."""
+    """Computes the misfit that some unknowns explain together; zero where they are not separable."""
     chosen = np.array(places)
     information, score = normal.information[np.ix_(chosen, chosen)], normal.score[chosen]
     scale = np.sqrt(information.diagonal())

@@ -227,7 +227,7 @@ class Tally:
 
     @property
     def mean(self) -> float | None:
-        """Sum of the NIS over its expectation, per three components; None without a sample that tells anything."""
+        """Sum of the NIS over its expectation, per three components; None without informative samples."""
         return self._sum / self._expected if self._expected else None
 
     @property

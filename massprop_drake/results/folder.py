@@ -57,7 +57,7 @@ class Place(NamedTuple):
 
 
 def require_writable(target: Path, *, force: bool = False, reads: Iterable[str | Path] = ()) -> Place:
-    """Checks, before any work is done, that a folder can be written, and notes what is there.
+    """Checks, before any work is done, that a folder can be written, and notes its content.
 
     What killed processes have left beside it is brought back or removed.
 

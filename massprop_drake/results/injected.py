@@ -75,7 +75,7 @@ class InjectedRecord(NamedTuple):
 
     @property
     def good(self) -> bool | None:
-        """True if it was found as what it is; None where nothing could be found."""
+        """True if it was found as what it truly is; None where nothing could be found."""
         return None if self.outcome == "never_acted" else self.outcome in FOUND
 
 

@@ -97,7 +97,7 @@ def read(folder: Path) -> Manifest | None:
 
 
 def foreign(folder: Path, manifest: Manifest | None) -> Iterator[str]:
-    """Names what is in a folder that is not in its manifest, or differs from it."""
+    """Names entries of a folder that are not in its manifest, or differ from it."""
     for name, path in _walk(folder):
         if manifest is not None and name == NAME:
             continue

@@ -225,7 +225,7 @@ def _notes(vehicle: Vehicle) -> list[str]:
 
 
 def _vector(direction: Array) -> str:
-    """Writes a unit vector, largest element positive, by its axis where it lies along one."""
+    """Formats a unit vector, largest element positive, by its axis where it lies along one."""
     direction = direction * np.sign(direction[np.abs(direction).argmax()])
     axis = int(direction.argmax())
     if direction[axis] > 1.0 - 1e-9:

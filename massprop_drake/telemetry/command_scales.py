@@ -1,4 +1,4 @@
-"""Scales of logged commands: fractions, percent and on-times are told apart by what they reach."""
+"""Scales of logged commands: fractions, percent and on-times are recognized by their largest values."""
 
 from __future__ import annotations
 

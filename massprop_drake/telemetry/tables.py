@@ -211,7 +211,7 @@ class Table(Protocol):
 
 
 def open_table(path: Path, *, rows_per_block: int = 1024) -> Table:
-    """Opens a CSV file, or a Parquet file, told by its ending `.parquet` or `.pq`.
+    """Opens a CSV file, or a Parquet file, recognized by its ending `.parquet` or `.pq`.
 
     Raises:
         InputError: when it is missing, a folder, unreadable, no such table, or named by what is no text, which no
@@ -235,7 +235,7 @@ def open_table(path: Path, *, rows_per_block: int = 1024) -> Table:
 
 
 def require_file(path: Path) -> None:
-    """Requires that what is at a path is a file or a folder: a pipe may never begin, and a device never end.
+    """Requires that a path is a file or a folder: a pipe may never begin, and a device never end.
 
     Raises:
         InputError: when it is there, and neither.

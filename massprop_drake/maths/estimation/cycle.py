@@ -156,7 +156,7 @@ def measure(state: EstimationState, sample: Sample, params: EstimationParams) ->
 
 
 def told_of(sample: Sample) -> Told:
-    """Collects commands and whatever else a sample tells a filter with a thrust model of its own."""
+    """Collects commands and other data of a sample for a filter with a thrust model of its own."""
     stamp_s = sample.time_s if sample.stamp_s is None else sample.stamp_s
     outside = _NOTHING_OUTSIDE if sample.outside_wrench is None else sample.outside_wrench
     onsets_s = sample.onset_s, sample.coming_onset_s

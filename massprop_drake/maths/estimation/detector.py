@@ -95,7 +95,7 @@ class KnownForce(NamedTuple):
 
     @property
     def acts(self) -> bool:
-        """True if the force has any effect on the sample: a jet stuck on gives no more when it is told to fire."""
+        """True if the force has any effect on the sample: a jet stuck on gives no more when it is commanded."""
         return self is not NO_KNOWN_FORCE and bool(self.wrench.any() or self.translation_spread.any())
 
 

@@ -2053,7 +2053,7 @@ def least_deviation(
     model: Model,
     information: Array | None = None,
 ) -> Array:
-    """Computes least 1-sigmas of the ten parameters, rounding taken as noise, NaN where it cannot be told, shape (10,).
+    """Computes least 1-sigmas of the ten parameters, rounding taken as noise, NaN where unknown, shape (10,).
 
     What changes with propellant that is used does so half before and half after what each part of a stretch shows, and
     parts are made shorter until it makes no difference.

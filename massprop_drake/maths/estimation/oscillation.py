@@ -65,7 +65,7 @@ class _Part(NamedTuple):
 
 
 class _Linearized(NamedTuple):
-    """All stretches about the fit, and their normal equations in units of what is known beforehand."""
+    """All stretches about the fit, and their normal equations in units of the prior."""
 
     parts: list[_Part]  # with derivatives by what is fitted, each in units of its 1-sigma
     size: int  # n, of all unknowns

@@ -179,7 +179,7 @@ def _doubt(course: FollowedCourse, before_it: Known, params: JointParams) -> Arr
 
 
 def _variances(before: JointState, end: bound.IntervalEnd, params: JointParams) -> Array:
-    """Computes variances of the readings, shape (m,): a rounded one without noise tells only when it changes."""
+    """Computes variances of the readings, shape (m,): a rounded one without noise is new only when it changes."""
     moved = outputs(end.mean, before.reference, end.spin, params)[0]
     moved -= outputs(before.mean, before.reference, before.spin, params)[0]
     changes = np.where(params.dithered > 0.0, 1.0, np.abs(moved) / np.maximum(params.cells, _TINY))

@@ -99,7 +99,7 @@ def _by_sample(plan: Plan, task: Task) -> tuple[list[FlownAction], list[float]]:
 
 
 def _told_s(rows: Sequence[FlownAction], task: Task, aims: Aims, n: int) -> tuple[Array, list[float | None]]:
-    """Computes 1-sigma of each combination by sample, and when each pair is told apart, s after the lead.
+    """Computes 1-sigma of each combination by sample, and when each pair is separable, s after the lead.
 
     Args:
         rows: see `_by_sample`.
@@ -116,7 +116,7 @@ def _told_s(rows: Sequence[FlownAction], task: Task, aims: Aims, n: int) -> tupl
 
 
 def _named_s(rows: list[FlownAction], task: Task, n: int) -> dict[int, float | None]:
-    """Computes when each suspect is named, told from every other jet whether it leaks or misses, s after the lead.
+    """Computes when each suspect is named, separable from every other jet whether it leaks or misses, s after the lead.
 
     Nothing fires after the maneuver, for as long as flights are listened to.
     """

@@ -36,7 +36,7 @@ class FiringTestMemory(NamedTuple):
 
 
 class FiringTestSystem(LeafSystem):
-    """Asks for the firings that tell which jet of a group fails, or that make mass properties known.
+    """Requests the firings that show which jet of a group fails, or that make mass properties known.
 
     Dual control in its simplest form: when a question has stood for a while, a maneuver is designed from what the
     estimators say, as `massprop design` does before a flight, and flown until the question is answered; if it stands

@@ -22,7 +22,7 @@ class Mode(IntEnum):
 
 
 class Word(IntEnum):
-    """Kind of declaration about a jet; the first two also serve for a group that is not told apart."""
+    """Kind of declaration about a jet; the first two also serve for a group of indistinguishable jets."""
 
     FAILED = 1
     GROUP = 2  # one of these has failed

@@ -66,7 +66,7 @@ def initial(params: Params) -> State:
 
 
 def judge(state: State, evidence: JointEvidence, params: Params) -> Judgment:
-    """Advances the hypotheses by a sample, and declares what is sure.
+    """Advances the hypotheses by a sample, and declares events that are certain enough.
 
     Args:
         state: of the cycle before.

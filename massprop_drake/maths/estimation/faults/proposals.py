@@ -89,7 +89,7 @@ class Rest(NamedTuple):
     than: tuple[Event, ...] | None
 
     def lead(self, leads: Leads) -> float:
-        """Log weight to first order over that of the likeliest hypothesis, nats; see `Leads`."""
+        """Computes the log weight to first order over that of the likeliest hypothesis, nats; see `Leads`."""
         return self.ahead if self.than is None else self.ahead + leads.get(self.than, -math.inf)
 
 
@@ -113,7 +113,7 @@ class Birth(NamedTuple):
     origin: object = None
 
     def lead(self, leads: Leads) -> float:
-        """Log weight to first order over that of the likeliest hypothesis, nats; see `Leads`."""
+        """Computes the log weight to first order over that of the likeliest hypothesis, nats; see `Leads`."""
         return Rest(self.ahead, self.than).lead(leads)
 
 

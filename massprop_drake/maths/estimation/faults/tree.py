@@ -1,4 +1,4 @@
-"""Tree of hypotheses: each sample advances it, and what is unlikely is pruned.
+"""Tree of hypotheses: each sample advances it, and unlikely ones are pruned.
 
 advance   steps every hypothesis and adds the log likelihood of what its filter takes in
 propose   opens what may have happened instead where a likely one does not explain its readings (`proposals`)
@@ -92,7 +92,7 @@ class Tree(NamedTuple):
         return self.hypotheses[0]
 
     def next_state(self, params: Params) -> JointState:
-        """State from which the filter makes the next cycle."""
+        """Returns the state from which the filter makes the next cycle."""
         return readied(self.leader, self.samples[-1][1], params.joint) if self.samples else self.leader.run.state
 
 

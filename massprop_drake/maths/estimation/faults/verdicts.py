@@ -304,7 +304,7 @@ def _grouped(
 
 
 def _apart(ways: list[Way], forces: list[float], tree: Tree, params: JointParams) -> Apart:
-    """Finds how the jets of a group could be told apart, by the screen of an alarm that still exists."""
+    """Finds how to separate the jets of a group, by the screen of an alarm that still exists."""
     alarm = next((each.watch.alarm for each in tree.hypotheses if each.watch and each.watch.alarm), None)
     if alarm is None:
         return Apart()

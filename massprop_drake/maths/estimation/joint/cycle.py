@@ -286,7 +286,7 @@ def initial(params: JointParams) -> JointState:
 
 
 def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
-    """Returns the state after the first sample, or after a gap: rate, gathered velocity and attitude are what is read.
+    """Returns the state after the first sample, or after a gap: rate, gathered velocity and attitude as read.
 
     They are uncorrelated with the rest, but that with a gyro bias the rate's error is that of the reading less the
     bias, and that the rate from which the turning of accelerometers is counted has the error of that rate: what they

@@ -111,7 +111,7 @@ class Cause(NamedTuple):
 
     @property
     def key(self) -> frozenset[tuple[int, int]] | tuple[Kind, int]:
-        """Key that tells a cause from others: a jet that leaks and one that is stuck on are the same."""
+        """Key that distinguishes causes: a jet that leaks and one that is stuck on have the same."""
         return self.failures or self.part
 
 
@@ -411,7 +411,7 @@ def restless(state: JointState, erratic: np.ndarray, params: JointParams) -> Joi
 
 
 def pushed(state: JointState, push: float, over: Link, params: JointParams) -> JointState:
-    """Adds what something unknown may have given over an interval, independent of what it gave before.
+    """Adds the uncertain impulse of an unknown push over an interval, independent of earlier ones.
 
     Args:
         state: before the interval.

@@ -381,7 +381,7 @@ class Stamped(NamedTuple):
 
 @kernel
 def stamped(state: JointState, timing: Timing, params: JointParams) -> tuple[JointState, Stamped]:
-    """Updates the state before an interval by the stamp at its end, which tells of the ticks.
+    """Updates the state before an interval by the stamp at its end, which measures the ticks.
 
     Args:
         state: before.

@@ -85,7 +85,7 @@ def spread(anything: Directions) -> Array:
 
 @kernel
 def indifferent(rate_rows: Array, velocity_rows: Array, anything: Directions) -> tuple[Array, Array]:
-    """Removes from derivatives of the changes of w and c by parameters what lies along the directions.
+    """Removes the components along the directions from derivatives of the changes of w and c by parameters.
 
     Args:
         rate_rows, velocity_rows: of all, shape (3, size) each.

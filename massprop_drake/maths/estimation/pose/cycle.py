@@ -334,7 +334,7 @@ def noisier(beside: Compared, scale: float) -> Compared:
 
 
 def _cannot_tell(shown: Array, beside: Compared, tells: float) -> bool:
-    """Tests whether a pose cannot be told from a poor one, the vehicle's place being less known, see `Poses.tells`."""
+    """Tests whether a pose is indistinguishable from a poor one, the position being uncertain, see `Poses.tells`."""
     return bool((shown.diagonal() > tells * beside.variance[0].diagonal())[beside.poses].any())
 
 

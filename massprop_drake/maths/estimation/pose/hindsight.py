@@ -128,7 +128,7 @@ def state_of(at: Array, params: PoseParams) -> Array:
 
 
 def derivatives(at: Array, params: PoseParams) -> Array:
-    """Computes derivatives of the state by the unknowns, shape (size, size); zero for what is none."""
+    """Computes derivatives of the state by the unknowns, shape (size, size); zero for other elements."""
     parts, result = params.parts, np.diag(unknown(params.parts).astype(float))
     reciprocal, mass = float(at[parts.common.start]), params.nominal_mass
     result[parts.thrust, parts.thrust] *= reciprocal * mass
