@@ -37,7 +37,7 @@ CASES = {
 
 
 class Result(NamedTuple):
-    """What one run leaves for the table."""
+    """Results of one run for the table."""
 
     percent: Array  # errors, %, shape (10,)
     sigmas: Array  # errors over their 1-sigma, shape (10,)
@@ -119,7 +119,7 @@ def report(title: str, results: list[Result]) -> None:
 
 
 def main() -> None:
-    """Prints a table a case, then the count of inconsistent runs over many seeds."""
+    """Prints a table for each case, then the count of inconsistent runs over many seeds."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--many", type=int, default=100)

@@ -1,4 +1,4 @@
-"""What a campaign costs besides its cases: CPU time of two workers against one, and the driver's memory.
+"""Cost of a campaign besides its cases: CPU time of two workers against one, and the driver's memory.
 
     python benchmarks/campaign.py [--flights 60] [--cases 10000]
 
@@ -31,7 +31,7 @@ draw:
 
 
 def campaign(folder: Path, cases: int, duration_s: float) -> Campaign:
-    """The campaign of some cases."""
+    """Makes the campaign of some cases."""
     path = folder / "benchmark.yaml"
     path.write_text(STUDY.format(cases=cases, duration_s=duration_s))
     return Campaign.load(path)
@@ -75,7 +75,7 @@ def memory(folder: Path, cases: int) -> None:
 
 
 def main() -> None:
-    """Measures both."""
+    """Measures efficiency and memory."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--flights", type=int, default=60)
     parser.add_argument("--cases", type=int, default=10_000)

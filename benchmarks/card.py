@@ -1,4 +1,4 @@
-"""The card: what the estimator is worth, kind of flight by kind of flight, in one table.
+"""Card: performance of the estimator, kind of flight by kind of flight, in one table.
 
     python benchmarks/card.py [--kinds KIND ...] [--quick] [--first N] [--against COMMIT] [--write docs | baseline]
     python benchmarks/card.py --flight KIND NUMBER
@@ -57,7 +57,7 @@ _COLUMNS = pa.schema(
 
 
 class Case(NamedTuple):
-    """One flight of the card.
+    """Flight of the card.
 
     Attributes:
         case_id: number of its own, from all that it is drawn from.
@@ -71,7 +71,7 @@ class Case(NamedTuple):
 
 
 class Version(NamedTuple):
-    """The code that flies.
+    """Version of the code that flies.
 
     Attributes:
         package: folder that holds the package.
@@ -107,7 +107,7 @@ def load_card() -> Card:
 
 
 def case(card: Card, kind: str, number: int) -> Case:
-    """Identifies a flight by what it is drawn from."""
+    """Identifies a flight by its kind, draw and number."""
     spec = card.kinds[kind]
     drawn = [spec["draw"], spec.get("with", {}), spec.get("stream", kind), spec.get("hours", False), kind, number]
     digest = hashlib.sha256(json.dumps(drawn, sort_keys=True).encode()).digest()
@@ -115,7 +115,7 @@ def case(card: Card, kind: str, number: int) -> Case:
 
 
 def here(compiled: bool) -> Version:
-    """The package beside this folder."""
+    """Returns the package beside this folder."""
     try:
         changed = _git("status", "--porcelain", "--", *_PACKAGE)
         label = _git("rev-parse", "--short=12", "HEAD") + (" with changes" if changed else "")
@@ -125,7 +125,7 @@ def here(compiled: bool) -> Version:
 
 
 def of_commit(commit: str, compiled: bool) -> Version:
-    """The package of a commit, unpacked beside the results.
+    """Unpacks the package of a commit beside the results.
 
     Raises:
         InputError: when there is no such commit.
@@ -145,13 +145,13 @@ def of_commit(commit: str, compiled: bool) -> Version:
 
 
 def _git(*arguments: str) -> str:
-    """Output of a command of git."""
+    """Returns the output of a command of git."""
     found = subprocess.run(["git", *arguments], cwd=_ROOT, capture_output=True, check=True, text=True)
     return found.stdout.strip()
 
 
 def _folder(package: Path, compiled: bool) -> Path:
-    """Folder of results, named by all code that makes them."""
+    """Returns the folder of results, named by all code that makes them."""
     digest = hashlib.sha256()
     drawing = [_HERE / "fly.py", *(_HERE / "flights").glob("[!t]*.py")]  # all but table.py, which judges afterwards
     every = (path for name in _PACKAGE for path in (package / name).rglob("*"))
@@ -197,7 +197,7 @@ def fly(version: Version, card: Card, cases: Sequence[Case], *, compiled: bool, 
 
 
 def flown_before(version: Version) -> list[dict[str, Any]]:
-    """Rows of the flights of a version, the baseline's among them where that is of the same."""
+    """Returns rows of the flights of a version, the baseline's among them where that is of the same."""
     rows = store.read_rows(version.folder)
     found = {row["case_id"]: row for row in ([] if rows is None else rows.to_pylist())}
     if _BASELINE.exists():
@@ -219,7 +219,7 @@ def baseline(card: Card) -> tuple[Version, dict[str, table.Row]]:
 
 
 def results(version: Version, card: Card, cases: Sequence[Case]) -> dict[str, table.Row]:
-    """Statistics of the flights by kind."""
+    """Computes statistics of the flights by kind."""
     wanted = {one.case_id for one in cases}
     flights: dict[str, list[dict[str, Any]]] = {one.kind: [] for one in cases}
     for row in flown_before(version):
@@ -309,7 +309,7 @@ def show(card: Card, version: Version, found: Mapping[str, table.Row], first: in
 
 
 def main() -> None:
-    """Flies what is missing, and prints or writes the table."""
+    """Flies missing flights, and prints or writes the table."""
     card = load_card()
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--kinds", nargs="+", choices=list(card.kinds), metavar="KIND", help=", ".join(card.kinds))

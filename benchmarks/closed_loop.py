@@ -60,7 +60,7 @@ def main() -> None:
 
 
 def _estimator(run: Run) -> None:
-    """Time of one call of the real-time estimator, all cycles and those with a jet on."""
+    """Measures the time of one call of the real-time estimator, all cycles and those with a jet on."""
     scenario = run.scenario
     vehicle = scenario.vehicle_data
     gyros, accelerometers = ([package.name for package in kind] for kind in (vehicle.gyros, vehicle.accelerometers))
@@ -80,7 +80,7 @@ def _estimator(run: Run) -> None:
 
 
 def _modules(scenario: Scenario) -> None:
-    """Own time of each module of the package, from a profile (which slows everything by half)."""
+    """Measures each package module's own time, by a profile (which slows everything by half)."""
     profile = cProfile.Profile()
     profile.enable()
     run = simulate(scenario)

@@ -23,14 +23,14 @@ SPREAD = Dispersion(mass_percent=5.0, axes_deg=2.0)
 
 
 def case(name: str, start: str) -> Scenario:
-    """A vehicle whose truth is drawn, estimated from its stated start or from zero."""
+    """Draws a vehicle's truth, estimated from its stated start or from zero."""
     vehicle = load_vehicle(name)
     plant = PlantBlock(thrust_dispersion=float(vehicle.thrust_uncertainties.max()), dispersion=SPREAD)
     return Scenario(vehicle=vehicle, plant=plant, estimation={"filter": "joint", "start": start})
 
 
 def measured(name: str, start: str, targets: dict[str, str], seeds: int) -> dict[str, object]:
-    """Ratios of flown to predicted 1-sigma, and errors in flown sigmas, of one design."""
+    """Computes ratios of flown to predicted 1-sigma, and errors in flown sigmas, of one design."""
     began = time.perf_counter()
     found = design(case(name, start), targets, limits={"rate": "2 deg/s"}, flights=seeds)
     return {

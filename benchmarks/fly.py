@@ -1,4 +1,4 @@
-"""Flies the flights of the card, one after the other, in the process that the campaign engine has for them."""
+"""Worker that flies the flights of the card, one after the other, for the campaign engine."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _DECLARED_PAYLOAD = ("mass", "mass_std", "position", "position_std")
 
 
 class Flights:
-    """Flies what the card asks for, see `card.yaml`.
+    """Flights that the card asks for, see `card.yaml`.
 
     Args:
         setup: `kinds`, the content of `card.yaml` under that key, and `compiled`.
@@ -38,7 +38,7 @@ class Flights:
         self.compiled: bool = setup["compiled"]
 
     def fly(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """Flies one; `facts` of it as a text of JSON, and `timed`, which differs from time to time.
+        """Flies one; returns its `facts` as a text of JSON, and `timed`, which differs from time to time.
 
         Args:
             request: `kind` and `number`.
@@ -97,7 +97,7 @@ def _injected(one: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _largest(run: Run, since_s: float) -> list[float]:
-    """Error of each parameter in its 1-sigma where that is largest from a time on, shape (10,)."""
+    """Returns the error of each parameter in its 1-sigma where that is largest from a time on, shape (10,)."""
     rows = run.time_s > since_s
     every = (run["estimate"] - run["truth"])[rows] / run["standard_deviation"][rows]
     found: list[float] = every[np.argmax(np.abs(every), axis=0), np.arange(10)].tolist()
@@ -105,7 +105,7 @@ def _largest(run: Run, since_s: float) -> list[float]:
 
 
 def _timed(run: Run, flown: Run, number: int) -> dict[str, Any]:
-    """Processor time of the estimator's steps over some runs, ms: mean and longest."""
+    """Measures processor time of the estimator's steps over some runs, ms: mean and longest."""
     if number % _TIMED or run is not flown:
         return {"mean_ms": None, "longest_ms": None}
     spent_ms = 1e3 * np.array(_step_times(run)[1:])
@@ -113,7 +113,7 @@ def _timed(run: Run, flown: Run, number: int) -> dict[str, Any]:
 
 
 def _step_times(run: Run) -> list[float]:
-    """Processor time of each step of the real-time estimator over the readings of a run, s."""
+    """Measures processor time of each step of the real-time estimator over the readings of a run, s."""
     vehicle, spent = run.scenario.vehicle_data, []
     estimator = Estimator(vehicle, run.scenario)
     gyros = {one.name: np.array(run[one.name]) for one in vehicle.gyros}
@@ -183,7 +183,7 @@ _FLOWN = {
 
 
 def _facts(run: Run, truth: Array, failed: Sequence[Mapping[str, Any]], scenario: Scenario) -> dict[str, Any]:
-    """Facts of a flight, all that the table is made of.
+    """Returns the facts of a flight from which the table is made.
 
     Args:
         run: estimated in flight or from the record.
@@ -226,7 +226,7 @@ def _facts(run: Run, truth: Array, failed: Sequence[Mapping[str, Any]], scenario
 
 
 def _declared(one: Mapping[str, Any], scenario: Scenario) -> dict[str, Any]:
-    """A declaration, with the jets of a cluster where no more is known."""
+    """Returns a declaration, with the jets of a cluster where no more is known."""
     found = {name: one[name] for name in (*_DECLARED, *_DECLARED_PAYLOAD)}
     if one["isolated_to"] == "cluster":
         found["jets"] = [jet.designation for jet in scenario.vehicle_data.jets if jet.cluster == one["cluster"]]
@@ -234,5 +234,5 @@ def _declared(one: Mapping[str, Any], scenario: Scenario) -> dict[str, Any]:
 
 
 def _listed(values: Array) -> list[float | None]:
-    """Numbers for JSON, None where unknown."""
+    """Converts numbers for JSON, None where unknown."""
     return [float(value) if np.isfinite(value) else None for value in values]

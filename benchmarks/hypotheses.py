@@ -1,4 +1,4 @@
-"""What the hypothesis filter makes of flights of the card, flown once and read by it in open loop.
+"""Hypothesis filter over flights of the card, flown once and read by it in open loop.
 
     python benchmarks/hypotheses.py KIND [--first N] [--count N] [--verbose]
 
@@ -30,7 +30,7 @@ _KEPT = Path("runs") / "hypotheses"
 
 
 def flown(kind: str, number: int) -> tuple[Scenario, dict[str, Any]]:
-    """Scenario and readings of a flight."""
+    """Returns scenario and readings of a flight."""
     spec = card.load_card().kinds[kind]
     flight = drawn(spec, np.random.default_rng([number, *spec.get("stream", kind).encode()]), number)
     scenario, kept = loaded(flight, number, False), _KEPT / f"{kind}_{number}.pkl"
@@ -47,7 +47,7 @@ def flown(kind: str, number: int) -> tuple[Scenario, dict[str, Any]]:
 
 
 def said(own: Any, time_s: float, names: tuple[str, ...]) -> list[str]:
-    """What is declared at a sample."""
+    """Lists the declarations at a sample."""
     found = [
         f"{time_s:.2f} {names[jet]} {Word(int(own.verdict[jet])).name.lower()} {own.verdict_magnitude[jet]:.4g}"
         for jet in np.flatnonzero(own.verdict)

@@ -51,7 +51,7 @@ _BOUND = 0.95
 
 
 class Replayed(NamedTuple):
-    """A flight's readings over which hypotheses are compared.
+    """Readings of a flight over which hypotheses are compared.
 
     Attributes:
         entry: the filter's state before the first.
@@ -91,12 +91,12 @@ def flown(spec: dict[str, Any], settings: Sequence[str], number: int, after_s: f
 
 
 def _stacked(run: Any, packages: Sequence[Any]) -> Array:
-    """Readings of packages, shape (n, packages, 3)."""
+    """Stacks readings of packages, shape (n, packages, 3)."""
     return np.stack([np.array(run[each.name]) for each in packages], axis=1)
 
 
 def ratio(replayed: Replayed, jet: int, mean: float, sigma: float) -> tuple[float, float]:
-    """Log likelihood of the truth less that of a force of one jet, nats, and the force's 1-sigma at the end.
+    """Computes log likelihood of the truth less that of a force of one jet, nats, and the force's 1-sigma at the end.
 
     Args:
         replayed: see `Replayed`.
@@ -112,19 +112,19 @@ def ratio(replayed: Replayed, jet: int, mean: float, sigma: float) -> tuple[floa
 
 
 def chosen_jets(params: JointParams, count: int) -> list[int]:
-    """Indices of so many jets, spread over the vehicle's."""
+    """Returns indices of so many jets, spread over the vehicle's."""
     return np.unique(np.linspace(0, params.places.jets - 1, count).astype(int)).tolist()
 
 
 def sigmas(number: int, spec: dict[str, Any], settings: Sequence[str], after_s: float, jets: int) -> Array:
-    """The 1-sigma of each jet's force when it is estimated, lbf or N, shape (jets,)."""
+    """Returns the 1-sigma of each jet's force when it is estimated, lbf or N, shape (jets,)."""
     replayed = flown(spec, settings, number, after_s)
     thrusts = replayed.params.thrusts
     return np.array([ratio(replayed, jet, 0.0, thrusts[jet])[1] for jet in chosen_jets(replayed.params, jets)])
 
 
 def ratios(number: int, spec: dict[str, Any], settings: Sequence[str], after_s: float, unit: Array) -> Array | None:
-    """LLR of each size and of the estimated force, shape (sizes + 1, jets); None where the filter has not converged.
+    """Computes LLR of each size and of the estimated force, shape (sizes + 1, jets); None if not converged.
 
     Args:
         number: of the flight.
@@ -147,7 +147,7 @@ def ratios(number: int, spec: dict[str, Any], settings: Sequence[str], after_s: 
 
 
 def line(title: str, found: Array) -> str:
-    """A line of the table.
+    """Formats a line of the table.
 
     Args:
         title: of it.

@@ -1,4 +1,4 @@
-"""What each part of the estimator in a fixed frame is worth: the hardware record again, with one part left out.
+"""Ablations of the estimator in a fixed frame: the hardware record again, with one part left out.
 
     python benchmarks/pose_ablations.py [--case NAME ...] [--seconds 120]
 
@@ -34,7 +34,7 @@ Data = dict[str, Any]
 
 
 class Case(NamedTuple):
-    """What is left out.
+    """Parts that are left out.
 
     Attributes:
         vehicle: keys of the vehicle's file that are different, dotted.
@@ -48,7 +48,7 @@ class Case(NamedTuple):
 
 
 def _without_short(rows: list[Row]) -> None:
-    """Takes the commands out of rows whose combination of jets is in force for that row alone."""
+    """Removes commands of rows whose combination of jets is in force for that row alone."""
     jets = [name for name in rows[0] if name.startswith("T")]
     fired = [tuple(row[jet] for jet in jets) for row in rows]
     for row, before, here, after in zip(rows[1:-1], fired, fired[1:], fired[2:], strict=False):
@@ -57,18 +57,18 @@ def _without_short(rows: list[Row]) -> None:
 
 
 def _nominal(by: Data) -> None:
-    """Takes the clock at its word, which counts steps of 0.06 s."""
+    """Takes the clock as it is, which counts steps of 0.06 s."""
     by["time"].pop("differences")
 
 
 def _even(by: Data) -> None:
-    """Takes all steps for the same, 0.063 s."""
+    """Makes all steps equal, 0.063 s."""
     by["time"].pop("differences")
     by["time"]["drift"] = 0.06 / 0.063 - 1.0
 
 
 def _differenced(by: Data) -> None:
-    """Takes velocities and rates for measurements; of the pose the heading alone is left."""
+    """Uses velocities and rates as measurements; of the pose only the heading is left."""
     by["sensors"]["mocap"].update(kind="attitude")
     for key in ("position", "unit"):
         by["sensors"]["mocap"].pop(key)
@@ -114,7 +114,7 @@ CASES = {
 
 
 def _changed(data: Data, keys: Mapping[str, Any]) -> Data:
-    """Data with some keys replaced."""
+    """Returns data with some keys replaced."""
     for key, value in keys.items():
         *path, last = key.split(".")
         here: Any = data
@@ -151,7 +151,7 @@ def flown(case: Case, seconds: float, folder: Path, **detector: float) -> Run:
 
 
 def line(name: str, case: Case, seconds: float) -> str:
-    """What comes of a case, a row of a table."""
+    """Formats the result of a case, a row of the table."""
     with tempfile.TemporaryDirectory() as folder:
         run = flown(case, seconds, Path(folder))
         open_ended = flown(case, min(seconds, _HALF_S), Path(folder), lead_nothing=_NEVER)

@@ -24,7 +24,7 @@ _PAUSE_S = 0.24  # between two repetitions
 
 
 def write_record(path: Path, rows: int) -> None:
-    """Writes telemetry of so many rows."""
+    """Writes telemetry of some number of rows."""
     with tempfile.TemporaryDirectory() as folder:
         run = simulate(load_scenario(_SCENARIO, _OVERRIDES))
         run.save(Path(folder) / "run", pictures=False)

@@ -1,4 +1,4 @@
-"""Whether two versions give the same numbers, bit for bit.
+"""Comparison of the numbers of two versions, bit for bit.
 
     python benchmarks/same_numbers.py record FOLDER [NAME ...]
     python benchmarks/same_numbers.py compare EARLIER LATER
@@ -62,7 +62,7 @@ _NOT_COMPARED = {"version", "timing", "provenance"}
 
 
 def cases() -> dict[str, tuple[str, ...]]:
-    """Every case by name: a bundled scenario and what is set in it."""
+    """Lists every case by name: a bundled scenario and its settings."""
     from massprop_drake import load_scenario  # noqa: PLC0415 (either version)
 
     bundled = import_module(load_scenario.__module__).bundled_scenarios()
@@ -70,7 +70,7 @@ def cases() -> dict[str, tuple[str, ...]]:
 
 
 def record(folder: Path, wanted: list[str]) -> None:
-    """Runs the cases with the version that is installed; what is there already is kept."""
+    """Runs the cases with the version that is installed; existing results are kept."""
     from massprop_drake import estimate, load_scenario, simulate  # noqa: PLC0415 (either version)
 
     warnings.simplefilter("ignore")
@@ -89,7 +89,7 @@ def record(folder: Path, wanted: list[str]) -> None:
 
 
 def renamed() -> dict[str, dict[str, str]]:
-    """New names of old ones, by kind; an empty new name: it is gone."""
+    """Reads new names of old ones, by kind; an empty new name: it is gone."""
     found: dict[str, dict[str, str]] = {}
     with RENAMED.open(encoding="utf-8", newline="") as file:
         for row in csv.DictReader(file):
@@ -98,7 +98,7 @@ def renamed() -> dict[str, dict[str, str]]:
 
 
 def differences(earlier: Path, later: Path, names: dict[str, dict[str, str]]) -> Iterator[str]:
-    """What differs between two folders of a run, a line each."""
+    """Yields the differences between two folders of a run, a line each."""
     with np.load(earlier / "history.npz") as old, np.load(later / "history.npz") as new:
         signals = names.get("signal", {})
         for name in old.files:
@@ -134,7 +134,7 @@ def _unequal(before: Any, after: Any, names: dict[str, str], path: str) -> Itera
 
 
 def compare(earlier: Path, later: Path) -> int:
-    """Prints what differs; how many cases do."""
+    """Prints the differences; returns how many cases differ."""
     names, wrong, compared = renamed(), 0, 0
     for place in sorted(path for path in earlier.iterdir() if path.is_dir()):
         if not (later / place.name / "estimated" / "summary.json").exists():
@@ -155,7 +155,7 @@ def compare(earlier: Path, later: Path) -> int:
 
 
 def apart(plain: Any, compiled: Any) -> tuple[list[str], float, float]:
-    """What two runs decide otherwise, and how far apart their states and likelihoods are, relative."""
+    """Compares two runs: signals that decide otherwise, and relative differences of states and likelihoods."""
     otherwise, states, likelihoods = [], 0.0, 0.0
     for name in plain.signals:
         one, other = np.asarray(plain[name], dtype=float), np.asarray(compiled[name], dtype=float)
@@ -178,7 +178,7 @@ def apart(plain: Any, compiled: Any) -> tuple[list[str], float, float]:
 
 
 def compiled(wanted: list[str]) -> int:
-    """Prints how far compiled runs are from those in numpy; how many are too far."""
+    """Prints how far compiled runs are from those in numpy; returns how many are too far."""
     from massprop_drake import InputError, load_scenario, simulate  # noqa: PLC0415 (either version)
 
     warnings.simplefilter("ignore")

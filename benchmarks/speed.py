@@ -1,4 +1,4 @@
-"""Speed: processor time of simulating and estimating, against another commit, and how it grows.
+"""Speed: processor time of simulating and estimating, against another commit, and its scaling.
 
     python benchmarks/speed.py [--against COMMIT] [--repeats 5] [--scaling] [--write docs]
 
@@ -74,7 +74,7 @@ def serve() -> None:
 
 
 class Version:
-    """A version of the package in a process of its own.
+    """Version of the package in a process of its own.
 
     Args:
         folder: that it is imported from.
@@ -90,7 +90,7 @@ class Version:
         )
 
     def spent_s(self, scenario: str, overrides: list[str], **more: str) -> float:
-        """Processor time of a run, s."""
+        """Measures the processor time of a run, s."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._process.stdin.write(json.dumps({"scenario": scenario, "overrides": overrides, **more}) + "\n")
@@ -105,7 +105,7 @@ class Version:
 
 
 def unpacked(commit: str, folder: Path) -> Path:
-    """Another commit's files, with the links that make the package whole wherever they stand."""
+    """Unpacks another commit's files, with the links that make the package whole wherever they stand."""
     archive = subprocess.run(["git", "-C", REPOSITORY, "archive", commit], check=True, capture_output=True).stdout
     subprocess.run(["tar", "-x", "-C", folder], check=True, input=archive)
     for part in ("diagrams", "scenarios"):
@@ -119,7 +119,7 @@ def unpacked(commit: str, folder: Path) -> Path:
 
 
 def compared(here: Version, there: Version, repeats: int, folder: Path) -> list[dict[str, Any]]:
-    """Each case by each way, with the ratios to the other version."""
+    """Measures each case by each way, with the ratios to the other version."""
     rows: list[dict[str, Any]] = []
 
     def measure(case: str, before: dict[str, Any], ways: dict[str, dict[str, Any]]) -> None:
@@ -163,7 +163,7 @@ def _line(row: dict[str, Any]) -> str:
 
 
 class _Timed:
-    """Cycles of estimation whose processor time is taken one by one, see `runners.cycles.Cycles`."""
+    """Cycles of estimation whose processor time is measured one by one, see `runners.cycles.Cycles`."""
 
     def __init__(self, cycles: Any):
         self._cycles, self.spent_s = cycles, cycles.spent_s
@@ -181,7 +181,7 @@ class _Timed:
 
 
 def joint_cycles() -> list[dict[str, Any]]:
-    """Mean and longest processor time of a cycle of the joint filter with its detector, ms."""
+    """Measures mean and longest processor time of a cycle of the joint filter with its detector, ms."""
     from massprop_drake import load_scenario  # noqa: PLC0415
     from massprop_drake.runners.loop import Loop  # noqa: PLC0415
 
@@ -206,7 +206,7 @@ def joint_cycles() -> list[dict[str, Any]]:
 
 
 def campaign_cases() -> list[dict[str, Any]]:
-    """Processor time of a case of a campaign, compiled, with a body drawn anew each time, ms: median and largest."""
+    """Measures processor time of a campaign's case, compiled, with a new body each, ms: median and largest."""
     from massprop_drake.inputs.campaign import load_campaign  # noqa: PLC0415
     from massprop_drake.studies.campaign.flight import Flights  # noqa: PLC0415
     from massprop_drake.studies.campaign.plan import planned  # noqa: PLC0415
@@ -232,7 +232,7 @@ def campaign_cases() -> list[dict[str, Any]]:
 
 
 def with_jets(count: int) -> list[str]:
-    """The orbiter with so many jets: its own, over and over, a little off so that no two are the same."""
+    """Makes the orbiter with so many jets: copies of its own, slightly different from each other."""
     from massprop_drake import load_vehicle  # noqa: PLC0415
 
     data = load_vehicle("orbiter").model_dump(mode="json")
@@ -247,7 +247,7 @@ def with_jets(count: int) -> list[str]:
 
 
 def with_accelerometers(count: int) -> list[str]:
-    """The orbiter with so many accelerometers."""
+    """Makes the orbiter with so many accelerometers."""
     from massprop_drake import load_vehicle  # noqa: PLC0415
 
     data = load_vehicle("orbiter").model_dump(mode="json")
@@ -260,7 +260,7 @@ def with_accelerometers(count: int) -> list[str]:
 
 
 def scaling(here: Version, repeats: int) -> dict[str, Any]:
-    """Processor time per sample, microseconds, over jets, accelerometers and length."""
+    """Measures processor time per sample, microseconds, over jets, accelerometers and length."""
     found: dict[str, Any] = {}
     for title, values, made in (
         ("jets", JETS, with_jets),
@@ -321,7 +321,7 @@ def write_page(
 
 
 def _table(rows: list[dict[str, Any]], columns: tuple[str, ...]) -> str:
-    """Rows of a table as the page has them."""
+    """Formats rows of a table for the page."""
 
     def cell(value: Any) -> str:
         return f"{value:.3g}" if isinstance(value, float) else str(value)

@@ -22,13 +22,13 @@ SHORTER = ["estimation.filter=joint", "detector.kind=hypotheses", "failures=[]",
 
 
 def near(positions: np.ndarray, one: int, number: int) -> list[int]:
-    """So many jets, the nearest to one of them, with it."""
+    """Returns the indices of a number of jets, the nearest to one of them, with it."""
     order = np.argsort(np.linalg.norm(positions - positions[one], axis=1), kind="stable")
     return [int(each) for each in order[:number]]
 
 
 def measured(run: Run, number: int) -> dict[str, object]:
-    """Predicted and flown time of one drawn group."""
+    """Computes predicted and flown time of one drawn group."""
     random, vehicle = np.random.default_rng([number, 45]), run.scenario.vehicle_data
     one, size = int(random.integers(len(vehicle.jets))), int(random.choice((2, 4)))
     jets = near(np.array([jet.position for jet in vehicle.jets]), one, size)

@@ -16,7 +16,7 @@ ONSETS = ("command_onset", "held_command_onset")  # ports beside those of comman
 
 
 class Diagram(framework.Diagram):  # type: ignore[misc]
-    """A diagram that says what it is."""
+    """Diagram with a description of itself."""
 
     def __init__(self, builder: DiagramBuilder, name: str):
         super().__init__()
@@ -53,7 +53,7 @@ def connect_estimation(
 def connect_wheels(
     builder: DiagramBuilder, vehicle: framework.Diagram, commander: System, scenario: Scenario
 ) -> list[System]:
-    """Gives a vehicle's wheels the torques of the autopilot, or plays those prescribed; returns what plays them."""
+    """Connects a vehicle's wheels to the autopilot's torques, or to prescribed ones; returns systems that play them."""
     if not scenario.vehicle_data.wheels:
         return []
     if commander.HasOutputPort("wheel_torque"):
@@ -68,7 +68,7 @@ def connect_wheels(
 
 
 def connect_engine_commands(builder: DiagramBuilder, vehicle: framework.Diagram, scenario: Scenario) -> list[System]:
-    """Tells a vehicle's engines what to do; returns what does, nothing where none ever burns."""
+    """Connects a vehicle's engines to their commands; returns the commanding systems, none where no engine burns."""
     if not scenario.engine_schedule:
         return []
     control = params.gimbal_control(scenario)
@@ -80,7 +80,7 @@ def connect_engine_commands(builder: DiagramBuilder, vehicle: framework.Diagram,
 
 
 def export_outputs(builder: DiagramBuilder, systems: Iterable[System], *, but: Container[str] = ()) -> None:
-    """Exports every output port of some systems under its own name, but for those of some names."""
+    """Exports every output port of some systems under its own name, except those listed."""
     for system in systems:
         for index in range(system.num_output_ports()):
             port = system.get_output_port(index)

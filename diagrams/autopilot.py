@@ -22,7 +22,7 @@ from massprop_drake.systems.autopilot.wheel_controller import WheelController
 
 
 def build(scenario: Scenario) -> Diagram:
-    """The autopilot diagram of a scenario.
+    """Builds the autopilot diagram of a scenario.
 
     Ports:
         gyro (in, 3): measured rate, rad/s, body axes.

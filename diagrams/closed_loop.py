@@ -27,7 +27,7 @@ from massprop_drake.systems.autopilot.jet_schedule import JetSchedule
 
 
 def build(scenario: Scenario, *, findings: bool = False) -> Diagram:
-    """The closed-loop diagram of a scenario.
+    """Builds the closed-loop diagram of a scenario.
 
     Args:
         scenario: with windows of the hand controllers.

@@ -1,4 +1,4 @@
-"""The estimators: all that is known from gyros, accelerometers and commands. Nothing here sees the truth.
+"""The estimators, fed by gyros, accelerometers and commands. Nothing here sees the truth.
 
     jet_commands --> impulse_model --impulses--> rotation_estimator --> convergence_monitor --> estimate
     gyros ----------------------------------------^     |  turning                    ^
@@ -55,7 +55,7 @@ _REPORTERS = {"rotation_estimator": "rotation_report", "mass_estimator": "mass_r
 
 
 def build(scenario: Scenario, *, findings: bool = False) -> MassPropertyEstimator:
-    """The estimation diagram of a scenario.
+    """Builds the estimation diagram of a scenario.
 
     Args:
         scenario: for the vehicle and the settings of the estimators.
@@ -117,7 +117,7 @@ class MassPropertyEstimator(Diagram):
 
 
 def _add_parts(builder: DiagramBuilder, scenario: Scenario, *, findings: bool) -> None:
-    """Adds the estimators and what follows them, and exports their ports."""
+    """Adds the estimators and the systems that follow them, and exports their ports."""
     add = _add_thesis if scenario.estimation.filter == "thesis" else _add_cycle
     add(builder, scenario)
     if findings:
@@ -125,7 +125,7 @@ def _add_parts(builder: DiagramBuilder, scenario: Scenario, *, findings: bool) -
 
 
 def _add_cycle(builder: DiagramBuilder, scenario: Scenario) -> None:
-    """A filter and its detector in one system, all ports of which but `predicted` are the diagram's."""
+    """Adds a filter and its detector in one system, whose ports are the diagram's, except `predicted`."""
     estimator = builder.AddSystem(
         CycleEstimator(
             params.estimation_params(scenario),
@@ -145,7 +145,7 @@ def _add_cycle(builder: DiagramBuilder, scenario: Scenario) -> None:
 
 
 def _add_thesis(builder: DiagramBuilder, scenario: Scenario) -> None:
-    """The thesis's two filters with the impulse model before them and the failure detector between them."""
+    """Adds the thesis's two filters with the impulse model before them and the failure detector between them."""
     vehicle = scenario.vehicle_data
     impulses = builder.AddNamedSystem(
         "impulse_model",
@@ -166,7 +166,7 @@ def _add_thesis(builder: DiagramBuilder, scenario: Scenario) -> None:
 
 
 def _add_filters(builder: DiagramBuilder, scenario: Scenario, impulses: ImpulseModel) -> tuple[LeafSystem, ...]:
-    """The thesis's two filters, the one that gives the detector its evidence last."""
+    """Adds the thesis's two filters, the one that gives the detector its evidence last."""
     vehicle = scenario.vehicle_data
     filters = params.thesis_params(scenario)
     rotation = builder.AddNamedSystem(
@@ -216,7 +216,7 @@ def _add_filters(builder: DiagramBuilder, scenario: Scenario, impulses: ImpulseM
 
 
 def _connect_impulses(builder: DiagramBuilder, impulses: ImpulseModel, system: LeafSystem) -> None:
-    """What the jets should have done goes to a filter; the jets' own levels where thrust errors are considered."""
+    """Connects the impulse model to a filter; the jets' own levels, too, where thrust errors are considered."""
     for name in ("impulses", "mean_level"):
         if system.HasInputPort(name):
             builder.Connect(impulses.GetOutputPort(name), system.GetInputPort(name))
@@ -263,7 +263,7 @@ def _add_detector(
 
 
 def _add_findings(builder: DiagramBuilder, scenario: Scenario) -> None:
-    """Adds what follows the reports of filters and detector."""
+    """Adds the system that follows the reports of filters and detector."""
     found = {}
     for system in builder.GetSystems():
         for index in map(OutputPortIndex, range(system.num_output_ports())):

@@ -32,7 +32,7 @@ from massprop_drake.systems.multibody.star_tracker import StarTracker
 
 
 def body(block: MultibodyBlock, *, wheels: bool = False) -> MultibodyVehicle:
-    """The multibody plant of a scenario's block, with the ports of a rigid one.
+    """Makes the multibody plant of a scenario's block, with the ports of a rigid one.
 
     Args:
         block: of the scenario.
@@ -57,7 +57,7 @@ def body(block: MultibodyBlock, *, wheels: bool = False) -> MultibodyVehicle:
 
 
 def _checked(block: MultibodyBlock) -> MultibodyPlant:
-    """The plant of a block, in which everything that the block names has been found."""
+    """Makes the plant of a block, and checks that everything that the block names exists in it."""
     with blamed("plant.model"):
         plant = parsed_plant(block.model, model_kind(block.model))
     with blamed("plant.body"):
@@ -90,7 +90,7 @@ def set_initial_velocities(diagram: Diagram, context: Context) -> None:
 
 
 def require_model(scenario: Scenario) -> None:
-    """Makes sure that a scenario's multibody plant, if it has one, can be flown.
+    """Checks that a scenario's multibody plant, if it has one, can be flown.
 
     Raises:
         InputError: as `body`.

@@ -38,7 +38,7 @@ from massprop_drake.systems.vehicle.trackers import PoseTracker, VelocityTracker
 
 
 def build(scenario: Scenario, body: System | None = None, trackers: Sequence[System] = ()) -> Diagram:
-    """The vehicle diagram of a scenario.
+    """Builds the vehicle diagram of a scenario.
 
     Args:
         scenario: with the vehicle.
@@ -166,7 +166,7 @@ def _with_others(builder: DiagramBuilder, scenario: Scenario, jets: System, body
 
 
 def _connect_chance(builder: DiagramBuilder, scenario: Scenario, jets: System, others: list[System]) -> None:
-    """Gives noise to what is noisy, and the seed to all that draws."""
+    """Connects noise to the systems that are noisy, and the seed to those that draw."""
     quiet = {one.name for one in scenario.vehicle_data.sensors if not params.undrawn_model(scenario, one).noisy}
     noisy = [system for system in others if system.get_name() not in quiet and system.HasInputPort("noise")]
     drawn = [system for system in others if system.HasInputPort("seed")]
@@ -186,7 +186,7 @@ def _connect_chance(builder: DiagramBuilder, scenario: Scenario, jets: System, o
 
 
 def _body(scenario: Scenario, lag_time_constants_s: tuple[float, ...], pieces: int) -> System:
-    """The body that a scenario flies; lags and pieces are those of its jets."""
+    """Makes the body that a scenario flies; lags and pieces are those of its jets."""
     if not isinstance(scenario.plant, PlantBlock):
         from massprop_drake.diagrams import multibody  # noqa: PLC0415 (loads Drake's multibody library)
 

@@ -61,5 +61,5 @@ def _skip_conversion(app: object, what: str, name: str, *rest: object) -> bool |
 
 
 def setup(app: Any) -> None:
-    """Connects what this file has for the build."""
+    """Connects this file's functions to the build."""
     app.connect("autodoc-skip-member", _skip_conversion)

@@ -1,4 +1,4 @@
-"""Docstrings of this project as Sphinx takes them.
+"""Conversion of this project's docstrings for Sphinx.
 
 Some habits of the docstrings are not reStructuredText: sections of their own (Ports, State, ...), equations
 set off by indentation alone, sketches with arrows, headings within a line ("Timing: ...") and |bars|. They are
@@ -19,7 +19,7 @@ _HEADING = re.compile(rf"^({'|'.join(_SPOKEN)}): ?(.*)$")
 
 
 def rewritten(lines: list[str]) -> list[str]:
-    """A docstring's lines in reStructuredText, but for the sections that napoleon knows."""
+    """Rewrites a docstring's lines in reStructuredText, but for the sections that napoleon knows."""
     result: list[str] = []
     position = 0
     while position < len(lines):
@@ -49,13 +49,13 @@ def rewritten(lines: list[str]) -> list[str]:
 
 
 def _text(line: str) -> str:
-    """A line of text whose bars, outside of literals, stand for magnitudes and not for substitutions."""
+    """Rewrites a line of text whose bars, outside of literals, stand for magnitudes and not for substitutions."""
     parts = re.split(r"(`[^`]*`)", line)
     return "".join(part if part.startswith("`") else part.replace("|", r"\|") for part in parts)
 
 
 def _paragraph(lines: list[str], start: int) -> list[str]:
-    """The lines up to the next blank one."""
+    """Returns the lines up to the next blank one."""
     end = start
     while end < len(lines) and lines[end].strip():
         end += 1
@@ -63,7 +63,7 @@ def _paragraph(lines: list[str], start: int) -> list[str]:
 
 
 def _separate(before: list[str]) -> bool:
-    """Whether an indented line is a block of its own, and not the rest of a list's entry."""
+    """Tests whether an indented line is a block of its own, and not the rest of a list's entry."""
     if before and before[-1].strip():
         return False
     last = next((line for line in reversed(before) if line.strip()), "")
@@ -71,7 +71,7 @@ def _separate(before: list[str]) -> bool:
 
 
 def _indented(lines: list[str], start: int) -> tuple[list[str], int]:
-    """The indented lines from a place on, blank ones between them included, and where they end."""
+    """Returns the indented lines from a place on, blank ones between them included, and where they end."""
     end = start
     while end < len(lines) and (lines[end].startswith("    ") or not lines[end].strip()):
         end += 1
@@ -82,7 +82,7 @@ def _indented(lines: list[str], start: int) -> tuple[list[str], int]:
 
 
 def _entries(block: list[str]) -> list[str]:
-    """A list, an item for each entry `name (in, 3): meaning`, whose continuation is indented further."""
+    """Makes a list, an item for each entry `name (in, 3): meaning`, whose continuation is indented further."""
     result: list[str] = []
     for line in block[:-1]:
         text = line[4:]
@@ -114,7 +114,7 @@ def _signature(
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Puts the rewriting before napoleon's, whose priority is 500."""
+    """Connects the rewriting before napoleon's, whose priority is 500."""
     app.connect("autodoc-process-docstring", _process, priority=400)
     app.connect("autodoc-skip-member", _skip)
     app.connect("autodoc-process-signature", _signature)

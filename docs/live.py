@@ -28,7 +28,7 @@ def samples(host: str, port: int) -> Iterator[dict[str, Any]]:
 
 # What is made of it
 def follow(stream: Iterator[dict[str, Any]], vehicle: Vehicle, estimator: Estimator) -> Iterator[EstimatorStep]:
-    """Yields what is known after each sample."""
+    """Yields the estimator's step after each sample."""
     missing, unknown = np.full(3, np.nan), np.full(len(vehicle.jets), np.nan)
     last_s = math.nan
     for sample in stream:

@@ -80,7 +80,7 @@ def named() -> None:
 
 
 def followed_trees() -> tuple[Run, list[Tree]]:
-    """Run of a leak, and the hypotheses after each of its samples, from its readings alone."""
+    """Returns a run of a leak, and the hypotheses after each of its samples, from its readings alone."""
     run = simulate(load_scenario("leak_named", ["duration_s=50"]))
     params, command = estimation_params(run.scenario), run["command"]
     rates, velocities = (
@@ -95,7 +95,7 @@ def followed_trees() -> tuple[Run, list[Tree]]:
 
 
 def history_name(each: Hypothesis, names: tuple[str, ...]) -> str:
-    """Name of a hypothesis by its events: its jets, and whether their force drifts."""
+    """Returns the name of a hypothesis by its events: its jets, and whether their force drifts."""
     jets = sorted({names[jet] for jet, _ in each.ways})
     others = sorted(event.cause.kind.name.lower() for event in each.events if not event.cause.failures)
     drifting = " drifts" if (each.walks > 0.0).any() else ""
@@ -134,7 +134,7 @@ def tree() -> None:
 
 
 def figures() -> None:
-    """Figures of the sample maneuver, and of a failure after it."""
+    """Draws figures of the sample maneuver, and of a failure after it."""
     plot = simulate(load_scenario("sample_maneuver")).plot
     failure = simulate(load_scenario("stuck_on_29")).plot
     failure.detection_timeline().savefig(IMAGES / "detection_timeline.png")
@@ -143,7 +143,7 @@ def figures() -> None:
 
 
 class Shot(NamedTuple):
-    """A page of runs as a browser shows it.
+    """Page of runs as a browser shows it.
 
     Attributes:
         name: of the picture.
@@ -171,7 +171,7 @@ SHOTS = (
 
 
 def screenshots() -> None:
-    """The pages of runs as a browser shows them.
+    """Draws the pages of runs as a browser shows them.
 
     Raises:
         RuntimeError: when no Chromium is installed.
@@ -203,7 +203,7 @@ def _written(shot: Shot, runs: Mapping[str, Run], path: Path) -> Path:
 
 
 def tutorials() -> None:
-    """What the tutorials draw when they run."""
+    """Collects the images that the tutorials draw when they run."""
     for name, pictures in TUTORIALS.items():
         with tempfile.TemporaryDirectory() as folder:
             sys.argv = [name, folder]
@@ -217,7 +217,7 @@ def tutorials() -> None:
 
 
 def diagrams() -> None:
-    """The diagrams that come with the package."""
+    """Draws the diagrams that come with the package."""
     for name in DIAGRAMS:
         draw(graphs.overview_text(graphs.build(name.removesuffix("_overview"))), name)
 

@@ -16,7 +16,7 @@ MARK = "<!-- below: written by docs/make_reproduction.py -->\n"
 
 
 def updated(page: str, report: str) -> str:
-    """The page with a report's tables, without its title and pictures.
+    """Returns the page with a report's tables, without its title and pictures.
 
     Raises:
         ValueError: when the page has no mark.

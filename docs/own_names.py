@@ -1,4 +1,4 @@
-"""Names of types that several modules have, such as `Bank`: each is that of the module where it is written."""
+"""Resolution of names of types that several modules have, such as `Bank`, to the module where they are written."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from sphinx.transforms.post_transforms import SphinxPostTransform
 
 
 class OwnNames(SphinxPostTransform):
-    """Gives a reference to a bare name the module that the name is from, before Sphinx looks for it anywhere."""
+    """Resolves a reference to a bare name to the module that the name is from, before Sphinx looks for it anywhere."""
 
     default_priority = 5  # before references are resolved
 

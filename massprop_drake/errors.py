@@ -1,4 +1,4 @@
-"""The error that tells users what is wrong with their input, and the words its messages share."""
+"""Error that says what is wrong with a user's input, and words that its messages share."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class InputError(ValueError):
 
 
 def in_words(error: BaseException) -> str:
-    """Says in a line what went wrong."""
+    """Describes in a line what went wrong."""
     if isinstance(error, InputError):
         return str(error)
     if not isinstance(error, Exception):
@@ -32,7 +32,7 @@ def in_words(error: BaseException) -> str:
 
 
 def require_text(name: str) -> None:
-    """Makes sure that a name or an argument is text, which a result can hold, and which no file name cannot be.
+    """Checks that a name or an argument is text that a result can hold; raises InputError if not.
 
     Raises:
         InputError: when it has bytes that are no text, or the character NUL.
@@ -44,12 +44,12 @@ def require_text(name: str) -> None:
 
 
 def moment(time_s: float) -> str:
-    """A time in s as messages give it: six digits, and a hundredth of a second also where that takes more."""
+    """Formats a time in s for messages: six digits, and a hundredth of a second also where that takes more."""
     return f"{time_s:.6g}" if abs(time_s) < 1e4 else f"{time_s:.2f}".rstrip("0").rstrip(".")
 
 
 def counted(count: int, noun: str) -> str:
-    """A number of things, in words."""
+    """Formats a number of things, in words."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
@@ -64,7 +64,7 @@ def suggestion(word: object, known: Iterable[str]) -> str:
 
 
 def dotted(path: tuple[str | int, ...]) -> str:
-    """The path of a field as people write it: jets[3].direction."""
+    """Formats the path of a field as people write it: jets[3].direction."""
     text = ""
     for part in path:
         text += f"[{part}]" if isinstance(part, int) else (f".{part}" if text else str(part))
@@ -73,7 +73,7 @@ def dotted(path: tuple[str | int, ...]) -> str:
 
 @contextlib.contextmanager
 def logged_by_drake() -> Iterator[list[str]]:
-    """Collects what Drake warns of, in place of its lines on the error stream."""
+    """Collects the warnings that Drake logs, in place of its lines on the error stream."""
     found: list[str] = []
 
     class Collector(logging.Handler):

@@ -191,7 +191,7 @@ AGAINST = "against."  # begins the names of what a simulation beside a record re
 
 
 def simulated_signal(package: Signal) -> Signal:
-    """Describes what a simulation beside a record reads in place of a package."""
+    """Describes the readings of a simulation beside a record in place of a package's."""
     return package._replace(name=AGAINST + package.name, label=f"{package.label} in the simulation")
 
 
@@ -199,7 +199,7 @@ _OWN = re.compile(r"[^./\\]+\.[^./\\]+")
 
 
 def is_own(name: str) -> bool:
-    """Whether a name is that of a signal of the user's own, `<system>.<port>`."""
+    """Tests whether a name is that of a signal of the user's own, `<system>.<port>`."""
     return _OWN.fullmatch(name) is not None
 
 
@@ -221,7 +221,7 @@ def in_units(unit: str, names: dict[str, str]) -> str:
 
 
 def mass_property_units(names: dict[str, str]) -> tuple[str, ...]:
-    """The units of the ten parameters, in the vehicle's unit system."""
+    """Returns the units of the ten parameters, in the vehicle's unit system."""
     return tuple(in_units(unit, names) for unit in _MASS_PROPERTY_UNITS)
 
 

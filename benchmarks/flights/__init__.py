@@ -1,1 +1,1 @@
-"""Flights of the card: what is drawn, flown and recorded of each."""
+"""Flights of the card: draws, runs and records of each kind."""

@@ -1,4 +1,4 @@
-"""One flight of the card: its scenario, and what should be declared."""
+"""One flight of the card: its scenario, and the declarations that it should have."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ STATED_LAG = 1.0 / 1.05  # the filter is told 5 % more lag than jets have
 
 
 class Record(NamedTuple):
-    """Telemetry.
+    """Telemetry of a flight.
 
     Attributes:
         time_s: of each row, s, shape (n,).
@@ -38,7 +38,7 @@ class Record(NamedTuple):
 
 
 class Flight(NamedTuple):
-    """One flight, drawn.
+    """Drawn flight.
 
     Attributes:
         scenario: name of a bundled one, or its content.
@@ -67,7 +67,7 @@ def truth(body: MassProperties) -> str:
 
 
 def thrusts(how: str, number: int) -> tuple[str, str]:
-    """Overrides the dispersion of thrusts and what the filter is told of it.
+    """Overrides the dispersion of thrusts, and the one that the filter assumes.
 
     Args:
         how: "exact", "dispersed" (1 %, as stated), "twice" (2 %, 1 % stated) or "either" (exact and dispersed in turn).

@@ -68,7 +68,7 @@ def inside(
 
 
 def _stated(name: str, frequency: float, damping: float) -> list[dict[str, Any]]:
-    """The parts of a scenario that states them, with other springs and dampers."""
+    """Returns the parts of a scenario that states them, with other springs and dampers."""
     parts = []
     for part in load_scenario(f"{name}_stated").moving:
         told = part.model_dump(exclude_none=True)
@@ -80,7 +80,7 @@ def _stated(name: str, frequency: float, damping: float) -> list[dict[str, Any]]
 
 
 def model(name: str, frequency: float, damping: float) -> str:
-    """The model of a scenario with other springs and dampers, in one line.
+    """Returns the model of a scenario with other springs and dampers, in one line.
 
     Args:
         name: of the scenario.

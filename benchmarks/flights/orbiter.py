@@ -27,7 +27,7 @@ def _vehicle() -> Any:
 
 @cache
 def _jets(mode: str) -> list[str]:
-    """Jets that may fail so: all leak, primary jets are stuck on, those that are commanded are stuck off."""
+    """Lists jets that may fail so: all leak, primary jets are stuck on, those that are commanded are stuck off."""
     if mode == "leak":
         return list(_vehicle().designations)
     if mode in ("stuck_on", "intermittent"):
@@ -37,7 +37,7 @@ def _jets(mode: str) -> list[str]:
 
 @cache
 def _commanded() -> list[str]:
-    """Jets that are commanded after something may have happened; commands do not depend on the filter."""
+    """Lists jets commanded after a possible failure; commands do not depend on the filter."""
     quick = ("detector.kind=off", "estimation.filter=thesis", "joint={}")
     run = simulate(load_scenario("payload_docking", ["jumps=[]", *_LOOP, *quick]), look_back=False)
     commanded = np.array(run["command"])[run.time_s > _AFTER_S + 1.0].any(axis=0)
@@ -105,7 +105,7 @@ def ten_minutes(random: Random, number: int) -> Flight:
 
 
 def hours(random: Random, number: int) -> Flight:
-    """Draws six healthy hours with the sample maneuver every ten minutes, told of propellant in turn."""
+    """Draws six healthy hours, the sample maneuver every ten minutes; odd ones with `joint.tank_fraction` null."""
     program = [window.model_dump() for window in load_scenario("orbiter_maneuver").maneuver]
     late = [
         {**one, "start_s": one["start_s"] + begin, "end_s": one["end_s"] + begin}

@@ -159,7 +159,7 @@ class TrackedFlight:
         return np.array(rows), body.rotation
 
     def _thrusts(self, time_s: float) -> Array:
-        """Forces of jets at full thrust, shape (n_jets, 3)."""
+        """Computes forces of jets at full thrust, shape (n_jets, 3)."""
         truth = self.truth
         thrusts = truth.thrusts * (1.0 - self.case.pressure_loss * time_s / self.duration_s)
         if truth.dead >= 0 and time_s >= truth.since_s:
@@ -167,7 +167,7 @@ class TrackedFlight:
         return thrusts
 
     def _opened(self, valves: _Valves, wanted: Array, drawn: Array, step: float) -> tuple[_Valves, Array]:
-        """Advances valves by a step; valves and their mean levels over it."""
+        """Advances valves by a step; returns valves and their mean levels over it."""
         strength = valves.strength
         if self.case.whole:
             strength = np.where((wanted > 0.0) & (valves.wanted == 0.0), drawn, strength)
@@ -199,7 +199,7 @@ class TrackedFlight:
         return _Body(position + 0.5 * step * (velocity + faster), faster, rotation @ _turned(step * middle), turning)
 
     def _roughened(self, read: Array, time_s: float) -> Array:
-        """Roughens the columns of sensors of one row."""
+        """Adds errors to the columns of sensors of one row."""
         if not self.case.rough:
             return read
         random, first = self._random, 3 * len(self.vehicle.gyros)
@@ -222,7 +222,7 @@ class TrackedFlight:
         return np.array([0.0, 0.0, 1.0]) if self._planar else np.ones(3)
 
     def _wanted(self, switches: list[tuple[float, Array]], time_s: float) -> Array:
-        """Valve levels toward which commands drive, which act late, and later where they open."""
+        """Computes valve levels that commands drive to, delayed, and further delayed where they open."""
         wanted = np.zeros(len(self.vehicle.jets))
         open_at = time_s - self.delays - self._late
         close_at = time_s - self.delays
@@ -295,7 +295,7 @@ def _at(switches: list[tuple[float, Array]], time_s: float, jet: int) -> bool:
 
 
 def _crossed(a: Array, b: Array) -> Array:
-    """Cross product of rows, faster than `numpy.cross`."""
+    """Computes the cross product of rows, faster than `numpy.cross`."""
     parts = ((1, 2), (2, 0), (0, 1))
     return np.stack([a[..., i] * b[..., j] - a[..., j] * b[..., i] for i, j in parts], axis=-1)
 
@@ -446,7 +446,7 @@ def _drawn_jets(random: np.random.Generator, sides: Array, planar: bool) -> list
 def drawn_flight(
     seed: int, *, vehicle: str, seconds: float, departures: Mapping[str, Any], told: Mapping[str, float], walk: float
 ) -> tuple[Vehicle, TrackedFlight]:
-    """Draws a flight, and the vehicle file that its estimator is told.
+    """Draws a flight, and the vehicle file for its estimator.
 
     Args:
         seed: of every draw.
@@ -464,7 +464,7 @@ def drawn_flight(
 
 
 def true_parameters(truth: Truth, vehicle: Vehicle) -> Array:
-    """The ten parameters, see `maths.mass_properties`, shape (10,)."""
+    """Returns the ten parameters, see `maths.mass_properties`, shape (10,)."""
     inverse = np.linalg.inv(truth.inertia)
     if vehicle.motion == "planar":
         inverse[2, 2] = 1.0 / truth.inertia[2, 2]
@@ -472,7 +472,7 @@ def true_parameters(truth: Truth, vehicle: Vehicle) -> Array:
 
 
 def tenth_pulse(rows: Array, truth: Truth, vehicle: Vehicle) -> float | None:
-    """Time of a dead jet's tenth command, s; None: never."""
+    """Returns the time of a dead jet's tenth command, s; None: never."""
     if truth.dead < 0:
         return None
     fires = rows[:, -len(vehicle.jets) + truth.dead] * (rows[:, 0] >= truth.since_s)

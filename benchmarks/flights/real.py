@@ -30,7 +30,7 @@ KNOWN: Mapping[str, Known] = {"hardware": Known(23.09, ("T2",)), "twin": Known(2
 
 
 def cut(random: Random, name: str, folder: Path) -> tuple[Path, Path]:
-    """Draws 90 s of a record and writes them; the file, and its map."""
+    """Draws 90 s of a record and writes them; returns the file, and its map."""
     with (_RECORDS / f"{name}.csv").open(newline="") as file:
         head, *rows = list(csv.reader(file))
     clock = head.index("nominal_time_s")

@@ -15,7 +15,7 @@ _PERIOD_S = 0.08
 
 
 def as_flown(run: Run, random: Random | None = None) -> Record:
-    """Telemetry of a run, unchanged."""
+    """Returns telemetry of a run, unchanged."""
     velocities = {each.name: np.array(run[each.name]) for each in run.scenario.vehicle_data.accelerometers}
     return Record(np.array(run.time_s), np.array(run["gyro"]), velocities, np.array(run["command"]))
 
@@ -38,7 +38,7 @@ def false_reading(run: Run, random: Random) -> Record:
 
 
 def still_axis(run: Run, random: Random) -> Record:
-    """Lets an axis of the gyro stand still for a second while the vehicle turns."""
+    """Freezes an axis of the gyro for a second while the vehicle turns."""
     record, axis = as_flown(run), int(random.integers(3))
     turning = np.flatnonzero(np.abs(np.diff(record.rates[:, axis])) > 1e-4)
     turning = turning[(record.time_s[turning] > 30.0) & (turning < len(record.time_s) - 30)]

@@ -1,4 +1,4 @@
-"""The card's table: what became of each kind of flight, with 95 % intervals."""
+"""Table of the card: outcome of each kind of flight, with 95 % intervals."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def judge(facts: Facts, spec: Mapping[str, Any]) -> Judged:
 
 
 def _first(failures: Iterable[Mapping[str, Any]], time: str) -> dict[str, float]:
-    """First of some times of each failed jet, s, by designation."""
+    """Returns the first of some times of each failed jet, s, by designation."""
     found: dict[str, float] = {}
     for one in failures:
         if one["jet"] is not None and one[time] is not None:
@@ -132,7 +132,7 @@ def _first(failures: Iterable[Mapping[str, Any]], time: str) -> dict[str, float]
 
 
 def _forces(facts: Facts, failed: Mapping[str, float]) -> list[float]:
-    """Errors of the forces of named jets in their 1-sigma, where the force is constant and known."""
+    """Computes errors of the forces of named jets in their 1-sigma, where the force is constant and known."""
     true = {one["jet"]: one["force"] for one in facts["failed"] if one["kind"] != "drift"}
     newest = {
         entry["jets"][0]: entry
@@ -147,7 +147,7 @@ def _forces(facts: Facts, failed: Mapping[str, float]) -> list[float]:
 
 
 def _payloads(facts: Facts) -> list[tuple[float, float]]:
-    """Errors of mass and place of payloads in their 1-sigma, where they were measured."""
+    """Computes errors of mass and place of payloads in their 1-sigma, where they were measured."""
     entries = [one for one in facts["declared"] if one["kind"] == _JUMP and one["mass"] is not None]
     found = []
     for entry, true in zip(entries, facts["payloads"], strict=False):
@@ -196,7 +196,7 @@ class Row(NamedTuple):
 
 
 def counted(flights: Sequence[Mapping[str, Any]], spec: Mapping[str, Any]) -> Row:
-    """Statistics of the flights of one kind.
+    """Computes statistics of the flights of one kind.
 
     Args:
         flights: rows of results, with `facts` and `timed` as JSON, None where the flight failed to run.
@@ -230,7 +230,7 @@ def counted(flights: Sequence[Mapping[str, Any]], spec: Mapping[str, Any]) -> Ro
 
 
 def _misjudged(facts: Facts, spec: Mapping[str, Any]) -> bool:
-    """Tests whether the verdict on a run, or the first reason of it, is not what it should be."""
+    """Tests whether the verdict on a run, or the first reason of it, is wrong."""
     if spec.get("verdict") == "either":
         return False
     if "reason" in spec:
@@ -240,12 +240,12 @@ def _misjudged(facts: Facts, spec: Mapping[str, Any]) -> bool:
 
 
 def _stacked(flown: Sequence[Facts], name: str) -> Array:
-    """Values of all flights, NaN where unknown, shape (n, 10)."""
+    """Stacks values of all flights, NaN where unknown, shape (n, 10)."""
     return np.array([[np.nan if x is None else x for x in facts[name]] for facts in flown]).reshape(-1, 10)
 
 
 def _over(function: Callable[[list[float]], Any], timed: Iterable[Mapping[str, Any]], name: str) -> float:
-    """A statistic of what was measured; NaN where nothing was."""
+    """Computes a statistic of measured values; NaN without any."""
     found = [one[name] for one in timed if one[name] is not None]
     return float(function(found)) if found else math.nan
 
@@ -349,7 +349,7 @@ def headline(sentence: str, rows: Sequence[Row]) -> str:
 
 
 def _spread(values: Array) -> tuple[float, ...]:
-    """Median, 90 % and largest; none where there are no values."""
+    """Computes median, 90 % and largest; none where there are no values."""
     return (float(np.median(values)), float(np.quantile(values, 0.9)), float(values.max())) if values.size else ()
 
 
@@ -394,7 +394,7 @@ VERSUS = (
 
 
 def _rms(errors: Array) -> Array:
-    """RMS of each parameter's error, NaN where unknown, shape (10,)."""
+    """Computes the RMS of each parameter's error, NaN where unknown, shape (10,)."""
     return np.sqrt(np.mean(errors**2, axis=0))
 
 

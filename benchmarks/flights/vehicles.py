@@ -1,4 +1,4 @@
-"""Flights of drawn vehicles: two minutes of turns and translations about all axes, something half-way.
+"""Flights of drawn vehicles: two minutes of turns and translations about all axes, with an event half-way.
 
 Every number is a vehicle of its own: 8 kg to 8 t, a box of drawn proportions, 12 to 24 jets at drawn places and some
 degrees off the axes that push it at up to 0.1 m/s^2, sampled 5 to 25 times a second, gyros whose quantum is a fifth to
@@ -26,7 +26,7 @@ _SPANS: Mapping[str, tuple[float, float, float]] = {
 
 
 class Drawn(NamedTuple):
-    """A drawn vehicle and how it is flown.
+    """Drawn vehicle and its flight.
 
     Attributes:
         vehicle: content of its file.
@@ -249,7 +249,7 @@ def _happens(
 
 
 def _arm(ship: Drawn) -> float:
-    """Radius of gyration of a vehicle, m."""
+    """Computes the radius of gyration of a vehicle, m."""
     return float(np.sqrt(np.trace(ship.nominal.inertia) / ship.nominal.mass))
 
 

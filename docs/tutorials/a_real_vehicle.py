@@ -19,7 +19,7 @@ settings = load_scenario("air_bearing_pulses")
 
 
 def estimated(name: str) -> Run:
-    """What the estimator makes of a record, by the map beside it."""
+    """Estimates from a record, by the map beside it."""
     return estimate(records / f"{name}.csv", settings, record_map=records / f"{name}_map.yaml")
 
 

@@ -1,4 +1,4 @@
-"""Is the stated uncertainty honest? NIS of samples, NEES of runs, and what differencing does.
+"""Test of the stated uncertainty: NIS of samples, NEES of runs, and the effect of differencing.
 
 python consistency.py [FOLDER]
 """
@@ -27,20 +27,20 @@ cases = {"quantized": [], "Gaussian": [f"sensors.errors=[{', '.join(errors)}]"]}
 
 
 def repeatedly(overrides):
-    """Runs of the sample maneuver, one for each seed."""
+    """Runs the sample maneuver once for each seed."""
     return [
         simulate(load_scenario("sample_maneuver", [*overrides, f"seed={seed}"])) for seed in SEEDS
     ]
 
 
 def nis(run, name):
-    """NIS of a filter at the samples that it used, without those of the start."""
+    """Returns the NIS of a filter at the samples that it used, without those of the start."""
     used = (run[f"{name}_used"][:, 0] == 1.0) & (run.time_s > SETTLED_S)
     return run[f"{name}_nis"][used, 0]
 
 
 def nees(run):
-    """Squared error at the end, in units of the covariance claimed: nine parameters, and 1/m."""
+    """Computes the final squared error in units of its covariance: nine parameters, and 1/m."""
     error = run["estimate"][-1] - run["truth"][-1]
     # elements lie 20 powers of ten apart: solve in units of 1-sigma
     scale = np.sqrt(run.covariance.diagonal())
@@ -50,7 +50,7 @@ def nees(run):
 
 
 def correlation_of_neighbors(run):
-    """Correlation of consecutive innovations of the rotation filter, where both were used."""
+    """Correlates consecutive innovations of the rotation filter, where both were used."""
     used = run["rotation_used"][:, 0] == 1.0
     both = np.flatnonzero(used[:-1] & used[1:] & (run.time_s[1:] > SETTLED_S))
     innovation = run["rotation_innovation"]

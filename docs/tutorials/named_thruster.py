@@ -1,4 +1,4 @@
-"""From MultibodyPlant to a named thruster: python named_thruster.py [FOLDER]."""
+"""A MultibodyPlant and its named thruster: python named_thruster.py [FOLDER]."""
 
 import sys
 from pathlib import Path

@@ -12,7 +12,7 @@ from massprop_drake.maths.mass_properties import pack
 
 
 class LeastSquares(LeafSystem):
-    """Inverse inertia from the rates gained and the impulses commanded."""
+    """Least-squares estimate of inverse inertia from gained rates and commanded impulses."""
 
     def __init__(self, period_s):
         super().__init__()

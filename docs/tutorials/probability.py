@@ -18,7 +18,7 @@ SEEDS = range(4)  # more seeds say more; each takes a few seconds
 
 
 def flown(*overrides, leak=0.05, until_s=52):
-    """A flight of the small satellite, one of whose jets leaks 1 % of its thrust."""
+    """Simulates a flight of the small satellite, one of whose jets leaks 1 % of its thrust."""
     failure = f"{{kind: leak, jet: {LEAKING}, start_s: {ONSET_S}, force: {leak}}}"  # N
     given = [f"duration_s={until_s}", f"failures=[{failure}]", *overrides]
     return simulate(load_scenario("small_satellite_leak", given))

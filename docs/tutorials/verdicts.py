@@ -1,4 +1,4 @@
-"""What the verdicts mean: three short flights, and what a run says of them.
+"""Meaning of the verdicts: three short flights, and what a run says of them.
 
 python verdicts.py [FOLDER]
 """

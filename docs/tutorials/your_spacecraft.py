@@ -12,7 +12,7 @@ folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp())
 
 
 def told(run: Run) -> None:
-    """Prints what a run has found."""
+    """Prints the findings of a run."""
     found = run.results
     off = np.nanmax(abs(found.estimates - found.truth) / found.standard_deviations)
     within = 3 if off < 3.0 else f"{off:.0f}"

@@ -1,4 +1,4 @@
-"""The command line: `massprop`."""
+"""Command line: `massprop`."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ def foretell(
     overrides: Overrides = None,
     as_json: Json = False,
 ) -> None:
-    """Says what a flight will tell before it is flown: sigmas, floors, propellant, and how soon each leak shows."""
+    """Forecasts a flight before it is flown: sigmas, floors, propellant, and how soon each leak shows."""
     from massprop_drake.cli import show, sources
     from massprop_drake.runners import foretelling
 
@@ -491,7 +491,7 @@ def export_run(
 
 
 def _tell(target: Path, as_json: bool, quiet: bool) -> None:
-    """Says which file was written."""
+    """Reports which file was written."""
     from massprop_drake.cli import show
 
     if as_json:

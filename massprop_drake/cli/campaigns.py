@@ -1,4 +1,4 @@
-"""The command line's campaigns: `massprop campaign ...`.
+"""Campaigns at the command line: `massprop campaign ...`.
 
 Exit statuses besides the usual ones: 3 when a gate fails, 4 when cases failed to run, whatever the gates say of the
 rest.
@@ -148,7 +148,7 @@ def status(folder: Folder, as_json: Json = False) -> None:
 
 @app.command(epilog="Example: `massprop campaign report runs/healthy`")
 def report(folder: Folder, force: Force = False, as_json: Json = False, quiet: Quiet = False) -> None:
-    """Writes the report of a campaign anew from what has been flown, and judges its gates."""
+    """Writes the report of a campaign again from the cases flown so far, and judges its gates."""
     from massprop_drake.studies.campaign.conclusion import concluded
 
     _conclude(concluded(folder, with_page=True), folder, force=force, as_json=as_json, quiet=quiet)
@@ -164,7 +164,7 @@ def compare(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Holds campaigns with the same draws against each other, case by case."""
+    """Compares campaigns with the same draws, case by case."""
     from massprop_drake.cli import show
     from massprop_drake.results.folder import require_file, write_page
     from massprop_drake.studies.campaign import compare as comparison
@@ -194,7 +194,7 @@ def _advise(chosen: Campaign, *, quiet: bool) -> None:
 
 
 def _say_kept(flown: Campaign, only: list[int], *, as_json: bool, quiet: bool) -> None:
-    """Says where the folders of cases flown alone are, and which could not be flown."""
+    """Lists where the folders of cases flown alone are, and which could not be flown."""
     from massprop_drake.cli import show
 
     kept = {number: flown.case_folder(number) for number in only}
@@ -211,7 +211,7 @@ def _say_kept(flown: Campaign, only: list[int], *, as_json: bool, quiet: bool) -
 
 
 def _conclude(said: Concluded, folder: Path, *, force: bool, as_json: bool, quiet: bool) -> None:
-    """Writes the report, prints what it says, and ends with the status that the gates and the cases ask for."""
+    """Writes the report, prints its verdict, and ends with the status that the gates and the cases ask for."""
     from massprop_drake.cli import show
     from massprop_drake.results.folder import write_files
 

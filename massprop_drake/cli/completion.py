@@ -1,4 +1,4 @@
-"""What a shell offers when a name is half written: what is bundled, runs, and files."""
+"""Completion in a shell: bundled names, runs, and files."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _FILES = {"scenario": (".yaml", ".yml"), "vehicle": (".yaml", ".yml"), "campaign
 
 
 def named(kind: Kind) -> Callable[[str], list[str]]:
-    """A function that offers bundled names of a kind, files and folders that begin as written."""
+    """Makes a function that offers bundled names of a kind, files and folders that begin as written."""
 
     def offered(incomplete: str) -> list[str]:
         return [name for name in bundled(kind) if name.startswith(incomplete)] + _paths(incomplete, _FILES[kind])
@@ -42,7 +42,7 @@ def runs(incomplete: str) -> list[str]:
 
 
 def _paths(incomplete: str, endings: tuple[str, ...]) -> list[str]:
-    """Files with one of these endings, and folders, that begin as written."""
+    """Lists files with one of these endings, and folders, that begin as written."""
     beside = Path(incomplete) if incomplete.endswith("/") else Path(incomplete).parent
     if not beside.is_dir():
         return []

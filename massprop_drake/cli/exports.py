@@ -17,7 +17,7 @@ from massprop_drake.results.run import Run, read_summary
 
 
 class Written(NamedTuple):
-    """An export that was written.
+    """Export that was written.
 
     Attributes:
         file: path.
@@ -107,7 +107,7 @@ def play(folder: Path, asked: ExportOptions, port: int | None, speed: float, *, 
 
 
 def seconds(epoch: str | None) -> float | None:
-    """A time since 1970 from an option: seconds, or a date with or without a time of day, in UTC unless it says."""
+    """Parses a time since 1970 from an option: seconds, or a date with or without a time of day, in UTC by default."""
     if epoch is None:
         return None
     try:

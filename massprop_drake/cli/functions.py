@@ -28,14 +28,14 @@ def is_named(word: str) -> bool:
 
 
 def file_stem(target: str) -> str:
-    """A name for files about a function: of the last part of its module, and its own."""
+    """Makes a name for files about a function: the last part of its module, and its own name."""
     where, _, name = target.rpartition(":")
     return re.sub(r"\W+", "_", f"{Path(where.removesuffix('.py')).name.rpartition('.')[2]}_{name}")
 
 
 @contextlib.contextmanager
 def guarded(target: str) -> Iterator[None]:
-    """Turns whatever code of the user's raises into one message; what it prints goes to the error stream.
+    """Converts any error of the user's code into one message; what it prints goes to the error stream.
 
     Args:
         target: as given, for the message.
@@ -60,7 +60,7 @@ def guarded(target: str) -> Iterator[None]:
 
 
 def call(target: str) -> Any:
-    """Calls a function without arguments and returns what it makes.
+    """Calls a function without arguments and returns its result.
 
     Args:
         target: `module:function`, of a module that Python finds from the current folder on, or `file.py:function`.
@@ -77,7 +77,7 @@ def call(target: str) -> Any:
 
 
 def _module(where: str, target: str) -> ModuleType:
-    """The module of a name or a file, imported."""
+    """Imports the module of a name or a file."""
     if not (where.endswith(".py") or os.sep in where):
         with _found_from(Path.cwd()), guarded(target):
             try:
@@ -102,7 +102,7 @@ def _module(where: str, target: str) -> ModuleType:
 
 @contextlib.contextmanager
 def _found_from(folder: Path) -> Iterator[None]:
-    """Lets Python find modules in a folder first."""
+    """Makes Python search a folder for modules first."""
     sys.path.insert(0, str(folder))
     try:
         yield
@@ -112,7 +112,7 @@ def _found_from(folder: Path) -> Iterator[None]:
 
 
 def _function(module: ModuleType, name: str, target: str) -> Callable[[], Any]:
-    """A function of a module that can be called without arguments."""
+    """Returns a function of a module that can be called without arguments."""
     function = getattr(module, name, None)
     if not callable(function):
         what = "is no function" if hasattr(module, name) else "is not there"
@@ -132,7 +132,7 @@ def _function(module: ModuleType, name: str, target: str) -> Callable[[], Any]:
 
 
 def _place(error: BaseException) -> str:
-    """File and line from which an error comes: the last that is neither of a package, ours included, nor of Python."""
+    """Returns file and line from which an error comes: the last outside of packages, ours included, and of Python."""
     if isinstance(error, SyntaxError) and error.filename:
         return f" ({_shown(error.filename)}, line {error.lineno})"
     frames = traceback.extract_tb(error.__traceback__)
@@ -145,6 +145,6 @@ def _is_installed(filename: str) -> bool:
 
 
 def _shown(filename: str) -> str:
-    """A path from the current folder on, where it is below that."""
+    """Returns a path from the current folder on, where it is below that."""
     path, here = Path(filename), Path.cwd()
     return str(path.relative_to(here) if path.is_relative_to(here) else path)

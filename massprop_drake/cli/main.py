@@ -1,4 +1,4 @@
-"""The entry of the command line: how a command ends, and what is said when it ends early.
+"""Entry point of the command line: its exit status, and its message when it ends early.
 
 Exit statuses: 0 success, 1 an internal failure or a result that cannot be printed, 2 bad input, 128 and its number
 for a signal (130 after Ctrl-C, 143 after SIGTERM). A reader of standard output that leaves is no failure.
@@ -28,11 +28,11 @@ _AGAIN_S = 0.5  # after which an interruption that somebody has swallowed is rai
 
 
 class Interrupted(BaseException):
-    """A signal that asks the program to end."""
+    """Signal that asks the program to end."""
 
 
 class SavedWork:
-    """What a command leaves on disk, told when it ends before its result is printed."""
+    """Work that a command has saved on disk, reported when it ends before its result is printed."""
 
     def __init__(self) -> None:
         self._file: Path | None = None
@@ -40,7 +40,7 @@ class SavedWork:
         self._written, self._otherwise = "", "nothing was saved"
 
     def watch(self, file: Path, written: str, otherwise: str = "nothing was saved") -> None:
-        """Names the file by which the work is known to be saved.
+        """Names the file that shows whether the work is saved.
 
         Args:
             file: that the command writes last or together with all others.
@@ -51,7 +51,7 @@ class SavedWork:
 
     @property
     def saved(self) -> bool:
-        """Whether the file has been written since."""
+        """True if the file has been written since."""
         return self._file is not None and _identity(self._file) != self._before
 
     def __str__(self) -> str:
@@ -76,7 +76,7 @@ def main() -> None:
 
 
 def run() -> int:
-    """Runs the command line that `sys.argv` holds and returns its exit status; whatever is wrong is one message."""
+    """Runs the command line that `sys.argv` holds and returns its exit status; any error is one message."""
     kept = SavedWork()
     with guarded() as output, _interruptible() as received, _warnings_in_a_line():
         try:
@@ -108,7 +108,7 @@ def _command(kept: SavedWork) -> int:
 
 
 def _failed(error: Any, kept: SavedWork) -> int:
-    """Says what went wrong, and what is saved nevertheless; the exit status."""
+    """Reports an error, and what is saved nevertheless; returns the exit status."""
     saved = f"; {kept}" if kept.saved else ""
     if isinstance(error, InputError):
         note(f"{error}{saved}")
@@ -126,7 +126,7 @@ def _failed(error: Any, kept: SavedWork) -> int:
 
 
 def _printed(output: Stream, kept: SavedWork, status: int) -> int:
-    """Says what became of a result that could not be printed; the exit status."""
+    """Reports that a result could not be printed, and what is saved; returns the exit status."""
     if output.failure is None:
         return status
     saved = [str(kept)] if kept.saved else []
@@ -140,7 +140,7 @@ def _printed(output: Stream, kept: SavedWork, status: int) -> int:
 
 @contextlib.contextmanager
 def _interruptible() -> Iterator[list[int]]:
-    """Makes signals to end an exception, which lets everything be tidied up; a second one ends the process at once.
+    """Converts signals to end into an exception, so that everything is tidied up; a second one ends at once.
 
     Code that the exception meets can swallow it, a destructor for one: it is raised again until it is on its way.
 

@@ -1,4 +1,4 @@
-"""Pages of runs that are there: the report and the replay again, and runs side by side."""
+"""Pages of existing runs: the report and the replay again, and runs side by side."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def compare(runs: Sequence[Path], out: Path | None, *, force: bool) -> tuple[lis
 
 
 def print_comparison(found: Sequence[tuple[str, Summary]], vehicle: Any, target: Path) -> None:
-    """Prints the table of runs side by side, what each has found, and where the page is."""
+    """Prints the table of runs side by side, the findings of each, and where the page is."""
     show.side_by_side(found, vehicle)
     show.found_by_each(found, vehicle)
     say(f"plots:       {target}")

@@ -25,7 +25,7 @@ _WIDTH = 96  # of the comments in a file
 
 
 class How(NamedTuple):
-    """The options that say how a result is written and printed, and files that are read besides the record."""
+    """Options of how a result is written and printed, and files that are read besides the record."""
 
     force: bool
     as_json: bool
@@ -94,13 +94,13 @@ def make_vehicle(
 
 
 def _files_of(record: str) -> list[str]:
-    """Files that are read with a record: of a bag what is beside the database, too."""
+    """Returns files that are read with a record: of a bag also those beside the database."""
     beside = Path(record).parent / "metadata.yaml"
     return [record, f"{record}-wal", f"{record}-shm", *([str(beside)] if beside.is_file() else [])]
 
 
 def moments(text: str | None) -> tuple[float, float, float] | None:
-    """Principal moments from an option, such as 0.3,0.3,0.5."""
+    """Parses principal moments from an option, such as 0.3,0.3,0.5."""
     if text is None:
         return None
     try:
@@ -111,7 +111,7 @@ def moments(text: str | None) -> tuple[float, float, float] | None:
 
 
 def _map_text(found: Proposal, record: str, vehicle: Vehicle) -> str:
-    """A proposed map as a file, with its reasons as comments."""
+    """Formats a proposed map as a file, with its reasons as comments."""
     lines = [f"# Proposed for {Path(record).name} and vehicle {vehicle.name}. Why it is so:"]
     for reason in found.reasons:
         lines += _comment(reason)
@@ -125,7 +125,7 @@ def _map_text(found: Proposal, record: str, vehicle: Vehicle) -> str:
 
 
 def _comment(text: str) -> list[str]:
-    """A sentence as lines of a comment."""
+    """Formats a sentence as lines of a comment."""
     lines, line = [], "# -"
     for word in "".join(one if one.isprintable() else " " for one in text).split():
         if len(line) + len(word) >= _WIDTH:
@@ -136,7 +136,7 @@ def _comment(text: str) -> list[str]:
 
 
 def _shown(found: Proposal, understood: mapping.Mapped | None, how: How, recording: Recording) -> None:
-    """Prints a map's first rows, or all of it as JSON, and what is to be known of the record."""
+    """Prints a map's first rows, or all of it as JSON, and notes on the record."""
     rows = [] if understood is None else mapping.preview(understood)
     of_rows = () if understood is None else (*understood.notes, *_refusals(understood))
     losses = [f"{one.kind}: {one.text}" for one in recording.losses]
@@ -152,7 +152,7 @@ def _shown(found: Proposal, understood: mapping.Mapped | None, how: How, recordi
 
 
 def _refusals(understood: mapping.Mapped) -> list[str]:
-    """Sentences on why the estimators would not take the record, as the map has it; none where they would."""
+    """Lists reasons for which the estimators would not take the record as mapped; none where they would."""
     vehicle = understood.vehicle
     gyro = None if vehicle.needs_pose_filter or not vehicle.gyros else vehicle.gyros[0].name
     try:
@@ -181,7 +181,7 @@ def _table(understood: mapping.Mapped, rows: list[dict[str, Any]]) -> Table:
 
 
 def _unit(understood: mapping.Mapped, channel: mapping.Channel, component: str) -> str:
-    """The unit of a channel's component, after a blank."""
+    """Returns the unit of a channel's component, after a blank."""
     if component.startswith("q_") or component == "level":
         return ""
     length = understood.vehicle.unit_names["length"]
@@ -191,7 +191,7 @@ def _unit(understood: mapping.Mapped, channel: mapping.Channel, component: str) 
 
 
 def _open(jets: dict[str, float | None]) -> str:
-    """The jets that are open, with their share where it is not all of the row."""
+    """Returns the jets that are open, with their share where it is not all of the row."""
     shown = []
     for name, share in jets.items():
         shown.append(f"{name} ?" if share is None else name if share == 1.0 else f"{name} {share:.2f}")

@@ -46,7 +46,7 @@ _DIAGONAL = 3  # elements of the inverse inertia that are on its diagonal come f
 
 
 class Terminal(Console):
-    """Standard output, to which a `str` is text as it stands, wherever it is printed: never markup, never an order.
+    """Standard output that prints every `str` as plain text, never as markup or control sequence.
 
     The program's own styles are given apart from the words, as `words` takes them.
 
@@ -84,7 +84,7 @@ _WORD = re.compile(r"\S+(?: ± \S+)?\s*")  # what stays together
 
 
 def _breaks(text: str, width: int, indent: int) -> list[int]:
-    """Where a line is broken that is longer than a terminal is wide: places at which lines begin, but the first."""
+    """Finds places at which a line longer than the terminal's width is broken: where lines begin, but the first."""
     begins, room = [0], width
     for word in _WORD.finditer(text, indent):
         if word.start() > max(begins[-1], indent) and cell_len(text[begins[-1] : word.end()].rstrip()) > room:
@@ -94,7 +94,7 @@ def _breaks(text: str, width: int, indent: int) -> list[int]:
 
 
 def json_text(content: Any) -> str:
-    """JSON as files and standard output have it."""
+    """Formats JSON as files and standard output have it."""
     return json.dumps(content, indent=2, allow_nan=False) + "\n"
 
 
@@ -177,7 +177,7 @@ def schema(found: Iterable[Key]) -> None:
 
 
 def simulated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
-    """Prints the table of ten parameters, how the run went, and where its files are."""
+    """Prints the table of ten parameters, a summary of the run, and where its files are."""
     console = Terminal(120)
     title = f"{results.scenario}: {results.vehicle}, {results.duration_s:g} s, seed {results.seed}"
     _print_parameters(console, title, results, vehicle, truth=True)
@@ -202,7 +202,7 @@ def simulated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
 
 
 def estimated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
-    """Prints what a record gave: the ten parameters, what follows from them, warnings, failures and files."""
+    """Prints estimates from a record: the ten parameters, derived quantities, warnings, failures and files."""
     console = Terminal(120)
     quality = results.data_quality or {}
     title = f"{results.provenance.telemetry}: {results.vehicle}, {results.duration_s:g} s"
@@ -227,7 +227,7 @@ def estimated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
 
 
 def _factor(value: float) -> str:
-    """A speed as a whole number, to two digits where it is below ten."""
+    """Formats a speed as a whole number, to two digits where it is below ten."""
     return f"{value:.0f}" if value >= 9.95 else f"{value:.2g}"
 
 
@@ -246,7 +246,7 @@ def _print_intervals(console: Terminal, results: Summary, vehicle: Vehicle) -> N
 
 
 def _print_against(console: Terminal, found: Against) -> None:
-    """Prints how far a record is from a simulation of its commands, and what would explain that."""
+    """Prints how far a record is from a simulation of its commands, and possible causes."""
     from massprop_drake.results import table  # noqa: PLC0415 (slow to load)
 
     headings = ("", "unit", "RMS\ndifference", "largest", "at", "1-sigma of\na reading")
@@ -260,7 +260,7 @@ def _print_against(console: Terminal, found: Against) -> None:
 
 
 def as_compared(results: Summary) -> dict[str, dict[str, float | None]]:
-    """The ten parameters of a run as `massprop compare --json` gives them; None for what is not known."""
+    """Returns the ten parameters of a run as `massprop compare --json` gives them; None for unknown ones."""
 
     def known(value: float) -> float | None:
         return None if math.isnan(value) else value
@@ -296,7 +296,7 @@ def side_by_side(found: Iterable[tuple[str, Summary]], vehicle: Vehicle) -> None
 
 
 def found_by_each(runs: Iterable[tuple[str, Summary]], vehicle: Vehicle) -> None:
-    """Prints a line for each run: how long it is, whether it is consistent, and what it found."""
+    """Prints a line for each run: its duration, whether it is consistent, and its findings."""
     from massprop_drake.results.detections import in_words  # noqa: PLC0415 (slow to load)
 
     for name, results in runs:
@@ -306,7 +306,7 @@ def found_by_each(runs: Iterable[tuple[str, Summary]], vehicle: Vehicle) -> None
 
 
 def _compared(one: Parameter, results: Summary) -> tuple[str, str]:
-    """Error, or the estimate where the truth is not known, and 1-sigma in percent of either."""
+    """Formats error, or the estimate where the truth is not known, and 1-sigma in percent of either."""
     if math.isnan(one.estimate):
         return "not observable", "-"
     simulated = any(not math.isnan(other.truth) for other in results.parameters)
@@ -322,7 +322,7 @@ def declared(entry: DetectionRecord, vehicle: Vehicle) -> None:
 
 
 def told(event: EventRecord, vehicle: Vehicle) -> None:
-    """Prints at once what a detector says that is no new detection."""
+    """Prints at once a declaration that is no new detection."""
     if event.kind not in _DETECTIONS:
         say(_told(event, vehicle))
 
@@ -378,7 +378,7 @@ def print_table(
 
 
 def _print_listed(console: Terminal, title: str, headings: Sequence[str], rows: Iterable[Sequence[Text | str]]) -> None:
-    """Prints a table cell by cell: what a row is about, with its unit, and below it a line for each other cell."""
+    """Prints a table cell by cell: the subject of a row, with its unit, and below it a line for each other cell."""
     console.say((title, "italic"))
     named = [heading.replace("\n", " ") for heading in headings]
     longest = max(map(cell_len, named))
@@ -415,7 +415,7 @@ def _consistency(found: Consistency) -> str:
 
 
 def _say_doubts(console: Terminal, results: Summary) -> None:
-    """Says why estimates are not to be relied on, and which."""
+    """Explains why estimates are not to be relied on, and which."""
     from massprop_drake.results.identifiability import in_words  # noqa: PLC0415 (slow to load)
 
     for reason in results.consistency.reasons:
@@ -447,7 +447,7 @@ _MOST_SUSPECTED = 5  # suspicions that are printed
 
 
 def _say_found(console: Terminal, results: Summary, vehicle: Vehicle) -> None:
-    """Says what the detector found, what it suspected, and what it could not have found."""
+    """Describes what the detector found, what it suspected, and what it could not have found."""
     from massprop_drake.results.unconfirmed import NOTHING_TESTED, in_words  # noqa: PLC0415 (slow to load)
 
     for entry in results.detections:
@@ -617,7 +617,7 @@ def verdict(sentences: Iterable[Mapping[str, Any]]) -> None:
 
 
 def compared(found: Mapping[str, Any]) -> None:
-    """Prints how campaigns differ from what they are compared with, in pairs of cases.
+    """Prints differences between campaigns and their baseline, in pairs of cases.
 
     Args:
         found: as `studies.campaign.compare.summary` returns it.

@@ -1,4 +1,4 @@
-"""What a command is given: scenarios, runs and files by name, path or folder."""
+"""Arguments of commands: scenarios, runs and files by name, path or folder."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ KEYS: Mapping[Schema, Callable[[], list[Key]]] = {
 
 @contextlib.contextmanager
 def compiling(case: Scenario, *, quiet: bool) -> Iterator[None]:
-    """Says that kernels are compiled, where a case asks for it and they have not been, and how long it took."""
+    """Reports that kernels are compiled, where a case asks for it and they have not been, and how long it took."""
     if not case.execution.compiled:
         yield
         return
@@ -63,7 +63,7 @@ def compiling(case: Scenario, *, quiet: bool) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _logged(*, quiet: bool) -> Iterator[None]:
-    """Notes what the package logs, a line each; if quiet, nothing."""
+    """Prints what the package logs, a line each; if quiet, nothing."""
     logger, handler = logging.getLogger("massprop_drake"), logging.NullHandler() if quiet else _Noted()
     logger.addHandler(handler)
     try:
@@ -78,7 +78,7 @@ class _Noted(logging.Handler):
 
 
 def saving(place: Place, *, pictures: bool, report: bool, replay: bool) -> Callable[[Run], Path]:
-    """A function that saves a run in a place, and its folder.
+    """Makes a function that saves a run in a place; returns it and its folder.
 
     While an error is handled, that one is told; after an interruption figures and pages, which take a while, are left
     out.
@@ -112,7 +112,7 @@ def extended(add: Callable[[Run], Run], run: Run, save: Callable[[Run], Path]) -
 
 
 def note_doubts(doubts: list[Finding], *, quiet: bool) -> None:
-    """Notes what may bear on a result otherwise than it was meant, a line each."""
+    """Prints doubts about a result, a line each: entries that may not have their intended effect."""
     for doubt in () if quiet else doubts:
         note(f"warning: {doubt}")
 
@@ -132,7 +132,7 @@ def case_of_a_record(
 
 
 def reads(named: Iterable[str | Path | None], files: Iterable[Path]) -> list[Path]:
-    """Files and folders that a command reads: those that it is given, and those that these name.
+    """Returns files and folders that a command reads: its arguments, and those that these name.
 
     Args:
         named: as given, bundled names among them.
@@ -209,7 +209,7 @@ def diagrams(names: Sequence[str] | None, like: str | None) -> dict[str, Callabl
 
 
 def _built_by(target: str) -> Any:
-    """The diagram that a function of the user's own makes."""
+    """Returns the diagram that a function of the user's own makes."""
     from massprop_drake.display import graphs  # noqa: PLC0415 (loads Drake's framework)
 
     made = functions.call(target)
@@ -230,7 +230,7 @@ class Described(NamedTuple):
 
 
 def checked(name: str, whose: Vehicle | None) -> Vehicle | Scenario | CampaignSpec | Described:
-    """Reads a file and returns what it holds, telemetry and maps in words; raises InputError for a bad one."""
+    """Reads a file and returns its content, telemetry and maps in words; raises InputError for a bad one."""
     require_file(Path(name))
     if Path(name).suffix.lower() in _TELEMETRY:
         found = check_telemetry(Path(name), whose)
@@ -254,7 +254,7 @@ def checked(name: str, whose: Vehicle | None) -> Vehicle | Scenario | CampaignSp
 
 
 def _with_model(scenario: Scenario, name: str) -> Scenario:
-    """A scenario whose multibody model, if it has one, Drake can fly; raises InputError for a bad one."""
+    """Returns a scenario whose multibody model, if any, Drake can fly; raises InputError for a bad one."""
     if scenario.plant.kind == "multibody":
         from massprop_drake.diagrams.multibody import require_model  # noqa: PLC0415 (loads Drake's multibody library)
 

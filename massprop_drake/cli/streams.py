@@ -1,4 +1,4 @@
-"""The program's standard streams: what users wrote is printed as it is, and a stream that fails stops no work."""
+"""Standard streams of the program: users' text is printed as it is, and a stream that fails stops no work."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any, TextIO, cast
 
 
 def visible(content: object, encoding: str = "utf-8") -> str:
-    r"""Puts into printable characters what a terminal would obey, or cannot show.
+    r"""Replaces characters that a terminal would obey, or cannot show, by printable ones.
 
     All text that is not the program's own passes here on its way to a terminal. Control characters, ends of lines
     among them, escape sequences, marks that turn the direction of writing, lone surrogates, and what the encoding
@@ -41,7 +41,7 @@ def _print_line(stream: TextIO, line: object) -> None:
 
 
 class Stream:
-    """A standard stream that never raises: after its first failure it takes everything and prints nothing.
+    """Standard stream that never raises: after its first failure it takes everything and prints nothing.
 
     Work whose result cannot be printed is thus finished and saved, and its end tells why nothing was printed.
 
@@ -80,7 +80,7 @@ class Stream:
 
 @contextlib.contextmanager
 def guarded() -> Iterator[Stream]:
-    """Puts streams that never raise in the place of the standard ones, and yields standard output.
+    """Replaces the standard streams by ones that never raise, and yields standard output.
 
     A stream that was closed is empty when it is read and fails when it is written to; no file opened later takes
     its place.
@@ -98,7 +98,7 @@ def guarded() -> Iterator[Stream]:
 
 
 def _closed(descriptor: int, mode: str) -> TextIO:
-    """A stream in the place of one that was closed before the program began."""
+    """Makes a stream in the place of one that was closed before the program began."""
     _redirect(descriptor, os.O_RDONLY)
     return cast(TextIO, open(descriptor, mode, encoding="utf-8", closefd=False))
 

@@ -1,4 +1,4 @@
-"""What people look at after a run: figures, the report page and the replay in three dimensions.
+"""Display of runs: figures, the report page and the replay in three dimensions.
 
 Names are loaded when they are first used, so that figures need no Drake.
 """

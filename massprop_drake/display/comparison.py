@@ -1,4 +1,4 @@
-"""Runs side by side on one page: what each estimated and found, and their plots laid over each other."""
+"""Comparison page of runs side by side: the estimates and findings of each, and their plots overlaid."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class _Blind(Mapping[str, Array]):
 
 
 def _alike(runs: Sequence[tuple[str, Source]]) -> list[tuple[str, Source]]:
-    """The sources as they can be laid over each other.
+    """Returns the sources in a form in which they can be overlaid.
 
     Beside a record, whose truth nobody knows, a simulated run shows its estimates, too, not their errors. Runs that
     have no time in common all begin at zero.
@@ -97,7 +97,7 @@ def _alike(runs: Sequence[tuple[str, Source]]) -> list[tuple[str, Source]]:
 
 
 def overlaid(runs: Sequence[tuple[str, Source]]) -> list[Plot]:
-    """The plots that all runs have, with the marks of all: a run has one color throughout.
+    """Makes the plots that all runs have, with the marks of all: a run has one color throughout.
 
     Args:
         runs: each with a name.
@@ -126,7 +126,7 @@ def _laid_over(same: Sequence[Plot], names: Sequence[str]) -> Plot:
 
 
 def _of_run(mark: Mark, color: str, name: str) -> Mark | None:
-    """A mark in the color of its run; None for one that is the same for all."""
+    """Returns a mark in the color of its run; None for one that is the same for all."""
     match mark:
         case Line() | Points():
             return mark._replace(color=color, label=f"{name}: {mark.label}" if mark.label else name)
@@ -150,7 +150,7 @@ def _limits(parts: Sequence[Panel]) -> tuple[float, float] | None:
 
 
 def _found(run: Run) -> tuple[str, str, str]:
-    """Says how long a run is, whether its innovations are consistent, and what it found."""
+    """Describes the duration of a run, whether its innovations are consistent, and its findings."""
     results = run.results
     declared = "; ".join(in_words(entry, run.scenario.vehicle_data.unit_names) for entry in results.detections)
     return f"{results.duration_s:.6g} s", results.consistency.verdict or "not judged", declared or "nothing"
@@ -167,7 +167,7 @@ def _parameters(runs: Sequence[tuple[str, Run]]) -> list[dict[str, Any]]:
 
 
 def _cells(one: Parameter, unit: str) -> tuple[str, str, str]:
-    """Estimate, error and 1-sigma in words: in percent or, of what is about zero, in the parameter's unit."""
+    """Formats estimate, error and 1-sigma: in percent or, of a value near zero, in the parameter's unit."""
     if math.isnan(one.estimate):
         return "not observable", "", ""
     if math.isnan(one.standard_deviation):

@@ -1,4 +1,4 @@
-"""What happened in a run and when: what was commanded, what failed, what was found."""
+"""Events of a run with their times: commands, failures, and detections."""
 
 from __future__ import annotations
 

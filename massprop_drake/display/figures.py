@@ -78,7 +78,7 @@ _WINDOW_STEP, _SMALL_LETTER = 0.11, 0.058  # height of a window's name, width of
 
 
 class Drawing(Figure):
-    """A figure that shows itself in a notebook, with no magic and no pyplot."""
+    """Figure that shows itself in a notebook, with no magic and no pyplot."""
 
     def _repr_png_(self) -> bytes:
         picture = io.BytesIO()
@@ -114,11 +114,11 @@ class Plots:
         self._source = source
 
     def all(self) -> Mapping[str, Figure]:
-        """Every figure by name, in the order to read them; each is drawn when it is asked for."""
+        """Yields every figure by name, in the order to read them; each is drawn when it is asked for."""
         return _Figures(self._source)
 
     def save(self, folder: Path) -> None:
-        """Writes every figure into a folder, as `<name>.png`; what one raises is raised once the others are written."""
+        """Writes every figure into a folder, as `<name>.png`; errors are raised once the others are written."""
         drawn, failed = self.all(), []
         for name in drawn:
             path = folder / f"{name}.png"
@@ -133,131 +133,131 @@ class Plots:
             raise failed[0]
 
     def rates(self) -> Figure:
-        """Angular velocity (figure 5-2)."""
+        """Draws the angular velocity (figure 5-2)."""
         return drawn(plots.rates(self._source))
 
     def velocities(self) -> Figure:
-        """Velocity of the center of mass relative to the start (figure 5-3)."""
+        """Draws the velocity of the center of mass relative to the start (figure 5-3)."""
         return drawn(plots.velocities(self._source))
 
     def gyro_readings(self) -> Figure:
-        """Angular rate as each gyro package read it."""
+        """Draws the angular rate as each gyro package read it."""
         return drawn(plots.gyro_readings(self._source))
 
     def rates_estimated(self) -> Figure:
-        """Angular rate as the filter has it, of a vehicle without gyro."""
+        """Draws the angular rate as the filter has it, of a vehicle without gyro."""
         return drawn(plots.rates_estimated(self._source))
 
     def thrust_factors(self) -> Figure:
-        """What each jet accelerates the vehicle by, over what it nominally would."""
+        """Draws the acceleration by each jet, over the nominal one."""
         return drawn(plots.thrust_factors(self._source))
 
     def surroundings(self) -> Figure:
-        """The delay of commands, drag, and the turning that goes with the heading."""
+        """Draws the delay of commands, drag, and the turning that goes with the heading."""
         return drawn(plots.surroundings(self._source))
 
     def positions(self) -> Figure:
-        """Position in the fixed frame: as read, as estimated and, in a simulation, as it is."""
+        """Draws the position in the fixed frame: as read, as estimated and, in a simulation, as it is."""
         return drawn(plots.positions(self._source))
 
     def own_signals(self) -> Figure:
-        """Signals of systems of your own that nothing else shows."""
+        """Draws signals of systems of your own that nothing else shows."""
         return drawn(plots.own_signals(self._source))
 
     def accelerometer_velocities(self) -> Figure:
-        """Integrated specific force as each accelerometer package read it."""
+        """Draws the integrated specific force as each accelerometer package read it."""
         return drawn(plots.accelerometer_velocities(self._source))
 
     def against_positions(self) -> Figure:
-        """Position as read and as simulated; see `plots.against_positions`."""
+        """Draws the position as read and as simulated; see `plots.against_positions`."""
         return drawn(plots.against_positions(self._source))
 
     def against_attitudes(self) -> Figure:
-        """Attitude beside a simulation; see `plots.against_attitudes`."""
+        """Draws the attitude beside a simulation; see `plots.against_attitudes`."""
         return drawn(plots.against_attitudes(self._source))
 
     def against_rates(self) -> Figure:
-        """Angular rate as read, and as a simulation of the same commands has it."""
+        """Draws the angular rate as read, and as a simulation of the same commands has it."""
         return drawn(plots.against_rates(self._source))
 
     def against_velocities(self) -> Figure:
-        """Integrated specific force as read, and as a simulation of the same commands has it."""
+        """Draws the integrated specific force as read, and as a simulation of the same commands has it."""
         return drawn(plots.against_velocities(self._source))
 
     def attitude_error(self) -> Figure:
-        """Attitude error in hold."""
+        """Draws the attitude error in hold."""
         return drawn(plots.attitude_error(self._source))
 
     def phase_plane(self) -> Figure:
-        """Rate over attitude error of the axes in hold, with the lines beyond which the autopilot acts."""
+        """Draws the rate over attitude error of the axes in hold, with the lines beyond which the autopilot acts."""
         return drawn(plots.phase_plane(self._source))
 
     def clusters(self) -> Figure:
-        """Which cluster was commanded when, and what it gave."""
+        """Draws the commands to each cluster over time, and its thrust."""
         return drawn(plots.clusters(self._source))
 
     def innovations(self) -> Figure:
-        """Innovations of rotation, with 3 sigma by the filter's own covariance."""
+        """Draws innovations of rotation, with 3 sigma by the filter's own covariance."""
         return drawn(plots.innovations(self._source))
 
     def mass_innovations(self) -> Figure:
-        """Innovations of translation, with 3 sigma by the filter's own covariance."""
+        """Draws innovations of translation, with 3 sigma by the filter's own covariance."""
         return drawn(plots.mass_innovations(self._source))
 
     def propellant(self) -> Figure:
-        """Propellant used."""
+        """Draws the propellant used."""
         return drawn(plots.propellant(self._source))
 
     def torques(self) -> Figure:
-        """Applied torque about the center of mass (figure 5-4)."""
+        """Draws the applied torque about the center of mass (figure 5-4)."""
         return drawn(plots.torques(self._source))
 
     def forces(self) -> Figure:
-        """Applied force (figure 5-5)."""
+        """Draws the applied force (figure 5-5)."""
         return drawn(plots.forces(self._source))
 
     def jets(self) -> Figure:
-        """Which jet was commanded when, by cluster."""
+        """Draws the commands to each jet over time, by cluster."""
         return drawn(plots.jets(self._source))
 
     def inverse_inertia_diagonal(self) -> Figure:
-        """Errors of the diagonal of the inverse inertia (figure 5-6a)."""
+        """Draws errors of the diagonal of the inverse inertia (figure 5-6a)."""
         return drawn(plots.inverse_inertia_diagonal(self._source))
 
     def inverse_inertia_products(self) -> Figure:
-        """Errors of the products of the inverse inertia (figure 5-6b)."""
+        """Draws errors of the products of the inverse inertia (figure 5-6b)."""
         return drawn(plots.inverse_inertia_products(self._source))
 
     def center_of_mass(self) -> Figure:
-        """Errors of the center of mass (figure 5-7)."""
+        """Draws errors of the center of mass (figure 5-7)."""
         return drawn(plots.center_of_mass(self._source))
 
     def mass_reciprocal(self) -> Figure:
-        """Error of the mass reciprocal (figure 5-12)."""
+        """Draws the error of the mass reciprocal (figure 5-12)."""
         return drawn(plots.mass_reciprocal(self._source))
 
     def consistency(self) -> Figure:
-        """NIS of both filters at the samples used (figures 5-8, 5-13)."""
+        """Draws the NIS of both filters at the samples used (figures 5-8, 5-13)."""
         return drawn(plots.consistency(self._source))
 
     def likelihoods(self) -> Figure:
-        """Likelihood arguments of all jets, and of the clusters (figures 5-16, 5-19, 5-22, 5-25)."""
+        """Draws likelihood arguments of all jets, and of the clusters (figures 5-16, 5-19, 5-22, 5-25)."""
         return drawn(plots.likelihoods(self._source))
 
     def fault_probabilities(self) -> Figure:
-        """Posterior probabilities of faults: of the jets that reach 1 %, of nothing, and of something unknown."""
+        """Draws posterior probabilities of faults: of the jets that reach 1 %, of nothing, and of something unknown."""
         return drawn(plots.fault_probabilities(self._source))
 
     def margins(self) -> Figure:
-        """Margins of the likeliest jet and cluster (figures 5-17, 5-20, 5-23, 5-26)."""
+        """Draws margins of the likeliest jet and cluster (figures 5-17, 5-20, 5-23, 5-26)."""
         return drawn(plots.margins(self._source))
 
     def failure_magnitude(self) -> Figure:
-        """Magnitude of a failure: estimate, truth and known force (figures 5-18, 5-21, 5-24, 5-27)."""
+        """Draws the magnitude of a failure: estimate, truth and known force (figures 5-18, 5-21, 5-24, 5-27)."""
         return drawn(plots.failure_magnitude(self._source))
 
     def detection_timeline(self) -> Figure:
-        """Tests, alarms and declarations beside the rates and the number of jets commanded."""
+        """Draws tests, alarms and declarations beside the rates and the number of jets commanded."""
         return drawn(plots.detection_timeline(self._source))
 
 

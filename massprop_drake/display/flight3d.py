@@ -1,4 +1,4 @@
-"""The replay of a run in three dimensions, as one HTML file that plays offline."""
+"""Replay of a run in three dimensions, as one HTML file that plays offline."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def _scripts(page: str) -> list[str]:
 
 
 def scene(scenario: Scenario, *, truth: bool) -> tuple[str, Stage]:
-    """Returns Meshcat's page with the vehicle as it stands, in which no text of the user's is, and its stage."""
+    """Returns Meshcat's page with the vehicle, in which no text of the user's is, and its stage."""
     links = Links(scenario.plant) if isinstance(scenario.plant, MultibodyBlock) else None
     stage = Stage(scenario.vehicle_data, truth=truth, links=links)
     for jet in range(len(scenario.vehicle_data.jets)):
@@ -136,7 +136,7 @@ LISTS = ("given", "untold", "withheld", "failed", "found")  # of jets, for each 
 
 
 def described(scenario: Scenario, stage: Stage, *, truth: bool) -> dict[str, Any]:
-    """What the page is told of a scenario, before its rows."""
+    """Returns the page's data of a scenario, before its rows."""
     vehicle = scenario.vehicle_data
     return {
         "scene": {
@@ -165,7 +165,7 @@ def described(scenario: Scenario, stage: Stage, *, truth: bool) -> dict[str, Any
 
 
 def _flight(run: Run, stage: Stage) -> dict[str, Any]:
-    """Collects what the page shows and says, and when.
+    """Collects all that the page shows and says, with times.
 
     Nothing is shown before its time: the page shows the last row at or before the time it stands at, and only the
     attitude is turned on between two rows.
@@ -207,14 +207,14 @@ def _joints(run: Run) -> Array:
 
 
 def _listed(values: Array) -> list[Any]:
-    """Turns rows into lists of numbers, or numbers where there is one in a row; None for what is not finite."""
+    """Converts rows to lists of numbers, or numbers where there is one in a row; None for what is not finite."""
     flat = interactive.numbers(values.ravel(), digits=DIGITS)
     width = values.shape[1]
     return flat if width == 1 else [flat[start : start + width] for start in range(0, len(flat), width)]
 
 
 def _marked(run: Run, marks: Sequence[events.Mark]) -> NDArray[np.bool_]:
-    """Tells which jets are marked in which row, shape (n, n_jets)."""
+    """Returns which jets are marked in which row, shape (n, n_jets)."""
     time_s = np.asarray(run.time_s)
     marked = np.zeros((time_s.size, len(run.scenario.vehicle_data.jets)), dtype=bool)
     for mark in marks:
@@ -227,7 +227,7 @@ def _marked(run: Run, marks: Sequence[events.Mark]) -> NDArray[np.bool_]:
 def narration(
     scenario: Scenario, start_s: float, failed: Sequence[events.Mark], found: Sequence[events.Mark]
 ) -> list[dict[str, object]]:
-    """Lists the starts of all intervals, with what is to be said in each."""
+    """Lists the starts of all intervals, with the text of each."""
     edges = {start_s}
     for window in scenario.maneuver:
         edges |= {window.start_s, window.end_s}
@@ -249,7 +249,7 @@ def narration(
 
 
 def _ticks(run: Run, failed: Sequence[events.Mark], found: Sequence[events.Mark]) -> list[dict[str, object]]:
-    """Lists the events for the slider: what happens, and what is declared."""
+    """Lists the events for the slider: failures and jumps, and declarations."""
     end_s, units = float(run.time_s[-1]), run.scenario.vehicle_data.unit_names
     ticks = [{"at": mark.start_s, "kind": "failed", "text": mark.text} for mark in failed]
     ticks += [

@@ -19,7 +19,7 @@ from massprop_drake.inputs.scenario import Scenario, load_scenario
 
 
 class Drawn(NamedTuple):
-    """A diagram of the gallery.
+    """Diagram of the gallery.
 
     Attributes:
         module: that builds it.
@@ -61,7 +61,7 @@ def build(name: str, scenario: Scenario | None = None) -> Diagram:
 
 
 def as_diagram(made: Any, source: str) -> Diagram:
-    """The diagram to draw of what a user's function returned: a diagram, a builder of one, or one system by itself.
+    """Returns the diagram to draw of a user function's result: a diagram, a builder of one, or one system.
 
     Args:
         made: by the function.
@@ -169,7 +169,7 @@ def overview_text(diagram: Diagram) -> str:
 
 
 def _quoted(text: str) -> str:
-    """Text as Graphviz takes it for a name or a label."""
+    """Quotes text for Graphviz as a name or a label."""
     return '"' + text.replace('"', r"\"") + '"'
 
 

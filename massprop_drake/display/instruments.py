@@ -1,4 +1,4 @@
-"""What the instruments of the replay and of the live view show: rates, the consistency of the filter, the sensors."""
+"""Instruments of the replay and of the live view: rates, the consistency of the filter, the sensors."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ APART_LIMITS = (4.0, 6.0)  # 1-sigma
 
 
 def columns(run: Run) -> dict[str, Array]:
-    """The instruments at every sample, shape (n, 1) or (n, 3), NaN where one shows nothing.
+    """Returns the instruments at every sample, shape (n, 1) or (n, 3), NaN where one shows nothing.
 
     Returns:
         `rate`: true or else as read, deg/s; `nis`: of the rotation filter at the samples that it used; `apart`: see
@@ -41,14 +41,14 @@ def columns(run: Run) -> dict[str, Array]:
 
 
 def limits(scenario: Scenario) -> dict[str, object]:
-    """Where the instruments' lights turn from good to doubtful and to bad; None for one that there is not."""
+    """Returns limits at which the instruments' lights turn doubtful and bad; None for one that does not exist."""
     vehicle = scenario.vehicle_data
     several = max(len(vehicle.gyros), len(vehicle.accelerometers)) > 1
     return {"nis": NIS_LIMITS, "nis_window": NIS_WINDOW, "apart": APART_LIMITS if several else None}
 
 
 def apart(scenario: Scenario, time_s: Array, signals: Mapping[str, Array]) -> Array:
-    """How far the packages of a kind are from the median of their kind, in its 1-sigma, at most, shape (n,).
+    """Computes the largest deviation of packages from the median of their kind, in its 1-sigma, shape (n,).
 
     Compared are the changes of their readings over a sample; those of accelerometers with what their places make of
     the rotation, dw x r + w x (w x r) T.
@@ -78,7 +78,7 @@ def apart(scenario: Scenario, time_s: Array, signals: Mapping[str, Array]) -> Ar
 
 
 def _from_median(changes: Sequence[Array], packages: Sequence[SensorPackage]) -> Array:
-    """The largest distance from the median over packages and axes, in 1-sigma of a change; NaN for a single one."""
+    """Computes the largest distance from the median over packages and axes, in 1-sigma of a change; NaN for one."""
     if len(packages) < 2:
         return np.full(changes[0].shape[0] if changes else 1, np.nan)
     sigmas = np.sqrt([2.0 * package.variance for package in packages])

@@ -53,7 +53,7 @@ _KEY, _SYMBOL, _LETTER, _NARROW = 18, 40, 6, 430  # height of a row of a key, an
 
 
 def drawn(plot: Plot) -> Json:
-    """Turns a plot into data for the page.
+    """Converts a plot to data for the page.
 
     Returns:
         `name` and `title`; `traces` and `layout` as plotly takes them; and `views`, the vertical axes that the
@@ -136,7 +136,7 @@ class _Lists:
         self._places: dict[tuple[float | None, ...], int | list[Any]] = {}
 
     def place(self, values: list[float | None], *, mirrored: bool) -> int | list[Any]:
-        """Keeps a list, and returns its number; or that of another one with what is to be done to its values.
+        """Keeps a list, and returns its number; or that of another one with the operation on its values.
 
         Args:
             values: the list.
@@ -162,7 +162,7 @@ def _magnitude(value: float | None) -> float | None:
 
 
 def packed(figures: Sequence[Json]) -> Json:
-    """Puts figures into the form in which a page holds them: every list of numbers and every shape once.
+    """Packs figures for a page: every list of numbers and every shape once.
 
     Args:
         figures: as `drawn` makes them, which are changed.
@@ -227,7 +227,7 @@ def _run_over(traces: Sequence[Json], panel: Panel, over: Over, suffix: str) -> 
 
 
 def _label(panel: Panel, number: int) -> Json:
-    """Writes what a vertical axis shows beside it, in a fixed place: a title of plotly's moves into the numbers."""
+    """Writes the label of a vertical axis beside it, in a fixed place: plotly's titles move into the numbers."""
     suffix = "" if number == 1 else str(number)
     return {
         "text": plain(panel.axis_label), "textangle": -90, "showarrow": False, "font": {"size": 10},
@@ -300,7 +300,7 @@ def _line(plot: Plot, mark: Line) -> Json:
 
 
 def _read_as(label: str, **more: Any) -> Json:
-    """What a reading of a trace is called: its label without what it says of the end."""
+    """Returns the name of a trace in readings: its label without its final value."""
     return {"label": label.partition(",")[0], **more}
 
 
@@ -372,7 +372,7 @@ def _shape(steps: bool) -> str:
 
 
 def numbers(values: Array, *, digits: int = _DIGITS) -> list[float | None]:
-    """Plain numbers, rounded as plots need them; None for what is not finite."""
+    """Returns plain numbers, rounded as plots need them; None for what is not finite."""
     return [_rounded(value, digits) if math.isfinite(value) else None for value in values.tolist()]
 
 
@@ -384,7 +384,7 @@ def _rounded(value: float, digits: int = _DIGITS) -> float:
 
 
 def _shapes(plot: Plot, panel: Panel, suffix: str) -> list[Json]:
-    """Makes what spans a panel: windows and moments over all values, levels and zones over all times."""
+    """Makes shapes that span a panel: windows and moments over all values, levels and zones over all times."""
     over_values = {"xref": "x", "yref": f"y{suffix} domain", "y0": 0, "y1": 1}
     over_times = {"xref": "x domain", "yref": f"y{suffix}", "x0": 0, "x1": 1}
     found: list[Json] = []

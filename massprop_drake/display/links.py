@@ -1,4 +1,4 @@
-"""The bodies of a multibody model as its file draws them, and where its joints put them."""
+"""Bodies of a multibody model as its file draws them, and their places by its joints."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Links:
                     meshcat.SetTransform(below, inspector.GetPoseInFrame(geometry))
 
     def poses(self, joint_positions: Array) -> Array:
-        """Places of the links in the vehicle frame.
+        """Returns places of the links in the vehicle frame.
 
         Args:
             joint_positions: of all joints, in the order of the signal of that name, shape (n_joints,); empty: unknown,

@@ -1,4 +1,4 @@
-"""A live view of a simulation in three dimensions, served on this machine only: the page of the replay, as it comes."""
+"""Live view of a simulation in three dimensions, served on this machine only, in the page of the replay."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Live:
 
     @property
     def address(self) -> str:
-        """The URL of the view, for a browser on this machine."""
+        """URL of the view, for a browser on this machine."""
         return f"http://localhost:{self._server.server_address[1]}"
 
     def __call__(self, moment: Moment) -> None:
@@ -76,7 +76,7 @@ class Live:
             self._news.notify_all()
 
     def said(self, after: int) -> list[str]:
-        """The rows from a number on, as the page takes them; waits a while for one."""
+        """Returns the rows from a number on, as the page takes them; waits a while for one."""
         with self._news:
             if len(self._said) <= after:
                 self._news.wait(_WAIT_S)
@@ -116,7 +116,7 @@ class Live:
 
 
 def _handler(page: bytes, live: Live) -> type[BaseHTTPRequestHandler]:
-    """A handler that serves the page, and the rows as events that a browser takes as they come."""
+    """Makes a handler that serves the page, and the rows as events that a browser takes as they come."""
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
@@ -146,6 +146,6 @@ def _handler(page: bytes, live: Live) -> type[BaseHTTPRequestHandler]:
             self.end_headers()
 
         def log_message(self, *_: Any) -> None:
-            """Says nothing on the terminal."""
+            """Suppresses messages on the terminal."""
 
     return Handler

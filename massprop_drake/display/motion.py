@@ -1,4 +1,4 @@
-"""How a vehicle turns and what its jets do, as far as a run tells: the truth, a reading, or an estimate."""
+"""Motion of a vehicle and thrust of its jets, as far as a run tells: the truth, a reading, or an estimate."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 def rate(scenario: Scenario, signals: Mapping[str, Array]) -> Array:
-    """Angular rate, rad/s, body axes, shape (n, 3): true, else as the gyro in use reads it, else as it is estimated.
+    """Returns the angular rate, rad/s, body axes, shape (n, 3): true, or as the gyro in use reads it, or estimated.
 
     Args:
         scenario: as run.
@@ -27,13 +27,13 @@ def rate(scenario: Scenario, signals: Mapping[str, Array]) -> Array:
 
 
 def read(scenario: Scenario, signals: Mapping[str, Array]) -> Array:
-    """Angular rate as it is known aboard, rad/s, shape (n, 3): by the gyro in use, or where there is none estimated."""
+    """Returns the angular rate as known aboard, rad/s, shape (n, 3): by the gyro in use, or estimated."""
     packages = params.gyros(scenario)
     return np.asarray(signals[packages[0].name if packages else "rate_estimate"])
 
 
 def plumes(level: Array, asked: NDArray[np.bool_], fails: NDArray[np.bool_]) -> dict[str, NDArray[np.bool_]]:
-    """Which jets have which plume: thrust as it should be, of a failed jet untold, and none where one was asked for.
+    """Classifies the plumes of jets: regular thrust, thrust of a failed jet uncommanded, commanded thrust missing.
 
     Args:
         level: thrust over full thrust, of any shape.

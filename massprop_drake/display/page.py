@@ -1,4 +1,4 @@
-"""The report of a run: one self-contained HTML page that begins with the verdict."""
+"""Report of a run: one self-contained HTML page that begins with the verdict."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
 
 
 def _lacking(results: Summary) -> Iterator[str]:
-    """Says what a run lacks that ended early, or of which something could not be made."""
+    """Describes what a run lacks that ended early, or a part of which could not be made."""
     if results.ended is not None:
         yield f"Ended early, at {moment(results.ended.time_s)} s: {results.ended.reason}."
     if results.missing:
@@ -157,7 +157,7 @@ def _verdict(run: Run) -> list[dict[str, Any]]:
 
 
 def _of_the_rest(results: Summary, units: Mapping[str, str]) -> Iterator[str]:
-    """Sentences of the verdict on what was found besides jets and jumps."""
+    """Yields sentences of the verdict on findings besides jets and jumps."""
     false = [one for one in results.events if one.kind == "false_reading"]
     lying = list(dict.fromkeys("_".join(filter(None, (one.sensor, one.axis))) for one in false))
     if lying:
@@ -171,7 +171,7 @@ def _of_the_rest(results: Summary, units: Mapping[str, str]) -> Iterator[str]:
 
 
 def _of_the_record(results: Summary) -> Iterator[str]:
-    """Sentences of the verdict on a record: whether it is whole, and its warnings."""
+    """Yields sentences of the verdict on a record: whether it is whole, and its warnings."""
     if results.completeness_detail:
         first, *others = results.completeness_detail
         yield f"The record is {results.completeness}: {first}{f', and {len(others)} more' if others else ''}."
@@ -179,7 +179,7 @@ def _of_the_record(results: Summary) -> Iterator[str]:
 
 
 def _of_failures(results: Summary, units: Mapping[str, str]) -> Iterator[tuple[bool, str]]:
-    """What the verdict says of failures: those declared, and those injected that were not found as what they are."""
+    """Yields sentences of the verdict on failures: those declared, and those injected that were not found."""
     declared = [entry for entry in results.detections if entry.withdrawn_s is None]
     for entry in declared[:_WHOLE]:
         yield False, f"Found: {detections.in_words(entry, units, whole=True)}; {_when(entry, results)}."
@@ -217,7 +217,7 @@ def _failing(source: plots.Source) -> str | None:
 
 
 def _jumps(run: Run) -> tuple[list[dict[str, Any]], dict[int, int]]:
-    """Lists the places in time that a reader goes to: from before each failure or jump to after its declaration.
+    """Lists times to visit: from before each failure or jump to after its declaration.
 
     Returns:
         The places, and the number of that of each injected failure.
@@ -247,7 +247,7 @@ def _jumps(run: Run) -> tuple[list[dict[str, Any]], dict[int, int]]:
 
 
 def _injected(run: Run, number: int, shown_by: Mapping[int, int]) -> dict[str, Any]:
-    """Formats what became of an injected failure or jump."""
+    """Formats the outcome of an injected failure or jump."""
     results, units = run.results, run.scenario.vehicle_data.unit_names
     one = (results.injected or ())[number]
     said = (one.declared_s, one.magnitude)
@@ -275,7 +275,7 @@ def _injected(run: Run, number: int, shown_by: Mapping[int, int]) -> dict[str, A
 
 
 def _armed(source: plots.Source, results: Summary) -> list[dict[str, Any]]:
-    """Says from when on the detector tested at all, where it did not from the first moments."""
+    """Describes from when on the detector tested at all, where it did not from the first moments."""
     if "tested" not in source.signals:
         return [{"good": None, "text": "No failure was looked for: the detector is off."}]
     from_s = plots.armed_from(source)
@@ -289,7 +289,7 @@ def _armed(source: plots.Source, results: Summary) -> list[dict[str, Any]]:
 
 
 def _detection(entry: DetectionRecord, units: Mapping[str, str], by_hypotheses: bool) -> dict[str, Any]:
-    """Formats a detection: what failed, when, by how much, and how sure that is.
+    """Formats a detection: what failed, when, by how much, and its certainty.
 
     Args:
         entry: what was declared.
@@ -312,7 +312,7 @@ def _detection(entry: DetectionRecord, units: Mapping[str, str], by_hypotheses: 
 
 
 def _autopilot(run: Run) -> list[str]:
-    """Describes in sentences what the autopilot did."""
+    """Describes in sentences the autopilot's activity."""
     found, units = run.results.autopilot, run.scenario.vehicle_data.unit_names
     lines = [f"{found.firings} firings, {found.propellant_mass:.3g} {units['mass']} of propellant."]
     if found.jets_out_of_use:
@@ -325,7 +325,7 @@ def _autopilot(run: Run) -> list[str]:
 
 
 def _against(found: Against) -> dict[str, Any]:
-    """Formats a record beside a simulation: residuals by signal, and what would explain them."""
+    """Formats a record beside a simulation: residuals by signal, and possible causes."""
     return {
         "run": found.run,
         "words": found.in_words(),

@@ -1,4 +1,4 @@
-"""The plots of a run, each described once: panels and marks from its signals, in units and colors.
+"""Plots of a run, each described once: panels and marks from its signals, in units and colors.
 
 Every function takes a `Source` and returns a `Plot`; `available` names those that a source has the signals
 for. Their figure numbers are those of the thesis.
@@ -59,7 +59,7 @@ _DIAGONAL, _PRODUCTS, _CENTER = (0, 1, 2), (3, 4, 5), (6, 7, 8)  # of the ten pa
 
 
 class Source(NamedTuple):
-    """What plots are made from.
+    """Source of plots: signals of a run and their scenario.
 
     Attributes:
         time_s: sample times, s, shape (n,).
@@ -81,7 +81,7 @@ class Source(NamedTuple):
 
     @property
     def simulated(self) -> bool:
-        """Tests whether the true mass properties are known."""
+        """True if the true mass properties are known."""
         return "truth" in self.signals
 
     @property
@@ -96,21 +96,21 @@ class Source(NamedTuple):
 
     @property
     def clustered(self) -> bool:
-        """Whether any cluster has more than one jet."""
+        """True if any cluster has more than one jet."""
         return len({jet.cluster for jet in self.vehicle.jets}) < len(self.vehicle.jets)
 
     def where(self, name: str) -> NDArray[np.int_]:
-        """Rows at which a signal of one component is there and not zero, shape (k,)."""
+        """Returns rows at which a signal of one component exists and is not zero, shape (k,)."""
         return np.flatnonzero(np.nan_to_num(self.signals[name][:, 0]) != 0.0)
 
 
 def source(run: Run) -> Source:
-    """A run, or some of its rows, as a source of plots."""
+    """Makes a source of plots of a run, or some of its rows."""
     return Source(run.time_s, run.signals, run.scenario, run.summary["consistency"] if run.thinned else None)
 
 
 def available(run: Source) -> dict[str, Callable[[Source], Plot]]:
-    """The plots of a run by name, in the order to read them."""
+    """Returns the plots of a run by name, in the order to read them."""
     found = _of_motion(run)
     if any(name.startswith(AGAINST) for name in run.signals):
         found |= _of_comparison(run)
@@ -131,7 +131,7 @@ def available(run: Source) -> dict[str, Callable[[Source], Plot]]:
 
 
 def _of_comparison(run: Source) -> dict[str, Callable[[Source], Plot]]:
-    """A record beside a simulation of its commands."""
+    """Returns the plots of a record beside a simulation of its commands."""
     vehicle, found = run.vehicle, dict[str, Callable[[Source], Plot]]()
     if any(pose.position_std is not None for pose in vehicle.poses) and "position_estimate" in run.signals:
         found["against_positions"] = against_positions
@@ -143,7 +143,7 @@ def _of_comparison(run: Source) -> dict[str, Callable[[Source], Plot]]:
 
 
 def _of_motion(run: Source) -> dict[str, Callable[[Source], Plot]]:
-    """What the vehicle did; of recorded telemetry what was read in place of what was true."""
+    """Returns the plots of the vehicle's motion; of recorded telemetry, readings in place of the truth."""
     found: dict[str, Callable[[Source], Plot]] = {}
     if "velocity" not in run.signals and run.vehicle.accelerometers:
         found["accelerometer_velocities"] = accelerometer_velocities
@@ -163,17 +163,17 @@ def _of_motion(run: Source) -> dict[str, Callable[[Source], Plot]]:
 
 
 def _of_place(run: Source) -> dict[str, Callable[[Source], Plot]]:
-    """Where a vehicle is that is followed in a fixed frame."""
+    """Returns the plots of the position of a vehicle that is followed in a fixed frame."""
     return {"positions": positions} if "position_estimate" in run.signals else {}
 
 
 def _of_jets(run: Source) -> dict[str, Callable[[Source], Plot]]:
-    """Which jets fired; one by one too, where clusters have several."""
+    """Returns the plots of firing jets; one by one too, where clusters have several."""
     return {"clusters": clusters, "jets": jets} if run.clustered else {"jets": jets}
 
 
 def _of_estimates(run: Source) -> dict[str, Callable[[Source], Plot]]:
-    """What the filter made of it."""
+    """Returns the plots of the filter's estimates."""
     estimates: dict[str, tuple[Callable[[Source], Plot], tuple[int, ...]]] = {
         "inverse_inertia_diagonal": (inverse_inertia_diagonal, _DIAGONAL),
         "inverse_inertia_products": (inverse_inertia_products, _PRODUCTS),
@@ -196,24 +196,24 @@ def _of_estimates(run: Source) -> dict[str, Callable[[Source], Plot]]:
 
 
 def rates(run: Source) -> Plot:
-    """Angular velocity (figure 5-2)."""
+    """Plots the angular velocity (figure 5-2)."""
     return _vector(run, "rates", "rate", "Angular rate", "deg/s", scale=_DEGREES, axes=run.turning)
 
 
 def velocities(run: Source) -> Plot:
-    """Velocity of the center of mass relative to the start, inertial axes (figure 5-3)."""
+    """Plots the velocity of the center of mass relative to the start, inertial axes (figure 5-3)."""
     title = "Velocity of the center of mass, relative to the start, inertial axes"
     return _vector(run, "velocities", "velocity", title, axes=run.moving)
 
 
 def attitude_error(run: Source) -> Plot:
-    """Attitude error in hold."""
+    """Plots the attitude error in hold."""
     title = "Attitude error in hold"
     return _vector(run, "attitude_error", "attitude_error", title, "deg", scale=_DEGREES, axes=run.turning)
 
 
 def positions(run: Source) -> Plot:
-    """Position in the fixed frame: as read, as estimated and, in a simulation, as it is."""
+    """Plots the position in the fixed frame: as read, as estimated and, in a simulation, as it is."""
     panels = []
     for axis in run.moving:
         marks: list[Mark] = [
@@ -232,7 +232,7 @@ def positions(run: Source) -> Plot:
 
 
 def phase_plane(run: Source) -> Plot:
-    """Rate over attitude error of the axes in hold, with the lines beyond which the autopilot acts.
+    """Plots the rate over attitude error of the axes in hold, with the lines beyond which the autopilot acts.
 
     Both are as the autopilot sees them. An axis that does not hold its attitude has no error, and no path.
     """
@@ -252,7 +252,7 @@ def phase_plane(run: Source) -> Plot:
 def _phase_panel(
     axis: int, path: tuple[Array, Array], law: PhaseSpaceParams, deadbands: Mapping[str, float], *, key: bool
 ) -> Panel:
-    """The path of an axis, deg and deg/s, among its switching lines; deadbands in rad/s by what they are for."""
+    """Makes the path of an axis, deg and deg/s, among its switching lines; deadbands in rad/s by their use."""
     error, rate = path
     held = np.where(np.isnan(error), np.nan, rate)
     wide = _beyond(error, 0.0)
@@ -273,23 +273,23 @@ def _phase_panel(
 
 
 def _beyond(values: Array, least: float) -> float:
-    """Half the width of a range around zero that holds all values with some margin."""
+    """Computes half the width of a range around zero that holds all values with some margin."""
     return 1.1 * max(float(np.nan_to_num(np.abs(values)).max()), least) or 1.0
 
 
 def rates_estimated(run: Source) -> Plot:
-    """Angular rate as the filter has it, of a vehicle without gyro."""
+    """Plots the angular rate as the filter has it, of a vehicle without gyro."""
     title = "Angular rate, estimated"
     return _vector(run, "rates_estimated", "rate_estimate", title, "deg/s", scale=_DEGREES, axes=run.turning)
 
 
 def torques(run: Source) -> Plot:
-    """Applied torque about the center of mass (figure 5-4)."""
+    """Plots the applied torque about the center of mass (figure 5-4)."""
     return _vector(run, "torques", "torque", "Applied torque about the center of mass", steps=True, axes=run.turning)
 
 
 def forces(run: Source) -> Plot:
-    """Applied force (figure 5-5)."""
+    """Plots the applied force (figure 5-5)."""
     return _vector(run, "forces", "force", "Applied force", steps=True, axes=run.moving)
 
 
@@ -297,39 +297,39 @@ _OF_THRUST = (("torques", "torque", torques), ("forces", "force", forces))
 
 
 def gyro_readings(run: Source) -> Plot:
-    """Angular rate as each gyro package read it."""
+    """Plots the angular rate as each gyro package read it."""
     names = [gyro.name for gyro in run.vehicle.gyros]
     return _readings(run, "gyro_readings", names, "Angular rate, as read", "deg/s", _DEGREES)
 
 
 def accelerometer_velocities(run: Source) -> Plot:
-    """Integrated specific force as each accelerometer package read it."""
+    """Plots the integrated specific force as each accelerometer package read it."""
     names = [package.name for package in run.vehicle.accelerometers]
     unit = f"{run.vehicle.unit_names['length']}/s"
     return _readings(run, "accelerometer_velocities", names, "Integrated specific force, as read", unit, 1.0)
 
 
 def against_rates(run: Source) -> Plot:
-    """Angular rate as the gyro in use read it, and as a simulation of the same commands has it."""
+    """Plots the angular rate as the gyro in use read it, and as a simulation of the same commands has it."""
     name = params.gyro(run.scenario).name
     return _against(run, "against_rates", name, "Angular rate", "deg/s", _DEGREES)
 
 
 def against_velocities(run: Source) -> Plot:
-    """Integrated specific force as the accelerometer in use read it, and as a simulation has it."""
+    """Plots the integrated specific force as the accelerometer in use read it, and as a simulation has it."""
     name = params.accelerometers(run.scenario)[0].name
     unit = f"{run.vehicle.unit_names['length']}/s"
     return _against(run, "against_velocities", name, "Integrated specific force", unit, 1.0)
 
 
 def against_positions(run: Source) -> Plot:
-    """Position of the first point that is followed, as read and as a simulation of the same commands has it."""
+    """Plots the position of the first point that is followed, as read and as simulated with the same commands."""
     name = next(pose.name for pose in run.vehicle.poses if pose.position_std is not None)
     return _against(run, "against_positions", name, "Position", run.vehicle.unit_names["length"], 1.0)
 
 
 def against_attitudes(run: Source) -> Plot:
-    """How far the first attitude that is read is turned from that of a simulation of the same commands."""
+    """Plots the rotation from the simulated attitude to the read one, of the first attitude that is read."""
     name = next(pose.name for pose in run.vehicle.poses if pose.attitude_std is not None)
     left = _DEGREES * turned(run.signals[name][:, 3:], run.signals[AGAINST + name][:, 3:])
     panels = [Panel(AXES[axis], "deg", (Line(run.time_s, left[:, axis], COLORS[axis]),)) for axis in run.turning]
@@ -339,7 +339,7 @@ def against_attitudes(run: Source) -> Plot:
 
 
 def _against(run: Source, name: str, package: str, title: str, unit: str, scale: float) -> Plot:
-    """Of each axis that moves what was read and simulated, and the difference."""
+    """Plots, for each axis that moves, what was read and simulated, and the difference."""
     read, simulated = scale * run.signals[package], scale * run.signals[AGAINST + package]
     panels = []
     turns = any(gyro.name == package for gyro in run.vehicle.gyros)
@@ -356,7 +356,7 @@ def _against(run: Source, name: str, package: str, title: str, unit: str, scale:
 
 
 def jets(run: Source) -> Plot:
-    """Which jet was commanded when, a row per jet, by cluster."""
+    """Plots the commands to each jet, a row per jet, by cluster."""
     every = run.vehicle.jets
     order = sorted(range(len(every)), key=lambda index: (every[index].cluster, index))
     if not run.clustered:
@@ -369,7 +369,7 @@ def jets(run: Source) -> Plot:
 
 
 def clusters(run: Source) -> Plot:
-    """Which cluster was commanded when, and what it gave; jets that fail or are declared have rows of their own."""
+    """Plots the commands to each cluster, and its thrust; jets that fail or are declared have rows of their own."""
     every = run.vehicle.jets
     alone = {
         run.vehicle.jet_index(failure.jet) for failure in run.scenario.failures if failure.start_s <= run.time_s[-1]
@@ -394,7 +394,7 @@ class _Row(NamedTuple):
 
 
 def _firings(run: Source, name: str, title: str, label: str, rows: Sequence[_Row]) -> Plot:
-    """Bars of command and, where it is known, of true thrust below; that of failed jets untold in another color."""
+    """Makes bars of command and, where known, of true thrust below; uncommanded thrust in another color."""
     command = np.nan_to_num(run.signals["command"]) > 0.0
     marks = [
         _bars(run, rows, command, -0.2 if "thrust" in run.signals else 0.0, None, "commanded"),
@@ -413,7 +413,7 @@ def _firings(run: Source, name: str, title: str, label: str, rows: Sequence[_Row
 def _bars(
     run: Source, rows: Sequence[_Row], on: NDArray[np.bool_], offset: float, color: str | None, label: str
 ) -> list[Bars]:
-    """Bars of one kind in all rows, by color; None: each in that of its cluster."""
+    """Makes bars of one kind in all rows, by color; None: each in that of its cluster."""
     by_color: dict[str, list[Array]] = {}  # rows of begin, end and row
     for number, row in enumerate(rows):
         begin, end = _intervals(run.time_s, np.asarray(on[:, list(row.jets)].any(axis=1)))
@@ -428,7 +428,7 @@ def _bars(
 
 
 def failing(time_s: Array, scenario: Scenario) -> NDArray[np.bool_]:
-    """In which samples, each from its row to the next, a jet truly fails, shape (n, n_jets)."""
+    """Finds samples, each from its row to the next, in which a jet truly fails, shape (n, n_jets)."""
     vehicle = scenario.vehicle_data
     found = np.zeros((time_s.size, len(vehicle.jets)), dtype=bool)
     for failure in scenario.failures:
@@ -439,7 +439,7 @@ def failing(time_s: Array, scenario: Scenario) -> NDArray[np.bool_]:
 
 
 def propellant(run: Source) -> Plot:
-    """Propellant used, by what the jets gave or, where that is not known, by what they were told."""
+    """Plots the propellant used, by the jets' thrust or, where that is not known, by their commands."""
     full, flows = np.linalg.norm(run.vehicle.thrusts, axis=1), params.plant_mass_flows(run.scenario)
     level = run.signals["thrust"] / full if "thrust" in run.signals else np.nan_to_num(run.signals["command"])
     rate = (level * flows).sum(axis=1) * run.vehicle.sample_period_s
@@ -449,7 +449,7 @@ def propellant(run: Source) -> Plot:
 
 
 def _intervals(time_s: Array, on: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Beginnings and ends of the intervals in which a jet is commanded, s.
+    """Finds beginnings and ends of the intervals in which a jet is commanded, s.
 
     What a row commands lasts until the next row, also where rows are left out; the last row commands nothing.
     """
@@ -468,7 +468,7 @@ def _vector(
     steps: bool = False,
     axes: Sequence[int] = (0, 1, 2),
 ) -> Plot:
-    """A vector signal, a panel for each of some axes."""
+    """Plots a vector signal, a panel for each of some axes."""
     values = scale * run.signals[signal]
     unit = unit or in_units(SIGNALS[signal].unit, run.vehicle.unit_names)
     panels = [Panel(AXES[axis], unit, (Line(run.time_s, values[:, axis], COLORS[axis], steps=steps),)) for axis in axes]
@@ -476,7 +476,7 @@ def _vector(
 
 
 def _readings(run: Source, name: str, packages: Sequence[str], title: str, unit: str, scale: float) -> Plot:
-    """What packages of one kind read, a panel per axis and a color per package."""
+    """Plots the readings of packages of one kind, a panel per axis and a color per package."""
     panels = []
     for axis, letter in enumerate(AXES):
         marks = [
@@ -496,27 +496,27 @@ def _readings(run: Source, name: str, packages: Sequence[str], title: str, unit:
 
 
 def inverse_inertia_diagonal(run: Source) -> Plot:
-    """Errors of the diagonal of the inverse inertia (figure 5-6a)."""
+    """Plots errors of the diagonal of the inverse inertia (figure 5-6a)."""
     return _parameters(run, "inverse_inertia_diagonal", _DIAGONAL, "Inverse inertia, diagonal")
 
 
 def inverse_inertia_products(run: Source) -> Plot:
-    """Errors of the products of the inverse inertia (figure 5-6b)."""
+    """Plots errors of the products of the inverse inertia (figure 5-6b)."""
     return _parameters(run, "inverse_inertia_products", _PRODUCTS, "Inverse inertia, products")
 
 
 def center_of_mass(run: Source) -> Plot:
-    """Errors of the center of mass (figure 5-7)."""
+    """Plots errors of the center of mass (figure 5-7)."""
     return _parameters(run, "center_of_mass", _CENTER, "Center of mass")
 
 
 def mass_reciprocal(run: Source) -> Plot:
-    """Error of the mass reciprocal (figure 5-12)."""
+    """Plots the error of the mass reciprocal (figure 5-12)."""
     return _parameters(run, "mass_reciprocal", (9,), "Mass reciprocal")
 
 
 def _parameters(run: Source, name: str, elements: tuple[int, ...], title: str) -> Plot:
-    """Estimation errors with their 3-sigma band; without the truth the estimates with theirs.
+    """Plots estimation errors with their 3-sigma band; without the truth the estimates with theirs.
 
     Another estimate, an output `estimate` of ten numbers of a system of the user's own, is drawn beside.
     """
@@ -525,7 +525,7 @@ def _parameters(run: Source, name: str, elements: tuple[int, ...], title: str) -
 
 
 def _other_estimates(run: Source, element: int) -> dict[str, tuple[Array, str]]:
-    """Estimates of a parameter by systems of the user's own, by the system's name, each with its color."""
+    """Returns estimates of a parameter by systems of the user's own, by the system's name, with their colors."""
     names = [name for name in run.signals if is_own(name) and name.endswith(".estimate")]
     found = {name.rpartition(".")[0]: run.signals[name] for name in names if run.signals[name].shape[1] == len(SYMBOLS)}
     there = {name: values[:, element] for name, values in found.items() if np.isfinite(values[:, element]).any()}
@@ -533,13 +533,13 @@ def _other_estimates(run: Source, element: int) -> dict[str, tuple[Array, str]]:
 
 
 def _estimated(run: Source, elements: tuple[int, ...]) -> list[int]:
-    """Those of some parameters that are estimated, and neither fixed nor of no effect in a plane."""
+    """Selects the parameters that are estimated, and neither fixed nor of no effect in a plane."""
     known = params.known_parameters(run.scenario)
     return [element for element in elements if not known[element]]
 
 
 def thrust_factors(run: Source) -> Plot:
-    """What each jet accelerates the vehicle by, over what it nominally would: one panel a jet."""
+    """Plots the acceleration by each jet, over the nominal one: one panel a jet."""
     factor, deviation = run.signals["thrust_factor"], run.signals["thrust_factor_std"]
     panels = []
     for jet, name in enumerate(run.vehicle.designations):
@@ -554,7 +554,7 @@ def thrust_factors(run: Source) -> Plot:
 
 
 def surroundings(run: Source) -> Plot:
-    """What is estimated beside the vehicle: the delay of commands, drag, and the turning that goes with the heading."""
+    """Plots estimates besides the vehicle: the delay of commands, drag, and turning that goes with the heading."""
     shown = [("command_delay", 0, "delay of commands", "s")]
     shown += [("drag_rate", 0, "drag", "1/s"), ("drag_rate", 1, "angular drag", "1/s")]
     shown += [("heading_turn", part, f"turning, {name}", "rad/s^2") for part, name in enumerate(("cosine", "sine"))]
@@ -574,7 +574,7 @@ def surroundings(run: Source) -> Plot:
 
 
 def _error(run: Source, element: int) -> Panel:
-    """Estimation error in percent of the truth, or in the parameter's unit where the truth is about zero."""
+    """Makes the estimation error in percent of the truth, or in the parameter's unit where the truth is near zero."""
     truth = run.signals["truth"]
     true = truth[:, element]
     unit, scale = mass_property_units(run.vehicle.unit_names)[element], np.ones_like(true)
@@ -598,7 +598,7 @@ def _error(run: Source, element: int) -> Panel:
 
 
 def _estimate(run: Source, element: int) -> Panel:
-    """The estimate of a parameter, on a scale that the end of the record sets."""
+    """Makes the estimate of a parameter, on a scale that the end of the record sets."""
     value = run.signals["estimate"][:, element]
     band = 3.0 * run.signals["standard_deviation"][:, element]
     unit = mass_property_units(run.vehicle.unit_names)[element]
@@ -615,7 +615,7 @@ def _estimate(run: Source, element: int) -> Panel:
 
 
 def _beside(run: Source, others: Mapping[str, tuple[Array, str]], unit: str, digits: int) -> list[Line]:
-    """Lines of others' estimates or errors, by name, each with its color."""
+    """Makes lines of others' estimates or errors, by name, each with its color."""
     return [
         Line(run.time_s, values, color, f"{name}, at the end {values[-1]:.{digits}g} {unit}", width=THIN_LINE)
         for name, (values, color) in others.items()
@@ -623,7 +623,7 @@ def _beside(run: Source, others: Mapping[str, tuple[Array, str]], unit: str, dig
 
 
 def _last_half(value: Array, band: Array) -> tuple[float, float]:
-    """Limits that show an estimate, and its band over the last half; the first band may be huge."""
+    """Computes limits that show an estimate, and its band over the last half; the first band may be huge."""
     half = value.size // 2
     low = min(float(value.min()), float((value - band)[half:].min()))
     high = max(float(value.max()), float((value + band)[half:].max()))
@@ -632,7 +632,7 @@ def _last_half(value: Array, band: Array) -> tuple[float, float]:
 
 
 def consistency(run: Source) -> Plot:
-    """NIS of both filters at the samples used (figures 5-8, 5-13)."""
+    """Plots the NIS of both filters at the samples used (figures 5-8, 5-13)."""
     panels = []
     filters = [name for name in ("rotation", "mass") if f"{name}_nis" in run.signals]
     for name, color in zip(filters, COLORS, strict=False):
@@ -648,12 +648,12 @@ def consistency(run: Source) -> Plot:
 
 
 def innovations(run: Source) -> Plot:
-    """Innovations of rotation at the samples used, with 3 sigma by the filter's own covariance."""
+    """Plots innovations of rotation at the samples used, with 3 sigma by the filter's own covariance."""
     return _innovations(run, "innovations", "rotation", _DEGREES, "deg/s")
 
 
 def mass_innovations(run: Source) -> Plot:
-    """Innovations of translation at the samples used, with 3 sigma by the filter's own covariance."""
+    """Plots innovations of translation at the samples used, with 3 sigma by the filter's own covariance."""
     return _innovations(run, "mass_innovations", "mass", 1.0, f"{run.vehicle.unit_names['length']}/s")
 
 
@@ -661,7 +661,7 @@ _TURNED_OR_MOVED = {"rotation": "rotation", "mass": "translation"}  # by how a f
 
 
 def _innovations(run: Source, name: str, filtered: str, scale: float, unit: str) -> Plot:
-    """Innovations of a filter, a panel per axis."""
+    """Plots innovations of a filter, a panel per axis."""
     used = run.where(f"{filtered}_used")
     time_s, values = run.time_s[used], scale * run.signals[f"{filtered}_innovation"][used]
     bands = 3.0 * scale * run.signals.get(f"{filtered}_innovation_std", np.full((run.time_s.size, 3), np.nan))[used]
@@ -685,7 +685,7 @@ _EDGE, _EDGE_SIZE = 0.94, 5.0  # where a value beyond the limits stands, of them
 
 
 def _reach(values: Array, band: Array) -> float:
-    """How far an axis goes that shows the usual band, and 3 sigma of the values by their median; 0: there are none.
+    """Computes the range of an axis that shows the usual band, and 3 sigma of the values by their median; 0: none.
 
     Half of the values may be anywhere beyond. A median is a value that is there, the lower one of two, so that a page
     finds the same for a part of them.
@@ -699,7 +699,7 @@ def _reach(values: Array, band: Array) -> float:
 
 
 def _beyond_edges(time_s: Array, values: Array, limit: float, color: str) -> list[Mark]:
-    """Triangles at the edges for the values beyond them; of a zoomed part of the time a page makes its own."""
+    """Makes triangles at the edges for the values beyond them; for a zoomed part of the time a page makes its own."""
     high, low = values > limit, values < -limit
     count = int(high.sum() + low.sum())
     said = f"{count} beyond the axis" if count else ""
@@ -730,7 +730,7 @@ def _mean_nis(run: Source, name: str, nis: Array) -> str:
 
 
 def likelihoods(run: Source) -> Plot:
-    """Likelihood arguments of all jets, and of the clusters (figures 5-16, 5-19, 5-22, 5-25).
+    """Plots likelihood arguments of all jets, and of the clusters (figures 5-16, 5-19, 5-22, 5-25).
 
     The detector by thrust factors has the lead of each jet's failure over no failure in their place.
     """
@@ -755,7 +755,7 @@ def likelihoods(run: Source) -> Plot:
 
 
 def _highest(time_s: Array, values: Array, names: Sequence[str], label: str, declared: NDArray[np.bool_]) -> Panel:
-    """Statistics of many candidates: declared ones and those that reach highest by name, others as a range in gray.
+    """Plots statistics of many candidates: declared ones and the highest by name, others as a range in gray.
 
     What was declared is drawn last, and so on top. All are there to be read.
     """
@@ -779,7 +779,7 @@ def _highest(time_s: Array, values: Array, names: Sequence[str], label: str, dec
 
 
 def fault_probabilities(run: Source) -> Plot:
-    """Posterior probabilities of faults: of the jets that reach 1 %, of nothing, and of something unknown."""
+    """Plots posterior probabilities of faults: of the jets that reach 1 %, of nothing, and of something unknown."""
     of_jets, names = run.signals["fault_probability"], run.vehicle.designations
     most = np.fmax.reduce(of_jets, axis=0, initial=0.0)
     order = [jet for jet in np.argsort(-most, kind="stable").tolist() if most[jet] > LEAST_SHOWN]
@@ -806,7 +806,7 @@ def _at_end(values: Array) -> str:
 
 
 def margins(run: Source) -> Plot:
-    """Margins of the likeliest jet and cluster (figures 5-17, 5-20, 5-23, 5-26)."""
+    """Plots margins of the likeliest jet and cluster (figures 5-17, 5-20, 5-23, 5-26)."""
     tested = run.where("tested")
     limit = getattr(run.scenario.detector, "margin", None)  # a matter of the method
     levels = () if limit is None else (Level(limit, label=f"isolated above {limit:g}"),)
@@ -820,7 +820,7 @@ def margins(run: Source) -> Plot:
 
 
 def failure_magnitude(run: Source) -> Plot:
-    """Magnitude of a failure (figures 5-18, 5-21, 5-24, 5-27).
+    """Plots the magnitude of a failure (figures 5-18, 5-21, 5-24, 5-27).
 
     Shows the estimate for the likeliest jet at every alarm, with its 1-sigma; the truth of the jets that were
     suspected or do fail; and the force that is taken as known from then on.
@@ -852,7 +852,7 @@ def failure_magnitude(run: Source) -> Plot:
 
 
 def detection_timeline(run: Source) -> Plot:
-    """Tests, alarms and declarations beside the rates and the number of jets commanded."""
+    """Plots tests, alarms and declarations beside the rates and the number of jets commanded."""
     rate = _DEGREES * motion.rate(run.scenario, run.signals)
     turning = tuple(Line(run.time_s, rate[:, axis], COLORS[axis], AXES[axis]) for axis in run.turning)
     count = (run.signals["command"] > 0.0).sum(axis=1).astype(float)
@@ -875,7 +875,7 @@ def detection_timeline(run: Source) -> Plot:
 
 
 def own_signals(run: Source) -> Plot:
-    """Signals of the user's own systems that nothing else shows, a panel for each."""
+    """Plots signals of the user's own systems that nothing else shows, a panel for each."""
     panels = []
     for name in _own(run):
         values = run.signals[name]
@@ -892,7 +892,7 @@ _READABLE = 12  # components of a signal that are drawn, at the most
 
 
 def _own(run: Source) -> list[str]:
-    """Names of the user's own signals that no other plot shows; long vectors are left out."""
+    """Returns names of the user's own signals that no other plot shows; long vectors are left out."""
     drawn = {f"{name}.estimate" for element in range(len(SYMBOLS)) for name in _other_estimates(run, element)}
     return [
         name
@@ -909,7 +909,7 @@ def _own(run: Source) -> list[str]:
 
 
 def _plot(run: Source, name: str, title: str, panels: Sequence[Panel], *, meaning: str = "") -> Plot:
-    """A plot with what every plot of a run shows: whose it is, and what happened when."""
+    """Makes a plot with what every plot of a run has: the run's name, and its events."""
     drawn = f", seed {run.scenario.seed}" if run.simulated else ""
     caption = f"{run.vehicle.name}, {run.scenario.name}{drawn}"
     windows, moments = _windows(run), _moments(run)
@@ -924,7 +924,7 @@ def _plot(run: Source, name: str, title: str, panels: Sequence[Panel], *, meanin
 
 
 def _windows(run: Source) -> tuple[Window, ...]:
-    """When a hand controller is out of detent, and when the detector is not armed."""
+    """Returns windows in which a hand controller is out of detent, or the detector is not armed."""
     commanded = tuple(
         Window(window.start_s, window.end_s, f"{window.controller.upper()} {window.axis}")
         for window in run.scenario.maneuver
@@ -938,13 +938,13 @@ def _windows(run: Source) -> tuple[Window, ...]:
 
 
 def armed_from(run: Source) -> float | None:
-    """When the detector tested a sample for the first time, s; None: it never did."""
+    """Returns when the detector tested a sample for the first time, s; None: it never did."""
     tested = run.where("tested")
     return float(run.time_s[tested[0]]) if tested.size else None
 
 
 def _moments(run: Source) -> tuple[Moment, ...]:
-    """When jets fail and mass properties jump, and when the detector says so."""
+    """Returns moments at which jets fail and mass properties jump, and at which the detector declares it."""
     happens = [failure.start_s for failure in run.scenario.failures] + [jump.time_s for jump in run.scenario.jumps]
     declared = run.time_s[run.where("detector_event")].tolist() if "detector_event" in run.signals else []
     return (

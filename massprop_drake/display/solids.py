@@ -1,4 +1,4 @@
-"""The solids that draw a vehicle: where they stand, how large they are, and their surfaces as triangles."""
+"""Solids that draw a vehicle: their places, sizes, and surfaces as triangles."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ _MARKS = {"failed": 0.022, "found": 0.033}  # radius over the vehicle's extent
 
 
 def shape(vehicle: Vehicle) -> tuple[Solid, ...]:
-    """Solids of a vehicle; one that has none is a box that spans its jets."""
+    """Returns solids of a vehicle; one that has none is a box that spans its jets."""
     return vehicle.shape or (_box(vehicle),)
 
 
 def rotation(solid: Solid) -> Array:
-    """Rotation matrix from a solid's own axes to the vehicle frame, by roll, pitch and yaw, shape (3, 3)."""
+    """Computes the rotation matrix from a solid's axes to the vehicle frame, by roll, pitch, yaw, shape (3, 3)."""
     (sr, sp, sy), (cr, cp, cy) = (turn(np.radians(solid.rotation_deg)).tolist() for turn in (np.sin, np.cos))
     about_z = np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
     about_y = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
@@ -40,22 +40,22 @@ def rotation(solid: Solid) -> Array:
 
 
 def extent(vehicle: Vehicle) -> float:
-    """Largest dimension of a vehicle, jets and solids, along an axis, ft or m."""
+    """Computes the largest dimension of a vehicle, jets and solids, along an axis, ft or m."""
     return float(np.ptp(_corners(vehicle), axis=0).max()) or 1.0
 
 
 def radius(vehicle: Vehicle) -> float:
-    """Distance from the nominal center of mass of the farthest point of a vehicle, ft or m."""
+    """Computes the distance from the nominal center of mass of the farthest point of a vehicle, ft or m."""
     return float(np.linalg.norm(_corners(vehicle) - vehicle.nominal.center_of_mass, axis=1).max()) or 1.0
 
 
 def nozzle_length(vehicle: Vehicle) -> float:
-    """Length that a nozzle is drawn with, ft or m; its width is the same."""
+    """Returns the length that a nozzle is drawn with, ft or m; its width is the same."""
     return _NOZZLE * extent(vehicle)
 
 
 def plume_lengths(vehicle: Vehicle, thrust: Array) -> Array:
-    """Lengths that plumes are drawn with, ft or m: by the root of the thrust, so that a small one is still seen.
+    """Returns lengths that plumes are drawn with, ft or m: by the root of the thrust, so that small ones are seen.
 
     Args:
         vehicle: for its size and its strongest jet.
@@ -66,13 +66,13 @@ def plume_lengths(vehicle: Vehicle, thrust: Array) -> Array:
 
 
 def round_length(length: float) -> float:
-    """Longest length with one digit that is no longer, of an axis."""
+    """Returns the longest length with one digit that is no longer, of an axis."""
     power = 10.0 ** np.floor(np.log10(length))
     return float(f"{power * np.floor(length / power * (1.0 + 1e-9)):.0e}")
 
 
 def mark_radius(vehicle: Vehicle, kind: str) -> float:
-    """Radius of the ball that marks a jet, ft or m.
+    """Returns the radius of the ball that marks a jet, ft or m.
 
     Args:
         vehicle: for its size.
@@ -82,23 +82,23 @@ def mark_radius(vehicle: Vehicle, kind: str) -> float:
 
 
 def center_radius(vehicle: Vehicle) -> float:
-    """Radius of the ball that marks the center of mass, ft or m."""
+    """Returns the radius of the ball that marks the center of mass, ft or m."""
     return 0.012 * extent(vehicle)
 
 
 def spread_limits(vehicle: Vehicle) -> tuple[float, float]:
-    """Least and largest half axis of the 3-sigma ellipsoid that is shown, ft or m."""
+    """Returns least and largest half axis of the 3-sigma ellipsoid that is shown, ft or m."""
     return 0.002 * extent(vehicle), 0.35 * extent(vehicle)
 
 
 def payload_radius(vehicle: Vehicle, mass: float) -> float:
-    """Radius of the ball that shows a payload, by the root of its share of the vehicle's mass, ft or m."""
+    """Returns the radius of a payload's ball, by the root of its share of the vehicle's mass, ft or m."""
     share = mass / vehicle.nominal.mass
     return 0.1 * extent(vehicle) * float(min(max(share, 0.02), 2.0) ** (1.0 / 3.0))
 
 
 def triangles(solid: Solid) -> Array:
-    """Surface of a solid in the vehicle frame, ft or m, corners counterclockwise from outside, shape (n, 3, 3)."""
+    """Computes a solid's surface in the vehicle frame, ft or m, corners counterclockwise from outside, (n, 3, 3)."""
     match solid:
         case BoxSolid():
             x, y, z = 0.5 * np.array(solid.size)
@@ -116,7 +116,7 @@ def triangles(solid: Solid) -> Array:
 
 
 def nozzle(vehicle: Vehicle, jet: int) -> Array:
-    """Surface of a jet's nozzle in the vehicle frame, open towards its plume, shape (n, 3, 3)."""
+    """Computes the surface of a jet's nozzle in the vehicle frame, open towards its plume, shape (n, 3, 3)."""
     length = nozzle_length(vehicle)
     vertices, faces = _cone(length, (0.5 * length, 0.5 * length), _NOZZLE_CORNERS)
     outwards = -vehicle.thrusts[jet] / np.linalg.norm(vehicle.thrusts[jet])
@@ -127,7 +127,7 @@ def nozzle(vehicle: Vehicle, jet: int) -> Array:
 
 
 def plate(outline: Array, thickness: float) -> tuple[Array, NDArray[np.int_]]:
-    """Vertices of a plate across z, shape (n, 3), and its triangles by their indices, shape (k, 3).
+    """Returns vertices of a plate across z, shape (n, 3), and its triangles by their indices, shape (k, 3).
 
     Args:
         outline: corners of the plate in order, x and y, shape (m, 2); convex.
@@ -147,7 +147,7 @@ def plate(outline: Array, thickness: float) -> tuple[Array, NDArray[np.int_]]:
 
 
 def cylinder(length: float, radii: tuple[float, float]) -> tuple[Array, NDArray[np.int_]]:
-    """Vertices of a cylinder along x, shape (n, 3), and its triangles, shape (k, 3).
+    """Returns vertices of a cylinder along x, shape (n, 3), and its triangles, shape (k, 3).
 
     Args:
         length: along x.
@@ -163,7 +163,7 @@ def _circle(count: int) -> Array:
 
 
 def _cone(length: float, radii: tuple[float, float], count: int) -> tuple[Array, NDArray[np.int_]]:
-    """Vertices and triangles of a cone that points toward +x, its center halfway."""
+    """Returns vertices and triangles of a cone that points toward +x, its center halfway."""
     base = np.column_stack([np.full(count, -0.5 * length), _circle(count) * radii])
     vertices = np.vstack([base, [[0.5 * length, 0.0, 0.0], [-0.5 * length, 0.0, 0.0]]])
     faces = []
@@ -173,7 +173,7 @@ def _cone(length: float, radii: tuple[float, float], count: int) -> tuple[Array,
 
 
 def _ball() -> tuple[Array, NDArray[np.int_]]:
-    """Vertices and triangles of a ball of radius 1."""
+    """Returns vertices and triangles of a ball of radius 1."""
     around, rings = _AROUND // 2, _AROUND // 4
     height = np.linspace(0.0, np.pi, rings + 1)
     circle = _circle(around)
@@ -192,13 +192,13 @@ def _ball() -> tuple[Array, NDArray[np.int_]]:
 
 
 def _corners(vehicle: Vehicle) -> Array:
-    """Points on the outside of a vehicle, jets and solids, ft or m, shape (n, 3)."""
+    """Returns points on the outside of a vehicle, jets and solids, ft or m, shape (n, 3)."""
     solids = [_outside(solid) @ rotation(solid).T + np.array(solid.position) for solid in vehicle.shape]
     return np.vstack([vehicle.positions, *solids])
 
 
 def _outside(solid: Solid) -> Array:
-    """Corners of a solid, or of a box around it, in its own axes, ft or m, shape (n, 3)."""
+    """Returns corners of a solid, or of a box around it, in its own axes, ft or m, shape (n, 3)."""
     match solid:
         case PlateSolid():
             outline = np.array(solid.outline)
@@ -214,7 +214,7 @@ def _outside(solid: Solid) -> Array:
 
 
 def _box(vehicle: Vehicle) -> BoxSolid:
-    """Box that spans the jets of a vehicle without a shape."""
+    """Returns the box that spans the jets of a vehicle without a shape."""
     low, high = vehicle.positions.min(axis=0), vehicle.positions.max(axis=0)
     size = np.maximum(0.9 * (high - low), 0.15 * float((high - low).max() or 1.0))
     middle = 0.5 * (low + high)

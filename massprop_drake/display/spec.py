@@ -1,4 +1,4 @@
-"""What a plot is: panels with marks in them, over time or over a quantity, as data that any renderer can draw.
+"""Description of a plot as data for any renderer: panels with marks in them, over time or over a quantity.
 
 A `Plot` says everything that its picture shows and nothing of how it is drawn: `figures` draws it with
 matplotlib, `interactive` with plotly.

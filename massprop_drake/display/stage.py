@@ -1,4 +1,4 @@
-"""A vehicle in Drake's Meshcat, live or recorded: body, jets, plumes, and the true and estimated center of mass.
+"""Vehicle in Drake's Meshcat, live or recorded: body, jets, plumes, and the true and estimated center of mass.
 
 The page keeps its center of mass in the middle, and the inertial axes keep their direction.
 """

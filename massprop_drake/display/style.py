@@ -1,4 +1,4 @@
-"""How pictures and pages look: colors, opacities and the sizes of lines, points and letters."""
+"""Style of pictures and pages: colors, opacities and the sizes of lines, points and letters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every page has in common: a template that is filled once, and a Content-Security-Policy.
+"""Templates of all pages: each is filled once, and has a Content-Security-Policy.
 
 A page is one file that needs no network. Text from a user's files gets into it in two ways: into its markup through
 a template, which escapes it, and into its only block of data, which is JSON. The page's scripts read the block and
@@ -76,7 +76,7 @@ def fragment(template: Path, content: Mapping[str, Any]) -> str:
 
 @functools.cache
 def environment(folder: Path) -> jinja2.Environment:
-    """Returns what fills the templates of a folder, and the ones here that they extend; each is compiled once."""
+    """Returns the environment that fills the templates of a folder and those here; each is compiled once."""
     loader = jinja2.FileSystemLoader([folder, _HERE])
     made = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
     made.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}

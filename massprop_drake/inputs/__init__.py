@@ -1,1 +1,1 @@
-"""What is asked: vehicles and scenarios from YAML, and the parameters of the mathematics made of them."""
+"""Inputs: vehicles and scenarios from YAML, and the parameters of the mathematics made of them."""

@@ -82,7 +82,7 @@ def targets(asked: Mapping[str, str], properties: Array, vehicle: Vehicle) -> li
 
 
 def valued(name: str, properties: Array) -> tuple[Array, float]:
-    """The derivative of a quantity by the ten parameters, shape (10,), and its value.
+    """Computes the derivative of a quantity by the ten parameters, shape (10,), and its value.
 
     Args:
         name: one of `TARGETS` but for groups.
@@ -121,7 +121,7 @@ def _target(group: str, name: str, text: str, properties: Array, vehicle: Vehicl
 
 
 def _deviation(text: str, share: float, powers: tuple[int, int], vehicle: Vehicle, where: str) -> float:
-    """A 1-sigma in the vehicle's units, of a share or with a unit of length and mass to these powers."""
+    """Reads a 1-sigma in the vehicle's units, given as a share or with a unit of length and mass to these powers."""
     number, unit = _quantity(text, where)
     example = "1%" if share else f"5 mm, or in {vehicle.unit_names['length']}"
     if not unit:
@@ -139,7 +139,7 @@ def _deviation(text: str, share: float, powers: tuple[int, int], vehicle: Vehicl
 
 
 def _quantity(text: str, where: str) -> tuple[float, str]:
-    """Number and unit of a text such as `0.5deg/s`."""
+    """Splits a text such as `0.5deg/s` into number and unit."""
     match = _QUANTITY.fullmatch(text)
     if match is None:
         raise InputError(f"{where}: is no number with a unit, such as 0.5 deg/s or 1%")
@@ -147,7 +147,7 @@ def _quantity(text: str, where: str) -> tuple[float, str]:
 
 
 def _si(powers: tuple[int, int], vehicle: Vehicle) -> float:
-    """The SI value of the vehicle's unit of length and mass to these powers."""
+    """Returns the SI value of the vehicle's unit of length and mass to these powers."""
     if vehicle.unit_names["mass"] == "kg":
         return 1.0
     return float(FOOT ** powers[0] * SLUG ** powers[1])
@@ -195,7 +195,7 @@ class Suspicion(NamedTuple):
 
 
 def suspicion(suspects: Sequence[str], force: str, vehicle: Vehicle, fires: NDArray[np.int_]) -> Suspicion:
-    """Reads suspects: one is to be told from every other jet, several from each other.
+    """Reads suspects: one is to be distinguished from every other jet, several from each other.
 
     Args:
         suspects: designations.
@@ -230,7 +230,7 @@ def suspicion(suspects: Sequence[str], force: str, vehicle: Vehicle, fires: NDAr
 
 
 def forces(text: str, vehicle: Vehicle, places: Sequence[int]) -> Array:
-    """Reads a force by which jets fail, of each jet, lbf or N, below zero: that is missing, shape (n_jets,).
+    """Reads a force by which jets fail, of each jet, lbf or N; a negative one is missing thrust, shape (n_jets,).
 
     Args:
         text: a share of the thrust, or with a unit.
@@ -275,7 +275,7 @@ class Judged(NamedTuple):
 
 
 def aims(wanted: Sequence[Target], suspected: Suspicion, params: JointParams, judged: Judged) -> Aims:
-    """Aims of a search: targets and suspects with a margin, since it goes by the nominal vehicle.
+    """Makes the aims of a search: targets and suspects with a margin, since it goes by the nominal vehicle.
 
     A failure is looked for once estimates have converged, so with suspects that is an aim.
 
@@ -308,15 +308,15 @@ def aims(wanted: Sequence[Target], suspected: Suspicion, params: JointParams, ju
 
 
 def odds(faults: FaultsBlock) -> float:
-    """Logarithm of the odds at which a failed jet is declared; at least 3 to 1."""
+    """Computes the log odds at which a failed jet is declared; at least 3 to 1."""
     return math.log(1.0 / min(doubt(faults), 0.25) - 1.0)
 
 
 def doubt(faults: FaultsBlock) -> float:
-    """Probability that the declaration of a failed jet may be wrong with."""
+    """Returns the probability of error with which a failed jet may be declared."""
     return priors(faults).doubt(faults.jet_per_hour)
 
 
 def priors(faults: FaultsBlock) -> Priors:
-    """Priors of faults as a scenario has them."""
+    """Returns priors of faults as a scenario has them."""
     return Priors(*(getattr(faults, name) for name in Priors._fields))

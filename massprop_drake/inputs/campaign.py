@@ -1,4 +1,4 @@
-"""Campaigns: many cases of one scenario, what is drawn in them and what is swept; read from YAML and validated."""
+"""Campaigns: many cases of one scenario with drawn and swept quantities, read from YAML and validated."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ MOST_CASES = 1_000_000
 
 
 class Limits(Model):
-    """What one case may take before it counts as failed to run."""
+    """Limits of one case, beyond which it counts as failed to run."""
 
     time_s: Real = described(600.0, "of wall time", "s", gt=0.0)
     memory_mb: Real = described(4000.0, "of resident memory; compiling kernels takes 2200", "MB", ge=200.0)
 
 
 class Gate(Model):
-    """What a figure of the report must satisfy."""
+    """Bounds that a figure of the report must satisfy."""
 
     min: Real | None = described(None, "least value that passes")
     max: Real | None = described(None, "largest value that passes")
@@ -51,7 +51,7 @@ class Gate(Model):
 
 
 class CampaignExecution(Model):
-    """How the cases are computed; the engine changes no bit of a result."""
+    """Computation of the cases; the engine changes no bit of a result."""
 
     engine: Literal["diagram", "loop"] | None = described(
         None, "as of a scenario; null: loop, or diagram where the plant of base is continuous"
@@ -117,7 +117,7 @@ class CampaignFile(Model):
 
 
 class Quantity(NamedTuple):
-    """Something drawn.
+    """Quantity that is drawn.
 
     Attributes:
         label: what it is called in tables, the dotted path of its field.
@@ -129,7 +129,7 @@ class Quantity(NamedTuple):
 
 
 class CampaignSpec(NamedTuple):
-    """A campaign's file, with all that it refers to.
+    """Campaign file, with all that it refers to.
 
     Attributes:
         file: as written.
@@ -147,7 +147,7 @@ class CampaignSpec(NamedTuple):
 
     @property
     def doubts(self) -> list[str]:
-        """What is not wrong, but could be better."""
+        """Advice on entries that are valid, but could be better."""
         count = self.file.cases or 0
         if self.file.method == "sobol" and count & (count - 1):
             better = 1 << count.bit_length()
@@ -161,7 +161,7 @@ def bundled_campaigns() -> list[str]:
 
 
 def campaign_description(name: str) -> str:
-    """The line that a bundled campaign says of itself."""
+    """Returns the line by which a bundled campaign describes itself."""
     path = resources.files("massprop_drake.scenarios") / "campaigns" / f"{name}.yaml"
     document = Document(path.read_text(encoding="utf-8"), f"campaign '{name}'")
     return validated(CampaignFile, document.data, document).description
@@ -207,7 +207,7 @@ def _set_in_file(data: dict[str, Any], override: str) -> None:
 
 
 def campaign_from(document: Document, folder: Path) -> CampaignSpec:
-    """A campaign from its document.
+    """Makes a campaign from its document.
 
     Raises:
         InputError: naming each field that is wrong.
@@ -234,7 +234,7 @@ def campaign_from(document: Document, folder: Path) -> CampaignSpec:
 
 
 def _require_fields(campaign: CampaignSpec, document: Document) -> None:
-    """Makes sure that what is drawn and swept are fields of the scenario, by a case with the median of everything."""
+    """Checks that drawn and swept quantities are fields of the scenario, by a case with the median of everything."""
     middle = campaign.base
     medians = {quantity.label: quantity.distribution.at(np.array([0.5]))[0] for quantity in campaign.quantities}
     for key, value in settings_of(campaign, medians).items():
@@ -267,7 +267,7 @@ def campaign_keys() -> list[Key]:
 
 
 def _quantities(key: str, value: Any, path: FieldPath, vehicle: Vehicle, document: Document) -> Iterator[Quantity]:
-    """All that is drawn in a value, in its order."""
+    """Lists all that is drawn in a value, in its order."""
     where = document.where(("draw", *path))
     label = dotted(path)
     if key == MASS_PROPERTIES and len(path) == 1 and _is_dispersion(value):
@@ -292,7 +292,7 @@ def _quantities(key: str, value: Any, path: FieldPath, vehicle: Vehicle, documen
 
 
 def _is_dispersion(value: Any) -> bool:
-    """Tells a dispersion from mass properties written out, parts of which may be drawn."""
+    """Tests whether mass properties are a dispersion, and not written out with drawn parts."""
     return isinstance(value, dict) and not {"mass", "inertia"} & set(value)
 
 
@@ -304,7 +304,7 @@ def _distribution(tag: str, parameters: Any, vehicle: Vehicle, where: str) -> Di
 
 
 def _jets(which: str, vehicle: Vehicle, where: str) -> tuple[str, ...]:
-    """Designations of all jets, or of those of a kind."""
+    """Returns designations of all jets, or of those of a kind."""
     if which == "all":
         return vehicle.designations
     if which not in vehicle.jet_kinds:
@@ -316,7 +316,7 @@ def _jets(which: str, vehicle: Vehicle, where: str) -> tuple[str, ...]:
 
 
 def settings_of(campaign: CampaignSpec, drawn: Mapping[str, Any]) -> dict[str, Any]:
-    """The fields of one draw, by dotted key.
+    """Returns the fields of one draw, by dotted key.
 
     Args:
         campaign: with what is drawn.
@@ -336,7 +336,7 @@ def settings_of(campaign: CampaignSpec, drawn: Mapping[str, Any]) -> dict[str, A
 
 
 def _filled(value: Any, path: FieldPath, drawn: Mapping[str, Any]) -> Any:
-    """A value with each distribution in it replaced by what was drawn."""
+    """Replaces each distribution in a value by what was drawn."""
     label = dotted(path)
     if label in drawn:
         return drawn[label]
@@ -359,7 +359,7 @@ _SIZES = set[str]().union(*_OF_KIND.values())
 
 
 def _told_apart(campaign: CampaignSpec, failures: Any) -> Any:
-    """Failures with the sizes of their kind alone, and different jets.
+    """Adjusts drawn failures: each has the sizes of its own kind alone, and a jet of its own.
 
     Where the kind is drawn, a block may give sizes for all kinds. The force of a degraded jet without a fraction is
     what it has lost. A force that is drawn is at most the jet's thrust. A jet that an earlier failure of the case has
@@ -391,7 +391,7 @@ def _told_apart(campaign: CampaignSpec, failures: Any) -> Any:
 
 
 def with_settings(base: Scenario, settings: Mapping[str, Any]) -> Scenario:
-    """A scenario with some fields replaced; only the blocks that they stand in are validated anew.
+    """Returns a scenario with some fields replaced; only the blocks that they stand in are validated again.
 
     Args:
         base: with its vehicle.

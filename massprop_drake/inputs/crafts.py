@@ -20,7 +20,7 @@ SECOND = 0.05  # what a second costs, in seconds of a jet's propellant; a prefer
 
 
 def craft(scenario: Scenario, without: frozenset[str] = frozenset()) -> Craft:
-    """The vehicle as a maneuver commands it, at rest and as its file has it.
+    """Makes the vehicle as a maneuver commands it, at rest and as its file states it.
 
     Args:
         scenario: with the joint filter.
@@ -44,7 +44,7 @@ def craft(scenario: Scenario, without: frozenset[str] = frozenset()) -> Craft:
 
 
 def firing_test(scenario: Scenario) -> FiringTest | None:
-    """Settings of test firings in flight; None: there are none.
+    """Returns settings of test firings in flight; None: there are none.
 
     Raises:
         InputError: when what is asked for is none.
@@ -79,7 +79,7 @@ def firing_test(scenario: Scenario) -> FiringTest | None:
 
 
 def _every(scenario: Scenario) -> NDArray[np.int_]:
-    """Samples between two readings of each component that the joint filter reads."""
+    """Returns the number of samples between two readings of each component that the joint filter reads."""
     vehicle = scenario.vehicle_data
     packages = (*params.gyros(scenario), *params.accelerometers(scenario))
     own_hz = [one.rate_hz for one in packages] + [one.rate_hz for one in params.trackers(scenario)]

@@ -27,10 +27,10 @@ _NAMES_OF_PARAMETERS = {"low", "high", "mean", "std", "mode", "median", "factor"
 
 
 class Distribution(Model):
-    """One quantity that is drawn."""
+    """Distribution of one quantity that is drawn."""
 
     def at(self, u: Array) -> list[Any]:
-        """The quantiles at some probabilities.
+        """Computes the quantiles at some probabilities.
 
         Args:
             u: in [0, 1), shape (n,).
@@ -41,7 +41,7 @@ class Distribution(Model):
         return self._at(u)
 
     def grid(self) -> list[Any] | None:
-        """All values of a full-factorial plan; None where the block does not say how many."""
+        """Lists all values of a full-factorial plan; None where the block does not say how many."""
         return self._grid()
 
     def _at(self, u: Array) -> list[Any]:
@@ -52,7 +52,7 @@ class Distribution(Model):
 
 
 class _Between(Distribution):
-    """What lies between two bounds."""
+    """Fields common to distributions between two bounds."""
 
     low: Real = described(..., "lower bound")
     high: Real = described(..., "upper bound, above low")
@@ -69,7 +69,7 @@ class _Between(Distribution):
         return self
 
     def _inside(self, values: Array) -> list[Any]:
-        """The values, which rounding may have put past a bound."""
+        """Limits values to the bounds, which rounding may have passed."""
         return np.clip(values, self.low, self.high).tolist()
 
     def _grid(self) -> list[Any] | None:
@@ -223,7 +223,7 @@ KINDS: Mapping[str, type[Distribution]] = {
 
 
 def distribution_in(value: Any) -> tuple[str, Any] | None:
-    """Tells a distribution from other data: its tag and its parameters, or None.
+    """Recognizes a distribution in other data: its tag and its parameters, or None.
 
     Raises:
         ValueError: when it looks like a distribution and has a tag that is none.

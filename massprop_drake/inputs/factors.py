@@ -27,7 +27,7 @@ class Factor(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The mistake, or the factor itself."""
+        """Name of the mistake, or the factor itself."""
         return self.words or f"a factor of {self.size:g}"
 
     def __str__(self) -> str:
@@ -35,12 +35,12 @@ class Factor(NamedTuple):
 
 
 def in_words(size: float) -> str:
-    """Writes a factor, a small one as a fraction: 57.3, 1/57.3."""
+    """Formats a factor, a small one as a fraction: 57.3, 1/57.3."""
     return f"{size:.4g}" if size >= 1.0 else f"1/{1.0 / size:.4g}"
 
 
 def of_rates(period_s: float) -> tuple[Factor, ...]:
-    """Factors of rates in rad/s, at a sample period in s."""
+    """Returns common factors of rates in rad/s, at a sample period in s."""
     return (
         Factor(1.0 / _DEGREE, "degrees in place of radians"),
         Factor(_DEGREE, "radians in place of degrees"),
@@ -54,7 +54,7 @@ def of_rates(period_s: float) -> tuple[Factor, ...]:
 
 
 def of_velocities(units: str, period_s: float) -> tuple[Factor, ...]:
-    """Factors of velocities, integrals of acceleration, of a vehicle in `units`, "us" or "si"."""
+    """Returns common factors of velocities, integrals of acceleration, of a vehicle in `units`, "us" or "si"."""
     own, other, feet = ("meters", "feet", 1.0 / FOOT) if units == "si" else ("feet", "meters", FOOT)
     weight, gravity = ("m/s^2", GRAVITY) if units == "si" else ("ft/s^2", GRAVITY / FOOT)
     return (
@@ -69,7 +69,7 @@ def of_velocities(units: str, period_s: float) -> tuple[Factor, ...]:
 
 
 def of_impulses(units: str, period_s: float) -> tuple[Factor, ...]:
-    """Factors of what commands and thrusts say over what jets give."""
+    """Returns common factors of impulses by commands and thrusts over the true ones."""
     own, other, force = ("N", "lbf", 1.0 / _FORCES) if units == "si" else ("lbf", "N", _FORCES)
     return (
         Factor(period_s, "on-times in s in place of fractions of the sample period"),
@@ -82,7 +82,7 @@ def of_impulses(units: str, period_s: float) -> tuple[Factor, ...]:
 
 
 def of_times() -> tuple[Factor, ...]:
-    """Factors of stamps in s."""
+    """Returns common factors of stamps in s."""
     return (
         *(Factor(10.0**n, f"{unit} in place of s") for n, unit in ((3, "ms"), (6, "us"), (9, "ns"))),
         *(Factor(10.0**-n, f"s in place of {unit}") for n, unit in ((3, "ms"), (6, "us"), (9, "ns"))),
@@ -91,7 +91,7 @@ def of_times() -> tuple[Factor, ...]:
 
 
 def near(size: float, among: Sequence[Factor]) -> list[Factor]:
-    """The common factors near one that has been measured, the nearest first."""
+    """Returns the common factors near a measured one, the nearest first."""
     if not (size > 0.0 and math.isfinite(size)):
         return []
     found = [one for one in among if _apart(one.size, size) < math.log(_NEAR)]

@@ -1,4 +1,4 @@
-"""The kinds of files that are read, what is bundled of each, and what is said where one is given for another."""
+"""Kinds of input files: the bundled ones of each, and the message where one is given for another."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _USES: dict[Kind, str] = {
 
 
 def bundled(kind: Kind) -> list[str]:
-    """Lists what comes with the package.
+    """Lists the bundled files of a kind.
 
     Raises:
         InputError: when the package lacks them.
@@ -43,14 +43,14 @@ def bundled(kind: Kind) -> list[str]:
 
 
 def kind_of(data: Mapping[str, Any]) -> Kind:
-    """Tells what a file holds by its keys."""
+    """Finds the kind of a file by its keys."""
     if "jets" in data or "jet_kinds" in data:
         return "vehicle"
     return "campaign" if "base" in data else "scenario"
 
 
 def about_folder(path: Path) -> str | None:
-    """Says of a folder whose it is and which commands take it; None: neither a run's nor a campaign's."""
+    """Describes a folder of a run or a campaign and the commands that take it; None: it is neither."""
     if (path / "plan.parquet").is_file():
         return f"is a campaign's folder; 'massprop campaign report {path}' and the like take it"
     if (path / "scenario.yaml").is_file():
@@ -59,7 +59,7 @@ def about_folder(path: Path) -> str | None:
 
 
 def require_kind(data: Mapping[str, Any], wanted: Kind, source: str) -> None:
-    """Makes sure that a file is of a kind.
+    """Checks that a file is of a kind.
 
     Raises:
         InputError: when it is plainly of another, which the message names, with what it is for.

@@ -90,7 +90,7 @@ class Span(typing.NamedTuple):
 def described(
     default: Any, meaning: str, unit: str = "-", *, reason: str = "", span: Span | None = None, **constraints: Any
 ) -> Any:
-    """A field with default, meaning and unit.
+    """Declares a field with default, meaning and unit.
 
     Args:
         default: `...` makes the field required.
@@ -107,7 +107,7 @@ def described(
 
 
 def span_of(field: FieldInfo) -> tuple[Span | None, str]:
-    """The span of a field, None where it has none, and the SI unit that it is in."""
+    """Returns the span of a field, None where it has none, and the SI unit that it is in."""
     extra = field.json_schema_extra
     if not isinstance(extra, dict):
         return None, "-"
@@ -118,7 +118,7 @@ def span_of(field: FieldInfo) -> tuple[Span | None, str]:
 
 
 def refusal(problems: Iterable[tuple[FieldPath, str]]) -> ValidationError:
-    """An error for a model's validator to raise that names the fields, and so their lines, in which problems lie."""
+    """Makes an error for a model's validator to raise that names the fields, and so their lines, with problems."""
     details = [
         InitErrorDetails(
             type=PydanticCustomError("value_error", "{problem}", {"problem": problem}), loc=path, input=None
@@ -202,7 +202,7 @@ def _without_union_tags(location: tuple[str | int, ...], data: Any) -> FieldPath
 
 
 def _shown(given: Any) -> str:
-    """A value as a message has it: of a long text its beginning."""
+    """Shortens a value for a message: of a long text its beginning."""
     text = repr(given)
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}... ({len(str(given))} characters)"
 
@@ -235,7 +235,7 @@ def _sentence(model: type[Model], data: Any, item: Any, path: FieldPath) -> str:
 
 
 def _unknown(model: type[Model], path: FieldPath, data: Any, tags: tuple[str | int, ...]) -> str:
-    """What is said of a key that its mapping does not have: of which other kind it is, or which may be meant."""
+    """Explains a key that its mapping does not have: the other kind that has it, or a similar key."""
     members = _models_at(model, path[:-1], data)
     chosen = _chosen(members, _at(data, path[:-1]), tags)
     for member in members:
@@ -245,7 +245,7 @@ def _unknown(model: type[Model], path: FieldPath, data: Any, tags: tuple[str | i
 
 
 def _reason(model: type[Model], path: FieldPath, data: Any) -> str:
-    """The reason why a field is required, as the end of a sentence; empty if none was given."""
+    """Returns the reason why a field is required, as the end of a sentence; empty if none was given."""
     if not path or not isinstance(path[-1], str):
         return ""
     field = _model_at(model, path[:-1], data).model_fields.get(path[-1])
@@ -261,12 +261,12 @@ def _at(data: Any, path: FieldPath) -> Any:
 
 
 def _model_at(model: type[Model], path: FieldPath, data: Any) -> type[Model]:
-    """The model that describes the data at a path."""
+    """Returns the model that describes the data at a path."""
     return _chosen(_models_at(model, path, data), _at(data, path))
 
 
 def _models_at(model: type[Model], path: FieldPath, data: Any) -> list[type[Model]]:
-    """The models that may describe the data at a path: more than one where there is a union."""
+    """Returns the models that may describe the data at a path: more than one where there is a union."""
     here: list[type[Model]] = [model]
     for part in path:
         holder, data = _chosen(here, data), data[part]
@@ -276,7 +276,7 @@ def _models_at(model: type[Model], path: FieldPath, data: Any) -> list[type[Mode
 
 
 def _chosen(members: list[type[Model]], data: Any, tags: tuple[str | int, ...] = ()) -> type[Model]:
-    """The member of a union that the data name, or where they do not the tags."""
+    """Returns the member of a union that the data name, or where they do not the tags."""
     if len(members) > 1 and isinstance(data, dict):
         named = (data["kind"],) if "kind" in data else tags
         return next((member for member in members if any(tag in _tags_of(member) for tag in named)), members[0])
@@ -284,7 +284,7 @@ def _chosen(members: list[type[Model]], data: Any, tags: tuple[str | int, ...] =
 
 
 def _tags_at(model: type[Model], path: FieldPath, data: Any) -> str:
-    """The kinds that the union at a path accepts."""
+    """Returns the kinds that the union at a path accepts."""
     return ", ".join(tag for member in _models_at(model, path, data) for tag in _tags_of(member))
 
 
@@ -292,7 +292,7 @@ _BOUNDS = {"gt": "> {:g}", "ge": ">= {:g}", "lt": "< {:g}", "le": "<= {:g}", "mi
 
 
 def keys_of_former_kind(model: type[Model], data: Any, path: FieldPath, former: Any) -> list[str]:
-    """Keys of a block that its new kind lacks, or in which they mean something else than in the former one.
+    """Finds keys of a block that its new kind lacks, or that mean something else there than in the former one.
 
     Args:
         model: of the data.
@@ -320,7 +320,7 @@ def _means_same(key: str, *models: type[Model]) -> bool:
 
 
 def _range(field: FieldInfo) -> str:
-    """The bounds of a field's value as text; "-" if it has none."""
+    """Returns the bounds of a field's value as text; "-" if it has none."""
     bounds = [
         text.format(getattr(part, name))
         for part in field.metadata
@@ -340,14 +340,14 @@ def _range(field: FieldInfo) -> str:
 
 
 def _models_in(annotation: Any) -> list[type[Model]]:
-    """The models inside an annotation such as list[Model], Model | None or a union of models."""
+    """Returns the models inside an annotation such as list[Model], Model | None or a union of models."""
     if isinstance(annotation, type) and issubclass(annotation, Model):
         return [annotation]
     return [found for argument in typing.get_args(annotation) for found in _models_in(argument)]
 
 
 def _tags_of(model: type[Model]) -> tuple[str, ...]:
-    """The values of `kind` that select this member of a union."""
+    """Returns the values of `kind` that select this member of a union."""
     return tuple(map(str, typing.get_args(model.model_fields["kind"].annotation)))
 
 
@@ -355,7 +355,7 @@ def _tags_of(model: type[Model]) -> tuple[str, ...]:
 
 
 def yaml_text(model: Model) -> str:
-    """A model as YAML in full, with every default written out; reading it back gives an equal model."""
+    """Writes a model as YAML in full, with every default; reading it back gives an equal model."""
     return _yaml_of(json.dumps(model.model_dump(mode="json")))
 
 
@@ -368,7 +368,7 @@ _digests: dict[int, tuple[weakref.ref[Model], str]] = {}  # of models that there
 
 
 def digest(model: Model) -> str:
-    """SHA-256 of a model's full content, hexadecimal; a run asks for the same ones several times."""
+    """Computes SHA-256 of a model's full content, hexadecimal; kept for models that are asked for again."""
     place = id(model)
     there = _digests.get(place)
     if there is not None and there[0]() is model:

@@ -31,7 +31,7 @@ def bundled_models() -> list[str]:
 
 
 def model_text(model: str, folder: Path) -> str:
-    """The text of a model.
+    """Reads the text of a model.
 
     Args:
         model: the text itself, the name of a bundled one, or a file.
@@ -56,7 +56,7 @@ def model_text(model: str, folder: Path) -> str:
 
 
 def model_kind(text: str) -> Literal["sdf", "urdf"]:
-    """The format of a model's text, which is one."""
+    """Returns the format of a model's text."""
     return "urdf" if ElementTree.fromstring(text.strip()).tag == "robot" else "sdf"
 
 
@@ -75,12 +75,12 @@ class ModelJoint(NamedTuple):
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Names of its positions: that of the joint, with an axis where there are several."""
+        """Names of the joint's positions: that of the joint, with an axis where there are several."""
         return (self.name,) if self.positions == 1 else tuple(f"{self.name}_{axis}" for axis in "xyz"[: self.positions])
 
 
 def model_joints(text: str) -> tuple[ModelJoint, ...]:
-    """The joints of a model that move, in its order, but for those whose name is not the only one of its kind.
+    """Lists the joints of a model that move, in its order, but for those whose name is not unique.
 
     Args:
         text: of the model, SDF or URDF.
@@ -95,13 +95,13 @@ def model_joints(text: str) -> tuple[ModelJoint, ...]:
 
 
 def _parent(joint: ElementTree.Element) -> str:
-    """Name of a joint's parent link: an attribute in URDF, a text in SDF."""
+    """Returns the name of a joint's parent link: an attribute in URDF, a text in SDF."""
     parent = joint.find("parent")
     return "" if parent is None else parent.get("link", (parent.text or "").strip())
 
 
 def require_model(text: str, where: str) -> None:
-    """Makes sure that a text is SDF or URDF whose links all have mass and inertia, and that it is complete.
+    """Checks that a text is complete SDF or URDF whose links all have mass and inertia.
 
     Args:
         text: of the model.
@@ -151,7 +151,7 @@ def _is_positive(number: str) -> bool:
 
 @contextlib.contextmanager
 def blamed(field: str) -> Iterator[None]:
-    """Turns an error of a system into one that names the field of the scenario in which the reason lies."""
+    """Converts an error of a system to one that names the field of the scenario at fault."""
     try:
         yield
     except ValueError as error:

@@ -102,7 +102,7 @@ class Slosh(_MovingPart):
 
     @property
     def bow(self) -> Array:
-        """-n/L of the arm L n, zero without, shape (3,)."""
+        """Vector -n/L of the arm L n, zero without, shape (3,)."""
         if self.pivot is None:
             return np.zeros(3)
         arm = np.array(self.position) - np.array(self.pivot)
@@ -117,7 +117,7 @@ class Slosh(_MovingPart):
         return [(root * axis, root * np.cross(self.position, axis)) for axis in axes]
 
     def swelling(self, center: Array) -> list[Array]:
-        """I_1 of each mode about a center of mass, shape (3, 3) each."""
+        """Computes I_1 of each mode about a center of mass, shape (3, 3) each."""
         arm = np.array(self.position) - center
         return [2.0 * (arm @ push) * np.eye(3) - np.outer(arm, push) - np.outer(push, arm) for push, _ in self.modes]
 
@@ -182,7 +182,7 @@ class HingedPanel(_MovingPart):
         return [(push, math.sqrt(self.inertia) * self._unit_axis + np.cross(self.hinge, push))]
 
     def swelling(self, center: Array) -> list[Array]:
-        """I_1 about a center of mass, as of the panel's mass at its own, shape (3, 3)."""
+        """Computes I_1 about a center of mass, as of the panel's mass at its own, shape (3, 3)."""
         arm = np.array(self.center_of_mass) - center
         return [2.0 * (arm @ push) * np.eye(3) - np.outer(arm, push) - np.outer(push, arm) for push, _ in self.modes]
 
@@ -229,7 +229,7 @@ class StatedMode(_MovingPart):
         return [(np.array(self.translation), np.array(self.rotation))]
 
     def swelling(self, center: Array) -> list[Array]:
-        """I_1, of which nothing is stated, shape (3, 3)."""
+        """Returns I_1, of which nothing is stated: zero, shape (3, 3)."""
         return [np.zeros((3, len(center)))]
 
     @property
@@ -259,7 +259,7 @@ def _of_length_1(direction: Array) -> None:
 def not_followed(
     parts: Sequence[Slosh | HingedPanel | StatedMode], nominal: tuple[float, Array, Array], period_s: float
 ) -> str | None:
-    """Says why a filter cannot follow some parts that move; None: it can.
+    """Explains why a filter cannot follow some parts that move; None: it can.
 
     Args:
         parts: as they are stated.
@@ -290,7 +290,7 @@ def _leaves_something(parts: Sequence[Slosh | HingedPanel | StatedMode], nominal
 
 
 def _crossing(parts: Sequence[Slosh | HingedPanel | StatedMode], push: Array, owners: NDArray[np.int_]) -> Array:
-    """See `ModeParams.crossing`: that of masses that move along several axes."""
+    """Computes `ModeParams.crossing`, see there: that of masses that move along several axes."""
     result = np.zeros((owners.size, owners.size, 3))
     for one, owner in enumerate(owners):
         part = parts[owner]
@@ -302,7 +302,7 @@ def _crossing(parts: Sequence[Slosh | HingedPanel | StatedMode], push: Array, ow
 def mode_params(
     parts: Sequence[Slosh | HingedPanel | StatedMode], nominal: tuple[float, Array, Array], wrenches: Array, arm: float
 ) -> ModeParams:
-    """The modes of parts that move.
+    """Makes the modes of parts that move.
 
     Args:
         parts: as they are stated.

@@ -1,4 +1,4 @@
-"""From a vehicle and a scenario's choices to what the mathematics takes: numbers and arrays.
+"""Parameters of the mathematics, numbers and arrays, from a vehicle and a scenario's choices.
 
 The diagrams and the real-time `Estimator` both build their parts from these, so they agree.
 """
@@ -109,7 +109,7 @@ _WHOLE = 1e-6  # of a step: rounding of rates
 
 
 def initial_estimate(scenario: Scenario) -> Array:
-    """The ten parameters that the filters start from, shape (10,)."""
+    """Returns the ten parameters that the filters start from, shape (10,)."""
     estimation, nominal = scenario.estimation, scenario.vehicle_data.nominal
     if estimation.start == "zero":
         return np.zeros(10)
@@ -118,12 +118,12 @@ def initial_estimate(scenario: Scenario) -> Array:
 
 
 def initial_covariance(scenario: Scenario) -> Array:
-    """Covariance of the ten parameters at the start, shape (10, 10)."""
+    """Returns the covariance of the ten parameters at the start, shape (10, 10)."""
     return scenario.estimation.initial_covariance(scenario.vehicle_data)
 
 
 def setup(scenario: Scenario) -> Setup:
-    """What a filter is made for."""
+    """Collects the data from which a filter makes its parameters."""
     packages, vehicle = accelerometers(scenario), scenario.vehicle_data
     return Setup(
         period_s=vehicle.sample_period_s,
@@ -154,7 +154,7 @@ def setup(scenario: Scenario) -> Setup:
 
 
 def rates(scenario: Scenario) -> Rates:
-    """Steps of the joint filter."""
+    """Returns the steps of the joint filter."""
     vehicle = scenario.vehicle_data
     if not steps_by_readings(scenario):
         return EVERY_PERIOD
@@ -169,7 +169,7 @@ def steps_by_readings(scenario: Scenario) -> bool:
 
 
 def stated_disturbance(scenario: Scenario) -> DisturbanceParams:
-    """The torque and force that a vehicle says to be there besides, as accelerations of the nominal one."""
+    """Returns a vehicle's stated disturbance, torque and force as accelerations of the nominal vehicle."""
     vehicle = scenario.vehicle_data
     if vehicle.disturbance is None:
         return NO_DISTURBANCE
@@ -182,7 +182,7 @@ def stated_disturbance(scenario: Scenario) -> DisturbanceParams:
 
 
 def wheels(vehicle: Vehicle) -> WheelParams:
-    """The reaction wheels, of exact inertia."""
+    """Makes the reaction wheels, of exact inertia."""
     axes = np.array([wheel.axis for wheel in vehicle.wheels]).reshape(-1, 3)
     return WheelParams(
         axes=axes / np.linalg.norm(axes, axis=1, keepdims=True),
@@ -194,7 +194,7 @@ def wheels(vehicle: Vehicle) -> WheelParams:
 
 
 def engines(vehicle: Vehicle) -> EngineParams:
-    """The engines, without errors."""
+    """Makes the engines, without errors."""
     stated = vehicle.engines
     if not stated:
         return NO_ENGINES
@@ -232,13 +232,13 @@ def engines(vehicle: Vehicle) -> EngineParams:
 
 
 def _flows(engine: RocketEngine, levels: Array, gravity: float) -> Array:
-    """Flow of propellant at some levels, shape (k,)."""
+    """Returns flows of propellant at some levels, shape (k,)."""
     given, impulses = np.array(engine.impulses).T
     return np.asarray(engine.thrust * levels / (gravity * np.interp(levels, given, impulses)))
 
 
 def engine_sigmas(vehicle: Vehicle) -> Array:
-    """1-sigma of the errors of the engines, shape (6 n,)."""
+    """Returns 1-sigma of the errors of the engines, shape (6 n,)."""
     return np.array(
         [
             sigma
@@ -250,7 +250,7 @@ def engine_sigmas(vehicle: Vehicle) -> Array:
 
 
 def tanks(vehicle: Vehicle) -> TankParams:
-    """The tanks that jets empty, as they are stated."""
+    """Makes the tanks that jets empty, as they are stated."""
     stated, geometry = vehicle.tanks, vehicle.tank_geometry
 
     def each(key: str) -> Array:
@@ -261,14 +261,14 @@ def tanks(vehicle: Vehicle) -> TankParams:
 
 
 def modes(vehicle: Vehicle) -> ModeParams:
-    """The modes of the parts that move inside a vehicle."""
+    """Makes the modes of the parts that move inside a vehicle."""
     nominal = vehicle.nominal
     known = nominal.mass, nominal.center_of_mass, nominal.inertia
     return mode_params(vehicle.moving, known, vehicle.wrenches, vehicle.rms_arm)
 
 
 def disturbance_sigmas(vehicle: Vehicle) -> Array:
-    """1-sigma of a disturbance's torque and force, zero where none acts or no accelerometer shows it, shape (6,)."""
+    """Returns 1-sigma of a disturbance's torque and force, zero where none acts or none is shown, shape (6,)."""
     stated = vehicle.disturbance
     if stated is None:
         return np.zeros(6)
@@ -277,7 +277,7 @@ def disturbance_sigmas(vehicle: Vehicle) -> Array:
 
 
 def tracking(scenario: Scenario) -> Tracking:
-    """What is known of a vehicle that is followed in a fixed frame."""
+    """Collects the data of a vehicle that is followed in a fixed frame."""
     vehicle = scenario.vehicle_data
     kinds, around = list(vehicle.jet_kinds.values()), vehicle.surroundings
     poses, speeds = vehicle.poses, vehicle.velocities
@@ -322,7 +322,7 @@ def tracking(scenario: Scenario) -> Tracking:
 
 
 def known_parameters(scenario: Scenario) -> NDArray[np.bool_]:
-    """Which of the ten parameters are not estimated: they are fixed, or play no part in a plane, shape (10,)."""
+    """Selects parameters that are not estimated: they are fixed, or play no part in a plane, shape (10,)."""
     if scenario.estimation.filter != "pose":
         return np.zeros(10, dtype=bool)
     return pose_setting.known_parameters(tracking(scenario))
@@ -334,7 +334,7 @@ def _instruments(packages: Sequence[SensorPackage]) -> Instruments:
 
 
 def thrust_model(scenario: Scenario) -> ThrustModel:
-    """What a filter may know of the jets' thrust."""
+    """Makes the thrust model of a filter."""
     vehicle = scenario.vehicle_data
     kinds, of_jets = list(vehicle.jet_kinds.values()), vehicle.kind_indices
     return ThrustModel(
@@ -352,29 +352,29 @@ def thrust_model(scenario: Scenario) -> ThrustModel:
 
 
 def joint_params(scenario: Scenario) -> JointFilterParams:
-    """Parameters of the joint filter."""
+    """Makes the parameters of the joint filter."""
     return joint.make_params(setup(scenario), scenario)
 
 
 def thesis_params(scenario: Scenario) -> ThesisParams:
-    """Parameters of the thesis's two filters."""
+    """Makes the parameters of the thesis's two filters."""
     return thesis.make_params(setup(scenario), scenario)
 
 
 def rotation_params(scenario: Scenario) -> RotationParams:
-    """Parameters of the rotation filter."""
+    """Makes the parameters of the rotation filter."""
     return thesis_params(scenario).rotation
 
 
 def mass_params(scenario: Scenario) -> MassParams:
-    """Parameters of the mass filter of a vehicle with an accelerometer."""
+    """Makes the parameters of the mass filter of a vehicle with an accelerometer."""
     found = thesis_params(scenario).mass
     assert found is not None
     return found
 
 
 def estimation_params(scenario: Scenario) -> EstimationParams:
-    """Parameters of a cycle of estimation: those of the filter and the detector that the scenario names."""
+    """Makes the parameters of a cycle: those of the filter and the detector that the scenario names."""
     vehicle = scenario.vehicle_data
     filter_ = FILTERS[scenario.estimation.filter]
     return EstimationParams(
@@ -390,7 +390,7 @@ def estimation_params(scenario: Scenario) -> EstimationParams:
 
 
 def phase_space_params(scenario: Scenario) -> PhaseSpaceParams:
-    """Settings of the phase-space controller."""
+    """Makes the settings of the phase-space controller."""
     autopilot = scenario.autopilot
     return PhaseSpaceParams(
         period_s=scenario.vehicle_data.sample_period_s,
@@ -407,7 +407,7 @@ def phase_space_params(scenario: Scenario) -> PhaseSpaceParams:
 
 
 def windows(scenario: Scenario) -> tuple[Window, ...]:
-    """When each hand controller is out of detent."""
+    """Lists the windows in which hand controllers are out of detent."""
     return tuple(
         Window(
             channel=(0 if window.controller == "rhc" else 3) + "xyz".index(window.axis[-1]),
@@ -420,7 +420,7 @@ def windows(scenario: Scenario) -> tuple[Window, ...]:
 
 
 def selection(scenario: Scenario) -> dict[str, Any]:
-    """Arguments of jet selection, see `systems.autopilot.selector.Selector`."""
+    """Makes the arguments of jet selection, see `systems.autopilot.selector.Selector`."""
     vehicle = scenario.vehicle_data
     return {
         "wrenches": vehicle.wrenches,
@@ -434,7 +434,7 @@ def selection(scenario: Scenario) -> dict[str, Any]:
 
 
 def pulses(scenario: Scenario) -> Pulses:
-    """On-times as the autopilot flies them; whole cycles where none flies, and unless the scenario says otherwise."""
+    """Returns the pulses that the autopilot flies; whole cycles unless the scenario asks for pulses."""
     vehicle, selected = scenario.vehicle_data, scenario.autopilot.jet_selection
     if scenario.open_loop or selected.output == "cycles":
         return whole_cycles(len(vehicle.jets))
@@ -445,14 +445,14 @@ def pulses(scenario: Scenario) -> Pulses:
 
 
 def convergence_limits(scenario: Scenario) -> Array:
-    """Limits of `mass_properties.converged`, shape (3,)."""
+    """Returns limits of `mass_properties.converged`, shape (3,)."""
     limits = scenario.estimation.convergence
     center = limits.center_of_mass or 0.03 * scenario.vehicle_data.rms_arm
     return np.array([limits.diagonal, center, limits.mass_reciprocal])
 
 
 def plant_time_constants(scenario: Scenario) -> Array:
-    """Time constants of the true thrust, s, shape (n_jets,); zero: instantaneous."""
+    """Returns time constants of the true thrust, s, shape (n_jets,); zero: instantaneous."""
     constants = scenario.vehicle_data.time_constants_s
     if scenario.plant.thrust_transient == "none":
         return np.zeros_like(constants)
@@ -460,7 +460,7 @@ def plant_time_constants(scenario: Scenario) -> Array:
 
 
 def estimator_time_constants(scenario: Scenario) -> Array:
-    """Time constants that the estimators begin with, s, shape (n_jets,); zero: instantaneous."""
+    """Returns time constants that the estimators begin with, s, shape (n_jets,); zero: instantaneous."""
     constants, estimation = scenario.vehicle_data.time_constants_s, scenario.estimation
     lagged = estimation.thrust_transient == "gate_lag"
     if estimation.filter == "pose":
@@ -471,25 +471,25 @@ def estimator_time_constants(scenario: Scenario) -> Array:
 
 
 def gyros(scenario: Scenario) -> tuple[Gyro, ...]:
-    """The gyro packages, the one in use first."""
+    """Returns the gyro packages, the one in use first."""
     packages = scenario.vehicle_data.gyros
     return tuple(sorted(packages, key=lambda package: package.name != scenario.sensors.gyro))
 
 
 def accelerometers(scenario: Scenario) -> tuple[Accelerometer, ...]:
-    """The accelerometer packages, the one in use first."""
+    """Returns the accelerometer packages, the one in use first."""
     vehicle = scenario.vehicle_data
     preferred = scenario.sensors.accelerometer or vehicle.preferred_accelerometer
     return tuple(sorted(vehicle.accelerometers, key=lambda package: package.name != preferred))
 
 
 def trackers(scenario: Scenario) -> tuple[PoseSensor, ...]:
-    """The sensors of attitude that the joint filter reads."""
+    """Returns the sensors of attitude that the joint filter reads."""
     return () if scenario.estimation.filter == "pose" else scenario.vehicle_data.poses
 
 
 def read_besides(scenario: Scenario) -> tuple[PoseSensor | VelocitySensor | Wheel | RocketEngine, ...]:
-    """Sensors of the vehicle that a filter reads, other than gyros and accelerometers."""
+    """Returns sensors of the vehicle that a filter reads, other than gyros and accelerometers."""
     vehicle = scenario.vehicle_data
     return (
         vehicle.tracked if scenario.estimation.filter == "pose" else (*vehicle.poses, *vehicle.wheels, *vehicle.engines)
@@ -497,7 +497,7 @@ def read_besides(scenario: Scenario) -> tuple[PoseSensor | VelocitySensor | Whee
 
 
 def simulated_besides(scenario: Scenario) -> tuple[PoseSensor | VelocitySensor | Wheel | RocketEngine, ...]:
-    """Sensors that a simulation has, other than gyros and accelerometers: engines only where they burn."""
+    """Returns sensors of a simulation, other than gyros and accelerometers: engines only where they burn."""
     vehicle = scenario.vehicle_data
     return tuple(one for one in vehicle.tracked if scenario.engine_schedule or one not in vehicle.engines)
 
@@ -510,18 +510,18 @@ def _trackers(scenario: Scenario) -> AttitudeSensors:
 
 
 def read(scenario: Scenario) -> list[str]:
-    """Names of the sensors of three components that a filter reads, in its order: gyros, accelerometers, trackers."""
+    """Returns names of the three-component sensors that a filter reads: gyros, accelerometers, trackers."""
     packages: tuple[SensorPackage | PoseSensor, ...] = (*gyros(scenario), *accelerometers(scenario))
     return [one.name for one in (*packages, *trackers(scenario))]
 
 
 def weighs(scenario: Scenario) -> bool:
-    """Whether what is read shows the mass: by an accelerometer, or by where the vehicle is."""
+    """Tests whether readings show the mass: by an accelerometer, or by the vehicle's position."""
     return bool(scenario.vehicle_data.accelerometers) or scenario.estimation.filter == "pose"
 
 
 def gyro(scenario: Scenario) -> Gyro:
-    """The gyro package in use.
+    """Returns the gyro package in use.
 
     Raises:
         InputError: when the vehicle has none.
@@ -536,32 +536,33 @@ def gyro(scenario: Scenario) -> Gyro:
 
 
 def main_sensor(scenario: Scenario) -> str:
-    """Name of the sensor that shows best how the vehicle turns: the gyro in use, or the first in a fixed frame."""
+    """Returns the name of the sensor that shows rotation best: the gyro in use, or the first in a fixed frame."""
     packages = gyros(scenario)
     return packages[0].name if packages else scenario.vehicle_data.tracked[0].name
 
 
 def thrust_errors(scenario: Scenario) -> Array | None:
-    """Impulses of one sigma of each jet's thrust error at full level over a sample, about the vehicle origin,
-    shape (n_jets, 6); None where thrust is taken as known.
+    """Computes impulses of one sigma of each jet's thrust error, shape (n_jets, 6); None where thrust is known.
+
+    They are those of full level over a sample, about the vehicle origin.
     """
     uncertainty, vehicle = scenario.estimation.thrust_uncertainty, scenario.vehicle_data
     return uncertainty * vehicle.wrenches * vehicle.sample_period_s if uncertainty > 0.0 else None
 
 
 def thrust_factors(scenario: Scenario) -> Array:
-    """True over nominal thrust of each jet, shape (n_jets,)."""
+    """Returns true over nominal thrust of each jet, shape (n_jets,)."""
     return drawn_factors(scenario.seed, scenario.plant.thrust_dispersion, len(scenario.vehicle_data.jets))
 
 
 def time_step(scenario: Scenario) -> float:
-    """Step of the plant, s; zero: continuous."""
+    """Returns the step of the plant, s; zero: continuous."""
     step = scenario.plant.time_step if isinstance(scenario.plant, PlantBlock) else 0.0
     return scenario.vehicle_data.sample_period_s if step is None else step
 
 
 def selectable(scenario: Scenario) -> NDArray[np.bool_]:
-    """Which jets the autopilot may select, by their kind, shape (n_jets,)."""
+    """Selects the jets that the autopilot may use, by their kind, shape (n_jets,)."""
     kinds, vehicle = scenario.autopilot.jet_kinds, scenario.vehicle_data
     if kinds is None:
         kinds = ("primary",) if "primary" in vehicle.jet_kinds else tuple(vehicle.jet_kinds)
@@ -569,12 +570,12 @@ def selectable(scenario: Scenario) -> NDArray[np.bool_]:
 
 
 def sensor_model(scenario: Scenario, sensor: SensorPackage) -> SensorModel:
-    """The true errors of a sensor package: the vehicle's quantum and noise, and the scenario's errors."""
+    """Makes the true errors of a sensor package: the vehicle's quantum and noise, and the scenario's errors."""
     return with_draws(undrawn_model(scenario, sensor), sensor_draws(scenario, sensor), scenario.seed)
 
 
 def undrawn_model(scenario: Scenario, sensor: SensorPackage) -> SensorModel:
-    """The same before the seed draws phases."""
+    """Makes the errors of `sensor_model` before the seed draws phases."""
     period, errors = scenario.vehicle_data.sample_period_s, _errors_of(scenario, sensor)
     tones, integrates = _tones(errors), isinstance(sensor, Accelerometer)
     scale_factor = np.array(errors.scale_factor)
@@ -596,7 +597,7 @@ def undrawn_model(scenario: Scenario, sensor: SensorPackage) -> SensorModel:
 
 
 def sensor_draws(scenario: Scenario, sensor: SensorPackage) -> Draws:
-    """Phases of a sensor package that the seed draws."""
+    """Draws phases of a sensor package by the seed."""
     errors = _errors_of(scenario, sensor)
     quantum = sensor.quantum if errors.quantum is None else errors.quantum
     marks = quantum > 0.0 and scenario.sensors.quantizer_phase == "seeded"
@@ -609,12 +610,12 @@ def _errors_of(scenario: Scenario, sensor: SensorPackage) -> SensorErrors:
 
 
 def _tones(errors: SensorErrors) -> tuple[Tone, ...]:
-    """Tones of a package's vibration, in phase."""
+    """Makes tones of a package's vibration, in phase."""
     return tuple(Tone(entry.frequency_hz, np.array(entry.amplitude), np.zeros(3)) for entry in errors.vibration)
 
 
 def vehicle_params(scenario: Scenario) -> VehicleParams:
-    """Parameters of the true vehicle's step."""
+    """Makes the parameters of the true vehicle's step."""
     vehicle, properties = scenario.vehicle_data, true_properties(scenario)
     period = vehicle.sample_period_s
     body = initial_state(properties.mass)
@@ -647,7 +648,7 @@ def vehicle_params(scenario: Scenario) -> VehicleParams:
 
 
 def flight_params(scenario: Scenario, true: VehicleParams) -> FlightParams:
-    """Parameters of vehicle and autopilot from sample to sample; ``true``: see `vehicle_params`."""
+    """Makes the parameters of vehicle and autopilot from sample to sample; ``true``: see `vehicle_params`."""
     vehicle, names = scenario.vehicle_data, scenario.vehicle_data.sensor_names()
     flies = not scenario.open_loop
     pilot = PilotParams(
@@ -670,12 +671,12 @@ def flight_params(scenario: Scenario, true: VehicleParams) -> FlightParams:
 
 
 def mass_jumps(scenario: Scenario) -> tuple[Jump, ...]:
-    """The payloads that leave or come."""
+    """Lists the payloads that leave or come."""
     return tuple(Jump(jump.time_s, *jump_terms(jump)) for jump in scenario.jumps)
 
 
 def joint_moves(plant: MultibodyBlock) -> dict[str, tuple[Move, ...]]:
-    """Moves of each driven joint in the order of time; none of one that is held."""
+    """Lists moves of each driven joint in the order of time; none of one that is held."""
     told = sorted(plant.moves, key=lambda move: move.start_s)
     driven = [start.joint for start in plant.joints if start.held] + [move.joint for move in told]
     return {
@@ -685,7 +686,7 @@ def joint_moves(plant: MultibodyBlock) -> dict[str, tuple[Move, ...]]:
 
 
 def disturbance(scenario: Scenario) -> DisturbanceModel | None:
-    """Torque and force on the true vehicle besides its jets'; None: there are none."""
+    """Returns torque and force on the true vehicle besides its jets'; None: there are none."""
     block = scenario.plant.disturbance
     mean, std = np.array([*block.torque, *block.force]), np.array([*block.torque_std, *block.force_std])
     if not (mean.any() or std.any()):
@@ -695,25 +696,25 @@ def disturbance(scenario: Scenario) -> DisturbanceModel | None:
 
 
 def true_properties(scenario: Scenario) -> MassProperties:
-    """Mass properties of the true vehicle at the start, if it is rigid; else those that are nominal."""
+    """Returns mass properties of the true vehicle at the start, if it is rigid; else the nominal ones."""
     spread, body = mass_spread(scenario), undrawn_properties(scenario)
     return body if spread is None else seeded_body(scenario.seed, body, spread)
 
 
 def mass_spread(scenario: Scenario) -> Spread | None:
-    """Spread of the true mass properties; None: they are not drawn."""
+    """Returns the spread of the true mass properties; None: they are not drawn."""
     spread = scenario.plant.dispersion.spread if isinstance(scenario.plant, PlantBlock) else None
     return spread if spread is not None and any(spread) else None
 
 
 def undrawn_properties(scenario: Scenario) -> MassProperties:
-    """Mass properties about which the true ones are drawn; these themselves where nothing is drawn."""
+    """Returns mass properties about which the true ones are drawn, or the true ones where nothing is drawn."""
     properties = scenario.plant.mass_properties if isinstance(scenario.plant, PlantBlock) else None
     return scenario.vehicle_data.nominal if properties is None else properties.properties()
 
 
 def pose_model(scenario: Scenario, sensor: PoseSensor) -> PoseModel:
-    """What a sensor of position and attitude reads of the true vehicle."""
+    """Makes the true model of a sensor of position and attitude."""
     return PoseModel(
         point=np.array(sensor.point),
         position_std=math.inf if sensor.position_std is None else sensor.position_std,
@@ -727,7 +728,7 @@ def pose_model(scenario: Scenario, sensor: PoseSensor) -> PoseModel:
 
 
 def plant_wrenches(scenario: Scenario) -> Array:
-    """True torque about the vehicle origin, force and mass flow of each jet, shape (n_jets, 7).
+    """Returns true torque about the vehicle origin, force and mass flow of each jet, shape (n_jets, 7).
 
     In a plane the floor takes what would lift or tip the vehicle: force along z, and torque about the true center of
     mass but about z.
@@ -737,7 +738,7 @@ def plant_wrenches(scenario: Scenario) -> Array:
 
 
 def mounted_wrenches(scenario: Scenario) -> Array:
-    """Torque, force and mass flow of each jet at nominal thrust, mounted as it truly is, shape (n_jets, 7)."""
+    """Returns torque, force and mass flow of each jet at nominal thrust, as truly mounted, shape (n_jets, 7)."""
     vehicle, nominal, spread = scenario.vehicle_data, nominal_wrenches(scenario), scenario.plant.mounting_dispersion
     sigmas = spread * np.repeat(vehicle.mounting_sigmas, 2, axis=1)  # of two angles and two shifts
     if not sigmas.any():
@@ -747,12 +748,12 @@ def mounted_wrenches(scenario: Scenario) -> Array:
 
 
 def plant_mass_flows(scenario: Scenario) -> Array:
-    """True mass flow of each jet at full thrust, slug/s or kg/s, shape (n_jets,); zero where none is used up."""
+    """Returns true mass flow of each jet at full thrust, slug/s or kg/s, shape (n_jets,); zero if none is used."""
     return plant_wrenches(scenario)[:, 6]
 
 
 def nominal_wrenches(scenario: Scenario) -> Array:
-    """Torque about the vehicle origin, force and mass flow of each jet at nominal thrust, shape (n_jets, 7)."""
+    """Returns torque about the origin, force and mass flow of each jet at nominal thrust, shape (n_jets, 7)."""
     vehicle = scenario.vehicle_data
     depletes = isinstance(scenario.plant, PlantBlock) and scenario.plant.depletion
     flows = vehicle.mass_flows if depletes else np.zeros(len(vehicle.jets))
@@ -760,7 +761,7 @@ def nominal_wrenches(scenario: Scenario) -> Array:
 
 
 def commands(scenario: Scenario) -> tuple[Array, Array | None]:
-    """The prescribed jet schedule, a row per sample: commands and onsets, see `maths.vehicle.on_times`.
+    """Makes the prescribed jet schedule, a row per sample: commands and onsets, see `maths.vehicle.on_times`.
 
     Of a vehicle without on-times a pulse is on at t_k with start <= t_k < end, to within a billionth of the sample
     period. There are no onsets (None) where all jets switch with samples. Both tables are of shape (n_samples, n_jets).
@@ -781,7 +782,7 @@ def commands(scenario: Scenario) -> tuple[Array, Array | None]:
 
 
 def wheels_model(scenario: Scenario) -> WheelsModel:
-    """The true reaction wheels, before their inertias are drawn."""
+    """Makes the true reaction wheels, before their inertias are drawn."""
     stated, plant = scenario.vehicle_data.wheels, scenario.plant
     known = wheels(scenario.vehicle_data)
     return WheelsModel(
@@ -797,7 +798,7 @@ def wheels_model(scenario: Scenario) -> WheelsModel:
 
 
 def wheel_control(scenario: Scenario) -> WheelControlParams | None:
-    """The law by which the autopilot turns the vehicle by its wheels; None: it does not."""
+    """Makes the law by which the autopilot turns the vehicle by its wheels; None: it does not."""
     vehicle, block = scenario.vehicle_data, scenario.autopilot.wheels
     if block is None:
         return None
@@ -818,7 +819,7 @@ def wheel_control(scenario: Scenario) -> WheelControlParams | None:
 
 
 def true_tanks(scenario: Scenario) -> tuple[Tanks, Array] | None:
-    """Tanks of the true vehicle, and propellant in each at the start, slug or kg; None: nothing is drawn from any."""
+    """Makes the true vehicle's tanks, and initial propellant in each, slug or kg; None: nothing is drawn from any."""
     vehicle, plant = scenario.vehicle_data, scenario.plant
     if not (vehicle.tanks and isinstance(plant, PlantBlock) and plant.depletion):
         return None
@@ -827,7 +828,7 @@ def true_tanks(scenario: Scenario) -> tuple[Tanks, Array] | None:
 
 
 def wheel_torques(scenario: Scenario) -> Array:
-    """The prescribed torques of wheels, a row per sample, shape (n_samples, n_wheels)."""
+    """Makes the prescribed torques of wheels, a row per sample, shape (n_samples, n_wheels)."""
     vehicle = scenario.vehicle_data
     names, period = [wheel.name for wheel in vehicle.wheels], vehicle.sample_period_s
     table = np.zeros((sample_count(scenario), len(names)))
@@ -838,7 +839,7 @@ def wheel_torques(scenario: Scenario) -> Array:
 
 
 def true_engines(scenario: Scenario) -> EnginesModel:
-    """The true engines, before their errors are drawn."""
+    """Makes the true engines, before their errors are drawn."""
     vehicle, plant = scenario.vehicle_data, scenario.plant
     assert isinstance(plant, PlantBlock)  # which alone has engines
     names = [engine.name for engine in vehicle.engines]
@@ -857,7 +858,7 @@ def true_engines(scenario: Scenario) -> EnginesModel:
 
 
 def gimbal_control(scenario: Scenario) -> GimbalControl:
-    """Control of the rate by the engines' gimbals."""
+    """Makes the control of the rate by the engines' gimbals."""
     vehicle, bandwidth = scenario.vehicle_data, scenario.autopilot.gimbal_bandwidth
     return GimbalControl(engines(vehicle), vehicle.nominal, bandwidth, vehicle.sample_period_s)
 
@@ -866,7 +867,7 @@ _ENGINE_FAILURES = {"out": OUT, "level_stuck": 0, "gimbal_1_stuck": 1, "gimbal_2
 
 
 def engine_commands(scenario: Scenario) -> Array:
-    """The prescribed levels and angles of the engines, a row per sample, shape (n_samples, 3 n_engines)."""
+    """Makes the engines' prescribed levels and angles, a row per sample, shape (n_samples, 3 n_engines)."""
     vehicle = scenario.vehicle_data
     names, period = [engine.name for engine in vehicle.engines], vehicle.sample_period_s
     table = np.zeros((sample_count(scenario), len(names), N_CHANNELS))
@@ -877,7 +878,7 @@ def engine_commands(scenario: Scenario) -> Array:
 
 
 def pieces(scenario: Scenario) -> int:
-    """The largest number of pieces of a sample, as true jets open and close within it; 1: they switch with samples."""
+    """Returns the largest number of pieces of a sample, as true jets switch within it; 1: they do not."""
     if not scenario.open_loop:
         return 1 + most_edges(pulses(scenario))
     table, onset_s = commands(scenario)
@@ -885,18 +886,18 @@ def pieces(scenario: Scenario) -> int:
 
 
 def sample_count(scenario: Scenario) -> int:
-    """Number of sample intervals in a run: the last sample is at or just before the end."""
+    """Counts the sample intervals of a run: the last sample is at or just before the end."""
     return math.floor(scenario.duration_s / scenario.vehicle_data.sample_period_s + 1e-9)
 
 
 def jet_failures(scenario: Scenario) -> tuple[failures.Failure, ...]:
-    """The true failures of jets, with a leak as a level of its jet."""
+    """Makes the true failures of jets, with a leak as a level of its jet."""
     thrusts = thrust_factors(scenario) * np.array([jet.thrust for jet in scenario.vehicle_data.jets])
     return as_levels(stated_failures(scenario), thrusts)
 
 
 def stated_failures(scenario: Scenario) -> tuple[failures.Failure, ...]:
-    """The same with the force of a leak as its amount, lbf or N."""
+    """Makes the true failures of jets, with the force of a leak as its amount, lbf or N."""
     vehicle, result = scenario.vehicle_data, []
     for number, entry in enumerate(scenario.failures):
         jet = vehicle.jet_index(entry.jet)
@@ -915,7 +916,7 @@ def stated_failures(scenario: Scenario) -> tuple[failures.Failure, ...]:
 
 
 def _amount(entry: Failure) -> float:
-    """Amount of a `maths.vehicle.true_failures.Failure`; of a leak its force."""
+    """Returns the amount of a `maths.vehicle.true_failures.Failure`; of a leak its force."""
     match entry:
         case Degraded():
             return entry.fraction
@@ -930,18 +931,18 @@ def _amount(entry: Failure) -> float:
 
 
 def unit_wrenches(vehicle: Vehicle) -> Array:
-    """Torque about the vehicle origin and force of a unit force along each jet, shape (n_jets, 6)."""
+    """Computes torque about the vehicle origin and force of a unit force along each jet, shape (n_jets, 6)."""
     return vehicle.wrenches / np.linalg.norm(vehicle.thrusts, axis=1)[:, None]
 
 
 def _manifolds(vehicle: Vehicle) -> NDArray[np.int_]:
-    """Index of each jet's manifold, -1 where it has none."""
+    """Returns the index of each jet's manifold, -1 where it has none."""
     names = sorted({jet.manifold for jet in vehicle.jets if jet.manifold is not None})
     return np.array([-1 if jet.manifold is None else names.index(jet.manifold) for jet in vehicle.jets])
 
 
 def jets(scenario: Scenario) -> Jets:
-    """The jets as a detector knows them."""
+    """Makes the jets as a detector knows them."""
     vehicle = scenario.vehicle_data
     return Jets(
         period_s=vehicle.sample_period_s,
@@ -954,7 +955,7 @@ def jets(scenario: Scenario) -> Jets:
 
 
 def detector(scenario: Scenario) -> Detector | None:
-    """The detector that a scenario names; None: off, or one of the thesis, which needs an accelerometer."""
+    """Returns the detector that a scenario names; None: off, or one of the thesis without accelerometer."""
     if scenario.detector.kind == "off":
         return None
     if scenario.estimation.filter == "thesis" and not scenario.vehicle_data.accelerometers:
@@ -963,12 +964,12 @@ def detector(scenario: Scenario) -> Detector | None:
 
 
 def closes_manifolds(scenario: Scenario) -> bool:
-    """Whether a declared failure closes the jet's manifold; a matter of the detector's block."""
+    """Tests whether a declared failure closes the jet's manifold; a matter of the detector's block."""
     return bool(getattr(scenario.detector, "close_manifold", False))
 
 
 def detector_params(scenario: Scenario) -> Any:
-    """Parameters of the detector that the scenario names; None: there is none."""
+    """Makes the parameters of the detector that the scenario names; None: there is none."""
     method = detector(scenario)
     if method is None:
         return None

@@ -1,4 +1,4 @@
-"""What no physical vehicle or run can be, and what is more likely a slip than meant: rules, each with its reason.
+"""Plausibility rules, each with its reason: impossible vehicles and runs, and probable slips.
 
 Bounds of single keys stand beside the keys, as `Span`, in SI units whatever the units of the file. Rules between keys
 stand here. What is impossible is refused when a file is loaded; the rest are doubts, which `massprop check` shows and
@@ -85,7 +85,7 @@ _MOST_SAMPLES = 1e8
 
 
 class Finding(NamedTuple):
-    """Something that is not, or hardly, possible.
+    """Input that is impossible, or doubtful.
 
     Attributes:
         path: of the field.
@@ -102,7 +102,7 @@ class Finding(NamedTuple):
 
 
 def _beyond(value: float, doubt: float, limit: float, path: FieldPath, problem: str) -> Iterator[Finding]:
-    """Yields a finding where a value is above what is usual, impossible where it is above what can be."""
+    """Yields a finding where a value is above the usual limit, impossible where above the possible one."""
     if not value <= doubt:  # nor a number
         yield Finding(path, problem, not value <= limit)
 
@@ -132,7 +132,7 @@ def out_of_span(model: Model, units: str, path: FieldPath = (), skipped: tuple[s
 
 @cache
 def _spans(model: type[Model]) -> list[tuple[str, Span | None, str]]:
-    """The fields of a model with their spans and units."""
+    """Returns the fields of a model with their spans and units."""
     return [(name, *span_of(field)) for name, field in model.model_fields.items()]
 
 
@@ -152,7 +152,7 @@ def _compared(value: Any, span: Span, unit: str, units: str, path: FieldPath) ->
 
 
 def _si(unit: str, units: str) -> float:
-    """The SI value of one unit of a unit system, given the SI unit's name."""
+    """Returns the SI value of one unit of a unit system, given the SI unit's name."""
     return _US.get(unit, 1.0) if units == "us" else 1.0
 
 
@@ -189,7 +189,7 @@ def _packages(vehicle: Vehicle) -> Iterator[tuple[FieldPath, SensorPackage]]:
 
 
 def _alike_in_telemetry(vehicle: Vehicle) -> Iterator[Finding]:
-    """Columns of telemetry must be told apart, and by people too: the case of letters alone is no difference."""
+    """Finds columns of telemetry with the same name, or names that differ in the case of letters alone."""
     columns: list[tuple[FieldPath, str, list[str]]] = []
     for path, sensor in _packages(vehicle):
         stems = [sensor.name] if path[0] == "gyros" else [sensor.name, f"{sensor.name}_accel"]
@@ -206,7 +206,7 @@ def _alike_in_telemetry(vehicle: Vehicle) -> Iterator[Finding]:
 
 
 def _ranges(vehicle: Vehicle) -> Iterator[Finding]:
-    """A sensor's range holds many steps of its reading."""
+    """Finds sensors whose range holds few steps of their reading."""
     for path, sensor in _packages(vehicle):
         what = "quantum" if sensor.quantum >= sensor.noise_std else "noise_std"
         step = max(sensor.quantum, sensor.noise_std)
@@ -217,7 +217,7 @@ def _ranges(vehicle: Vehicle) -> Iterator[Finding]:
 
 
 def _valves(vehicle: Vehicle) -> Iterator[Finding]:
-    """Control by jets needs valves that follow their commands."""
+    """Finds valves that do not follow their commands well enough for control by jets."""
     period = vehicle.sample_period_s
     for name, kind in vehicle.jet_kinds.items():
         for field in ("time_constant_s", "minimum_on_time_s"):
@@ -227,7 +227,7 @@ def _valves(vehicle: Vehicle) -> Iterator[Finding]:
 
 
 def _jets(vehicle: Vehicle) -> Iterator[Finding]:
-    """A jet's thrust, its kind's nominal thrust and its flow belong together."""
+    """Finds jets whose thrust, their kind's nominal thrust and flow do not match."""
     speed = _si("m/s", vehicle.units)
     for index, jet in enumerate(vehicle.jets):
         nominal = vehicle.jet_kinds[jet.kind].nominal_thrust
@@ -332,7 +332,7 @@ def of_sharpness(
 
 
 def _rate_variances(torques: Array, forces: Array, inverse: Array, covariance: Array) -> Array:
-    """Trace of H S Hᵀ for the rate increments of impulses about the center of mass, (rad/s)^2, shape (n,)."""
+    """Computes the trace of H S Hᵀ for rate increments of impulses about the center of mass, (rad/s)^2, shape (n,)."""
     x, y, z = torques.T
     none = np.zeros_like(x)
     by_inertia = np.array([[x, none, none, none, z, y], [none, y, none, z, none, x], [none, none, z, y, x, none]])
@@ -372,7 +372,7 @@ def of_scenario(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
 
 
 def _sensor_errors(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
-    """The true errors of a sensor have the bounds of what the vehicle's file says of it."""
+    """Finds true errors of a sensor outside the bounds that hold for those of the vehicle's file."""
     sensors = {sensor.name: sensor for sensor in vehicle.sensors}
     for index, errors in enumerate(scenario.sensors.errors):
         span, unit = span_of(type(sensors[errors.sensor]).model_fields["noise_std"])
@@ -387,7 +387,7 @@ def _sensor_errors(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
 
 
 def _turning(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
-    """By more than half a turn in a sample, a vehicle seems to turn the other way."""
+    """Finds rates that turn the vehicle too far in a sample: beyond half a turn it seems to turn the other way."""
     usable, period = scenario.rotation.largest_turn, vehicle.sample_period_s
     for path, rate in (
         (("plant", "initial_rate"), float(np.linalg.norm(scenario.plant.initial_rate))),
@@ -402,7 +402,7 @@ def _turning(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
 
 
 def _disturbed(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
-    """What disturbs a vehicle is less than its jets can hold."""
+    """Finds disturbances that are stronger than the vehicle's strongest jet."""
     disturbance = scenario.plant.disturbance
     torques = np.cross(vehicle.positions - vehicle.nominal.center_of_mass, vehicle.thrusts)
     of_torque = "ft-lbf" if vehicle.units == "us" else "N-m"
@@ -418,7 +418,7 @@ def _disturbed(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
 
 
 def _leaks(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
-    """A leak gives what gets past a closed valve: a part of the jet's thrust."""
+    """Finds leaks above the jet's thrust: a leak is flow past a closed valve."""
     for index, failure in enumerate(scenario.failures):
         force = getattr(failure, "force", 0.0)
         thrust = vehicle.jets[vehicle.jet_index(failure.jet)].thrust
@@ -429,7 +429,7 @@ def _leaks(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
 
 
 def _late(scenario: Scenario) -> Iterator[Finding]:
-    """What begins after the end of the run does nothing."""
+    """Finds commands and events after the end of the run, which do nothing."""
     end = scenario.duration_s
     for field, key in (
         ("maneuver", "start_s"),
@@ -448,7 +448,7 @@ def _late(scenario: Scenario) -> Iterator[Finding]:
 
 
 def _short(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
-    """Pulses of less than a sample, where jets switch with samples, last for a whole one, or for none."""
+    """Finds pulses below a sample where jets switch with samples: they last for a whole one, or for none."""
     period_s = vehicle.sample_period_s
     short = [
         index
@@ -465,7 +465,7 @@ def _short(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
 
 
 def _noise(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
-    """Process noise is a small part of what it is added to."""
+    """Finds process noise that is not small beside the quantity that it is added to."""
     sizes = initial_standard_deviation(vehicle.nominal.vector(), 1.0, vehicle.center_of_mass_floor)
     for index, (std, size) in enumerate(zip(scenario.process_noise_std, sizes, strict=True)):
         path: FieldPath = ("rotation", "process_noise_std", index) if index < 9 else ("mass", "process_noise_std")

@@ -1,4 +1,4 @@
-"""Maps of records: what the columns of somebody else's file mean, read from YAML and validated.
+"""Maps of records: meaning of the columns of other programs' files, read from YAML and validated.
 
 A map names, for every sensor of a vehicle and for its jets, the columns, their unit, axes and clock. It describes what
 is in the file, also what no estimator uses yet; `massprop_drake.records.mapping` applies it.
@@ -72,7 +72,7 @@ _ROTATION_TOLERANCE = 1e-3  # of the products of a rotation's columns, as printe
 
 
 class Difference(Model):
-    """A column and its rate, logged as the backward difference over the true step."""
+    """Column and its rate, logged as the backward difference over the true step."""
 
     value: Column = described(..., "column of the quantity; an angle is unwrapped")
     value_unit: Annotated[Text, _unit("length", "angle")] = described("m", "its unit")
@@ -132,7 +132,7 @@ def _signed_axes(value: Axes | None) -> Axes | None:
 
 
 def rotation_of(axes: Axes) -> np.ndarray:
-    """The matrix that turns a vector of the recorder's axes into the wanted ones, shape (3, 3)."""
+    """Computes the matrix that turns a vector of the recorder's axes into the wanted ones, shape (3, 3)."""
     matrix = np.zeros((3, 3))
     for row, axis in enumerate(axes):
         matrix[row, "xyz".index(axis[-1])] = -1.0 if axis.startswith("-") else 1.0
@@ -183,7 +183,7 @@ class _Vector(_Sampled):
 
     @property
     def matrix(self) -> np.ndarray:
-        """From the recorder's axes to the vehicle's, shape (3, 3)."""
+        """Matrix from the recorder's axes to the vehicle's, shape (3, 3)."""
         return rotation_of(self.axes) if self.rotation is None else np.array(self.rotation)
 
 
@@ -243,7 +243,7 @@ class _Attitude(_Read):
 
     @property
     def forms(self) -> list[str]:
-        """The forms in which the attitude is given."""
+        """Forms in which the attitude is given."""
         return [name for name in ("quaternion", "angles", "heading") if getattr(self, name) is not None]
 
     @model_validator(mode="after")
@@ -324,7 +324,7 @@ class Listed(Model):
 
 
 class CommandMap(_Sampled):
-    """What the jets were told."""
+    """Commands to the jets."""
 
     columns: dict[Name, Column] | None = described(None, "column of each jet by its designation")
     mask: Mask | None = described(None, "or a bit mask")
@@ -372,12 +372,12 @@ class CommandMap(_Sampled):
 
     @property
     def is_timed(self) -> bool:
-        """Tests whether commands are on-times."""
+        """True if commands are on-times."""
         return self.columns is not None and self.threshold is None and is_of(self.unit, "time")
 
     @property
     def jets(self) -> list[str] | None:
-        """The designations that are named; None: those of the vehicle."""
+        """Designations that are named; None: those of the vehicle."""
         if self.columns is not None:
             return list(self.columns)
         if self.mask is not None:
@@ -386,7 +386,7 @@ class CommandMap(_Sampled):
 
 
 def _columns(data: Any, within: str = "") -> Iterator[str]:
-    """Names of columns in the data of a part of a map."""
+    """Returns names of columns in the data of a part of a map."""
     if isinstance(data, dict):
         for key, value in data.items():
             if key == "columns" and isinstance(value, dict):
@@ -401,7 +401,7 @@ def _columns(data: Any, within: str = "") -> Iterator[str]:
 
 
 class CsvForm(Model):
-    """How a text file is written."""
+    """Format of a text file."""
 
     separator: Annotated[str, Field(strict=True, min_length=1, max_length=1)] = described(
         ",", "between cells; a blank: any run of blanks"
@@ -450,12 +450,12 @@ class RecordMap(Model):
         return self.rows or [*gyros, *self.sensors][0]
 
     def topic_of(self, part: _Sampled) -> str:
-        """The topic of a part."""
+        """Returns the topic of a part."""
         return part.topic or self.topic
 
     @property
     def parts(self) -> list[_Sampled]:
-        """All that is read."""
+        """All sensors and commands that are read."""
         parts = [*self.sensors.values(), self.commands, self.known_force, self.known_torque]
         return [part for part in parts if part is not None]
 
@@ -471,7 +471,7 @@ class RecordMap(Model):
 
 
 def map_keys() -> list[Key]:
-    """The keys of a map; those of the clocks that parts may have of their own are those of `time`."""
+    """Lists the keys of a map; those of the clocks that parts may have of their own are those of `time`."""
     return [key for key in keys(RecordMap) if ".time." not in key.name]
 
 

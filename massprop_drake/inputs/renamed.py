@@ -64,7 +64,7 @@ MODULES = _modules()
 
 
 class RenamedWarning(FutureWarning):
-    """A name of an earlier version, accepted once more."""
+    """Warning of a name of an earlier version, accepted once more."""
 
 
 def warn(message: str, stacklevel: int = 2, version: str = "0.3") -> None:
@@ -73,14 +73,14 @@ def warn(message: str, stacklevel: int = 2, version: str = "0.3") -> None:
 
 
 def key_now(path: Sequence[str | int]) -> str | None:
-    """The present name of the last key of a path in a vehicle or a scenario; None when it is not an old one."""
+    """Returns the present name of the last key of a path in a vehicle or a scenario; None when it is not an old one."""
     if path[-1] not in _OLD_KEYS:
         return None
     return KEYS.get(re.sub(r"\[\d+\]", "[]", dotted(tuple(path))).removeprefix("vehicle."))
 
 
 def with_present_detector(data: dict[str, Any], usual: str) -> tuple[dict[str, Any], list[str]]:
-    """Replaces what a scenario's data say of the detector of the joint filter in former terms.
+    """Replaces former terms of the joint filter's detector in a scenario's data.
 
     Args:
         data: of a scenario, not validated; unchanged.
@@ -107,7 +107,7 @@ def with_present_detector(data: dict[str, Any], usual: str) -> tuple[dict[str, A
 
 
 def keys_left_behind(former: Any, kind: Any) -> tuple[str, ...]:
-    """Keys that the detector of the joint filter had, where another kind takes its place.
+    """Returns keys that the detector of the joint filter had, where another kind takes its place.
 
     Args:
         former: kind that the block had; None: it was not written out.
@@ -120,7 +120,7 @@ def keys_left_behind(former: Any, kind: Any) -> tuple[str, ...]:
 
 
 def attributes(module: str, names: Mapping[str, str]) -> Callable[[str], Any]:
-    """A module's `__getattr__` that knows what has been renamed in it.
+    """Makes a module's `__getattr__` that knows what has been renamed in it.
 
     Args:
         module: its `__name__`.
@@ -138,12 +138,12 @@ def attributes(module: str, names: Mapping[str, str]) -> Callable[[str], Any]:
 
 
 class Finder(MetaPathFinder, Loader):
-    """Finds modules under the paths that they had."""
+    """Finder of modules under their former paths."""
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """The old path's specification, when it is one."""
+        """Returns the old path's specification, when it is one."""
         return ModuleSpec(fullname, self) if fullname in MODULES else None
 
     def exec_module(self, module: ModuleType) -> None:

@@ -75,7 +75,7 @@ _LONGEST_NAME = 200  # characters; those of a folder's name are limited
 
 
 def _in_order(timed: _T) -> _T:
-    """An interval as it is; raises ValueError where it ends before it begins, or as it does."""
+    """Returns an interval as it is; raises ValueError where it does not end after its beginning."""
     start_s, end_s = timed.start_s, timed.end_s
     if end_s is not None and end_s <= start_s:
         raise ValueError(f"end_s must be later than start_s, got {moment(start_s)} to {moment(end_s)}")
@@ -154,7 +154,7 @@ class EngineFailureBlock(Model):
 
 
 class DisturbanceBlock(Model):
-    """A torque and a force that nobody commands, body axes: a mean, and a first-order Gauss-Markov process about it."""
+    """Uncommanded torque and force, body axes: a mean, and a first-order Gauss-Markov process about it."""
 
     torque: Vector3 = described(
         (0.0, 0.0, 0.0), "mean torque about the center of mass", "ft-lbf | N-m", span=plausible.OUTSIDE_TORQUE
@@ -240,7 +240,7 @@ class Dispersion(Model):
 
     @property
     def spread(self) -> Spread:
-        """The same as the mathematics takes it."""
+        """Spread as the mathematics takes it."""
         return Spread(
             0.01 * self.mass_percent,
             self.center_of_mass,
@@ -326,7 +326,7 @@ class MultibodyBlock(_Plant):
 
     @property
     def joint_units(self) -> tuple[str, ...]:
-        """Unit of each of them, with {length} for the vehicle's."""
+        """Unit of each joint position, with {length} for the vehicle's."""
         return tuple(joint.unit for joint in model_joints(self.model) for _ in joint.columns)
 
     @model_validator(mode="after")
@@ -488,7 +488,7 @@ _RULE = (
 
 
 class CombineBlock(Model):
-    """How the filters use several packages of one kind."""
+    """Use of several packages of one kind by the filters."""
 
     gyros: _RULES = described("single", _RULE)
     accelerometers: _RULES = described("single", _RULE)
@@ -748,7 +748,7 @@ class EstimationBlock(Model):
         return self
 
     def initial_covariance(self, vehicle: Vehicle) -> Array:
-        """Covariance of the ten parameters at the start, shape (10, 10)."""
+        """Returns the covariance of the ten parameters at the start, shape (10, 10)."""
         if self.given is not None:
             if self.given.covariance is not None:
                 return np.array(self.given.covariance)
@@ -961,12 +961,12 @@ class JetFaults(Model):
 
     @property
     def gives_more(self) -> bool:
-        """Whether some mode lets the jet give more thrust than commanded; where none are named, all are meant."""
+        """True if some mode lets the jet give more thrust than commanded; where none are named, all are meant."""
         return not _MORE.isdisjoint(self.modes or _MODES)
 
     @property
     def gives_less(self) -> bool:
-        """Whether some mode lets the jet give less thrust than commanded; where none are named, all are meant."""
+        """True if some mode lets the jet give less thrust than commanded; where none are named, all are meant."""
         return not _LESS.isdisjoint(self.modes or _MODES)
 
 
@@ -1069,7 +1069,7 @@ class FaultsBlock(Model):
         return self
 
     def of_each_jet(self, designations: Iterable[str]) -> FaultsBlock:
-        """The same with an entry for each jet, in the order given, in which nothing is left out."""
+        """Returns the priors with an entry for each jet, in the order given, in which nothing is left out."""
         usual, found = JetFaults(per_hour=self.jet_per_hour, modes=self.modes), {}
         for name in designations:
             own = self.jets.get(name, JetFaults()).model_dump(exclude_none=True)
@@ -1097,7 +1097,7 @@ DetectorBlock = Annotated[CglrBlock | CusumBlock | HypothesesBlock | ThrustFacto
 
 
 class ExecutionBlock(Model):
-    """How a case is computed; the engine changes no bit of a result, compiled code the last ones."""
+    """Computation of a case; the engine changes no bit of a result, compiled code the last ones."""
 
     engine: Literal["diagram", "loop"] = described(
         "diagram",
@@ -1166,7 +1166,7 @@ class Scenario(Model):
     @model_validator(mode="before")
     @classmethod
     def _as_the_filter_has_it(cls, data: Any) -> Any:
-        """Fills in what is left out and depends on the filter, and the filter itself."""
+        """Fills in defaults that depend on the filter, and the filter itself."""
         if not isinstance(data, dict):
             return data
         if isinstance(data.get("vehicle"), str):  # in a program; names in files are `resolved` beside those
@@ -1238,7 +1238,7 @@ class Scenario(Model):
 
     @property
     def vehicle_data(self) -> Vehicle:
-        """The vehicle itself, loaded if the scenario only names it, with the parts that move inside."""
+        """Vehicle, loaded if the scenario only names it, with the parts that move inside."""
         vehicle = self.vehicle if isinstance(self.vehicle, Vehicle) else load_vehicle(self.vehicle)
         if not self.moving:
             return vehicle
@@ -1246,7 +1246,7 @@ class Scenario(Model):
 
     @property
     def open_loop(self) -> bool:
-        """Tests whether no autopilot flies."""
+        """True if no autopilot flies."""
         engaged = self.autopilot.engaged
         return bool(self.jet_schedule) if engaged is None else not engaged
 
@@ -1257,25 +1257,25 @@ class Scenario(Model):
 
     @property
     def doubts(self) -> list[plausible.Finding]:
-        """What may be meant, but is more likely a slip; of the vehicle, too."""
+        """Entries that may be meant, but are more likely a slip; of the vehicle, too."""
         vehicle = self.vehicle_data
         own = [found for found in plausible.of_scenario(self, vehicle) if not found.impossible]
         return [found._replace(path=("vehicle", *found.path)) for found in vehicle.doubts] + own
 
     @property
     def simulation_doubts(self) -> list[plausible.Finding]:
-        """Those of them that bear on a simulation: a run may be cut short before the last of its commands."""
+        """Doubts that bear on a simulation: a run may be cut short before the last of its commands."""
         late = {(field, "start_s") for field in ("maneuver", "jet_schedule")}
         return [found for found in self.doubts if (found.path[0], found.path[-1]) not in late]
 
     @property
     def estimation_doubts(self) -> list[plausible.Finding]:
-        """Those of them that bear on estimation from a record, too."""
+        """Doubts that bear on estimation from a record, too."""
         return [found for found in self.doubts if found.path[0] in _ESTIMATION]
 
 
 def filter_of(data: Mapping[str, Any]) -> str:
-    """The filter that a scenario's data choose, before they are validated: the one named.
+    """Returns the filter that a scenario's data name, before they are validated.
 
     Where none is named it is the usual one, unless there are keys of another and none of the usual one's: so it is in
     files of before there was a choice.
@@ -1292,7 +1292,7 @@ def filter_of(data: Mapping[str, Any]) -> str:
 
 
 def _needs_pose_filter(vehicle: Any) -> bool:
-    """Whether a vehicle, or its data that may not be validated yet, is one for `estimation.filter: pose`."""
+    """Tests whether a vehicle, or its data that may not be validated yet, is one for `estimation.filter: pose`."""
     if isinstance(vehicle, Mapping):
         poses = [pose for pose in vehicle.get("poses") or () if isinstance(pose, Mapping)]
         located = bool(vehicle.get("velocities")) or any(pose.get("position_std") is not None for pose in poses)
@@ -1309,12 +1309,12 @@ def _present(data: Any, path: tuple[str, ...]) -> bool:
 
 
 def _part(block: Any, key: str, otherwise: str | None) -> Any:
-    """A key of a block that is not validated yet, or of one that is."""
+    """Returns a key of a block, validated or not."""
     return block.get(key, otherwise) if isinstance(block, dict) else getattr(block, key, otherwise)
 
 
 def _foreign_keys(scenario: Scenario) -> Iterator[tuple[FieldPath, str]]:
-    """Yields the keys that say something to another filter than the scenario's, and that filter."""
+    """Yields the keys that belong to another filter than the scenario's, and that filter."""
     for other, paths in _KEYS_OF.items():
         if other == scenario.estimation.filter:
             continue
@@ -1425,7 +1425,7 @@ def _too_many_faults(faults: FaultsBlock, vehicle: Vehicle) -> Iterator[tuple[Fi
 
 
 def _no_on_times(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
-    """Finds on-times that an autopilot is to fly with jets that do not know them, or whose clock is too coarse."""
+    """Finds on-times to be flown with jets that do not take them, or whose clock is too coarse."""
     if scenario.open_loop or scenario.autopilot.jet_selection.output != "on_time":
         return
     path: FieldPath = ("autopilot", "jet_selection", "output")
@@ -1445,7 +1445,7 @@ def _no_on_times(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPa
 
 
 def _no_test_firing(scenario: Scenario) -> Iterator[tuple[FieldPath, str]]:
-    """Finds what keeps an autopilot from flying test firings."""
+    """Finds reasons for which an autopilot cannot fly test firings."""
     path: FieldPath = ("autopilot", "test_firing")
     if scenario.autopilot.test_firing is None:
         return
@@ -1456,7 +1456,7 @@ def _no_test_firing(scenario: Scenario) -> Iterator[tuple[FieldPath, str]]:
 
 
 def _no_wheels(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
-    """Finds what keeps wheels from turning the vehicle, and wheels that start faster than they can turn."""
+    """Finds reasons for which wheels cannot turn the vehicle, and wheels that start faster than they can turn."""
     speeds = scenario.plant.wheel_speeds
     for wheel in vehicle.wheels:
         if abs(speeds.get(wheel.name, 0.0)) > wheel.fastest:
@@ -1480,7 +1480,7 @@ def _no_wheels(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath
 
 
 def _of_the_plant(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
-    """Finds what does not go with the kind of the plant, or with its time step."""
+    """Finds entries that do not go with the kind of the plant, or with its time step."""
     period, loop = vehicle.sample_period_s, scenario.execution.engine == "loop"
     covers = "loop does not cover a continuous plant, whose steps are Drake's; use diagram"
     if isinstance(scenario.plant, PlantBlock):
@@ -1520,7 +1520,7 @@ def _of_true_tanks(plant: PlantBlock, vehicle: Vehicle) -> Iterator[tuple[FieldP
 
 
 def _not_followed(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
-    """Finds a filter, or an engine, that does not go with a vehicle which is followed in a fixed frame, or is not."""
+    """Finds a filter, or an engine, that does not match whether the vehicle is followed in a fixed frame."""
     named = scenario.estimation.filter
     if scenario.moving and named != "joint":
         yield ("moving",), f"plays no part in estimation.filter: {named}; use joint, or leave it out"
@@ -1557,7 +1557,7 @@ def _named(scenario: Scenario) -> Iterator[tuple[Literal["jet", "wheel", "engine
 
 
 def _beyond_stops(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
-    """Finds angles to which the gimbal of an engine does not go."""
+    """Finds angles that the gimbal of an engine does not reach."""
     stops = {engine.name: 0.0 if engine.gimbal is None else engine.gimbal.stop for engine in vehicle.engines}
     for index, burn in enumerate(scenario.engine_schedule):
         most = stops.get(burn.engine, math.inf)
@@ -1567,7 +1567,7 @@ def _beyond_stops(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldP
 
 
 def _open_twice(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
-    """Finds pulses that open a jet a second time in a sample: a command says of one time when it is open."""
+    """Finds pulses that open a jet a second time in a sample: a command holds one opening."""
     if not vehicle.has_on_times:
         return
     period_s, before = vehicle.sample_period_s, dict[tuple[str, int], int]()
@@ -1586,7 +1586,7 @@ def _open_twice(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPat
 
 
 def _impossible_parts(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
-    """Yields what is wrong with parts that move inside, with those of the vehicle."""
+    """Yields problems of parts that move inside, with those of the vehicle."""
     nominal, every = vehicle.nominal, (*vehicle.moving, *scenario.moving)
     known = nominal.mass, nominal.center_of_mass, nominal.inertia
     if scenario.moving and (problem := not_followed(every, known, vehicle.sample_period_s)):
@@ -1616,7 +1616,7 @@ def _impossible_jumps(scenario: Scenario, vehicle: Vehicle) -> list[tuple[FieldP
 
 
 def jump_terms(jump: MassJump) -> tuple[float, Array, Array]:
-    """Mass, position and inertia of a payload; mass and inertia are negative if it leaves."""
+    """Returns mass, position and inertia of a payload; mass and inertia are negative if it leaves."""
     sign = -1.0 if jump.kind == "release" else 1.0
     inertia = np.zeros((3, 3)) if jump.inertia is None else np.array(jump.inertia)
     return sign * jump.mass, np.array(jump.position), sign * inertia
@@ -1696,7 +1696,7 @@ def resolved(data: Any, document: Document | None = None, folder: Path | None = 
 
 
 def _with_model(data: Any, document: Document | None, folder: Path) -> Any:
-    """Data in which the text of a multibody model stands in place of its file."""
+    """Returns data in which the text of a multibody model stands in place of its file."""
     plant = data.get("plant")
     model = plant.get("model") if isinstance(plant, dict) else None
     if not isinstance(model, str) or plant.get("kind") != "multibody":
@@ -1708,7 +1708,7 @@ def _with_model(data: Any, document: Document | None, folder: Path) -> Any:
 
 
 def _named_vehicle(vehicle: Any, folder: Path | None) -> Vehicle | None:
-    """The vehicle that data name; None where there is none, which is said where it is loaded for good."""
+    """Returns the vehicle that data name; None where there is none, which is reported when it is loaded for good."""
     try:
         return _find_vehicle(vehicle, folder or Path(), None) if isinstance(vehicle, str) else None
     except InputError:
@@ -1716,7 +1716,7 @@ def _named_vehicle(vehicle: Any, folder: Path | None) -> Vehicle | None:
 
 
 def _with_filter(data: Any, vehicle: Vehicle | None) -> Any:
-    """Data that name the filter which alone goes with a vehicle, where they name none."""
+    """Returns data that name the filter which alone goes with a vehicle, where they name none."""
     if vehicle is None or not vehicle.needs_pose_filter or not isinstance(data, dict):
         return data
     estimation = data.get("estimation", {})
@@ -1724,7 +1724,7 @@ def _with_filter(data: Any, vehicle: Vehicle | None) -> Any:
 
 
 def _in_present_terms(data: Any, document: Document | None = None) -> Any:
-    """Replaces what data say of the detector in former terms, with one warning."""
+    """Replaces former terms of the detector in data, with one warning."""
     if not isinstance(data, dict):
         return data
     faults, usual = data.get("faults"), DETECTORS_OF.get(filter_of(data), ("off",))[0]
@@ -1791,7 +1791,7 @@ def set_field(data: Any, override: str, given: set[FieldPath] | None = None) -> 
 
 
 def replace_at(data: Any, path: list[str | int], value: Any, where: str, given: set[FieldPath]) -> None:
-    """Sets one field of a scenario's data; with the kind of a block go the keys that meant something to the former one.
+    """Sets one field of a scenario's data; with the kind of a block, keys that meant something to the former one go.
 
     Args:
         data, path, value, where: as `set_at` takes them.
@@ -1818,7 +1818,7 @@ def replace_at(data: Any, path: list[str | int], value: Any, where: str, given: 
 
 
 def value_at(data: Any, path: Sequence[str | int]) -> Any:
-    """The value at a path in nested data; None where there is none."""
+    """Returns the value at a path in nested data; None where there is none."""
     for part in path:
         try:
             data = data[part]
@@ -1828,7 +1828,7 @@ def value_at(data: Any, path: Sequence[str | int]) -> Any:
 
 
 def set_at(data: Any, path: list[str | int], value: Any, where: str) -> None:
-    """Sets one field of nested data; blocks that are not there yet are made.
+    """Sets one field of nested data; missing blocks are made.
 
     Args:
         data: mappings and lists.
@@ -1858,7 +1858,7 @@ def set_at(data: Any, path: list[str | int], value: Any, where: str) -> None:
 
 
 def parsed_key(key: str, override: str) -> list[str | int]:
-    """The parts of a dotted key such as sensors.errors[0].noise_std.
+    """Splits a dotted key such as sensors.errors[0].noise_std into its parts.
 
     Raises:
         InputError: when it is none; the message begins with --set and the override.

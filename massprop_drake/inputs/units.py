@@ -13,7 +13,7 @@ Dimension = tuple[int, int, int, int]  # powers of length, mass, time, angle
 
 
 class Unit(NamedTuple):
-    """A unit.
+    """Unit of measurement.
 
     Attributes:
         factor: SI value of one.
@@ -111,7 +111,7 @@ def parsed(text: str) -> Unit:
 
 
 def factor(text: str, *kinds: str) -> float:
-    """The SI value of one of a unit, which must be of one of some kinds of quantities.
+    """Returns the SI value of one of a unit, which must be of one of some kinds of quantities.
 
     Args:
         text: the unit.
@@ -129,10 +129,10 @@ def factor(text: str, *kinds: str) -> float:
 
 
 def is_of(text: str, kind: str) -> bool:
-    """Whether a unit is of a kind of quantity; raises InputError for no unit."""
+    """Tests whether a unit is of a kind of quantity; raises InputError for no unit."""
     return parsed(text).dimension == _KINDS[kind][0]
 
 
 def kind_of(unit: Unit) -> str:
-    """What a unit measures, in a word."""
+    """Returns the kind of quantity that a unit measures, in a word."""
     return next((kind for kind, (dimension, _) in _KINDS.items() if dimension == unit.dimension), "something else")

@@ -76,7 +76,7 @@ Positive3 = tuple[PositiveReal, PositiveReal, PositiveReal]
 
 
 def _of_length_1(value: Vector3) -> Vector3:
-    """The direction as it is; raises ValueError if it is none."""
+    """Returns the direction as it is; raises ValueError if it is none."""
     length = float(np.linalg.norm(value))
     if abs(length - 1.0) > _UNIT_LENGTH_TOLERANCE:
         raise ValueError(f"must have length 1 within {_UNIT_LENGTH_TOLERANCE}, got {length:.6g}")
@@ -84,7 +84,7 @@ def _of_length_1(value: Vector3) -> Vector3:
 
 
 def symmetric_inertia(value: Matrix3) -> Matrix3:
-    """The inertia as it is; raises ValueError if it is not symmetric."""
+    """Returns the inertia as it is; raises ValueError if it is not symmetric."""
     inertia = np.array(value)
     if not np.allclose(inertia, inertia.T, rtol=1e-9, atol=0.0):
         raise ValueError("must be symmetric: element (i, j) equal to element (j, i)")
@@ -120,7 +120,7 @@ class MassPropertiesModel(Model):
         return value
 
     def properties(self) -> MassProperties:
-        """The same as arrays."""
+        """Returns the mass properties as arrays."""
         return MassProperties(self.mass, np.array(self.center_of_mass), np.array(self.inertia))
 
 
@@ -263,7 +263,7 @@ _OVER_S = 10.0  # for which times of readings are counted
 
 
 def times_per_s(rates_hz: Sequence[float]) -> float:
-    """Different times a second of what recurs at several rates, from zero on."""
+    """Counts different times a second of what recurs at several rates, from zero on."""
     every = np.concatenate([np.arange(math.ceil(_OVER_S * rate)) / rate for rate in set(rates_hz)])
     return float(np.unique(np.round(every, 6)).size) / _OVER_S
 
@@ -385,7 +385,7 @@ class PoseSensor(Model):
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Its columns in telemetry: those of the position, and those of the quaternion."""
+        """Columns in telemetry: those of the position, and those of the quaternion."""
         return (*(f"{self.name}_{axis}" for axis in "xyz"), *(f"{self.name}_q{part}" for part in "wxyz"))
 
 
@@ -406,7 +406,7 @@ class VelocitySensor(Model):
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Its columns in telemetry."""
+        """Columns in telemetry."""
         return tuple(f"{self.name}_{axis}" for axis in "xyz")
 
 
@@ -454,7 +454,7 @@ class Wheel(Model):
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Its column in telemetry."""
+        """Column in telemetry."""
         return (f"{self.name}_speed",)
 
     @property
@@ -578,7 +578,7 @@ class RocketEngine(Model):
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Its columns in telemetry."""
+        """Columns in telemetry."""
         of_gimbal = () if self.gimbal is None else (f"{self.name}_gimbal_1", f"{self.name}_gimbal_2")
         return (f"{self.name}_level", *of_gimbal)
 
@@ -632,7 +632,7 @@ class Tank(Model):
 
 
 class Surroundings(Model):
-    """What moves the vehicle besides its jets; used by `estimation.filter: pose`."""
+    """Forces and accelerations on the vehicle besides its jets'; used by `estimation.filter: pose`."""
 
     drag: Real = described(0.0, "force against the velocity", "lbf-s/ft | N-s/m", ge=0.0)
     drag_std: Real = described(0.0, "1-sigma of it; 0: known", "lbf-s/ft | N-s/m", ge=0.0)
@@ -673,12 +673,12 @@ class Surroundings(Model):
 
 
 def _each_axis(value: Any) -> Any:
-    """Three numbers, of one that holds for each axis."""
+    """Returns three numbers, of one that holds for each axis."""
     return (value,) * 3 if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
 class Disturbance(Model):
-    """A torque and a force, body axes, that nobody commands and that change slowly: drag, solar pressure, venting.
+    """Uncommanded torque and force, body axes, that change slowly: drag, solar pressure, venting.
 
     Each component is a first-order Gauss-Markov process, estimated along with the mass properties.
     """
@@ -927,7 +927,7 @@ class Vehicle(Model):
 
     @property
     def doubts(self) -> list[plausible.Finding]:
-        """What may be meant, but is more likely a slip."""
+        """Entries that may be meant, but are more likely a slip."""
         return [found for found in plausible.of_vehicle(self) if not found.impossible]
 
     @property
@@ -942,7 +942,7 @@ class Vehicle(Model):
 
     @property
     def has_own_rates(self) -> bool:
-        """Tests whether a sensor is read at a rate of its own."""
+        """True if a sensor is read at a rate of its own."""
         return any(sensor.rate_hz is not None for sensor in self._timed)
 
     @property
@@ -956,18 +956,18 @@ class Vehicle(Model):
 
     @property
     def tracked_columns(self) -> tuple[str, ...]:
-        """Its columns in telemetry, in order."""
+        """Columns of the tracked sensors in telemetry, in order."""
         return tuple(column for sensor in self.tracked for column in sensor.columns)
 
     @property
     def needs_pose_filter(self) -> bool:
-        """Whether its sensors and motion need the estimator in a fixed frame, `estimation.filter` pose."""
+        """True if the sensors and motion need the estimator in a fixed frame, `estimation.filter` pose."""
         located = bool(self.velocities) or any(pose.position_std is not None for pose in self.poses)
         return located or self.motion == "planar" or not self.gyros
 
     @property
     def has_on_times(self) -> bool:
-        """Tests whether jets open and close within a sample, see `maths.vehicle.on_times`."""
+        """True if jets open and close within a sample, see `maths.vehicle.on_times`."""
         stated = getattr(self.jet_commands, "as")
         if stated is not None:
             return bool(stated == "on_time")
@@ -975,7 +975,7 @@ class Vehicle(Model):
 
     @property
     def opens_at(self) -> Place | None:
-        """Place of an on-time in its sample where no onset is told; None: commands are levels."""
+        """Place of an on-time in its sample where no onset is given; None: commands are levels."""
         return self.jet_commands.at if self.has_on_times else None
 
     @cached_property
@@ -1023,7 +1023,7 @@ class Vehicle(Model):
         return np.array([kinds.index(jet.kind) for jet in self.jets])
 
     def jets_of(self, tank: Tank) -> NDArray[np.bool_]:
-        """Tests which jets draw from a tank, shape (n_jets,)."""
+        """Returns which jets draw from a tank, shape (n_jets,)."""
         return np.array([jet.designation in tank.feeds or jet.kind in tank.feeds for jet in self.jets])
 
     @cached_property
@@ -1103,15 +1103,15 @@ class Vehicle(Model):
         return UNITS[self.units]
 
     def gyro(self, name: str) -> Gyro:
-        """The gyro package of a name; InputError where there is none."""
+        """Returns the gyro package of a name; raises InputError where there is none."""
         return _of_name("gyro package", name, self.gyros)
 
     def accelerometer(self, name: str) -> Accelerometer:
-        """The accelerometer package of a name; InputError where there is none."""
+        """Returns the accelerometer package of a name; raises InputError where there is none."""
         return _of_name("accelerometer package", name, self.accelerometers)
 
     def jet_index(self, designation: str) -> int:
-        """Index of a jet in `jets`; raises KeyError for an unknown designation."""
+        """Returns the index of a jet in `jets`; raises KeyError for an unknown designation."""
         try:
             return self.designations.index(designation)
         except ValueError:
@@ -1119,7 +1119,7 @@ class Vehicle(Model):
 
     @property
     def sensors_in_words(self) -> str:
-        """How many sensors there are of each kind."""
+        """Numbers of sensors of each kind, in words."""
         others = {
             "pose sensor": len(self.poses),
             "velocity sensor": len(self.velocities),
@@ -1130,12 +1130,12 @@ class Vehicle(Model):
         return f"{len(self.gyros)} gyro and {len(self.accelerometers)} accelerometer packages{more}"
 
     def sensor_names(self) -> list[str]:
-        """The names of all sensor packages, gyros first."""
+        """Returns the names of all sensor packages, gyros first."""
         return [sensor.name for sensor in self.sensors]
 
 
 def _of_tanks(vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
-    """Finds what is wrong with a vehicle's tanks beside the vehicle, each with the path of its field."""
+    """Finds problems of a vehicle's tanks, each with the path of its field."""
     _require_unique("tanks", "name", [tank.name for tank in vehicle.tanks])
     known, fed = [*vehicle.designations, *vehicle.jet_kinds], dict[str, str]()
     for index, tank in enumerate(vehicle.tanks):

@@ -40,7 +40,7 @@ _LONGEST = 1_000_000  # characters; a vehicle of 500 jets has some 100 000
 
 
 class _Resolver(VersionedResolver):
-    """Tells numbers, booleans and null from words; a group of the pattern is named after the type it means."""
+    """Resolver of numbers, booleans and null; a group of the pattern is named after the type it means."""
 
     plain = re.compile(
         r"""(?P<null> ~ | null | Null | NULL | )
@@ -52,7 +52,7 @@ class _Resolver(VersionedResolver):
     )
 
     def resolve(self, kind: Any, value: Any, implicit: Any) -> Any:
-        """The tag of a node that has none of its own."""
+        """Returns the tag of a node that has none of its own."""
         if kind is not ScalarNode or not implicit[0]:
             return super().resolve(kind, value, implicit)
         match = self.plain.fullmatch(value)
@@ -60,10 +60,10 @@ class _Resolver(VersionedResolver):
 
 
 class _Composer(Composer):
-    """Refuses aliases, which can make small files endless, and tags that do not fit their values."""
+    """Composer that refuses aliases, which can make small files endless, and tags that do not fit their values."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:
-        """A node of the document, with all that is in it."""
+        """Composes a node of the document, with all that is in it."""
         if self.parser.check_event(AliasEvent):
             event = self.parser.peek_event()
             raise ComposerError(
@@ -78,7 +78,7 @@ class _Composer(Composer):
 
 
 def _fits(event: Any) -> bool:
-    """Whether a part's tag says what it is without it, or that a scalar is text."""
+    """Tests whether a part's tag says the same as the part without it, or that a scalar is text."""
     if isinstance(event, ScalarEvent):
         match = _Resolver.plain.fullmatch(event.value)
         kinds = {"str"} if match is None else {"str", match.lastgroup}
@@ -89,7 +89,7 @@ def _fits(event: Any) -> bool:
 
 
 class Document:
-    """A YAML document: its data, and the line of each part.
+    """YAML document: its data, and the line of each part.
 
     Args:
         text: the YAML text.
@@ -110,12 +110,12 @@ class Document:
         self.data: dict[str, Any] = deepcopy(data)
 
     def move(self, old: FieldPath, new: FieldPath) -> None:
-        """Takes the line of a part for another place, to which its value has been moved."""
+        """Moves the line of a part to another place, to which its value has been moved."""
         if old in self._lines:
             self._lines = {**self._lines, new: self._lines[old]}
 
     def where(self, path: FieldPath) -> str:
-        """File, line where it is known, and dotted field: the beginning of a message."""
+        """Returns file, line where it is known, and dotted field: the beginning of a message."""
         for length in range(len(path), 0, -1):
             if path[:length] in self._lines:
                 return f"{self.source}, line {self._lines[path[:length]]}: {dotted(path)}"
@@ -124,7 +124,7 @@ class Document:
 
 @lru_cache(maxsize=32)  # composing takes ten times as long as all else, and a vehicle is read with every scenario
 def _read(text: str, source: str, within: FieldPath) -> tuple[dict[str, Any], dict[FieldPath, int], dict[str, str]]:
-    """The data, the line of each part, and the present name of each old key; change none of them."""
+    """Reads the data, the line of each part, and the present name of each old key."""
     if len(text) > _LONGEST:
         raise InputError(f"{source}: has {len(text)} characters; no vehicle or scenario needs more than {_LONGEST}")
     reader = YAML(typ="safe", pure=True)
@@ -148,7 +148,7 @@ def _read(text: str, source: str, within: FieldPath) -> tuple[dict[str, Any], di
 
 
 class _Walk:
-    """Notes the line of each part of a document, gives keys their present names and refuses a key that comes twice."""
+    """Walk that notes the line of each part of a document, renames old keys and refuses a key that comes twice."""
 
     def __init__(self, source: str, within: FieldPath):
         self._source, self._within = source, within
@@ -156,7 +156,7 @@ class _Walk:
         self.renamed: dict[str, str] = {}
 
     def through(self, node: Node, path: FieldPath) -> None:
-        """A part and what is in it."""
+        """Walks through a part and its content."""
         self.lines.setdefault(path, node.start_mark.line + 1)
         if isinstance(node, MappingNode):
             for key, value in node.value:
@@ -187,7 +187,7 @@ def _problem(error: Exception) -> str:
 
 
 def exists(path: Path) -> bool:
-    """Like `path.exists()`, but False instead of an error for a name that no file can have."""
+    """Tests like `path.exists()`, but returns False in place of an error for a name that no file can have."""
     try:
         return path.exists()
     except (OSError, ValueError):
@@ -209,7 +209,7 @@ def files_read() -> Iterator[list[Path]]:
 
 
 def read_text(path: Path) -> str:
-    """A text file's content.
+    """Reads a text file.
 
     Raises:
         InputError: when it is missing, unreadable or not UTF-8.
@@ -235,7 +235,7 @@ def read_text(path: Path) -> str:
 
 
 class _WrittenResolver(_Resolver):
-    """Tells words that some YAML reader, of 1.1 or 1.2, takes for something else, and which are therefore quoted."""
+    """Resolver of words that some YAML reader, of 1.1 or 1.2, takes for another type, so that they are quoted."""
 
     plain = re.compile(
         r"""(?P<null> ~ | null | Null | NULL | )
@@ -251,7 +251,7 @@ class _WrittenResolver(_Resolver):
 
 
 class _Emitter(Emitter):
-    """Breaks a long text after the word that passes the width, with no space left at the end of the line."""
+    """Emitter that breaks a long text after the word that passes the width, with no space left at the line's end."""
 
     def write_plain(self, text: str, split: bool = True) -> None:
         """Writes a text without quotes."""
@@ -264,7 +264,7 @@ class _Emitter(Emitter):
 
 
 class _Representer(SafeRepresenter):
-    """Writes short lists on one line, texts of several lines as such, and floats so that they read back exactly."""
+    """Representer of short lists on one line, texts of several lines as such, and floats that read back exactly."""
 
 
 _Representer.add_representer(
@@ -288,7 +288,7 @@ _Representer.add_representer(
 
 
 def to_yaml(data: dict[str, Any]) -> str:
-    """Data of mappings, lists, text, numbers, booleans and None as YAML text; reading it gives equal data."""
+    """Writes mappings, lists, text, numbers, booleans and None as YAML text; reading it gives equal data."""
     writer = YAML(typ="safe", pure=True)
     writer.Resolver, writer.Representer, writer.Emitter = _WrittenResolver, _Representer, _Emitter
     writer.default_flow_style = False

@@ -24,7 +24,7 @@ _PACKAGE = __name__.partition(".")[0] + "."
 
 
 def _is_bundle(kind: type) -> bool:
-    """Whether a class is a named tuple of this package."""
+    """Tests whether a class is a named tuple of this package."""
     return issubclass(kind, tuple) and hasattr(kind, "_fields") and kind.__module__.startswith(_PACKAGE)
 
 
@@ -39,7 +39,7 @@ class BundleType(types.StructRef):
         self.name = f"{bundle.__name__}_{digest}"  # short, since it is in the name of every function that takes one
 
     def preprocess_fields(self, fields: Any) -> Any:
-        """The fields with types that are not those of constants."""
+        """Returns the fields with types that are not those of constants."""
         return tuple((name, types.unliteral(kind)) for name, kind in fields)
 
     @property
@@ -49,29 +49,29 @@ class BundleType(types.StructRef):
 
     @property
     def as_tuple(self) -> Any:
-        """Type of the same as numba would have it."""
+        """Type of the same tuple as numba would have it."""
         return types.BaseTuple.from_types(self.kinds, self.bundle)
 
 
 class BundleClass(types.Callable, types.Opaque):
-    """Type of a bundle's class, which makes one."""
+    """Type of a bundle's class, whose call makes a bundle."""
 
     def __init__(self, bundle: type):
         self.bundle = bundle
         super().__init__(f"class({bundle.__module__}.{bundle.__qualname__})")
 
     def get_call_type(self, _context: Any, args: Any, kws: Any) -> Any:
-        """The signature of a call, its arguments in the order of the fields."""
+        """Returns the signature of a call, its arguments in the order of the fields."""
         named = inspect.signature(self.bundle)
         given = named.bind(*args, **dict(kws)).args
         return signature(BundleType(self.bundle, given), *given).replace(pysig=named)
 
     def get_call_signatures(self) -> Any:
-        """None are known before a call."""
+        """Returns the signatures known before a call: none."""
         return (), True
 
     def get_impl_key(self, _signature: Any) -> Any:
-        """All are made alike."""
+        """Returns the key of the implementation: one serves all calls."""
         return type(self)
 
 
@@ -94,7 +94,7 @@ def _(value: Any, context: Any) -> Any:
 
 
 def _filled(context: Any, builder: Any, kind: BundleType, fields: Any, *, checked: bool = True) -> Any:
-    """A new bundle, which takes its fields over.
+    """Makes a bundle that takes ownership of its fields.
 
     Args:
         context, builder: of numba.
@@ -129,7 +129,7 @@ def _construct(context: Any, builder: Any, sig: Any, args: Any) -> Any:
 
 
 def _at_hand(c: Any, value: Any) -> Any:
-    """A reference, which is borrowed, to an object of Python among the constants of compiled code."""
+    """Returns a borrowed reference to a Python object among the constants of compiled code."""
     return c.env_manager.read_const(c.env_manager.add_const(value))
 
 

@@ -1,4 +1,4 @@
-"""What compiled code keeps from one call to the next, in numba's own form; loads numba, so only `kernels` loads it.
+"""State that compiled code keeps between calls, in numba's own form; loads numba, so only `kernels` loads it.
 
 Python holds no more than a reference, which is passed in no time, however large the bundle is.
 """
@@ -26,7 +26,7 @@ class HeldType(types.StructRef):
     """Type of a holder, by the type of what it holds."""
 
     def preprocess_fields(self, fields: Any) -> Any:
-        """The fields with types that are not those of constants."""
+        """Returns the fields with types that are not those of constants."""
         return tuple((name, types.unliteral(kind)) for name, kind in fields)
 
 
@@ -39,11 +39,11 @@ structref.define_proxy(Held, HeldType, ["value"])
 
 @_compiled  # type: ignore[untyped-decorator]
 def hold(value: Any) -> Any:
-    """A holder of a bundle."""
+    """Makes a holder of a bundle."""
     return Held(value)  # type: ignore[no-untyped-call] # numba's
 
 
 @_compiled  # type: ignore[untyped-decorator]
 def release(holder: Any) -> Any:
-    """The bundle, in Python's form."""
+    """Returns the bundle of a holder, in Python's form."""
     return holder.value

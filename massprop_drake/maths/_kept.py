@@ -1,4 +1,4 @@
-"""Files of compiled code that are checked before they are used; loads numba, so only `kernels` loads it.
+"""Cache files of compiled code, checked before use; loads numba, so only `kernels` loads it.
 
 numba reads what it kept as it finds it, and a file that was cut off by a full disk ends every later process. Here each
 file ends with a digest of its content. One that is not whole is compiled anew, which is said once; one that cannot be
@@ -24,7 +24,7 @@ class _CheckedFile(IndexDataCacheFile):  # type: ignore[misc] # numba has no typ
     """Index and data files of one function, with a digest at the end of each, which `pickle` passes over."""
 
     def load(self, key: Any) -> Any:
-        """Loads what was compiled for some types; None where nothing whole is kept."""
+        """Loads the code compiled for some types; None where no undamaged file is kept."""
         try:
             return super().load(key)
         except Exception as error:
@@ -32,7 +32,7 @@ class _CheckedFile(IndexDataCacheFile):  # type: ignore[misc] # numba has no typ
             return None
 
     def save(self, key: Any, data: Any) -> None:
-        """Keeps what was compiled for some types, where it can be written."""
+        """Keeps the code compiled for some types, where it can be written."""
         try:
             super().save(key, data)
         except OSError as error:
@@ -70,14 +70,14 @@ def _require_whole(content: bytes) -> None:
 
 
 def _say(kind: str, words: str) -> None:
-    """Says one thing of a kind in a process."""
+    """Logs each kind of message once in a process."""
     if kind not in _SAID:
         _SAID.add(kind)
         _LOG.warning("%s", words)
 
 
 def checked(dispatcher: Any) -> Any:
-    """A function that numba compiles, its kept files checked; where numba is another, they are as ever."""
+    """Makes a compiled function check its cache files; with another version of numba they stay unchecked."""
     cache = getattr(dispatcher, "_cache", None)
     file = getattr(cache, "_cache_file", None)
     if type(file) is IndexDataCacheFile:

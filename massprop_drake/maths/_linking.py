@@ -1,4 +1,4 @@
-"""Machine code once for each kernel that Python calls; changes numba, so only `kernels` loads it.
+"""Linking of machine code for kernels that Python calls; changes numba, so only `kernels` loads it.
 
 numba optimizes a function together with all that it calls and makes machine code of them, for each function anew on
 every level of calls, though nobody but the function above calls it: more than half of the time that compiling takes.
@@ -19,12 +19,12 @@ _environments: dict[str, Any] = {}  # of functions that have no machine code yet
 
 
 class _Library(JITCodeLibrary):
-    """Functions compiled together, as numba has them, without machine code until it is asked for."""
+    """Library of functions compiled together, without machine code until it is asked for."""
 
     _waits = False
 
     def finalize(self) -> None:
-        """Links what is called; the rest waits."""
+        """Links the functions that are called; the rest waits."""
         self._waits = True
         super().finalize()
 
@@ -42,7 +42,7 @@ class _Library(JITCodeLibrary):
                 self._codegen.set_env(variable.name, _environments.pop(variable.name))
 
     def get_pointer_to_function(self, name: str) -> int:
-        """The address of a function; zero if it is not one of these."""
+        """Returns the address of a function; zero if it is not one of these."""
         self._ensure_finalized()
         if self._waits:
             if not any(function.name == name for function in self.get_defined_functions()):
@@ -54,7 +54,7 @@ class _Library(JITCodeLibrary):
 
 
 def _set_environment(codegen: Any, name: str, environment: Any) -> None:
-    """Tells compiled code where a function's environment is; later, where it has no machine code yet."""
+    """Sets a function's environment for compiled code; later, where it has no machine code yet."""
     if codegen._engine.is_symbol_defined(name):
         type(codegen).set_env(codegen, name, environment)
     else:
@@ -62,27 +62,27 @@ def _set_environment(codegen: Any, name: str, environment: Any) -> None:
 
 
 class _Uncollected(Listener):
-    """No collection of garbage while something is compiled: it goes through all that the compiler has made so far."""
+    """Pause of garbage collection while something is compiled, as it would scan all that the compiler has made."""
 
     def __init__(self) -> None:
         self._depth, self._collects = 0, False
 
     def on_start(self, event: Any) -> None:
-        """Ends it when the outermost function begins."""
+        """Disables collection when the outermost function begins."""
         if self._depth == 0:
             self._collects = gc.isenabled()
             gc.disable()
         self._depth += 1
 
     def on_end(self, event: Any) -> None:
-        """Begins it again."""
+        """Enables collection again."""
         self._depth -= 1
         if self._depth == 0 and self._collects:
             gc.enable()
 
 
 def wait() -> None:
-    """Has machine code of what this process compiles from now on wait; where numba is another, it is made as ever."""
+    """Delays machine code of what this process compiles from now on; with another version of numba, does nothing."""
     register("numba:compile", _Uncollected())
     codegen = cpu_target.target_context.codegen()
     there = (JITCodeLibrary, ("_optimize_final_module", "_finalize_final_module", "_ensure_finalized"))

@@ -43,7 +43,7 @@ class Field(NamedTuple):
 
 
 class Layout:
-    """The fields of a packed vector, in their order.
+    """Layout of a packed vector: its fields in their order.
 
     Args:
         name: of the vector.
@@ -92,7 +92,7 @@ class Layout:
         return iter(self._shapes)
 
     def sized(self, **sizes: int) -> Layout:
-        """The layout with words for sizes replaced: `LAYOUT.sized(jets=44)`; made once for each set of sizes."""
+        """Returns the layout with words for sizes replaced: `LAYOUT.sized(jets=44)`; made once for each set."""
         key = tuple(sizes.items())
         if key not in self._of_sizes:
             self._of_sizes[key] = self._resized(sizes)
@@ -109,11 +109,11 @@ class Layout:
         return Layout(self.name, **(fields | logged))
 
     def slice(self, name: str) -> slice:
-        """Where a field lies."""
+        """Returns the place of a field in the vector."""
         return self._slices[name]
 
     def read(self, vector: Array) -> Any:
-        """The fields of a vector as a named tuple: views of it, floats and booleans."""
+        """Returns the fields of a vector as a named tuple: views of it, floats and booleans."""
         values: Any = self._parts(vector)
         if self._converted:
             values = list(values)
@@ -122,26 +122,26 @@ class Layout:
         return _new(self._made, values)
 
     def make(self, **values: Any) -> Any:
-        """A named tuple of the fields; those not given are NaN."""
+        """Makes a named tuple of the fields; those not given are NaN."""
         return self._made._make([values.get(key, nan) for key in self._shapes])
 
     def pack(self, values: Sequence[Any]) -> Array:
-        """A vector of fields in their order, shape (size,): the inverse of `read`."""
+        """Packs fields into a vector in their order, shape (size,): the inverse of `read`."""
         vector = np.empty(self.size)
         for (place, is_matrix), value in zip(self._places, values, strict=True):
             vector[place] = value.ravel() if is_matrix else value
         return vector
 
     def columns(self, log: Array) -> dict[str, Array]:
-        """The fields of a log with a row per sample: for each its columns, shape (n, its size)."""
+        """Splits a log with a row per sample into its fields: for each its columns, shape (n, its size)."""
         return {key: log[:, part] for key, part in self._slices.items()}
 
     def shapes(self) -> Iterator[tuple[str, tuple[int | str, ...]]]:
-        """The fields and their shapes, (1,) for a number or a flag."""
+        """Returns the fields and their shapes, (1,) for a number or a flag."""
         return ((key, _sizes(shape)) for key, shape in self._shapes.items())
 
     def describe(self) -> str:
-        """The fields and their sizes as a port's documentation lists them."""
+        """Describes the fields and their sizes as a port's documentation lists them."""
         return ", ".join(f"{key} ({' x '.join(map(str, shape))})" for key, shape in self.shapes())
 
 

@@ -1,4 +1,4 @@
-"""The vehicle and its autopilot from sample to sample as one kernel; estimation comes in between.
+"""Flight of the vehicle and its autopilot from sample to sample as one kernel; estimation comes in between.
 
 Of a sample come its readings, then the estimators, see `estimation.whole` and `estimation.cycle`, then the autopilot,
 jet selection, which is a linear program that Python solves, and the jets and the body up to the next sample. `fly` goes
@@ -34,7 +34,7 @@ ON, SELECT, JUMP = range(3)  # why `fly` stops: at the next readings, to select 
 
 
 class PilotParams(NamedTuple):
-    """The autopilot.
+    """Parameters of the autopilot.
 
     Attributes:
         settings: of the phase-space controller.
@@ -56,7 +56,7 @@ class PilotParams(NamedTuple):
 
 
 class FlightParams(NamedTuple):
-    """What does not change in a flight.
+    """Constants of a flight.
 
     Attributes:
         truth: the vehicle.
@@ -75,7 +75,7 @@ class FlightParams(NamedTuple):
 
 
 class FlightState(NamedTuple):
-    """What is kept from one sample to the next.
+    """State of a flight between samples.
 
     Attributes:
         vehicle: see `VehicleState`.
@@ -92,7 +92,7 @@ class FlightState(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """What is logged, a row per sample; `hand_controllers`, and `command` where it is prescribed, are given.
+    """Log rows, one per sample; `hand_controllers`, and `command` where it is prescribed, are given.
 
     Attributes:
         body_state, structure, command, onset, thrust, hand_controllers, attitude_error, request, selection_counts,
@@ -121,7 +121,7 @@ class Rows(NamedTuple):
 
 
 class Desk(NamedTuple):
-    """What kernel and Python hand each other, written in place.
+    """Data that kernel and Python exchange, written in place.
 
     Attributes:
         remaining: cycles that each jet has still to fire, shape (n_jets,).
@@ -143,7 +143,7 @@ class Desk(NamedTuple):
 
 
 def desk(n_jets: int, asked: Asked) -> Desk:
-    """An empty desk.
+    """Makes an empty desk.
 
     Args:
         n_jets: number of jets.
@@ -155,7 +155,7 @@ def desk(n_jets: int, asked: Asked) -> Desk:
 
 
 def rows(count: int, sizes: tuple[int, int], params: FlightParams) -> Rows:
-    """Rows to be filled in.
+    """Makes rows to be filled in.
 
     Args:
         count: of rows.
@@ -176,7 +176,7 @@ def rows(count: int, sizes: tuple[int, int], params: FlightParams) -> Rows:
 
 
 class FlightBlock(NamedTuple):
-    """Rows, what chance brings to each, and the desk."""
+    """Rows, the random draws of each, and the desk."""
 
     rows: Rows
     coming: Ahead
@@ -184,21 +184,21 @@ class FlightBlock(NamedTuple):
 
 
 class Together(NamedTuple):
-    """What is the flight's, and what is of the estimation in it."""
+    """Parameters of the flight and of its estimation."""
 
     flight: Any
     known: Any
 
 
 def initial_state(vehicle: VehicleState) -> FlightState:
-    """Before the first sample."""
+    """Returns the state before the first sample."""
     jets = vehicle.level.size
     return FlightState(vehicle, initial_memory(), np.zeros(jets), levels_alone(jets), np.zeros(3))
 
 
 @kernel
 def fly(holder: Any, block: Any, reached: NDArray[np.int_], params: Any) -> int:
-    """Goes on to the next readings, or to where Python has to do something, which it says.
+    """Flies to the next readings, or until Python has to act, and returns the reason.
 
     Args:
         holder: of `FlightState`.
@@ -217,7 +217,7 @@ def fly(holder: Any, block: Any, reached: NDArray[np.int_], params: Any) -> int:
 
 @kernel
 def _flown(holder: Any, block: FlightBlock, reached: NDArray[np.int_], given: FlightParams) -> int:
-    """`fly` with what is held."""
+    """Runs `fly` with the contents of holders."""
     state = holder.value
     rows, coming, desk = block.rows, block.coming, block.desk
     row = reached[ROW]
@@ -247,7 +247,7 @@ def _flown(holder: Any, block: FlightBlock, reached: NDArray[np.int_], given: Fl
 
 @kernel
 def onward(holder: Any, known: Any, block: Any, reached: NDArray[np.int_], params: Any) -> int:
-    """Goes on from sample to sample, a cycle of estimation and `fly` in turns, and says as `fly` why it stops.
+    """Flies from sample to sample, alternating a cycle of estimation and `fly`; returns why it stops, as `fly`.
 
     Args:
         holder: of `FlightState`.
@@ -272,7 +272,7 @@ def onward(holder: Any, known: Any, block: Any, reached: NDArray[np.int_], param
 
 @kernel
 def _sensed(state: FlightState, row: int, rows: Rows, coming: Ahead, params: FlightParams) -> FlightState:
-    """The readings of a sample, as they are and as the estimators see them."""
+    """Computes the readings of a sample, as they are and as the estimators see them."""
     vehicle, truth = state.vehicle, params.truth
     readings, memories = cycle.sense(vehicle, row, coming, truth)
     rows.body_state[row] = vehicle.body
@@ -301,7 +301,7 @@ def _sensed(state: FlightState, row: int, rows: Rows, coming: Ahead, params: Fli
 
 @kernel
 def _piloted(state: FlightState, row: int, rows: Rows, desk: Desk, params: FlightParams) -> tuple[FlightState, bool]:
-    """The autopilot's request, and whether jets are to be selected for it."""
+    """Computes the autopilot's request, and whether jets are to be selected for it."""
     pilot, asked = params.pilot, desk.asked
     rate = rows.readings[row, params.gyros[0]]
     request, error, memory = piloted(state.pilot, rate, rows.hand_controllers[row], state.delivered, pilot.settings)
@@ -324,7 +324,7 @@ def _piloted(state: FlightState, row: int, rows: Rows, desk: Desk, params: Fligh
 def _stepped(
     state: FlightState, at: tuple[int, int], given: tuple[Rows, Ahead], desk: Desk, params: FlightParams
 ) -> FlightState:
-    """Jets and body up to the next sample; ``at``: the row, and the number of the sample."""
+    """Advances jets and body to the next sample; ``at``: the row, and the number of the sample."""
     row, sample = at
     rows, coming = given
     vehicle, pilot, delivered = state.vehicle, params.pilot, state.delivered

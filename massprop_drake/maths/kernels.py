@@ -1,4 +1,4 @@
-"""Kernels: functions of arrays and numbers that are written once, run by numpy, and can be compiled.
+"""Kernels: functions of arrays and numbers, written once, run by numpy, that can be compiled.
 
 `kernel` marks a function and leaves it as it is. `compiled` gives the compiled form of one, for whoever asks for it
 (`execution.compiled` of a scenario): numba then compiles it together with all kernels that it calls. Nothing is
@@ -56,13 +56,13 @@ _BARE = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # what is called
 
 
 def kernel(function: F) -> F:
-    """Marks a function as a kernel; it stays what it is."""
+    """Marks a function as a kernel; it is not changed."""
     _KERNELS.append(function)
     return function
 
 
 def idiom(meaning: Callable[..., Any]) -> Callable[[F], F]:
-    """Marks a function whose form for numba is another one.
+    """Registers another form of a function for numba.
 
     Args:
         meaning: that form, with the same arguments.
@@ -76,7 +76,7 @@ def idiom(meaning: Callable[..., Any]) -> Callable[[F], F]:
 
 
 class Holder:
-    """Holds what a kernel keeps from one call to the next; compiled code has one of its own, see `held`.
+    """Holder of data that a kernel keeps between calls; compiled code has one of its own, see `held`.
 
     Args:
         value: a bundle of arrays, numbers and such bundles, whose types never change.
@@ -92,7 +92,7 @@ class Holder:
 
 
 def numbers(vector: Array, _count: int) -> Any:
-    """The elements of a vector as plain numbers, to be unpacked; how many is written out where it is called."""
+    """Returns the elements of a vector as plain numbers, to be unpacked; the caller writes out how many."""
     return vector.tolist()
 
 
@@ -106,7 +106,7 @@ def _rows3(matrix):  # type: ignore[no-untyped-def] # compiled alone
 
 @idiom(_rows3)
 def rows3(matrix: Array) -> Any:
-    """The rows of a 3x3 matrix as plain numbers."""
+    """Returns the rows of a 3x3 matrix as plain numbers."""
     return matrix.tolist()
 
 
@@ -120,7 +120,7 @@ def _picked(vector, places):  # type: ignore[no-untyped-def] # compiled alone
 
 @idiom(_picked)
 def picked(vector: Array, places: NDArray[np.int_]) -> Array:
-    """Elements of a vector at a table of places, in the table's shape."""
+    """Returns elements of a vector at a table of places, in the table's shape."""
     return vector[places]
 
 
@@ -130,12 +130,12 @@ def _itself(vector):  # type: ignore[no-untyped-def] # compiled alone
 
 @idiom(_itself)
 def listed(vector: NDArray[Any]) -> Any:
-    """A vector of any length that is gone through element by element."""
+    """Returns a vector of any length in a form to iterate over."""
     return vector.tolist()
 
 
 def _element(values: Any, index: int) -> Any:
-    """One of a vector's numbers, or the number."""
+    """Returns one of a vector's numbers, or the number."""
     return values[index] if np.ndim(values) else values
 
 
@@ -148,7 +148,7 @@ def _either(condition, one, other):  # type: ignore[no-untyped-def] # compiled a
 
 @idiom(_either)
 def either(condition: NDArray[np.bool_], one: Any, other: Any) -> Array:
-    """Of two vectors, or numbers, the one where a condition holds, the other elsewhere; numba's own takes long to make.
+    """Selects elements of one operand where a condition holds, of the other elsewhere; numba's own compiles slowly.
 
     Args:
         condition: in compiled code of shape (n,).
@@ -163,7 +163,7 @@ def _real(number):  # type: ignore[no-untyped-def] # compiled alone
 
 @idiom(_real)
 def value_of(number: Any) -> float:
-    """The value of a number; of one of Drake's AutoDiffXd without its derivatives, of an Expression that is constant.
+    """Returns the value of a number; of an AutoDiffXd without derivatives, of an Expression that is constant.
 
     Raises:
         ValueError: when it is an Expression that has variables.
@@ -192,7 +192,7 @@ def fill(row: Array, values: Any) -> None:
 
 
 def taken(vector: Array, like: Any) -> Any:
-    """A bundle of the kind of another from the beginning of a vector, its arrays views of it: the inverse of `fill`.
+    """Reads a bundle like another from the beginning of a vector, its arrays views of it: the inverse of `fill`.
 
     Args:
         vector: with the fields in their order.
@@ -213,7 +213,7 @@ def taken(vector: Array, like: Any) -> Any:
 
 
 class Compiler(NamedTuple):
-    """What compiles.
+    """Compiler of kernels.
 
     Attributes:
         version: of numba.
@@ -243,12 +243,12 @@ def _gathered() -> None:
 
 
 def has_compiler() -> bool:
-    """Whether there is one."""
+    """Tests whether a compiler is installed."""
     return importlib.util.find_spec("numba") is not None
 
 
 def require_compiler() -> None:
-    """Checks that there is one.
+    """Raises InputError when no compiler is installed.
 
     Raises:
         InputError: when numba is not there.
@@ -290,7 +290,7 @@ def compiler() -> Compiler:
 
 @contextmanager
 def _keeping(folder: Path | None) -> Iterator[None]:
-    """Has numba keep in a folder what is marked here; what others mark, and a change of its settings, is their own."""
+    """Makes numba keep compiled code in a folder within the context; its setting is restored after."""
     import numba  # noqa: PLC0415 (optional, slow to load)
 
     before = numba.config.CACHE_DIR
@@ -302,7 +302,7 @@ def _keeping(folder: Path | None) -> Iterator[None]:
 
 
 def have_been_compiled() -> bool:
-    """Whether there are compiled kernels already.
+    """Tests whether compiled kernels are kept already.
 
     Raises:
         InputError: when numba is not there.
@@ -318,7 +318,7 @@ def _place() -> Path:
 
 
 def _folder() -> Path | None:
-    """Where compiled code is kept; None, which is said, where nothing can be written."""
+    """Returns the folder of compiled code; None, with a warning, where nothing can be written."""
     folder = _place()
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -335,7 +335,7 @@ def _folder() -> Path | None:
 
 
 def _timer(event: Any, kept: str) -> Any:
-    """Takes the time of all that is compiled, and says when the first of it is; `kept`: more to say then."""
+    """Times all compilation, and logs when the first begins; `kept`: appended to that message."""
 
     class Timer(event.TimingListener):  # type: ignore[misc] # what numba has
         said = False
@@ -351,7 +351,7 @@ def _timer(event: Any, kept: str) -> Any:
 
 
 def _digest() -> str:
-    """Of the sources of all kernels, and of what compiles them."""
+    """Computes a digest of the sources of all kernels, and of what compiles them."""
     functions = {*_KERNELS, *(function for function, _ in _IDIOMS)}
     own = {
         __file__,
@@ -367,7 +367,7 @@ def _digest() -> str:
 
 
 def _teach(extending: Any) -> None:
-    """Tells numba what the idioms are."""
+    """Registers the idioms with numba."""
     for _, teach in _IDIOMS:
         teach(extending)
     extending.overload(numbers, jit_options=_BARE, prefer_literal=True)(_numbers)
@@ -426,7 +426,7 @@ def _taken(vector, like):  # type: ignore[no-untyped-def] # of types
 
 
 def _always(meaning: Callable[..., Any]) -> Callable[..., Any]:
-    """What `overload` asks for: a function of the arguments' types, here the same for all, with their names."""
+    """Wraps a function for `overload`: it is the same for all types of arguments, and keeps their names."""
 
     @wraps(meaning)
     def of_types(*_kinds: Any, **_named: Any) -> Callable[..., Any]:
@@ -437,7 +437,7 @@ def _always(meaning: Callable[..., Any]) -> Callable[..., Any]:
 
 @cache
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The compiled form of a kernel; it compiles itself at the first call, or is read from the cache.
+    """Returns the compiled form of a kernel; it compiles itself at the first call, or is read from the cache.
 
     Raises:
         InputError: when numba is not there.
@@ -452,17 +452,17 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def chosen(function: F, compile_it: bool) -> F:
-    """A kernel, or its compiled form."""
+    """Returns a kernel, or its compiled form."""
     return compiled(function) if compile_it else function  # type: ignore[return-value]
 
 
 def held(value: Any, compile_it: bool) -> Any:
-    """A `Holder`, or compiled code's own, of a bundle."""
+    """Makes a `Holder`, or compiled code's own, of a bundle."""
     return shared(_own(plain(value)), compile_it) if compile_it else Holder(value)
 
 
 def shared(value: Any, compile_it: bool) -> Any:
-    """The same of a bundle whose arrays stay the caller's: what either writes into them the other reads.
+    """Makes a holder of a bundle whose arrays stay the caller's: what either writes into them the other reads.
 
     Args:
         value: with contiguous arrays that may be written to, and no enumeration members.
@@ -477,7 +477,7 @@ def shared(value: Any, compile_it: bool) -> Any:
 
 
 def _own(value: Any) -> Any:
-    """A bundle with arrays of one kind, its own and contiguous: what differs in that is of another type to numba."""
+    """Copies a bundle to contiguous arrays of its own: other arrays are of another type to numba."""
     if isinstance(value, np.ndarray):
         return np.array(value, order="C")
     if isinstance(value, tuple):
@@ -487,7 +487,7 @@ def _own(value: Any) -> Any:
 
 
 def released(holder: Any) -> Any:
-    """What a holder holds, in Python's form."""
+    """Returns the bundle in a holder, in Python's form."""
     if isinstance(holder, Holder):
         return holder.value
     from massprop_drake.maths._holding import release  # noqa: PLC0415 (loads numba)
@@ -496,7 +496,7 @@ def released(holder: Any) -> Any:
 
 
 def plain(value: Any) -> Any:
-    """A bundle with the numbers of its enumeration members in their place; numba takes long over each member."""
+    """Replaces a bundle's enumeration members by their numbers; numba compiles slowly for members."""
     if isinstance(value, IntEnum):
         return int(value)
     if isinstance(value, tuple):

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 
 class NotPositiveDefiniteError(ArithmeticError):
-    """A covariance lost definiteness: internal numerical trouble, never patched over.
+    """Error of a covariance that lost definiteness: internal numerical trouble, never patched over.
 
     Args:
         matrix: the matrix that failed.
@@ -35,12 +35,12 @@ class NotPositiveDefiniteError(ArithmeticError):
 
     @property
     def headline(self) -> str:
-        """Which matrix it is, and when it happened, in a line."""
+        """Name of the matrix, and the time, in a line."""
         when = "" if self.time_s is None else f" at t = {moment(self.time_s)} s"
         return f"{self.what} is not positive definite{when}"
 
     def at(self, time_s: float, where: str) -> NotPositiveDefiniteError:
-        """The same trouble, with the time and the system it happened in, where these are not known yet."""
+        """Returns the same error, with the time and the system it happened in, where these are not known yet."""
         return (
             self if self.time_s is not None else NotPositiveDefiniteError(self.matrix, f"{where}: {self.what}", time_s)
         )
@@ -48,21 +48,21 @@ class NotPositiveDefiniteError(ArithmeticError):
 
 @kernel
 def skew(vector: Array) -> Array:
-    """The matrix [v x] with [v x] u = v x u, shape (3, 3)."""
+    """Computes the matrix [v x] with [v x] u = v x u, shape (3, 3)."""
     x, y, z = numbers(vector, 3)
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 @kernel
 def cross(left: Array, right: Array) -> Array:
-    """The cross product of two vectors of shape (3,); several times faster than numpy's."""
+    """Computes the cross product of two vectors of shape (3,); several times faster than numpy's."""
     a, b, c = numbers(left, 3)
     x, y, z = numbers(right, 3)
     return np.array([b * z - c * y, c * x - a * z, a * y - b * x])
 
 
 def crosses(left: Array, right: Array) -> Array:
-    """The cross products of stacks of vectors along their last axis; several times faster than numpy's."""
+    """Computes cross products of stacks of vectors along their last axis; several times faster than numpy's."""
     result = np.empty(np.broadcast_shapes(left.shape, right.shape), dtype=np.result_type(left, right))
     a, b, c = left[..., 0], left[..., 1], left[..., 2]
     x, y, z = right[..., 0], right[..., 1], right[..., 2]
@@ -71,7 +71,7 @@ def crosses(left: Array, right: Array) -> Array:
 
 
 def normals(along: Array, near: Array | None = None) -> Array:
-    """Two unit vectors normal to each direction and to each other, shape (n, 2, 3).
+    """Computes two unit vectors normal to each direction and to each other, shape (n, 2, 3).
 
     Args:
         along: unit vectors, shape (n, 3).
@@ -86,14 +86,14 @@ def normals(along: Array, near: Array | None = None) -> Array:
 
 @kernel
 def congruence(matrix: Array, inner: Array) -> Array:
-    """M S M^T; for small matrices numpy's `dot` takes a third to a half of the time of its operator."""
+    """Computes M S M^T; for small matrices numpy's `dot` takes a third to a half of the time of its operator."""
     result: Array = np.dot(np.dot(matrix, inner), matrix.T)
     return result
 
 
 @kernel
 def quadratic_form(vector: Array, matrix: Array) -> float:
-    """v^T M v; see `congruence`."""
+    """Computes v^T M v; see `congruence`."""
     return float(np.dot(np.dot(vector, matrix), vector))
 
 
@@ -103,7 +103,7 @@ def _any_nonzero(vector):  # type: ignore[no-untyped-def] # compiled alone
 
 @idiom(_any_nonzero)
 def nonzero(vector: NDArray[Any]) -> bool:
-    """Whether any element of a vector differs from zero; for short ones several times faster than numpy's."""
+    """Tests whether any element of a vector differs from zero; for short ones several times faster than numpy's."""
     return any(vector.tolist())
 
 
@@ -113,14 +113,14 @@ def _deviations(covariance):  # type: ignore[no-untyped-def] # compiled alone
 
 @idiom(_deviations)
 def deviations(covariance: Array) -> Array:
-    """1-sigma of each element: the roots of a covariance's diagonal."""
+    """Computes the 1-sigma of each element: the roots of a covariance's diagonal."""
     result: Array = np.sqrt(covariance.diagonal())
     return result
 
 
 @kernel
 def inverse_positive_definite(matrix: Array, what: str = "matrix") -> Array:
-    """Inverse of a symmetric positive definite 3x3 matrix, by its Cholesky factor.
+    """Computes the inverse of a symmetric positive definite 3x3 matrix, by its Cholesky factor.
 
     Args:
         matrix: shape (3, 3); only the lower triangle is read.
@@ -164,7 +164,7 @@ def inverse_positive_definite(matrix: Array, what: str = "matrix") -> Array:
 
 @kernel
 def is_positive_definite(matrix: Array) -> bool:
-    """Whether a symmetric 3x3 matrix is positive definite, by its leading minors."""
+    """Tests whether a symmetric 3x3 matrix is positive definite, by its leading minors."""
     (a, _, _), (b, c, _), (d, e, f) = rows3(matrix)
     minor = a * c - b * b
     determinant = f * minor - e * (a * e - b * d) + d * (b * e - c * d)
@@ -183,7 +183,7 @@ def _times_stack(matrix, stack):  # type: ignore[no-untyped-def] # compiled alon
 
 @idiom(_times_stack)
 def times_stack(matrix: Array, stack: Array) -> Array:
-    """A matrix times each of a stack."""
+    """Multiplies a matrix by each of a stack."""
     return matrix @ stack
 
 
@@ -196,7 +196,7 @@ def _stack_times(stack, matrix):  # type: ignore[no-untyped-def] # compiled alon
 
 @idiom(_stack_times)
 def stack_times(stack: Array, matrix: Array) -> Array:
-    """Each matrix of a stack times another one."""
+    """Multiplies each matrix of a stack by another one."""
     return stack @ matrix
 
 
@@ -209,7 +209,7 @@ def _stack_times_stack(left, right):  # type: ignore[no-untyped-def] # compiled 
 
 @idiom(_stack_times_stack)
 def stack_times_stack(left: Array, right: Array) -> Array:
-    """Each matrix of a stack times its own of another."""
+    """Multiplies each matrix of a stack by its own of another."""
     return left @ right
 
 
@@ -222,7 +222,7 @@ def _stack_times_vector(stack, vector):  # type: ignore[no-untyped-def] # compil
 
 @idiom(_stack_times_vector)
 def stack_times_vector(stack: Array, vector: Array) -> Array:
-    """Each matrix of a stack times a vector."""
+    """Multiplies each matrix of a stack by a vector."""
     return stack @ vector
 
 
@@ -235,7 +235,7 @@ def _stack_times_vectors(stack, vectors):  # type: ignore[no-untyped-def] # comp
 
 @idiom(_stack_times_vectors)
 def stack_times_vectors(stack: Array, vectors: Array) -> Array:
-    """Each matrix of a stack times its own vector."""
+    """Multiplies each matrix of a stack by its own vector."""
     product: Array = np.einsum("ijk,ik->ij", stack, vectors)
     return product
 
@@ -249,7 +249,7 @@ def _inverses(stack):  # type: ignore[no-untyped-def] # compiled alone
 
 @idiom(_inverses)
 def inverses(stack: Array) -> Array:
-    """The inverse of each matrix of a stack."""
+    """Computes the inverse of each matrix of a stack."""
     return np.asarray(np.linalg.inv(stack), dtype=np.float64)
 
 
@@ -262,7 +262,7 @@ def _log_determinants(stack):  # type: ignore[no-untyped-def] # compiled alone
 
 @idiom(_log_determinants)
 def log_determinants(stack: Array) -> Array:
-    """The logarithm of the size of each determinant of a stack."""
+    """Computes the log of the absolute determinant of each matrix of a stack."""
     return np.linalg.slogdet(stack)[1]
 
 
@@ -275,7 +275,7 @@ def _triangular_roots(stack):  # type: ignore[no-untyped-def] # compiled alone
 
 @idiom(_triangular_roots)
 def triangular_roots(stack: Array) -> Array:
-    """The lower triangular root of each positive definite matrix of a stack."""
+    """Computes the lower triangular root of each positive definite matrix of a stack."""
     return np.asarray(np.linalg.cholesky(stack), dtype=np.float64)
 
 
@@ -286,13 +286,13 @@ def _lower_factor(columns):  # type: ignore[no-untyped-def] # compiled alone
 
 @idiom(_lower_factor)
 def lower_factor(columns: Array) -> Array:
-    """L of L Q, a lower triangular and an orthogonal factor, by reflections; shape (n, min(n, k)) of one of (n, k)."""
+    """Computes lower triangular L of L Q, Q orthogonal, by reflections; shape (n, min(n, k)) of one of (n, k)."""
     return np.ascontiguousarray(np.asarray(np.linalg.qr(columns.T, mode="r")).T)
 
 
 @kernel
 def sparse_product(rows: Array, matrix: Array) -> Array:
-    """The product of two matrices of the first of which most columns are zero."""
+    """Multiplies two matrices, of the first of which most columns are zero."""
     told = np.flatnonzero(np.abs(rows).sum(axis=0))
     result: Array = np.ascontiguousarray(rows[:, told]) @ matrix[told]
     return result
@@ -308,38 +308,38 @@ def _triangular_rows(matrix):  # type: ignore[no-untyped-def] # compiled alone
 
 @idiom(_triangular_rows)
 def triangular_rows(matrix: Array) -> int:
-    """How many of the first rows of a matrix are those of a lower triangular one."""
+    """Counts the first rows of a matrix that are those of a lower triangular one."""
     beyond = np.triu(matrix, 1).any(axis=1)
     return int(beyond.argmax()) if beyond.any() else matrix.shape[0]
 
 
 def inverse(matrix: Array) -> Array:
-    """The inverse of any square matrix, or of a 3x3 one of AutoDiffXd or Expression; where time does not matter."""
+    """Inverts any square matrix, or a 3x3 one of AutoDiffXd or Expression; where time does not matter."""
     if matrix.dtype == object:
         return _adjugate(matrix) / np.dot(matrix[0], cross(matrix[1], matrix[2]))
     return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
 
 
 def _adjugate(matrix: Array) -> Array:
-    """Adjugate of a 3x3 matrix: its columns are cross products of the rows."""
+    """Computes the adjugate of a 3x3 matrix: its columns are cross products of the rows."""
     first, second, third = matrix
     return np.column_stack([cross(second, third), cross(third, first), cross(first, second)])
 
 
 @kernel
 def symmetrized(matrix: Array) -> Array:
-    """The symmetric part of a square matrix."""
+    """Computes the symmetric part of a square matrix."""
     return 0.5 * (matrix + matrix.T)
 
 
 def symmetrized_stack(stack: Array) -> Array:
-    """The symmetric part of each matrix of a stack."""
+    """Computes the symmetric part of each matrix of a stack."""
     result: Array = 0.5 * (stack + np.swapaxes(stack, -1, -2))
     return result
 
 
 def is_covariance(matrix: Array, tolerance: float = 1e-9) -> bool:
-    """Whether a matrix is symmetric and positive semidefinite, judged after scaling to a unit diagonal.
+    """Tests whether a matrix is symmetric and positive semidefinite, judged after scaling to a unit diagonal.
 
     The scaling matters: the elements of the rotation filter's covariance span more than twenty
     orders of magnitude in slug and feet. Rows whose variance is zero must be zero altogether.
@@ -358,7 +358,7 @@ def is_covariance(matrix: Array, tolerance: float = 1e-9) -> bool:
 
 
 def scaled_root(matrix: Array) -> tuple[Array, Array]:
-    """Lower triangular root of a positive definite matrix in the units u that make its diagonal one, and u.
+    """Computes the lower triangular root of a positive definite matrix in units u of unit diagonal, and u.
 
     Args:
         matrix: symmetric, its elements of any sizes, shape (n, n); with L the root it is (L L^T)_ij / (u_i u_j).
@@ -370,7 +370,7 @@ def scaled_root(matrix: Array) -> tuple[Array, Array]:
 
 
 def scaled_inverse(matrix: Array) -> Array:
-    """Inverse of a positive definite matrix whose elements are of any sizes, in units that make its diagonal one."""
+    """Inverts a positive definite matrix whose elements are of any sizes, in units that make its diagonal one."""
     size = np.sqrt(np.diagonal(matrix))
     result: Array = np.linalg.inv(matrix / np.outer(size, size)) / np.outer(size, size)
     return result

@@ -44,19 +44,19 @@ class MassProperties(NamedTuple):
     inertia: Array
 
     def vector(self) -> Array:
-        """The ten parameters in their order, shape (10,)."""
+        """Returns the ten parameters in their order, shape (10,)."""
         inverse = symmetrized(linear_algebra.inverse(self.inertia))
         return pack(inverse, self.center_of_mass, 1.0 / self.mass)
 
 
 @kernel
 def parallel_axis(arm: Array) -> Array:
-    """|a|^2 1 - a a^T: inertia of a unit mass at an arm, shape (3, 3)."""
+    """Computes |a|^2 1 - a a^T: inertia of a unit mass at an arm, shape (3, 3)."""
     return (arm @ arm) * np.eye(3) - np.outer(arm, arm)
 
 
 def joined(body: MassProperties, mass: float, position: Array, inertia: Array) -> MassProperties:
-    """A body with another one fixed to it, or, with a negative mass, taken from it.
+    """Computes a body with another one fixed to it, or, with a negative mass, taken from it.
 
     By the parallel-axis theorem, I_total = I_1 + m_1 (d_1^2 1 - d_1 d_1^T) + the same of the other, about
     the new center of mass.
@@ -80,7 +80,7 @@ def joined(body: MassProperties, mass: float, position: Array, inertia: Array) -
 def perturbed(
     body: MassProperties, *, mass_factor: float, shift: Array, second_moment_factors: Array, rotation: Array
 ) -> MassProperties:
-    r"""A body near another one, which is possible whatever the numbers are.
+    r"""Computes a body near another one, which is possible whatever the numbers are.
 
     The second moments of the mass distribution, E = (tr I / 2) 1 - I, are positive semidefinite for every body, and
     every such matrix belongs to one. They are scaled along their principal axes, which are then turned.
@@ -116,7 +116,7 @@ class Spread(NamedTuple):
 
 
 def drawn_body(body: MassProperties, spread: Spread, z: Array) -> MassProperties:
-    """A possible body near another one, for ten standard normal numbers, shape (10,); see `perturbed`."""
+    """Computes a possible body near another one, for ten standard normal numbers, shape (10,); see `perturbed`."""
     return perturbed(
         body,
         mass_factor=(1.0 + spread.mass) ** float(z[0]),
@@ -128,22 +128,22 @@ def drawn_body(body: MassProperties, spread: Spread, z: Array) -> MassProperties
 
 @kernel
 def symmetric(elements: Array) -> Array:
-    """The symmetric 3x3 matrix of six elements in the order 11, 22, 33, 23, 13, 12."""
+    """Makes the symmetric 3x3 matrix of six elements in the order 11, 22, 33, 23, 13, 12."""
     return picked(elements, ELEMENT)
 
 
 def six_elements(matrix: Array) -> Array:
-    """The six elements 11, 22, 33, 23, 13, 12 of a symmetric 3x3 matrix."""
+    """Returns the six elements 11, 22, 33, 23, 13, 12 of a symmetric 3x3 matrix."""
     return matrix[_ROWS, _COLUMNS]
 
 
 def pack(inverse_inertia: Array, center_of_mass: Array, mass_reciprocal: float) -> Array:
-    """The vector of ten parameters, shape (10,)."""
+    """Packs mass properties into the vector of ten parameters, shape (10,)."""
     return np.concatenate([six_elements(inverse_inertia), center_of_mass, [mass_reciprocal]])
 
 
 def could_be_inertia(inertia: Array, tolerance: float = 1e-9) -> bool:
-    """Whether some distribution of mass has this inertia matrix.
+    """Tests whether some distribution of mass has this inertia matrix.
 
     The matrix must be positive definite, and no principal moment may exceed the sum of the other two:
     half the trace times the identity, minus the inertia, must be positive semidefinite.
@@ -178,7 +178,7 @@ class Derived(NamedTuple):
 
 
 def derived(estimate: Array, covariance: Array) -> Derived:
-    r"""Mass and inertia from the estimated inverses.
+    r"""Computes mass and inertia from the estimated inverses.
 
     The uncertainties follow from the differentials dI = -I d(I^-1) I and dm = -m^2 d(1/m).
 
@@ -208,7 +208,7 @@ def derived(estimate: Array, covariance: Array) -> Derived:
 def initial_standard_deviation(
     nominal: Array, fraction: float, center_of_mass_floor: float | None, *, floors: bool = True
 ) -> Array:
-    r"""1-sigma of the ten parameters before any measurement: a fraction of the nominal values.
+    r"""Computes 1-sigma of the ten parameters before any measurement: a fraction of the nominal values.
 
     A nominal value that is zero or small cannot scale its own uncertainty, so with ``floors``
     each product element has at least the fraction times sqrt(I_ii^-1 I_jj^-1), and each coordinate of
@@ -231,7 +231,7 @@ def initial_standard_deviation(
 
 
 def percent_error(estimate: Array, truth: Array) -> Array:
-    """100 (estimate - truth) / |truth| of each parameter; NaN where the truth is below its floor or beyond any number.
+    """Computes 100 (estimate - truth) / |truth|, parameter by parameter; NaN where truth is too small or not finite.
 
     The floor of a product element is 1e-9 of sqrt(I_ii^-1 I_jj^-1), that of a coordinate of the center
     of mass 1e-9 of the vector's length: smaller values are zero for every practical purpose.
@@ -250,7 +250,7 @@ def percent_error(estimate: Array, truth: Array) -> Array:
 
 @kernel
 def all_ten(of_rotation: Array, of_mass: float) -> Array:
-    """The ten parameters, or something of each, from that of the rotational nine and that of the mass reciprocal."""
+    """Joins a quantity of the rotational nine parameters and that of the mass reciprocal to one of all ten."""
     result = np.empty(N_ROTATION + 1)
     result[:N_ROTATION] = of_rotation
     result[MASS_RECIPROCAL] = of_mass
@@ -260,7 +260,7 @@ def all_ten(of_rotation: Array, of_mass: float) -> Array:
 def converged_rows(
     standard_deviation: Array, estimate: Array, limits: Array, known: NDArray[np.bool_] | None = None
 ) -> NDArray[np.bool_]:
-    """`converged` for many samples at once, shape (n,); arguments with a leading n.
+    """Runs `converged` for many samples at once, shape (n,); arguments with a leading n.
 
     Args:
         standard_deviation, estimate, limits: see there.
@@ -280,7 +280,7 @@ def converged_rows(
 
 @kernel
 def converged(standard_deviation: Array, estimate: Array, limits: Array) -> bool:
-    r"""Whether estimates are good enough to act on.
+    r"""Tests whether estimates are good enough to act on.
 
     Three tests, each 1-sigma against its limit: the diagonal of the inverse inertia and the mass
     reciprocal relative to their estimates, which must be positive, and the center of mass in length.

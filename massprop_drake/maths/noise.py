@@ -20,12 +20,12 @@ Seed = int | tuple[int, int]  # of a run; and what was drawn to vary it
 
 
 def varied(seed: int, draw: float) -> Seed:
-    """Seed of a run that a random number varies; the run's own where that is zero."""
+    """Returns the seed of a run that a random number varies; the run's own where that is zero."""
     return seed if draw == 0.0 else (seed, int(np.float64(draw).view(np.uint64)))
 
 
 def stream_seed(seed: Seed, stream: str) -> np.random.SeedSequence:
-    """The seed sequence of a named stream of a run."""
+    """Makes the seed sequence of a named stream of a run."""
     return np.random.SeedSequence(seed, spawn_key=tuple(stream.encode()))
 
 
@@ -39,17 +39,17 @@ def _block(seed: Seed, stream: str, number: int, size: int) -> Array:
 
 
 def normal_sample(seed: Seed, stream: str, number: int, size: int) -> Array:
-    """Independent standard normal numbers: sample ``number`` (0, 1, ...) of a stream, shape (size,)."""
+    """Draws independent standard normal numbers: sample ``number`` (0, 1, ...) of a stream, shape (size,)."""
     block, row = divmod(number, _BLOCK)
     return _block(seed, stream, block, size)[row]
 
 
 def uniform_phase(seed: Seed, stream: str, size: int) -> Array:
-    """Numbers drawn once per run, uniform in [-1/2, 1/2): phases of a quantizer, shape (size,)."""
+    """Draws numbers once per run, uniform in [-1/2, 1/2): phases of a quantizer, shape (size,)."""
     return np.random.default_rng(stream_seed(seed, f"phase of {stream}")).uniform(-0.5, 0.5, size)
 
 
 def uniform_sample(seed: Seed, stream: str, number: int) -> float:
-    """A number uniform in [0, 1): sample ``number`` (0, 1, ...) of a stream."""
+    """Draws a number uniform in [0, 1): sample ``number`` (0, 1, ...) of a stream."""
     key = stream_seed(seed, stream).generate_state(2, np.uint64)
     return float(np.random.Generator(np.random.Philox(key=key, counter=[0, number, 0, 0])).random())

@@ -1,4 +1,4 @@
-r"""The nearest estimate that a rigid body can have.
+r"""Nearest estimate that a rigid body can have.
 
 A body's second moments of mass E = (tr I / 2) 1 - I are positive semidefinite, and every such E is some body's; an
 estimated inverse inertia need not have them. The nearest that does, in the metric of the estimate's covariance,
@@ -31,7 +31,7 @@ _EXACT = 1e-12  # of a variance, added to it: what is exactly known is nearly so
 
 
 def nearest_possible(estimate: Array, covariance: Array) -> Array | None:
-    """The nearest estimate whose inertia some distribution of mass has; an estimate that has one is returned as it is.
+    """Computes the nearest estimate whose inertia some distribution of mass has; a possible one is returned as it is.
 
     To first order: the metric is the covariance of the estimate as it is, which knows nothing of the bound.
 
@@ -69,7 +69,7 @@ def nearest_possible(estimate: Array, covariance: Array) -> Array | None:
 
 
 def _nearest(six: Array, whitener: Array) -> Array | None:
-    """The nearest six elements of an inverse inertia; None where the search does not settle."""
+    """Computes the nearest six elements of an inverse inertia; None where the search does not settle."""
     inertia = symmetrized(inverse(symmetric(six)))
     moments, axes = np.linalg.eigh(0.5 * np.trace(inertia) * np.eye(3) - inertia)
     inside = np.maximum(moments, _INSIDE * np.trace(inertia))
@@ -97,7 +97,7 @@ def _nearest(six: Array, whitener: Array) -> Array | None:
 
 
 def _inverse_of(moments: Array) -> Array:
-    """The six elements of the inverse inertia of six second moments."""
+    """Computes the six elements of the inverse inertia of six second moments."""
     return six_elements(symmetrized(inverse(symmetric(_OF_MOMENTS @ moments))))
 
 
@@ -106,7 +106,7 @@ def _half_square(values: Array) -> float:
 
 
 def _least_squares(matrix: Array, target: Array, start: Array) -> Array:
-    """Second moments E, positive definite, with the least |matrix E - target|, shape (6,).
+    """Computes second moments E, positive definite, with the least |matrix E - target|, shape (6,).
 
     Args:
         matrix, target: shapes (6, 6) and (6,).

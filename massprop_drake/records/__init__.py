@@ -1,1 +1,1 @@
-"""Records of other programs: files of any recorder, and how a map makes telemetry of them."""
+"""Records of other programs: files of any recorder, and the maps that make telemetry of them."""

@@ -120,7 +120,7 @@ def read(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
 
 
 class _Stated(NamedTuple):
-    """A bag's metadata, as the recorder wrote them.
+    """Metadata of a bag, as the recorder wrote them.
 
     Attributes:
         files: names of its files, in order; empty: it says nothing.
@@ -159,7 +159,7 @@ class _Stated(NamedTuple):
 
 
 class _Bag:
-    """The storage files of a bag, and what is lost of them.
+    """Storage files of a bag, and the parts that are lost of them.
 
     Attributes:
         channels: all that its files have.
@@ -189,7 +189,7 @@ class _Bag:
             self._files = self._of_the_folder()
 
     def _of_the_folder(self) -> list[Path]:
-        """The files of a folder, as its metadata name them, or else all that are there."""
+        """Lists the files of a folder, as its metadata name them, or else all that are there."""
         there = sorted(one for one in self._path.iterdir() if _ending(one) in (".db3", ".mcap"))
         if not self._stated.files:
             if not self.losses:
@@ -236,7 +236,7 @@ class _Bag:
 
     @staticmethod
     def _unpacked(message: Message) -> Message:
-        """The message itself, of which the bag compressed each; what is damaged stays as it is, and is no message."""
+        """Unpacks a message that the bag compressed by itself; a damaged one stays as it is, and is no message."""
         try:
             return message._replace(data=zstd().decompress(message.data))
         except (zstd().ZstdError, EOFError):
@@ -267,12 +267,12 @@ class _Bag:
 
 
 def _ending(path: Path) -> str:
-    """The ending of a file, that of its content where it is compressed."""
+    """Returns the ending of a file, that of its content where it is compressed."""
     return Path(path.stem).suffix.lower() if path.suffix.lower() in _PACKED else path.suffix.lower()
 
 
 class _Types:
-    """The types of messages, each with the definition that its bag has, or else as ROS 2 has it."""
+    """Types of messages, each with the definition that its bag has, or else as ROS 2 has it."""
 
     def __init__(self) -> None:
         from rosbags.serde import SerdeError  # noqa: PLC0415 (an extra)
@@ -284,7 +284,7 @@ class _Types:
         self._by_channel: dict[StoredTopic, Callable[[bytes], Any] | str] = {}
 
     def message(self, channel: StoredTopic, data: bytes) -> Any:
-        """A message; raises ValueError, which says why, where it cannot be read."""
+        """Reads a message; raises ValueError, which says why, where it cannot be read."""
         if channel not in self._by_channel:
             try:
                 self._by_channel[channel] = self._reader(channel)
@@ -320,7 +320,7 @@ class _Types:
 
 
 def _idl(definition: str) -> list[str]:
-    """The parts of a definition in IDL."""
+    """Splits a definition in IDL into its parts."""
     rule = "=" * 80 + "\n"
     if not definition.startswith(f"{rule}IDL: "):
         return [definition]
@@ -328,7 +328,7 @@ def _idl(definition: str) -> list[str]:
 
 
 class _Gathered:
-    """The messages of a topic."""
+    """Messages of a topic."""
 
     def __init__(self) -> None:
         self.stamps: list[int] = []
@@ -343,7 +343,7 @@ class _Gathered:
 
     @property
     def readable(self) -> bool:
-        """Tests whether there are messages that can be read, or none at all."""
+        """True if there are messages that can be read, or none at all."""
         return bool(self.stamps) or not self.unread
 
     def add(self, recorded: Message, types: _Types) -> None:
@@ -360,7 +360,7 @@ class _Gathered:
         self.fields.append(dict(_flat(message)))
 
     def topic(self, source: str, origin: int | None) -> Topic:
-        """The columns, in the order in which messages were recorded."""
+        """Returns the columns, in the order in which messages were recorded."""
         order = np.argsort(self.stamps, kind="stable")
         if (np.diff(order) < 0).any():
             self.stamps, self.fields = [self.stamps[one] for one in order], [self.fields[one] for one in order]
@@ -375,7 +375,7 @@ class _Gathered:
 
 
 def _flat(message: Any, before: str = "", depth: int = 0) -> Iterator[tuple[str, Any]]:
-    """Fields of a message by name: numbers, text, and arrays that are not too long."""
+    """Returns fields of a message by name: numbers, text, and arrays that are not too long."""
     for name in message.__dataclass_fields__:
         if name == "__msgtype__":
             continue
@@ -392,7 +392,7 @@ def _flat(message: Any, before: str = "", depth: int = 0) -> Iterator[tuple[str,
 
 
 def _column(name: str, values: list[Any]) -> dict[str, Column]:
-    """The columns of a field, None where a message has it not."""
+    """Makes the columns of a field, None where a message lacks it."""
     if any(np.ndim(value) for value in values if value is not None and not isinstance(value, str)):
         return spread(name, [None if value is None else list(value) for value in values])
     if any(isinstance(value, str) for value in values):

@@ -1,4 +1,4 @@
-"""The clock of a topic: found by names of columns and by how their numbers rise."""
+"""Clock of a topic: found by names of columns and by how their numbers rise."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class TopicClock(NamedTuple):
 
 
 class _ClockColumn(NamedTuple):
-    """Times of a column as it may be read, s."""
+    """Times of a column in a possible unit, s."""
 
     data: dict[str, Any]
     times_s: Array
@@ -46,12 +46,12 @@ class _ClockColumn(NamedTuple):
 
     @property
     def steps(self) -> Array:
-        """Between rows that have a time, shape (n - 1,)."""
+        """Steps between rows that have a time, shape (n - 1,)."""
         return np.diff(self.times_s[np.isfinite(self.times_s)])
 
     @property
     def rises(self) -> bool:
-        """Tests whether the time goes on from row to row."""
+        """True if the time advances from row to row."""
         return bool(self.steps.size) and float((self.steps > 0.0).mean()) > _RISES
 
 
@@ -109,7 +109,7 @@ def _is_date(topic: Topic, name: ColumnName) -> bool:
 
 
 def clock_fault(topic: Topic, names: Sequence[ColumnName]) -> str:
-    """A sentence on a column that is called a time, and is none that rises; "": there is none."""
+    """Describes a column that is called a time, but does not rise as one; "": there is none."""
     for name in names:
         if not name.is_timed:
             continue
@@ -124,7 +124,7 @@ def clock_fault(topic: Topic, names: Sequence[ColumnName]) -> str:
 
 
 def _in_one(topic: Topic, names: Sequence[ColumnName], name: ColumnName, period_s: float) -> list[_ClockColumn]:
-    """The times of a column, in the unit that its name has, or in which its steps are about a sample period."""
+    """Reads the times of a column, in its name's unit, or one in which its steps are about a sample period."""
     column = name.column
     if _is_text(topic, name):
         cells = topic.texts(column)
@@ -157,7 +157,7 @@ def _in_one(topic: Topic, names: Sequence[ColumnName], name: ColumnName, period_
 
 
 def _in_two_columns(topic: Topic, names: Sequence[ColumnName]) -> list[_ClockColumn]:
-    """Whole seconds in a column, and what is below them in another."""
+    """Finds whole seconds in a column, and their fractions in another."""
     timed = [
         name
         for name in names
@@ -195,7 +195,7 @@ def _is_fractional(values: Array) -> bool:
 
 
 def _reached(values: Array) -> str:
-    """The unit in which values stay just below a second; "": none."""
+    """Returns the unit in which values stay just below a second; "": none."""
     most = float(np.nanmax(values, initial=0.0))
     if _is_fractional(values):
         return "s" if most < 1.0 else ""
@@ -203,7 +203,7 @@ def _reached(values: Array) -> str:
 
 
 def _by_numbers(topic: Topic, names: Sequence[ColumnName], period_s: float) -> TopicClock | None:
-    """A column that rises by a sample period from row to row, whatever its name."""
+    """Finds a column that rises by a sample period from row to row, whatever its name."""
     for name in names:
         if _is_text(topic, name):
             continue
@@ -223,7 +223,7 @@ def _by_numbers(topic: Topic, names: Sequence[ColumnName], period_s: float) -> T
 
 
 def _coarse(read: _ClockColumn, period_s: float, *, rises: bool) -> str:
-    """A sentence on stamps that are rounded to more than rows may be off."""
+    """Describes stamps that are rounded more coarsely than rows may be off."""
     steps = read.steps
     column = read.data["column"]
     if not rises:

@@ -1,4 +1,4 @@
-"""Evidence of the jets: what readings show of commands tells when these act, in which scale, and what readings are."""
+"""Evidence of the jets in readings: when commands act, their scale, and the meaning of the readings."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class JetEvidence(NamedTuple):
 
     @property
     def is_poor(self) -> bool:
-        """Tests whether more than the jets, and than the scatter while coasting, changes the reading."""
+        """True if more than the jets, and than the scatter while coasting, changes the reading."""
         there, both = np.isfinite(self.change), self._both
         coasting = np.abs(self.change[there & ~both])
         scatter = _MEDIAN * float(np.median(coasting)) if coasting.size >= FEWEST else 0.0
@@ -77,7 +77,7 @@ class JetEvidence(NamedTuple):
         return self.correlation < _POOR and math.sqrt(float((left**2).mean())) > _SPREAD * scatter
 
     def shifted(self, rows: int) -> JetEvidence:
-        """The same with commands that act so many intervals later, or earlier where negative."""
+        """Returns the evidence with commands that act so many intervals later, or earlier where negative."""
         meant = np.roll(self.meant, rows, axis=0)
         meant[: max(rows, 0)] = 0.0
         meant[len(meant) + min(rows, 0) :] = 0.0
@@ -85,7 +85,7 @@ class JetEvidence(NamedTuple):
 
 
 def followed(record: Mapped, name: str, *, gives: str = "") -> JetEvidence:
-    """Compares a gyro's or an accelerometer's readings with what the commands should do to them.
+    """Compares a gyro's or an accelerometer's readings with the effects that the commands should have.
 
     Args:
         record: mapped.
@@ -100,7 +100,7 @@ def followed(record: Mapped, name: str, *, gives: str = "") -> JetEvidence:
 
 
 def _changes(channel: Channel, steps: Array, gives: str) -> Array:
-    """Changes of rate or velocity from sample to sample, shape (n - 1, 3)."""
+    """Computes changes of rate or velocity from sample to sample, shape (n - 1, 3)."""
     values = channel.values
     if gives in ("", "integral"):
         return np.diff(values, axis=0)
@@ -108,7 +108,7 @@ def _changes(channel: Channel, steps: Array, gives: str) -> Array:
 
 
 def _effects(vehicle: Vehicle, name: str) -> Array:
-    """Rate at which each jet changes a sensor's reading, with the nominal mass properties, shape (n_jets, 3)."""
+    """Computes the rate at which each jet changes a sensor's reading, with nominal mass properties, (n_jets, 3)."""
     nominal, wrenches = vehicle.nominal, vehicle.wrenches
     turning = (wrenches[:, :3] - np.cross(nominal.center_of_mass, wrenches[:, 3:])) @ np.linalg.inv(nominal.inertia).T
     position = next((one.position for one in vehicle.accelerometers if one.name == name), None)

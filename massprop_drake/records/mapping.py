@@ -1,4 +1,4 @@
-"""From a recording and a map to what a vehicle's sensors and jets did, and to rows of telemetry.
+"""Sensor readings and jet commands, and rows of telemetry, from a recording and a map.
 
 `mapped` gives every channel of the map at its own times, in the vehicle's units and axes: poses and attitudes as well
 as rates. `table` makes of them the rows that the estimators read.
@@ -77,7 +77,7 @@ _ESTIMATED_FROM = ("gyro", "accelerometer", "wheel", "engine")  # kinds that are
 
 
 class Channel(NamedTuple):
-    """What one sensor of a map measured.
+    """Measurements of one sensor of a map.
 
     Attributes:
         name: of the sensor.
@@ -119,7 +119,7 @@ class Held(NamedTuple):
 
 @dataclass(frozen=True)
 class Mapped:
-    """A record as a map understands it.
+    """Record as a map understands it.
 
     Attributes:
         recording: what was read.
@@ -144,7 +144,7 @@ class Mapped:
 
     @property
     def rows(self) -> Channel:
-        """The channel whose samples are the rows."""
+        """Channel whose samples are the rows."""
         return self.channels[self.by.row_sensor]
 
 
@@ -201,7 +201,7 @@ def _require_of_the_vehicle(by: RecordMap, vehicle: Vehicle, source: str) -> Non
 
 
 class _Mapping:
-    """Turns parts of a map into channels."""
+    """Conversion of parts of a map into channels."""
 
     def __init__(self, recording: Recording, by: RecordMap, vehicle: Vehicle, source: str):
         self._recording, self._by, self._vehicle, self._source = recording, by, vehicle, source
@@ -215,7 +215,7 @@ class _Mapping:
     # ------------------------------------------------------------------------------------ time
 
     def _stamps(self, part: Any) -> tuple[Array, Places]:
-        """Times of a part's samples, and the row of each in its topic; those without a time of their own left out."""
+        """Returns times of a part's samples, and the row of each in its topic; those without a time are left out."""
         name, time = self._by.topic_of(part), part.time or self._by.time
         key = name, time.model_dump_json()
         if key not in self._timed:
@@ -263,7 +263,7 @@ class _Mapping:
         return found - self._zero_s, places
 
     def _logged(self, topic: Topic, time: RecordTime) -> Array:
-        """Times as they are logged, s."""
+        """Returns times as they are logged, s."""
         if time.column is not None:
             whole = topic.times_s(time.column, factor(time.unit, "time"), time.date)
             if time.fraction is None:
@@ -278,7 +278,7 @@ class _Mapping:
         )
 
     def _recovered(self, topic: Topic, time: RecordTime, logged: Array, places: Places) -> Array:
-        """Times from the true steps, which are what logged differences were divided by."""
+        """Recovers times from the true steps, by which logged differences were divided."""
         if logged.size < 2:
             raise InputError(f"{topic.source}: has one row, and times are to come from differences")
         weight, product = np.zeros(logged.size - 1), np.zeros(logged.size - 1)
@@ -331,7 +331,7 @@ class _Mapping:
     # --------------------------------------------------------------------------------- sensors
 
     def channel(self, name: str, sensor: Any) -> Channel:
-        """What a sensor measured."""
+        """Makes the channel of a sensor."""
         time_s, places = self._stamps(sensor)
         topic = self._recording.topic(self._by.topic_of(sensor))
         gives = ""
@@ -364,7 +364,7 @@ class _Mapping:
         return Channel(name, sensor.kind, time_s, values, places, gives)
 
     def _anew(self, name: str, topic: Topic, values: Array, every: int) -> Array:
-        """Readings without those that only repeat the one before."""
+        """Removes readings that only repeat the one before."""
         rows = changes(values)
         off = rows[(rows - rows[:1]) % every != 0]
         if off.size:
@@ -384,7 +384,7 @@ class _Mapping:
         return _turned((self._three(topic, part.columns, places) - np.array(part.zero)) * size, part.matrix)
 
     def _attitude(self, topic: Topic, sensor: AttitudeMap | PoseMap, places: Places) -> Array:
-        """Quaternions that turn body to world, scalar first, NaN where missing, shape (n, 4)."""
+        """Computes quaternions that turn body to world, scalar first, NaN where missing, shape (n, 4)."""
         from scipy.spatial.transform import Rotation  # noqa: PLC0415 (slow to load)
 
         found = np.full((places.size, 4), np.nan)
@@ -473,7 +473,7 @@ class _Mapping:
     # -------------------------------------------------------------------------------- commands
 
     def commands(self, part: CommandMap) -> Held:
-        """What the jets were told, and how long each command held."""
+        """Reads the commands to the jets, and how long each held."""
         time_s, places = self._stamps(part)
         topic = self._recording.topic(self._by.topic_of(part))
         if part.listed is not None:
@@ -488,7 +488,7 @@ class _Mapping:
         return _held(time_s, values, until=part.acts == "until_row", on_change=part.on_change)
 
     def held(self, part: Any) -> Held:
-        """A known outside force or torque, which acts from its row on."""
+        """Reads a known outside force or torque, which acts from its row on."""
         time_s, places = self._stamps(part)
         topic = self._recording.topic(self._by.topic_of(part))
         force = is_of(part.unit, "force")
@@ -558,7 +558,7 @@ class _Mapping:
 
 
 def disagreement(steps: Array) -> float:
-    """How far the steps by several pairs lie apart in a row, in the median, relative; 0 of one pair alone.
+    """Computes the median relative difference between the steps by several pairs; 0 of one pair alone.
 
     Args:
         steps: by each pair, NaN where it tells none, shape (n_pairs, n).
@@ -571,29 +571,29 @@ def disagreement(steps: Array) -> float:
 
 
 def changes(values: Array) -> Places:
-    """Rows whose values, shape (n, m), are not those of the row before."""
+    """Finds rows whose values, shape (n, m), differ from those of the row before."""
     with np.errstate(invalid="ignore"):
         return np.flatnonzero((np.abs(np.diff(values, axis=0)) > 0.0).any(axis=1)) + 1
 
 
 def words(text: str) -> list[str]:
-    """The names in a list of jets: what is between them is neither letter, digit nor underscore."""
+    """Splits a list of jets into names: separators are neither letter, digit nor underscore."""
     return "".join(one if one.isalnum() or one == "_" else " " for one in text).split()
 
 
 def _many(flags: NDArray[np.bool_]) -> bool:
-    """Whether more than a spike or two are so."""
+    """Tests whether more flags are set than a few spikes would set."""
     return bool(flags.sum() > min(max(_SHARE * flags.size, _SPIKES), 0.5 * flags.size))
 
 
 def _turned(vectors: Array, matrix: Array) -> Array:
-    """Vectors in other axes; a component is missing where one is missing that it is made of."""
+    """Turns vectors into other axes; a component is missing where one is missing that it is made of."""
     missing = np.isnan(vectors) @ (np.abs(matrix.T) > 1e-12)
     return np.where(missing > 0, np.nan, np.nan_to_num(vectors) @ matrix.T)
 
 
 def _quantum(values: Array) -> float:
-    """The step to which values are rounded, by their decimals; that of doubles where there are too many."""
+    """Returns the step to which values are rounded, by their decimals; that of doubles where there are too many."""
     values = values[np.isfinite(values)]
     largest = float(np.abs(values).max(initial=0.0))
     for decimals in range(_DECIMALS):
@@ -604,7 +604,7 @@ def _quantum(values: Array) -> float:
 
 
 def _held(time_s: Array, values: Array, *, until: bool = False, on_change: bool = False) -> Held:
-    """Values that hold from their time until the next one's, or since the one's before."""
+    """Makes values that hold from their time until the next one's, or since the one's before."""
     if time_s.size == 1 and on_change and not until:
         return Held(time_s, np.array([math.inf]), values)
     if time_s.size < 2:
@@ -645,12 +645,12 @@ class MappedTable:
         self._read = 0
 
     def where(self, line: int, _column: str) -> str:
-        """The place of a row."""
+        """Returns the place of a row."""
         return f"{self.source}, {self.place} {line}"
 
     @property
     def done(self) -> float:
-        """The fraction of the rows read so far."""
+        """Fraction of the rows read so far."""
         return self._read / max(len(self._lines), 1)
 
     def blocks(self, wanted: list[int]) -> Iterator[Block]:
@@ -663,7 +663,7 @@ class MappedTable:
             yield block
 
     def sha256(self) -> str:
-        """SHA-256 of the file, hexadecimal."""
+        """Returns SHA-256 of the file, hexadecimal."""
         return self._recording.sha256
 
     def close(self) -> None:
@@ -671,7 +671,7 @@ class MappedTable:
 
 
 def row_places(record: Mapped) -> Places:
-    """The samples of the rows' channel that are rows: all, or where it is faster those a sample period apart.
+    """Selects the samples that are rows: all, or of a faster channel those a sample period apart.
 
     Raises:
         InputError: when the sample period is no multiple of the channel's.
@@ -786,7 +786,7 @@ def _add_known(record: Mapped, time_s: Array, names: list[str], parts: list[Arra
 
 
 def _at_any_time(record: Mapped) -> MappedTable:
-    """A row whenever anything was read or commanded."""
+    """Makes a row whenever anything was read or commanded."""
     vehicle, held = record.vehicle, record.commands
     channels = {name: channel for name, channel in record.channels.items() if channel.time_s.size}
     if not channels:
@@ -826,7 +826,7 @@ def _at_any_time(record: Mapped) -> MappedTable:
 
 
 def _integral(channel: Channel, values: Array, notes: list[str]) -> Array:
-    """What accelerations or their increments add up to, where there are samples, shape (n, 3)."""
+    """Integrates accelerations or sums increments, where there are samples, shape (n, 3)."""
     there = np.isfinite(values).all(axis=1)
     added = values[there]
     if channel.gives != "increment":
@@ -860,7 +860,7 @@ def _require_usable(record: Mapped, gyro: str) -> None:
 
 
 def _at(channel: Channel, time_s: Array, period_s: float) -> Array:
-    """The readings taken at times, NaN where none was, shape (n, m)."""
+    """Returns the readings taken at times, NaN where none was, shape (n, m)."""
     nearest = np.clip(np.searchsorted(channel.time_s, time_s), 0, channel.time_s.size - 1)
     before = np.maximum(nearest - 1, 0)
     closer = np.abs(channel.time_s[before] - time_s) < np.abs(channel.time_s[nearest] - time_s)
@@ -870,7 +870,7 @@ def _at(channel: Channel, time_s: Array, period_s: float) -> Array:
 
 
 def _attitudes(channel: Channel, rates: Array, time_s: Array, period_s: float) -> Array:
-    """Attitudes at rows, each from the reading nearest to it, NaN where none was near, shape (n, 4).
+    """Returns attitudes at rows, each from the reading nearest to it, NaN where none was near, shape (n, 4).
 
     Args:
         channel: of a tracker.
@@ -892,7 +892,7 @@ def _attitudes(channel: Channel, rates: Array, time_s: Array, period_s: float) -
 
 
 def _mean_acceleration(channel: Channel, time_s: Array, vehicle: Vehicle, notes: list[str]) -> Array:
-    """Mean acceleration over the row that ended, NaN where a sample in it is missing, shape (n, 3)."""
+    """Computes mean acceleration over the row that ended, NaN where a sample in it is missing, shape (n, 3)."""
     period_s = vehicle.sample_period_s
     every, steps = channel.interval_s, np.diff(channel.time_s, prepend=np.nan)
     if math.isnan(every):
@@ -927,7 +927,7 @@ def _mean_acceleration(channel: Channel, time_s: Array, vehicle: Vehicle, notes:
 
 
 def mean_over(held: Held, time_s: Array) -> Array:
-    """Mean over the interval that starts at each row, NaN where part of it is unknown, shape (n, m)."""
+    """Computes the mean over the interval that starts at each row, NaN where part is unknown, shape (n, m)."""
     count, width = time_s.size, held.values.shape[1]
     if not held.begin_s.size or count < 2:
         return np.full((count, width), np.nan)
@@ -939,7 +939,7 @@ def mean_over(held: Held, time_s: Array) -> Array:
     lengths = np.diff(edges)[::2, None]
 
     def integral(density: Array) -> Array:
-        """From the beginning to each edge; nothing between the end of one value and the beginning of the next."""
+        """Integrates from the beginning to each edge; zero between one value's end and the next one's beginning."""
         grown = np.cumsum(density * lengths, axis=0)
         return np.repeat(np.vstack([np.zeros((1, width)), grown]), 2, axis=0)[1:-1]
 
@@ -956,14 +956,14 @@ def mean_over(held: Held, time_s: Array) -> Array:
 
 
 def _fractions(record: Mapped, time_s: Array) -> Array:
-    """Share of the interval that starts at each row for which each jet was open, shape (n, n_jets)."""
+    """Computes the share of the interval from each row for which each jet was open, shape (n, n_jets)."""
     shares = mean_over(record.commands, time_s)
     whole = np.round(shares)  # what is exact stays exact
     return np.where(np.abs(shares - whole) < _TOLERANCE, whole, shares)
 
 
 def _told(record: Mapped, time_s: Array, fractions: Array) -> dict[str, Array]:
-    """Columns of commands by name, shape (n, 1) each: fractions, and when jets open that switch within rows."""
+    """Makes columns of commands by name, shape (n, 1) each: fractions, and onsets of jets that switch within rows."""
     vehicle, part = record.vehicle, record.by.commands
     period_s, opening = vehicle.sample_period_s, None
     told = {f"jet_{jet}": share for jet, share in zip(vehicle.designations, fractions.T, strict=True)}
@@ -1002,7 +1002,7 @@ def _onsets(held: Held, time_s: Array, fractions: Array, period_s: float) -> Arr
 
 
 def _about_commands(record: Mapped, time_s: Array, fractions: Array) -> list[str]:
-    """What is to be known of the commands."""
+    """Describes gaps and ambiguities of the commands."""
     found = []
     held, period_s = record.commands, record.vehicle.sample_period_s
     every = float(np.median(np.diff(held.begin_s))) if held.begin_s.size > 1 else math.nan
@@ -1031,7 +1031,7 @@ def _about_commands(record: Mapped, time_s: Array, fractions: Array) -> list[str
 
 
 def preview(record: Mapped, most: int = 5) -> list[dict[str, Any]]:
-    """The first rows as they are understood.
+    """Formats the first rows as they are understood.
 
     Returns:
         For each `time_s`, `sensors` (values by component, by name; None where missing), and `jets` (fraction by

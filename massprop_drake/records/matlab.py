@@ -66,7 +66,7 @@ def read(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
 
 
 def _classic(path: Path, losses: list[Loss]) -> dict[str, Any]:
-    """The variables of a file up to version 7, each by itself, so that damaged ones can be left out."""
+    """Reads the variables of a file up to version 7, each by itself, so that damaged ones can be left out."""
     from scipy.io import loadmat  # noqa: PLC0415 (slow to load)
     from scipy.io.matlab import MatReadError  # noqa: PLC0415
 
@@ -83,7 +83,7 @@ def _classic(path: Path, losses: list[Loss]) -> dict[str, Any]:
 
 
 def _variables(path: Path, losses: list[Loss]) -> Iterator[tuple[int, bytes]]:
-    """Files of one variable each, with its place in the whole; of version 4, which has no lengths, the whole file at 0.
+    """Yields files of one variable each, with its place in the whole; of version 4, without lengths, the file at 0.
 
     scipy's compiled reader is not safe from damaged lengths, so that no variable reaches it that is not whole.
     """
@@ -132,7 +132,7 @@ def _hdf(path: Path, losses: list[Loss]) -> dict[str, Any]:
 
 
 def _of_hdf(h5py: Any, file: Any, item: Any) -> Any:
-    """A variable as scipy would give it: MATLAB writes arrays with their dimensions reversed."""
+    """Returns a variable as scipy would: MATLAB writes arrays with their dimensions reversed."""
     if item is None:
         raise ValueError("a variable is lost")
     if isinstance(item, h5py.Group):
@@ -151,7 +151,7 @@ def _of_hdf(h5py: Any, file: Any, item: Any) -> Any:
 
 
 def _by_topic(content: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """Variables at the top, of topic "", and those of each structure, or array of structures of a row each."""
+    """Groups variables: those at the top, of topic "", and those of each structure, or array of structures."""
     topics: dict[str, dict[str, Any]] = {"": {}}
     for name, value in content.items():
         if isinstance(value, dict):
@@ -164,7 +164,7 @@ def _by_topic(content: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def _structures(value: Any) -> list[dict[str, Any]] | None:
-    """The structures of an array of them, whose fields are single numbers; None where it is another one."""
+    """Returns the structures of an array whose fields are single numbers; None where it is another one."""
     rows = list(value.ravel()) if isinstance(value, np.ndarray) else value if isinstance(value, list) else []
     if not rows or not all(isinstance(row, dict) and row.keys() == rows[0].keys() for row in rows):
         return None
@@ -184,7 +184,7 @@ def _flat(fields: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any]]
 
 
 def _columns(variables: dict[str, Any], rows: int | None) -> tuple[dict[str, Column], list[str]]:
-    """The columns of the commonest length, and what is left out, with the reason: all but single values and text."""
+    """Selects columns of the commonest length; also returns what is left out, but single values, with reasons."""
     arrays = {name: _tall(_as_array(value)) for name, value in variables.items() if not isinstance(value, str)}
     lengths = Counter(len(one) for one in arrays.values() if one.ndim and len(one) > 1 and _is_table(one))
     length = max(lengths, key=lambda one: (lengths[one], one), default=0)
@@ -211,7 +211,7 @@ def _columns(variables: dict[str, Any], rows: int | None) -> tuple[dict[str, Col
 
 
 def _as_array(value: Any) -> Any:
-    """A variable as an array; one of objects where its parts have unlike shapes."""
+    """Returns a variable as an array; one of objects where its parts have unlike shapes."""
     try:
         return np.asarray(value)
     except ValueError:
@@ -228,7 +228,7 @@ def _is_table(value: Any) -> bool:
 
 
 def _kind(value: Any) -> str:
-    """The reason for which an array gives no columns."""
+    """Returns the reason for which an array gives no columns."""
     if value.dtype == object and any(isinstance(one, dict) for one in value.ravel()):
         return "structures"
     if value.dtype == object and value.ndim:
@@ -237,12 +237,12 @@ def _kind(value: Any) -> str:
 
 
 def _tall(value: Any) -> Any:
-    """An array without dimensions of one."""
+    """Removes dimensions of one from an array."""
     return value.squeeze() if value.ndim > 1 and 1 in value.shape else value
 
 
 def _cells(values: Any) -> Column:
-    """A column of cells: numbers if each has one, else text, arrays of numbers with blanks between them."""
+    """Makes a column of cells: numbers if each has one, else text, arrays of numbers with blanks between them."""
     cells = [np.ravel(one) for one in values]
     if all(one.size == 1 and _is_numeric(one) for one in cells):
         return np.array([float(one[0]) for one in cells])

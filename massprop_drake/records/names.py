@@ -1,4 +1,4 @@
-"""Names of columns: what they say of quantity, axis and unit, and which of them are the jets'."""
+"""Names of columns: the quantity, axis and unit that they state, and which of them are the jets'."""
 
 from __future__ import annotations
 
@@ -96,27 +96,27 @@ class ColumnName(NamedTuple):
 
     @property
     def turning(self) -> int:
-        """The axis that roll, pitch or yaw turn about; -1: it names none."""
+        """Axis that roll, pitch or yaw turn about; -1: it names none."""
         return next((_TURNING[word] for word in self.words if word in _TURNING), -1)
 
     @property
     def is_timed(self) -> bool:
-        """Tests whether the words are of a clock."""
+        """True if the words are of a clock."""
         return self.axis < 0 and (not self.words or bool(set(self.words) & _TIME)) and not set(self.words) & _JETS
 
     @property
     def is_fraction(self) -> bool:
-        """Tests whether the words are of the part of a second, beside whole ones."""
+        """True if the words are of the part of a second, beside whole ones."""
         return bool(set(self.words) & _FRACTIONS)
 
     @property
     def may_be_mask(self) -> bool:
-        """Tests whether the words are of commands to several jets."""
+        """True if the words are of commands to several jets."""
         return bool(set(self.words) & _MASKS)
 
     @property
     def is_on_time(self) -> bool:
-        """Tests whether the words are of how long something is on."""
+        """True if the words are of a duration for which something is on."""
         return bool(set(self.words) & (_ON - {"cmd", "out", "state"}))
 
 
@@ -162,7 +162,7 @@ def read_name(column: str, unit: str = "") -> ColumnName:
 
 
 def _words(text: str) -> list[str]:
-    """The words of a name, in small letters: between signs, and where capitals begin anew."""
+    """Splits a name into words, in small letters: at signs, and where capitals begin."""
     text = re.sub(r"([a-z])([A-Z])", r"\1_\2", text)
     text = re.sub(r"([A-Z]{2,})([A-Z][a-z]{2,})", r"\1_\2", text)
     text = re.sub(r"(?i)(roll|pitch|yaw)_?(speed|rate)", r"\1_rate", text)
@@ -170,7 +170,7 @@ def _words(text: str) -> list[str]:
 
 
 def _taken_unit(words: list[str]) -> str:
-    """The unit at the end of a name, whose words are taken from the list; "": none."""
+    """Takes the unit at the end of a name from the list of its words; "": none."""
     if len(words) > 3 and words[-2] == "per" and (words[-3], words[-1]) in _QUOTIENTS:
         unit = _QUOTIENTS[words[-3], words[-1]]
         del words[-3:]
@@ -185,7 +185,7 @@ def _taken_unit(words: list[str]) -> str:
 
 
 def kind_of(name: ColumnName) -> str:
-    """Quantity that a column measures by its words, as `WORDS` has it; "": not known."""
+    """Finds the quantity that a column measures by its words, as `WORDS` has it; "": not known."""
     said = set(name.words)
     if said & _NO_READINGS or ("angular" in said and said & WORDS["accelerometer"]) or "angle" in said:
         return ""
@@ -198,7 +198,7 @@ def kind_of(name: ColumnName) -> str:
 
 
 def factor_or_none(unit: str, kind: str) -> float | None:
-    """The SI value of one of a unit; None where it is of another kind, or none."""
+    """Returns the SI value of one of a unit; None where it is of another kind, or none."""
     try:
         return factor(unit, kind)
     except InputError:
@@ -225,7 +225,7 @@ class JetColumns(NamedTuple):
 
 
 def jet_families(columns: Iterable[str], jets: Sequence[tuple[str, int]]) -> list[JetColumns]:
-    """Columns that differ in the jet alone, the likelier to be commands first.
+    """Finds groups of columns that differ in the jet alone, the likelier to be commands first.
 
     Jets are named by their designation, `cmd_XP1`, or counted, `THR01_ON_MS`, `control[0]`: by the vehicle's numbers,
     or in its order from 0 or 1.
@@ -281,13 +281,13 @@ def _rank(rest: tuple[str, ...], *, sure: bool) -> int:
 
 
 def _tokens(name: str) -> tuple[str, ...]:
-    """Letters and numbers of a name in turn, without zeros before these: `THR01_ON` is thr, 1, on."""
+    """Splits a name into letters and numbers in turn, without zeros before these: `THR01_ON` is thr, 1, on."""
     text = re.sub(r"([a-z])([A-Z])", r"\1_\2", name).lower()
     return tuple(one.lstrip("0") or "0" if one.isdigit() else one for one in re.findall(r"[a-zµ°%]+|\d+", text))
 
 
 def _found(tokens: tuple[str, ...], called: Mapping[tuple[str, ...], str]) -> list[tuple[tuple[int, int], str]]:
-    """Places of the designations of jets in a name, the longest alone."""
+    """Finds places of the designations of jets in a name, the longest alone."""
     for length in sorted({len(one) for one in called}, reverse=True):
         places = [(begin, begin + length) for begin in range(len(tokens) - length + 1)]
         found = [((begin, end), called[tokens[begin:end]]) for begin, end in places if tokens[begin:end] in called]

@@ -1,4 +1,4 @@
-"""A map proposed for a recording, with its reasons: by names of columns, by what the numbers are, by known topics."""
+"""Map proposed for a recording, with its reasons: names of columns, their numbers, known topics."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ _PX4_COMMANDS = (("actuator_motors", "control"), ("actuator_outputs", "output"))
 
 
 class Proposal(NamedTuple):
-    """A map, and why it is so.
+    """Proposed map, and the reasons for it.
 
     Attributes:
         data: of the map, as its file has it.
@@ -110,7 +110,7 @@ def propose(recording: Recording, vehicle: Vehicle) -> Proposal:
 
 
 class _Search:
-    """Looks for a vehicle's sensors and jets in a recording."""
+    """Search for a vehicle's sensors and jets in a recording."""
 
     def __init__(self, recording: Recording, vehicle: Vehicle):
         self.recording, self.vehicle = recording, vehicle
@@ -143,7 +143,7 @@ class _Search:
         self.warnings.append(reason)
 
     def _kind(self, name: ColumnName) -> str:
-        """What a column measures, by its words or as a package of the vehicle is called; "": not known."""
+        """Finds the quantity of a column, by its words or a package's name; "": not known."""
         called = _plainly("".join(name.words))
         return next((kind for kind, names in self._called.items() if called in names), kind_of(name))
 
@@ -152,7 +152,7 @@ class _Search:
         return bool({*map(_plainly, words), _plainly("".join(words))} & self._called[kind])
 
     def _package(self, kind: str, words: Sequence[str] = ()) -> str:
-        """A package of the vehicle that is not taken yet, one that is so called first; "": none is left."""
+        """Returns a package of the vehicle that is not taken yet, one of that name first; "": none is left."""
         free = self._free[kind]
         said = {*map(_plainly, words), _plainly("".join(words))}
         name = next((one for one in free if _plainly(one) in said), free[0] if free else "")
@@ -161,7 +161,7 @@ class _Search:
         return name
 
     def _tracker(self, kind: str, shown_as: str, what: str) -> str:
-        """Where a sensor in a fixed frame goes: one of the vehicle's, or, if it needs none, a name to show it under.
+        """Finds the place of a sensor in a fixed frame: one of the vehicle's, or, if none is needed, a display name.
 
         Args:
             kind: of the vehicle's packages.
@@ -174,7 +174,7 @@ class _Search:
         return name
 
     def tell_what_is_left(self) -> None:
-        """Says which packages of the vehicle have no columns, and names every column of which nothing is made."""
+        """Reports packages of the vehicle without columns, and every column that is not used."""
         missing = [name for free in self._free.values() for name in free]
         if missing:
             self._say(f"no columns were found for {', '.join(missing)}: name them under `sensors` if they were logged")
@@ -225,7 +225,7 @@ class _Search:
             self.lacking.insert(0, "; ".join(["no column of time was found: name it, `time: {column: ...}`", *faults]))
 
     def _tell_spoilt(self, topic: Topic) -> None:
-        """Warns of columns of numbers that are none, since a few cells hold text."""
+        """Warns of columns that are not numbers because a few cells hold text."""
         for column, values in topic.columns.items():
             numeric = sum(map(is_number, values)) if values.dtype == object else 0
             if not _MOSTLY_NUMBERS * values.size < numeric < values.size:
@@ -236,7 +236,7 @@ class _Search:
                 self._warn(f"{error}, as the rest of its column is: nothing is made of it")
 
     def _enter(self, name: str, names: Sequence[ColumnName], *, quietly: bool = False) -> None:
-        """Goes on in a topic: the first one, and its time, are those of the map."""
+        """Continues in a topic: the first one, and its time, are those of the map."""
         found = self._clock(name, names)
         self._here = name, found.data if found is not None and found.data else None
         if "time" not in self.data and "topic" not in self.data:
@@ -252,13 +252,13 @@ class _Search:
             self._say(f"{name}: {found.reason}")
 
     def _clock(self, name: str, names: Sequence[ColumnName]) -> TopicClock | None:
-        """The clock of a topic, looked for once."""
+        """Returns the clock of a topic, looked for once."""
         if name not in self._clocks:
             self._clocks[name] = find_clock(self.recording.topics[name], names, self.vehicle.sample_period_s)
         return self._clocks[name]
 
     def _put_in_its_topic(self, entry: dict[str, Any]) -> None:
-        """Names topic and time of what does not lie where the map begins."""
+        """Names topic and time of parts that do not lie where the map begins."""
         name, time = self._here
         if name != self.data.get("topic", ""):
             entry["topic"] = name
@@ -302,7 +302,7 @@ class _Search:
             self._use_differences(topic, pairs)
 
     def _add_wheels(self, names: Sequence[ColumnName]) -> None:
-        """Adds speeds of the vehicle's wheels: the columns that are called as these, or else all that are of wheels."""
+        """Adds speeds of the vehicle's wheels: columns of their names, or else all that are of wheels."""
         of_wheels = [one for one in names if set(one.words) & WHEELS or one.unit == "rpm"]
         called = {_plainly("".join(one.words)): one for one in names}
         by_order = dict(zip(self._free["wheel"], of_wheels, strict=False)) if self._numbered(of_wheels) else {}
@@ -316,7 +316,7 @@ class _Search:
             self._say(f"{name}: {column.column}, in {unit}, by its name")
 
     def _add_engines(self, names: Sequence[ColumnName]) -> None:
-        """Adds engines whose columns are called as these."""
+        """Adds engines that columns are named after."""
         called = {_plainly("".join(one.words)): one for one in names}
         for engine in self.vehicle.engines:
             columns = [called[name] for name in map(_plainly, engine.columns) if name in called]
@@ -335,7 +335,7 @@ class _Search:
         return len(columns) == len(self.vehicle.wheels)
 
     def _order(self, kind: str, members: Mapping[int, ColumnName]) -> tuple[bool, bool, bool]:
-        """Order among groups of columns: those called as a package first, whole ones, readings before estimates."""
+        """Orders groups of columns: those called as a package first, whole ones, readings before estimates."""
         words = members[min(members)].words
         own = kind in self._called and self._is_own(kind, words)
         return not own, len(members) < 3, bool(set(words) & {"true", "truth", "est", "estimated", "filtered"})
@@ -357,7 +357,7 @@ class _Search:
         angles: Mapping[int, ColumnName],
         found: dict[str, list[dict[int, ColumnName]]],
     ) -> list[tuple[dict[str, str], Array]]:
-        """Pairs of a value and its backward difference; groups of such rates are no sensors, and are taken out."""
+        """Finds pairs of a value and its backward difference; groups of such rates are no sensors, and are removed."""
         pairs: list[tuple[dict[str, str], Array]] = []
         groups = []
         for kind, values, dimension, usual in (("velocity", position, "length", "m"), ("gyro", angles, "angle", "rad")):
@@ -507,12 +507,12 @@ class _Search:
     # -------------------------------------------------------------------------------- commands
 
     def _families(self, topic: Topic) -> list[JetColumns]:
-        """Columns of one kind for the jets, the likelier to be commands first."""
+        """Returns columns of one kind for the jets, the likelier to be commands first."""
         numeric = [column for column, values in topic.columns.items() if values.dtype != object]
         return jet_families(numeric, [(jet.designation, jet.number) for jet in self.vehicle.jets])
 
     def _jet_columns(self, topic: Topic) -> dict[str, str]:
-        """A column for each jet, by designation; empty where not all are found."""
+        """Returns a column for each jet, by designation; empty where not all are found."""
         for family in self._families(topic):
             columns = list(family.columns.values())
             if family.lacking or (not family.named and not self._scaled(topic, columns)):
@@ -526,7 +526,7 @@ class _Search:
         return {}
 
     def _commands(self, topic: Topic) -> bool:
-        """Looks for commands to the jets; whether there are."""
+        """Looks for commands to the jets; returns whether there are any."""
         columns = self._jet_columns(topic)
         if columns:
             self.data["commands"] = {"columns": columns}
@@ -565,7 +565,7 @@ class _Search:
         return False
 
     def _scaled(self, topic: Topic, columns: Sequence[str]) -> bool:
-        """Tests whether columns that are only counted hold what commands hold: widths of pulses."""
+        """Tests whether columns that are only numbered hold values of commands: widths of pulses."""
         values = np.concatenate([topic.numbers(column) for column in columns])
         return bool(np.nanmin(values) > _PULSES[0] and np.nanmax(values) < _PULSES[1] and _varies(values))
 
@@ -635,7 +635,7 @@ class _Search:
     # ---------------------------------------------------------------------- evidence of the jets
 
     def look_at_the_jets(self) -> None:
-        """Tells from what sensors show of the jets when commands act, their scale, and what readings are."""
+        """Finds, by the jets' effects on sensors, when commands act, their scale, and the meaning of readings."""
         if "commands" not in self.data or not self.data["sensors"]:
             return
         commands, usual = self.data["commands"], "a row's command acts from the row on"
@@ -697,7 +697,7 @@ class _Search:
             )
 
     def _understood(self, acts: str) -> mapping.Mapped | None:
-        """The record as the map has it so far; None where the map cannot be applied."""
+        """Returns the record as the map has it so far; None where the map cannot be applied."""
         try:
             by = RecordMap.model_validate({**self.data, "commands": {**self.data["commands"], "acts": acts}})
             return mapping.mapped(self.recording, by, self.vehicle)
@@ -705,7 +705,7 @@ class _Search:
             return None
 
     def _tell_scale(self, gyro: str, shown: evidence.JetEvidence) -> None:
-        """Chooses the scale of commands, and the unit of rates that no name tells, by how the jets turn the vehicle.
+        """Chooses the scale of commands, and a unit of rates that no name gives, by how the jets turn the vehicle.
 
         One of both may change, the unit only where the scale is sure; the likelier scale may fit a little worse.
         """
@@ -747,7 +747,7 @@ class _Search:
             )
 
     def _tell_sums(self, name: str, by: mapping.Mapped) -> None:
-        """Tells sums of velocity, increments and accelerations apart, by what the jets do to them."""
+        """Distinguishes sums of velocity, increments and accelerations, by the jets' effects on them."""
         entry = self.data["sensors"][name]
         if entry["gives"] in ("mean", "instant") and name not in self._guessed:
             return  # their unit is that of an acceleration
@@ -780,7 +780,7 @@ class _Search:
         )
 
     def _of_values(self, name: str, by: mapping.Mapped, values: evidence.JetEvidence) -> str:
-        """Increments or accelerations, where it is not the sums that follow the jets: by how much they change."""
+        """Distinguishes increments from accelerations, where sums do not follow the jets, by how much they change."""
         usual = "mean" if self.data["sensors"][name]["gives"] == "mean" else "increment"
         if name not in self._guessed:
             return usual
@@ -921,7 +921,7 @@ def _base(topic: str) -> str:
 
 
 def _texts(data: Any) -> Iterator[str]:
-    """All texts in the data of a map, keys aside."""
+    """Returns all texts in the data of a map, keys aside."""
     if isinstance(data, str):
         yield data
     elif isinstance(data, Mapping):
@@ -931,7 +931,7 @@ def _texts(data: Any) -> Iterator[str]:
 
 
 def _used(data: Mapping[str, Any]) -> dict[str, set[str]]:
-    """The columns that a map names, by topic."""
+    """Returns the columns that a map names, by topic."""
     usual = data.get("topic", "")
     used: dict[str, set[str]] = {}
     for entry in (*data.get("sensors", {}).values(), *filter(None, [data.get("commands")])):
@@ -943,7 +943,7 @@ def _used(data: Mapping[str, Any]) -> dict[str, set[str]]:
 
 
 def _folded(columns: Sequence[str]) -> list[str]:
-    """Names of columns, where elements of an array that follow each other are one entry."""
+    """Joins names of columns: elements of an array that follow each other are one entry."""
     split = [re.fullmatch(r"(.*\[)(\d+)(\].*)", column) for column in columns]
     found: list[str] = []
     runs = groupby(
@@ -959,12 +959,12 @@ def _folded(columns: Sequence[str]) -> list[str]:
 
 
 def _plainly(name: str) -> str:
-    """A name in small letters, without signs."""
+    """Returns a name in small letters, without signs."""
     return re.sub(r"[^a-z0-9]", "", name.lower())
 
 
 def _from_zero(members: dict[int, ColumnName]) -> dict[int, ColumnName]:
-    """Axes by their place, where they are counted from 1."""
+    """Renumbers axes from zero, where they are counted from 1."""
     indexed = all(one.indexed for one in members.values())
     return {axis - 1: one for axis, one in members.items()} if indexed and 0 not in members else members
 
@@ -975,7 +975,7 @@ def _varies(values: Array) -> bool:
 
 
 def _pulse_widths(values: Array) -> tuple[float, float]:
-    """Widths of closed and open, us: the two that there are, or those that are usual; below closed is disarmed."""
+    """Returns widths of closed and open, us: the two found, or the usual ones; below closed is disarmed."""
     armed = values[values >= _CLOSED_PULSE]
     levels = np.unique(armed)
     if levels.size == 2:
@@ -986,14 +986,14 @@ def _pulse_widths(values: Array) -> tuple[float, float]:
 
 
 def _as_data(scale: CommandScale) -> dict[str, Any]:
-    """Keys of a map's commands for a scale."""
+    """Returns keys of a map's commands for a scale."""
     if scale.unit != "1":
         return {"unit": scale.unit}
     return {} if scale.full == 1.0 else {"on": scale.full}
 
 
 def _full(scale: Mapping[str, Any], period_s: float) -> float:
-    """Number of a jet that is open all the time."""
+    """Returns the number that stands for a jet that is open all the time."""
     unit = scale.get("unit", "1")
     if unit == "%":
         return 100.0
@@ -1012,7 +1012,7 @@ def _columns(members: Mapping[int, ColumnName]) -> list[str | None]:
 
 
 def _every(readings: Array) -> int:
-    """Rows for each reading, shape (n, m), where rows repeat one until there is another; else 1."""
+    """Returns rows for each reading, shape (n, m), where rows repeat one until there is another; else 1."""
     rows = mapping.changes(readings)
     return int(np.gcd.reduce(np.diff(rows))) if rows.size >= _FEWEST else 1
 
@@ -1022,7 +1022,7 @@ def _listed(members: Mapping[int, ColumnName]) -> str:
 
 
 def _steps(topic: Topic, value: tuple[str, str], rate: tuple[str, str]) -> Array | None:
-    """The steps by which a rate would be the backward difference of a value; None where it is none."""
+    """Finds the steps by which a rate would be the backward difference of a value; None where it is none."""
     change = np.diff(topic.numbers(value[0])) * factor(value[1], "length", "angle")
     if factor_or_none(value[1], "angle") is not None:
         change = (change + np.pi) % (2.0 * np.pi) - np.pi

@@ -1,4 +1,4 @@
-"""A vehicle's file from the parameters of a PX4 log: `CA_THRUSTERn_*` of its control allocation."""
+"""Vehicle file from the parameters of a PX4 log: `CA_THRUSTERn_*` of its control allocation."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _NORMAL = 0.6745  # median of the absolute value of a standard normal number
 
 
 class Made(NamedTuple):
-    """A vehicle's file.
+    """Vehicle file made from a log.
 
     Attributes:
         data: as the file has it.
@@ -146,12 +146,12 @@ def _jets(recording: Recording, count: int) -> tuple[list[dict[str, Any]], list[
 
 
 def _rounded(value: float) -> float:
-    """A parameter without what a float of 32 bits adds to it."""
+    """Rounds a parameter to the digits of a 32-bit float."""
     return float(f"{value:.7g}")
 
 
 def _period_s(recording: Recording) -> float:
-    """The longer of the median intervals of commands and rates, s."""
+    """Returns the longer of the median intervals of commands and rates, s."""
     intervals = [
         float(np.median(np.diff(topic.stamps_s)))
         for name in (_COMMANDS, _RATES)
@@ -163,7 +163,7 @@ def _period_s(recording: Recording) -> float:
 
 
 def _white(recording: Recording, topic: str, column: str) -> float | None:
-    """1-sigma of white noise by the median difference of successive readings; None where there are none."""
+    """Estimates 1-sigma of white noise by the median difference of successive readings; None where there are none."""
     there = recording.topics.get(topic)
     if there is None or f"{column}[0]" not in there.columns or there.rows < 3:
         return None

@@ -1,4 +1,4 @@
-"""Recordings: the columns of a file of any recorder, by topic, and what opens them."""
+"""Recordings: the columns of a file of any recorder, by topic, and the functions that open them."""
 
 from __future__ import annotations
 
@@ -65,24 +65,24 @@ class Topic:
 
     @property
     def rows(self) -> int:
-        """The number of rows."""
+        """Number of rows."""
         if self.stamps_s is not None:
             return len(self.stamps_s)
         return len(next(iter(self.columns.values()), ()))
 
     def column(self, name: str) -> Column:
-        """A column; raises InputError where there is none of that name."""
+        """Returns a column; raises InputError where there is none of that name."""
         if name not in self.columns:
             raise InputError(f"{self.source}: no column '{name}'{suggestion(name, [*self.columns, *self.unread])}")
         return self.columns[name]
 
     def where(self, row: int) -> str:
-        """The place of a row, for messages."""
+        """Returns the place of a row, for messages."""
         line = row + 1 if self.lines is None else int(self.lines[row])
         return f"{self.source}, {self.place} {line}"
 
     def numbers(self, name: str) -> Array:
-        """A column's numbers, NaN where missing, shape (n,).
+        """Returns a column's numbers, NaN where missing, shape (n,).
 
         Raises:
             InputError: when it is not there, or holds text or infinity.
@@ -104,7 +104,7 @@ class Topic:
         return numbers
 
     def times_s(self, name: str, unit_s: float, date: str | None = None) -> Array:
-        """A column's times, s, NaN where missing, shape (n,): numbers of a unit, or ISO 8601 stamps.
+        """Returns a column's times, s, NaN where missing, shape (n,): numbers of a unit, or ISO 8601 stamps.
 
         Args:
             name: of the column.
@@ -135,13 +135,13 @@ class Topic:
         return found
 
     def texts(self, name: str) -> list[str]:
-        """A column's cells as text."""
+        """Returns a column's cells as text."""
         return ["" if cell is None else str(cell) for cell in self.column(name)]
 
 
 @dataclass(frozen=True)
 class Recording:
-    """What a file holds.
+    """Content of a file of any recorder.
 
     Attributes:
         source: its name in messages.
@@ -168,7 +168,7 @@ class Recording:
     losses: tuple[Loss, ...] = ()
 
     def topic(self, name: str) -> Topic:
-        """A topic; raises InputError where there is none of that name."""
+        """Returns a topic; raises InputError where there is none of that name."""
         if name not in self.topics:
             raise missing_topic(self.source, name, list(self.topics), self.losses)
         return self.topics[name]
@@ -184,7 +184,7 @@ _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct",
 
 
 def stamp_of(text: str) -> np.datetime64 | None:
-    """The time of a stamp in UTC, of a clock alone on the first day; None for other text.
+    """Parses a stamp in UTC, of a clock alone on the first day; None for other text.
 
     A stamp is one of ISO 8601, also with the day of the year, or a date like 01 Jan 2000. One without a zone is UTC.
     """
@@ -228,7 +228,7 @@ _MAPS = "'massprop map' proposes one, and 'massprop estimate --map' takes it"
 
 
 def open_recording(path: str | Path, by: RecordMap | None = None, rows: int | None = None) -> Recording:
-    """Reads a file of any kind that is known, told by its ending.
+    """Reads a file of any known kind, recognized by its ending.
 
     Args:
         path: of a CSV, Parquet, .mat, ULog (.ulg), ROS 1 (.bag), ROS 2 (folder, .db3) or MCAP (.mcap) file.
@@ -264,7 +264,7 @@ def open_recording(path: str | Path, by: RecordMap | None = None, rows: int | No
 
 
 def require_table(path: str | Path) -> None:
-    """Requires that a record can be read without a map, as far as its name tells.
+    """Requires that a record can be read without a map, by its name.
 
     Raises:
         InputError: for a file of another program's, which says what it is and, where it is damaged, how.
@@ -290,7 +290,7 @@ def _has_a_bag(path: Path) -> bool:
 
 
 def missing_topic(source: str, name: str, known: list[str], losses: Sequence[Loss] = ()) -> InputError:
-    """The error for a topic that a recording does not have, or lost."""
+    """Makes the error for a topic that a recording does not have, or lost."""
     if not name:
         shown = ", ".join(known[:10]) + (", ..." if known[10:] else "")
         return InputError(f"{source}: has topics, and the map names none: give `topic`, one of {shown}")
@@ -301,12 +301,12 @@ def missing_topic(source: str, name: str, known: list[str], losses: Sequence[Los
 
 
 def needs(path: Path, package: str, extra: str, what: str) -> InputError:
-    """The error that names the extra to install."""
+    """Makes the error that names the extra to install."""
     return InputError(f"{path}: reading {what} needs {package}: pip install 'massprop-drake[{extra}]'")
 
 
 def digest(path: Path) -> str:
-    """SHA-256 of a file, or of all files of a folder in their order, hexadecimal."""
+    """Computes SHA-256 of a file, or of all files of a folder in their order, hexadecimal."""
     if path.is_dir():
         total = hashlib.sha256()
         for inner in sorted(one for one in path.iterdir() if one.is_file()):
@@ -363,7 +363,7 @@ def _csv(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
 
 
 def _besides(every: Sequence[str], wanted: Sequence[str]) -> tuple[str, ...]:
-    """The named columns that are not wanted."""
+    """Returns the named columns that are not wanted."""
     known = set(wanted)
     return tuple(name for name in every if name and name not in known)
 
@@ -384,7 +384,7 @@ _BLANK_NAME = re.compile(r"(?:[^\s\[(]|[\[(][^\])]*[\])])+(?:\s+[\[(][^\])]*[\])
 
 
 def _form_of(path: Path) -> tuple[CsvForm, list[str]]:
-    """Tells how a text file is written, and the cells of a line of units below the names."""
+    """Detects the format of a text file, and the cells of a line of units below the names."""
     with path.open(encoding="utf-8-sig") as file:
         numbered = islice(((number, line) for number, line in enumerate(file, 1) if line.strip()), _LOOKED_AT)
         lines = [(number, line, _mark(line)) for number, line in numbered]
@@ -411,19 +411,19 @@ def _form_of(path: Path) -> tuple[CsvForm, list[str]]:
 
 
 def _mark(line: str) -> str:
-    """The mark of a comment that a line begins with; "": none."""
+    """Returns the mark of a comment that a line begins with; "": none."""
     return next((mark for mark in _MARKS if line.lstrip().startswith(mark)), "")
 
 
 def _count(line: str, separator: str) -> int:
-    """The number of cells in a line."""
+    """Returns the number of cells in a line."""
     if separator == " " or '"' in line:
         return len(_cells(line, separator))
     return line.count(separator) + 1
 
 
 def _cells(line: str, separator: str) -> list[str]:
-    """The cells of a line, without the mark of a comment."""
+    """Returns the cells of a line, without the mark of a comment."""
     mark = _mark(line)
     line = line.strip(" \r\n").removeprefix(mark)
     if separator == " ":
@@ -445,7 +445,7 @@ def _has_units(cells: list[str]) -> bool:
 
 
 def unit_in(text: str) -> str:
-    """The unit that a text is, with or without brackets, as `inputs.units` has it; "": it is none."""
+    """Reads a text as a unit, with or without brackets, as `inputs.units` has it; "": it is none."""
     text = text.strip().strip("[]()").strip()
     for one in (text, text.lower()):
         try:
@@ -457,7 +457,7 @@ def unit_in(text: str) -> str:
 
 
 class _Where:
-    """The line that is being read.
+    """Line that is being read.
 
     Attributes:
         line: its number.
@@ -475,7 +475,7 @@ class _Where:
 
 
 def _plain_lines(file: Any, form: CsvForm, losses: list[Loss]) -> Iterator[tuple[int, str]]:
-    """The lines of names and rows, with their numbers.
+    """Yields the lines of names and rows, with their numbers.
 
     The names are in the first line that is no comment, or, where that is a row already, in the first comment.
     """
@@ -515,7 +515,7 @@ def _gathered(
     wanted: list[str],
     how: tuple[CsvForm, set[str], int | None, _Where],
 ) -> tuple[dict[str, Column], NDArray[np.int64], Ragged]:
-    """The wanted columns, the line of each row, and the rows that have another number of cells."""
+    """Collects the wanted columns, the line of each row, and the rows with another number of cells."""
     form, as_text, most, where = how
     place_of = {name: place for place, name in reversed(list(enumerate(header)))}
     places = [place_of[name] for name in wanted]
@@ -559,7 +559,7 @@ def _gathered(
 
 
 def _whole(cells: Iterator[list[str]], where: _Where) -> Iterator[list[str]]:
-    """The cells of each row; one that ends within quotes, with the file, has none."""
+    """Yields the cells of each row; one that ends within quotes, with the file, has none."""
     try:
         yield from cells
     except csv.Error:
@@ -569,7 +569,7 @@ def _whole(cells: Iterator[list[str]], where: _Where) -> Iterator[list[str]]:
 
 
 def _as_numbers(cells: list[str], decimal: str) -> Column:
-    """Cells as numbers if all of them are, else as text."""
+    """Returns cells as numbers if all of them are, else as text."""
     if decimal != ".":
         cells = [cell.replace(decimal, ".") for cell in cells]
     try:
@@ -622,7 +622,7 @@ def _parquet(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
 
 
 def _from_the_first(columns: dict[str, Column]) -> tuple[str, ...]:
-    """Makes dates and times count in seconds from the first second of them: a double has no room for the whole."""
+    """Converts dates and times to seconds from the first second of them: a double cannot hold the whole."""
     dated = {name: values for name, values in columns.items() if values.dtype.kind == "M"}
     firsts = [values[~np.isnat(values)].min() for values in dated.values() if not np.isnat(values).all()]
     if not firsts:
@@ -634,7 +634,7 @@ def _from_the_first(columns: dict[str, Column]) -> tuple[str, ...]:
 
 
 def _arrow_column(arrow: Any, name: str, column: Any) -> dict[str, Column]:
-    """The columns that a Parquet column gives."""
+    """Makes the columns of a Parquet column."""
     kind, types = column.type, arrow.types
     if types.is_boolean(kind):
         column = column.cast(arrow.int8())
@@ -652,7 +652,7 @@ def _arrow_column(arrow: Any, name: str, column: Any) -> dict[str, Column]:
 
 
 def spread(name: str, values: Sequence[Sequence[Any] | None]) -> dict[str, Column]:
-    """Columns of lists: `name[0]`, `name[1]`, ..., and `name`, their text, where their lengths differ."""
+    """Splits columns of lists: `name[0]`, `name[1]`, ..., and `name`, their text, where their lengths differ."""
     lists = [() if one is None else tuple(one) for one in values]
     longest = max(map(len, lists), default=0)
     found: dict[str, Column] = {}
@@ -667,7 +667,7 @@ def spread(name: str, values: Sequence[Sequence[Any] | None]) -> dict[str, Colum
 
 
 def plainly(item: Any) -> str:
-    """An item of a list as it is compared with names: whole numbers without a point."""
+    """Returns an item of a list as it is compared with names: whole numbers without a point."""
     if isinstance(item, (float, np.floating)) and float(item).is_integer():
         return str(int(item))
     return str(item)

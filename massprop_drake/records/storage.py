@@ -36,7 +36,7 @@ _DAMAGED = (struct.error, UnicodeDecodeError, ValueError, LookupError, OSError, 
 
 
 class StoredTopic(NamedTuple):
-    """A topic of a storage file, and how its messages are written.
+    """Topic of a storage file, and how its messages are written.
 
     Attributes:
         topic: its name.
@@ -106,7 +106,7 @@ class Storage:
             self.losses.append(loss)
 
     def _content(self, begins: bytes, what: str) -> memoryview:
-        """The bytes of the file, which must begin as its kind does."""
+        """Reads the bytes of the file, which must begin as its kind does."""
         with self.path.open("rb") as file:
             start = file.read(len(begins))
             if not start:
@@ -150,7 +150,7 @@ class Storage:
                 return
 
     def _mcap_summary(self, content: memoryview, schemas: dict[int, tuple[str, str, str]]) -> list[int]:
-        """Takes in the channels and counts of the summary; where chunks begin."""
+        """Reads the channels and counts of the summary; returns where chunks begin."""
         chunks = []
         begin = int.from_bytes(content[-28:-20], "little")
         try:
@@ -168,7 +168,7 @@ class Storage:
         return chunks
 
     def _mcap_described(self, op: int, body: memoryview, schemas: dict[int, tuple[str, str, str]]) -> None:
-        """Takes in a schema or a channel."""
+        """Reads a schema or a channel."""
         if op == _SCHEMA:
             number = int.from_bytes(body[:2], "little")
             name, place = _text(body, 2)
@@ -203,7 +203,7 @@ class Storage:
         *,
         cut: bool = False,
     ) -> Iterator[Message]:
-        """Messages of a chunk; of one that is cut off those that are there."""
+        """Yields messages of a chunk; of one that is cut off those that are there."""
         where = "a chunk is"
         try:
             start, end, size, checksum = struct.unpack_from("<QQQI", body)
@@ -258,7 +258,7 @@ class Storage:
             place = following
 
     def _ros1_index(self, content: memoryview, wanted: Callable[[StoredTopic], bool]) -> list[int]:
-        """Takes in the channels and counts of the index; where chunks begin."""
+        """Reads the channels and counts of the index; returns where chunks begin."""
         chunks, place = [], 0
         try:
             for header, data in _ros1_records(content, 0):
@@ -276,7 +276,7 @@ class Storage:
         return chunks
 
     def _ros1_inner(self, content: bytes, wanted: Callable[[StoredTopic], bool], *, strict: bool) -> Iterator[Message]:
-        """Messages of a chunk."""
+        """Yields messages of a chunk."""
         for header, data in _ros1_records(memoryview(content), 0, strict=strict):
             yield from self._ros1_record(header, data, wanted)
 
@@ -364,7 +364,7 @@ class Storage:
 
 
 def _text(body: memoryview, place: int) -> tuple[str, int]:
-    """A text after its length, and where it ends."""
+    """Reads a text after its length; returns where it ends."""
     begin = place + 4
     end = begin + int.from_bytes(body[place:begin], "little")
     if end > len(body):
@@ -373,14 +373,14 @@ def _text(body: memoryview, place: int) -> tuple[str, int]:
 
 
 def _in_ros2(msgtype: str) -> str:
-    """The name of a type as ROS 2 writes it, `package/msg/Type`."""
+    """Returns the name of a type as ROS 2 writes it, `package/msg/Type`."""
     return msgtype if msgtype.count("/") != 1 else msgtype.replace("/", "/msg/")
 
 
 def _mcap_records(
     content: memoryview, place: int, end: int, *, strict: bool = False
 ) -> Iterator[tuple[int, memoryview]]:
-    """Operation and body of the records, up to the first that is not whole, which raises ValueError if strict."""
+    """Yields operation and body of the records up to the first incomplete one, which raises ValueError if strict."""
     while place < end:
         op, size = content[place], int.from_bytes(content[place + 1 : place + 9], "little")
         if op == 0 or place + 9 + size > end:
@@ -410,7 +410,7 @@ class _Header(NamedTuple):
         return int.from_bytes(self.fields.get("op", b""), "little")
 
     def number(self, name: str, form: str) -> int:
-        """A field as a number."""
+        """Returns a field as a number."""
         return int(struct.unpack(form, self.fields[name])[0])
 
     @staticmethod
@@ -424,7 +424,7 @@ class _Header(NamedTuple):
 
 
 def _fields(content: memoryview) -> dict[str, bytes]:
-    """The fields of a header of ROS 1."""
+    """Splits a header of ROS 1 into fields."""
     found, place = {}, 0
     while place < len(content):
         (size,) = struct.unpack_from("<I", content, place)
@@ -437,7 +437,7 @@ def _fields(content: memoryview) -> dict[str, bytes]:
 
 
 def _ros1_records(content: memoryview, place: int, *, strict: bool = False) -> Iterator[tuple[_Header, memoryview]]:
-    """Header and data of the records, up to the first that is not whole, which raises ValueError if strict."""
+    """Yields header and data of the records up to the first incomplete one, which raises ValueError if strict."""
     while place < len(content):
         try:
             header = _Header.read(content, place)
@@ -453,7 +453,7 @@ def _ros1_records(content: memoryview, place: int, *, strict: bool = False) -> I
 
 
 def unpacked(data: memoryview, compression: str) -> bytes:
-    """Bytes that were compressed, as far as they are there.
+    """Decompresses bytes, as far as they are there.
 
     Raises:
         ValueError: when the compression is not known, or the bytes are damaged.
@@ -475,7 +475,7 @@ def unpacked(data: memoryview, compression: str) -> bytes:
 
 
 def unpack_file(path: Path, target: Path) -> Loss | None:
-    """Unpacks a file that zstd compressed, as far as it goes; what is lost of it."""
+    """Unpacks a file that zstd compressed, as far as it goes; returns what is lost of it."""
     inflate = zstd().ZstdDecompressor()
     with path.open("rb") as packed, target.open("wb") as file:
         while data := packed.read(_PIECE):
@@ -491,7 +491,7 @@ def unpack_file(path: Path, target: Path) -> Loss | None:
 
 
 def zstd() -> Any:
-    """The library for zstd: Python's own from 3.14 on, before that the one that rosbags brings."""
+    """Returns the library for zstd: Python's own from 3.14 on, before that the one that rosbags brings."""
     if sys.version_info >= (3, 14):
         from compression import zstd as library  # noqa: PLC0415
     else:

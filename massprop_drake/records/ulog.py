@@ -70,7 +70,7 @@ def read(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
 
 
 def _losses(path: Path, log: Any, cut: tuple[int, int]) -> Iterator[Loss]:
-    """The parts of a log that are missing, given where its last message begins and how much that lacks, bytes."""
+    """Returns the parts of a log that are missing, given its last message's begin and the bytes that it lacks."""
     place, lacking = cut
     if log.file_corruption:
         yield Loss("damaged", f"{path}: is damaged in places, which are left out")
@@ -87,7 +87,7 @@ def _losses(path: Path, log: Any, cut: tuple[int, int]) -> Iterator[Loss]:
 
 
 def _cut_off(path: Path) -> tuple[int, int]:
-    """Place of a file's last message, and by how many bytes the file ends too early for it; 0: it is whole.
+    """Finds the place of a file's last message, and how many bytes it lacks; 0: it is whole.
 
     Raises:
         InputError: when it does not begin as a ULog does.

@@ -1,1 +1,1 @@
-"""What comes out: runs, their summaries and signals, and how they are kept on disk."""
+"""Results: runs, their summaries and signals, and their storage on disk."""

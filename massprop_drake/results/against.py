@@ -1,4 +1,4 @@
-"""A record beside a simulation of its commands: how far they are apart, and what would explain it."""
+"""Comparison of a record with a simulation of its commands: the differences, and their possible causes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _CHANCE = 1.3  # times the stated variance: no more than rounding may be
 
 
 class Residual(NamedTuple):
-    """What a component of a sensor read less what the simulation reads there.
+    """Residual of a component of a sensor: the reading minus the simulated one.
 
     Attributes:
         signal: its column in telemetry, such as "gyro_x".
@@ -49,7 +49,7 @@ class Residual(NamedTuple):
 
 
 class Explanation(NamedTuple):
-    """An unknown that would explain residuals.
+    """Explanation of residuals by one unknown.
 
     Attributes:
         what: in words, such as "thrust of R4R".
@@ -71,7 +71,7 @@ class Explanation(NamedTuple):
 
 
 class Simulated(NamedTuple):
-    """What a simulation has that a record may contradict.
+    """Quantities of a simulation that a record may contradict.
 
     Attributes:
         properties: the ten parameters, shape (10,).
@@ -85,7 +85,7 @@ class Simulated(NamedTuple):
 
 
 class Against(NamedTuple):
-    """A record beside a simulation.
+    """Record compared with a simulation.
 
     Attributes:
         run: the folder of the run whose vehicle was simulated.
@@ -103,12 +103,12 @@ class Against(NamedTuple):
     causes: tuple[Explanation, ...]
 
     def as_json(self) -> dict[str, Any]:
-        """The same as `summary.json` has it."""
+        """Returns the comparison as `summary.json` has it."""
         residuals, causes = ([one._asdict() for one in part] for part in (self.residuals, self.causes))
         return {**self._asdict(), "residuals": residuals, "causes": causes}
 
     def in_words(self) -> str:
-        """What is to be explained, in a sentence."""
+        """Describes in a sentence the difference that is to be explained."""
         if self.misfit is None:
             return "too few readings to say what would explain the difference"
         if not self.causes:
@@ -118,7 +118,7 @@ class Against(NamedTuple):
 
 
 def residuals(scenario: Scenario, signals: Spool) -> tuple[Residual, ...]:
-    """Sums up what a record read less what the simulation reads.
+    """Sums up what a record read minus what the simulation reads.
 
     Args:
         scenario: of the record.
@@ -137,7 +137,7 @@ def residuals(scenario: Scenario, signals: Spool) -> tuple[Residual, ...]:
 
 
 def differences(signals: Spool, name: str) -> Iterator[tuple[Array, Array]]:
-    """Yields times, and what was read less what the simulation reads, block by block."""
+    """Yields times, and readings minus simulated readings, block by block."""
     for block in signals.blocks("time_s", name, AGAINST + name):
         yield block["time_s"], block[name] - block[AGAINST + name]
 
@@ -175,7 +175,7 @@ def summed_up(named: Sequence[str], unit: str, noise: float, left: Iterable[tupl
 def explained(
     scenario: Scenario, signals: Spool, reference: Simulated, until_s: float
 ) -> tuple[float | None, tuple[Explanation, ...]]:
-    """Finds what explains that readings are not what the commands give in a simulation.
+    """Finds the unknowns that explain the difference between readings and a simulation of the commands.
 
     The unknown that explains most by itself is taken and fitted, and then the one that explains most besides, as long
     as that is more than chance; all others stay as the simulation has them. What happens in the midst of a record is
@@ -208,15 +208,15 @@ def _normal(parts: Sequence[Stretch], at: Array, made: Model) -> Normal:
 
 
 class Equations(Protocol):
-    """How readings go with unknowns, about a point."""
+    """Normal equations of readings by unknowns, about a point."""
 
     @property
     def information(self) -> Array:
-        """Shape (n, n)."""
+        """Information matrix, shape (n, n)."""
 
     @property
     def score(self) -> Array:
-        """Shape (n,)."""
+        """Score, shape (n,)."""
 
     @property
     def misfit(self) -> float:
@@ -224,11 +224,11 @@ class Equations(Protocol):
 
     @property
     def readings(self) -> float:
-        """How many there are."""
+        """Number of readings."""
 
 
 class Called(NamedTuple):
-    """What an unknown is called, the unit that it is told in, and what makes that unit of it."""
+    """Name of an unknown, its unit in reports, and the scale to that unit."""
 
     what: str
     unit: str
@@ -242,7 +242,7 @@ def causes(
     *,
     chance: float = 0.0,
 ) -> tuple[float | None, tuple[Explanation, ...]]:
-    """How far readings are from a simulation, and the unknowns that explain it, the best first and then what each adds.
+    """Finds how far readings are from a simulation, and the unknowns that explain it, the best first.
 
     Args:
         about: the equations about a point.
@@ -268,7 +268,7 @@ def _explaining(
     of: tuple[Array, Sequence[Called | None]],
     possible: Callable[[Array], bool],
 ) -> tuple[Explanation, ...]:
-    """The unknowns that explain; arguments as those of `causes`."""
+    """Selects the unknowns that explain the difference; arguments as those of `causes`."""
     reference, called = of
     diagonal = np.where([one is not None for one in called], first.information.diagonal(), 0.0)
     there = np.flatnonzero(diagonal > 0.0)
@@ -322,7 +322,7 @@ def _fitted(
     places: list[int],
     possible: Callable[[Array], bool],
 ) -> tuple[Array, Equations]:
-    """Fits some unknowns, by Gauss and Newton's passes from where they are; the others stay as they are."""
+    """Fits some unknowns, by Gauss-Newton iterations from where they are; the others stay."""
     at, normal = begin
     for _ in range(_PASSES):
         move = np.zeros_like(at)
@@ -339,7 +339,7 @@ def _fitted(
 
 
 def _gain(normal: Equations, places: list[int]) -> float:
-    """What of the misfit some unknowns explain together; zero where they cannot be told apart."""
+    """Computes the misfit that some unknowns explain together; zero where they are not separable."""
     chosen = np.array(places)
     information, score = normal.information[np.ix_(chosen, chosen)], normal.score[chosen]
     scale = np.sqrt(information.diagonal())
@@ -353,13 +353,13 @@ _TELLABLE = 1e8  # condition of unknowns beyond which they are one
 
 
 def called_mass_property(symbol: str, unit: str, value: float) -> Called:
-    """What a mass property is called, with the value that a percentage is of."""
+    """Returns the name of a mass property, with the value that a percentage refers to."""
     of_itself = symbol in _IN_PERCENT and value != 0.0
     return Called(symbol, "%", 100.0 / float(abs(value))) if of_itself else Called(symbol, unit, 1.0)
 
 
 def _called(scenario: Scenario, made: Model, at: Array) -> list[Called | None]:
-    """What each unknown is called; None: it is left as it is."""
+    """Returns the name of each unknown; None: it is left as it is."""
     names: Names = names_of(scenario)
     places = hindsight.columns(made)
     torque, drag = (names.torque, f"{names.torque}-s/rad")

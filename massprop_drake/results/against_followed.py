@@ -1,4 +1,4 @@
-"""A record that is followed in a fixed frame beside a simulation: what differs, and what would explain it."""
+"""Comparison of a record in a fixed frame with a simulation: the differences, and their possible causes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 
 def residuals(scenario: Scenario, signals: Spool) -> tuple[Residual, ...]:
-    """Sums up what a record read less what the simulation reads, of an attitude as a rotation vector.
+    """Sums up what a record read minus what the simulation reads, of an attitude as a rotation vector.
 
     Args:
         scenario: of the record.
@@ -60,7 +60,7 @@ def _turned(signals: Spool, name: str) -> Iterator[tuple[Array, Array]]:
 
 
 def turned(read: Array, simulated: Array) -> Array:
-    """Rotation vectors from simulated attitudes to those that were read, body axes, rad, shape (n, 3).
+    """Computes rotation vectors from simulated attitudes to those that were read, body axes, rad, shape (n, 3).
 
     Args:
         read: quaternions from body to fixed frame, of any length, NaN where there is none, shape (n, 4).
@@ -76,7 +76,7 @@ def turned(read: Array, simulated: Array) -> Array:
 def explained(
     scenario: Scenario, record: Record, vehicle: Assumed, made: PoseParams
 ) -> tuple[float | None, tuple[Explanation, ...]]:
-    """Finds what explains that readings are not what the commands give in a simulation.
+    """Finds the unknowns that explain the difference between readings and a simulation of the commands.
 
     Args:
         scenario: of the record.
@@ -97,7 +97,7 @@ def explained(
 
 
 def _called(scenario: Scenario, made: PoseParams, at: Array) -> list[Called | None]:
-    """What each unknown is called; None: it is none."""
+    """Returns the name of each unknown; None: it is none."""
     vehicle, parts = scenario.vehicle_data, made.parts
     length = vehicle.unit_names["length"]
     found: list[Called | None] = [None] * parts.size
@@ -134,5 +134,5 @@ def _called(scenario: Scenario, made: PoseParams, at: Array) -> list[Called | No
 
 
 def _half(part: slice, which: int) -> slice:
-    """Three of six elements."""
+    """Returns three of six elements."""
     return slice(part.start + 3 * which, part.start + 3 * which + 3)

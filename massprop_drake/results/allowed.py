@@ -1,4 +1,4 @@
-"""Intervals of the ten parameters that quantized readings allow, and what they are guaranteed by."""
+"""Intervals of the ten parameters that quantized readings allow, and the assumptions that guarantee them."""
 
 from __future__ import annotations
 
@@ -66,11 +66,11 @@ class Intervals(NamedTuple):
         return [*(elements[index] for index in range(6)), *self.center_of_mass, self.mass_reciprocal]
 
     def as_json(self) -> dict[str, Any]:
-        """The content of `intervals` in `summary.json`."""
+        """Returns the content of `intervals` in `summary.json`."""
         return self._asdict()
 
     def in_words(self) -> str:
-        """Says in a sentence what is guaranteed, or why nothing is."""
+        """Describes in a sentence the guaranteed intervals, or why there are none."""
         if self.reason is not None:
             return f"none: {self.reason}"
         before = "" if self.until_s is None else f" before {self.until_s:.2f} s"
@@ -132,7 +132,7 @@ def _opens_within(part: Stretch) -> bool:
 
 
 def _unconfined(scenario: Scenario) -> str | None:
-    """Says why no reading confines the motion; None where readings do."""
+    """Explains why no reading confines the motion; None where readings do."""
     vehicle, joint = scenario.vehicle_data, scenario.estimation.filter == "joint"
     if scenario.estimation.filter == "pose":
         return "sensors in a fixed frame confine nothing"
@@ -169,7 +169,7 @@ def _cells(scenario: Scenario, made: Model) -> Cells:
 
 
 def _given(made: Model, cells: Cells, parts: Sequence[Stretch]) -> tuple[str, ...]:
-    """Names what is stated with a 1-sigma and is taken for bounded."""
+    """Names the quantities stated with a 1-sigma that are taken for bounded."""
     places = hindsight.columns(made)
     used = cells.quanta[made.gyros :] > 0.0
     biased = bool(cells.gyro_biases.any()) or bool(made.sigma[places.acceleration_bias].reshape(-1, 3)[used].any())

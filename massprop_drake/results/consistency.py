@@ -1,4 +1,4 @@
-r"""Whether what the filters saw is what they claim: a verdict from their innovations, and from the errors if known.
+r"""Consistency of the filters: a verdict from their innovations, and from the errors if known.
 
 NIS, the square of an innovation in units of its own covariance, is chi-square distributed if the claims are true. Its
 mean is ruled by a single bad sample, and says nothing of many that are a little bad. So two shares are counted: of
@@ -42,7 +42,7 @@ _FAR = 5.0  # sigma: of ten parameters one in 170,000 consistent flights has an 
 
 
 class Diagnosis(NamedTuple):
-    """What a run's readings contradict.
+    """Diagnosis: an assumption that a run's readings contradict.
 
     Attributes:
         kind: "factor", "jet", "thrust", "lag", "delay", "torque", "drag", "momentum", "gyro_bias",
@@ -92,7 +92,7 @@ class Forks(NamedTuple):
 
 
 class Consistency(NamedTuple):
-    """How the filters' innovations compare with the covariance they claim.
+    """Consistency of the filters' innovations with the covariance they claim.
 
     Attributes:
         rotation_nis_mean: mean NIS of the rotation filter over the samples it used; None without any.
@@ -118,14 +118,14 @@ class Consistency(NamedTuple):
     translation_nis_within: Real | None = None
 
     def in_words(self) -> str:
-        """Says how large the innovations are, and how large without those few that rule a mean."""
+        """Describes how large the innovations are, and how large without those few that dominate a mean."""
         rotation = mean_in_words(self.rotation_nis_mean, self.rotation_nis_within, self.rotation_nis_beyond)
         translation = mean_in_words(self.translation_nis_mean, self.translation_nis_within, self.translation_nis_beyond)
         return f"mean NIS {rotation} rotation, {translation} translation, over {self.samples} samples used"
 
 
 def mean_in_words(mean: float | None, within: float | None, beyond: float | None) -> str:
-    """Formats a mean NIS, without those samples beyond the 99 % point where they rule it.
+    """Formats a mean NIS, without those samples beyond the 99 % point where they dominate it.
 
     Args:
         mean: of all samples; None without any.
@@ -140,12 +140,12 @@ def mean_in_words(mean: float | None, within: float | None, beyond: float | None
 
 
 def ruled(mean: float, within: float) -> bool:
-    """Whether the few samples beyond the 99 % point rule a mean NIS, given that of the others."""
+    """Tests whether the few samples beyond the 99 % point dominate a mean NIS, given that of the others."""
     return mean >= _RULED * within
 
 
 class Tally:
-    """Counts the NIS of one filter, in whatever blocks they come.
+    """Count of the NIS of one filter, in whatever blocks they come.
 
     Attributes:
         NUMBERS: names of the numbers that it comes to.
@@ -161,7 +161,7 @@ class Tally:
 
     @classmethod
     def of(cls, numbers: Array) -> Tally:
-        """A tally that goes on from what another came to, `NUMBERS`; what is explained is not among them."""
+        """Makes a tally that goes on from the counts of another, `NUMBERS`; explained samples are not among them."""
         tally = cls()
         n, tally._sum, tally._expected, tally._sum_within, tally._expected_within, *beyond = numbers.tolist()
         tally.n, tally._beyond = int(n), beyond
@@ -169,7 +169,7 @@ class Tally:
 
     @property
     def numbers(self) -> Array:
-        """Its counts and sums, `NUMBERS`."""
+        """Counts and sums, `NUMBERS`."""
         sums = self._sum, self._expected, self._sum_within, self._expected_within
         return np.array([self.n, *sums, *self._beyond], dtype=float)
 
@@ -220,14 +220,14 @@ class Tally:
                 add(seen.nis[there], seen.components[there])
 
     def explain(self, nis: Array, components: Array) -> None:
-        """Takes in, once more, the samples in which a payload had come or left before it was declared: no fault."""
+        """Takes in again, as no fault, the samples in which a payload had come or left before it was declared."""
         of_these = Tally()
         of_these.add(nis, components)
         self._explained = [float(of_these.n), *of_these._beyond]
 
     @property
     def mean(self) -> float | None:
-        """Sum of the NIS over its expectation, per three components; None without a sample that tells anything."""
+        """Sum of the NIS over its expectation, per three components; None without informative samples."""
         return self._sum / self._expected if self._expected else None
 
     @property
@@ -241,7 +241,7 @@ class Tally:
         return self._sum_within / self._expected_within if self._expected_within else None
 
     def faults(self, name: str) -> list[str]:
-        """What cannot be chance, in words."""
+        """Describes excesses that cannot be chance."""
         found = []
         n, tail, quarter = (
             every - known for every, known in zip((self.n, *self._beyond), self._explained, strict=True)
@@ -255,7 +255,7 @@ class Tally:
 
 
 def used_nis(name: str, signals: Mapping[str, Array]) -> tuple[Array, Array]:
-    """The NIS of the samples that a filter used, scaled to three components, and of how many each is, as expected.
+    """Computes the NIS of the samples that a filter used, scaled to three components, and of how many each is.
 
     Args:
         name: "rotation" or "mass".
@@ -268,7 +268,7 @@ def used_nis(name: str, signals: Mapping[str, Array]) -> tuple[Array, Array]:
 
 
 def innovations(name: str, signals: Mapping[str, Array]) -> Innovations:
-    """Innovations of a filter by sample; arguments as of `used_nis`."""
+    """Returns innovations of a filter by sample; arguments as of `used_nis`."""
     used = signals[f"{name}_used"][:, 0] != 0.0
     nis = signals[f"{name}_nis"][:, 0]
     components = signals[COMPONENTS[name]][:, 0] if COMPONENTS[name] in signals else np.full(nis.size, 3.0)
@@ -276,19 +276,19 @@ def innovations(name: str, signals: Mapping[str, Array]) -> Innovations:
 
 
 def fork_signals(name: str) -> tuple[str, str, str]:
-    """Signals that say when another history has become the likeliest, and how it explains what a filter saw."""
+    """Returns signals of when another history became the likeliest, and how it explains a filter's innovations."""
     return "history_since", f"history_{name}_nis", f"history_{name}_components"
 
 
 def forks(name: str, signals: Mapping[str, Array]) -> Forks:
-    """Forks that a detector has logged, with the sums of a filter; arguments as of `used_nis`."""
+    """Finds forks that a detector has logged, with the sums of a filter; arguments as of `used_nis`."""
     rows = np.flatnonzero(np.isfinite(signals["history_since"][:, 0]))
     since_s, nis, components = (signals[column][rows, 0] for column in fork_signals(name))
     return Forks(rows, since_s, nis, components)
 
 
 def of_likeliest_history(seen: Innovations, time_s: Array, found: Forks) -> Innovations:
-    """Innovations of the likeliest history, from those reported and the sums of those that replaced it.
+    """Computes innovations of the likeliest history, from those reported and the sums of those that replaced it.
 
     A fork replaces all samples after it, up to the one at which it is told, by the means of the new history over
     those that were used. Where two overlap the later one counts, and of the earlier one its mean elsewhere.
@@ -313,7 +313,7 @@ def of_likeliest_history(seen: Innovations, time_s: Array, found: Forks) -> Inno
 
 
 def _certainly_more(count: float, n: int, allowed: float) -> bool:
-    """Whether so many of n would be chance with less than a thousandth if the share were what is allowed."""
+    """Tests whether so many of n would be chance with less than a thousandth if the share were the allowed one."""
     from scipy.special import bdtrc  # noqa: PLC0415 (slow to load, and what runs in real time needs none)
 
     return count > 0.0 and float(bdtrc(count - 1.0, n, allowed)) < _DOUBT  # of a fraction the whole part
@@ -322,7 +322,7 @@ def _certainly_more(count: float, n: int, allowed: float) -> bool:
 def judged(
     rotation: Tally, translation: Tally, ratios: Array, symbols: Sequence[str], diagnoses: Sequence[Diagnosis] = ()
 ) -> Consistency:
-    """The verdict on a run.
+    """Judges whether a run is consistent.
 
     Args:
         rotation, translation: of the two filters, or parts of one; without samples where there is none.

@@ -23,7 +23,7 @@ JUMP: Kind = "mass_property_jump"
 
 
 class DetectionRecord(NamedTuple):
-    """A failed jet, or a jump of the mass properties, as it was declared and what became of it since.
+    """Record of a declared jet failure or jump of the mass properties, and of its later course.
 
     Attributes:
         onset_s: best estimate of when it began, s; of a jump found by hypotheses where their comparison begins, and
@@ -87,7 +87,7 @@ class DetectionRecord(NamedTuple):
 
     @property
     def suspects(self) -> str:
-        """The jet that it is about, or those that it may be, in words."""
+        """Jet of the detection, or those that it may be, in words."""
         if self.isolated_to == "group":
             return f"one of {', '.join(self.jets)}"
         return f"jet {self.jet}" if self.jet else f"a jet of cluster {self.cluster}"
@@ -116,7 +116,7 @@ def detection_entries(
 def followed(
     vehicle: Vehicle, events: Sequence[EventRecord], earlier: Sequence[DetectionRecord] = ()
 ) -> list[DetectionRecord]:
-    """The records of failures and jumps after some events.
+    """Updates the records of failures and jumps with some events.
 
     Args:
         vehicle: for its jets.
@@ -148,7 +148,7 @@ def followed(
 def _changed(
     records: list[DetectionRecord], event: EventRecord, *, again: bool = False, **change: Any
 ) -> list[DetectionRecord]:
-    """The records with a change of those of the event's jet that stand, or if it has failed again of its newest."""
+    """Updates those records of the event's jet that stand, or if it has failed again the newest."""
     own = [index for index, record in enumerate(records) if record.jet_index == event.jet_index]
     chosen = own[-1:] if again else [index for index in own if records[index].withdrawn_s is None]
     return [record._replace(**change) if index in chosen else record for index, record in enumerate(records)]
@@ -182,7 +182,7 @@ def settled(
     mass_reciprocal: float = np.nan,
     deviation: float = np.nan,
 ) -> tuple[DetectionRecord, ...]:
-    """Brings detections to the end of a run: what has been followed since is given as it is known now.
+    """Updates detections at the end of a run: followed quantities are given as they are known now.
 
     What was withdrawn keeps the size that it had while it stood.
 
@@ -205,7 +205,7 @@ def settled(
 def placed(
     records: Sequence[DetectionRecord], blocks: Iterable[Mapping[str, Array]], steps: Mapping[str, float]
 ) -> list[DetectionRecord]:
-    """Notes between when and when each jump was that the detector by hypotheses has found.
+    """Notes the earliest and latest time of each jump that the detector by hypotheses has found.
 
     It had not happened where the comparison begins, and had when the first alarm after that was raised. While nothing
     fires and no reading moves nothing tells its moment, so that it may have been there already since that began.
@@ -230,7 +230,7 @@ def placed(
 
 
 def _acting(blocks: Iterable[Mapping[str, Array]], steps: Mapping[str, float]) -> tuple[Array, Array]:
-    """Ends of the intervals in which a jet fires or a reading moves, the beginning of the run first, and alarms, s."""
+    """Returns ends of intervals in which a jet fires or a reading moves, the run's beginning first, and alarms, s."""
     ended, alarms = [], []
     before: dict[str, Array] = {}
     for block in blocks:
@@ -248,7 +248,7 @@ def _acting(blocks: Iterable[Mapping[str, Array]], steps: Mapping[str, float]) -
 
 
 def _weighed(records: Sequence[DetectionRecord], at_the_end: tuple[float, float]) -> list[DetectionRecord]:
-    """The records with the size of jumps from the estimates before and after, taken as independent."""
+    """Returns the records with the size of jumps from the estimates before and after, taken as independent."""
     result, after = [], at_the_end
     for record in reversed(records):
         if record.before is not None:
@@ -318,12 +318,12 @@ def _kind(magnitude: float, std: float, thrust: float) -> Kind:
 
 
 def _is_all(magnitude: float, std: float, thrust: float) -> bool:
-    """Tells whether a force, too much or missing, is all of the thrust, as far as it is known."""
+    """Tests whether a force, too much or missing, is all of the thrust, as far as it is known."""
     return abs(magnitude) > _NEARLY_ALL * thrust or abs(abs(magnitude) - thrust) < _SIGNIFICANT * std
 
 
 def fault_mode(record: DetectionRecord) -> Mode | None:
-    """The mode of a fault, by what is known of its size.
+    """Returns the mode of a fault, by its known size.
 
     A jet is stuck where its force is within 3 sigma of its thrust, or above 90 % of it; else it leaks or has lost some.
     One that is erratic is intermittent or drifts. A jump is a payload that docks or is released where its mass is
@@ -365,7 +365,7 @@ _MODES: dict[Mode | None, str] = {
 
 
 def in_words(entry: DetectionRecord, units: Mapping[str, str], *, whole: bool = False) -> str:
-    """Says what failed and how, such as 'jet T7: leaks 0.0500 N, 5 % of its thrust'.
+    """Describes what failed and how, such as 'jet T7: leaks 0.0500 N, 5 % of its thrust'.
 
     Args:
         entry: see `DetectionRecord`.
@@ -390,12 +390,12 @@ def in_words(entry: DetectionRecord, units: Mapping[str, str], *, whole: bool = 
 
 
 def _percent(share: float) -> str:
-    """A share in percent, to two digits."""
+    """Formats a share in percent, to two digits."""
     return f"{100.0 * share:.{2 if share < 0.995 else 3}g} %"
 
 
 def size(entry: DetectionRecord, units: Mapping[str, str]) -> str:
-    """How large a failure or a jump is, with 1-sigma; empty where it is not known.
+    """Formats the size of a failure or a jump, with 1-sigma; empty where it is not known.
 
     Args:
         entry: see `DetectionRecord`.
@@ -408,14 +408,14 @@ def size(entry: DetectionRecord, units: Mapping[str, str]) -> str:
 
 
 def since(entry: DetectionRecord) -> str:
-    """When it began, in words."""
+    """Formats the onset, in words."""
     if entry.earliest_s is None or entry.latest_s is None:
         return f"since {entry.onset_s:.2f} s"
     return f"begun between {entry.earliest_s:.2f} and {entry.latest_s:.2f} s"
 
 
 def remarks(entry: DetectionRecord) -> list[str]:
-    """What else is to be said of a detection."""
+    """Lists further remarks on a detection."""
     found = []
     if entry.isolated_to == "group":
         found.append(telling_apart(entry))

@@ -1,4 +1,4 @@
-"""What a detector said in a run, one record each, in the order in which it was said."""
+"""Events that a detector declared in a run, one record each, in the order of declaration."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _Three = tuple[Real, Real, Real]
 
 
 class EventRecord(NamedTuple):
-    """Something that a detector said.
+    """Record of an event that a detector declared.
 
     Attributes:
         time_s: when, s.
@@ -102,7 +102,7 @@ def said(
     signals: Mapping[str, Array],
     earlier: Sequence[EventRecord] = (),
 ) -> list[EventRecord]:
-    """What was said in some samples.
+    """Lists the events declared in some samples.
 
     Args:
         vehicle: for its jets.
@@ -126,7 +126,7 @@ def said(
 
 
 def reading_of(component: int, sensors: Sequence[str], vehicle: Vehicle) -> tuple[str, str | None]:
-    """Sensor and axis of a reading that is false, see `EventRecord`.
+    """Returns sensor and axis of a reading that is false, see `EventRecord`.
 
     Args:
         component: see `joint.hypotheses.Cause`.
@@ -147,12 +147,12 @@ def reading_of(component: int, sensors: Sequence[str], vehicle: Vehicle) -> tupl
 
 
 def kind_of(sensor: str, vehicle: Vehicle) -> Literal["false_reading", "engine_failed"]:
-    """Kind of an event of a sensor, or of an engine."""
+    """Returns the kind of an event of a sensor, or of an engine."""
     return "engine_failed" if any(engine.name == sensor for engine in vehicle.engines) else "false_reading"
 
 
 def _without_nan(event: EventRecord) -> EventRecord:
-    """An event with None for what a detector left NaN, which no file can hold."""
+    """Replaces NaN in an event by None, since no file can hold NaN."""
     lacking: dict[str, Any] = {
         name: None for name, value in event._asdict().items() if isinstance(value, float) and math.isnan(value)
     }
@@ -160,7 +160,7 @@ def _without_nan(event: EventRecord) -> EventRecord:
 
 
 def _by_samples(vehicle: Vehicle, time_s: float, at: Mapping[str, float], nis: float) -> EventRecord:
-    """What a detector of single samples, or of sums of them, says."""
+    """Makes the event of a detector of single samples, or of sums of them."""
     code, jet, alarms = int(at["detector_event"]), int(at["suspected_jet"]), int(at["alarms"])
     if code not in (Code.DECLARED, Code.WITHDRAWN):
         return EventRecord(time_s, "jump", at["onset"], statistic=nis, alarms=alarms)
@@ -185,7 +185,7 @@ def _by_hypotheses(
     told: tuple[Mapping[str, float], Mapping[str, Array]],
     earlier: Sequence[EventRecord],
 ) -> Iterator[EventRecord]:
-    """What the detector by hypotheses says at a sample: of jets one or more, of everything else at most one."""
+    """Yields the events of the detector by hypotheses at a sample: any number of jets, at most one other."""
     at, row = told
     how: dict[str, Any] = {"statistic": at["suspected_likelihood"], "alarms": int(at["alarms"])}
     for jets in named(row["verdict_group"], row["verdict_place"]):
@@ -232,14 +232,14 @@ def _of_jets(vehicle: Vehicle, time_s: float, jets: list[int], row: Mapping[str,
 
 
 def _pattern(earlier: Sequence[EventRecord], now: EventRecord) -> Literal["intermittent", "drifting"]:
-    """How the force of a jet has changed: one way all the time, or to and fro."""
+    """Classifies the change of a jet's force: one way all the time, or to and fro."""
     of_it = [one for one in (*earlier, now) if one.jet_index == now.jet_index and one.magnitude is not None]
     changes = np.diff([one.magnitude for one in of_it if one.magnitude is not None])
     return "drifting" if (changes > 0.0).all() or (changes < 0.0).all() else "intermittent"
 
 
 def _latest(earlier: Sequence[EventRecord], kind: EventKind, otherwise: float) -> float:
-    """Onset of the latest event of a kind."""
+    """Returns the onset of the latest event of a kind."""
     return next((one.onset_s for one in reversed(earlier) if one.kind == kind), otherwise)
 
 
@@ -252,7 +252,7 @@ def _three(values: Array) -> tuple[float, float, float]:
 
 
 def in_words(event: EventRecord, units: Mapping[str, str]) -> str:
-    """Says it in a sentence without its time.
+    """Describes an event in a sentence without its time.
 
     Args:
         event: see `EventRecord`.
@@ -300,7 +300,7 @@ def in_words(event: EventRecord, units: Mapping[str, str]) -> str:
 
 
 def acting(event: EventRecord, units: Mapping[str, str]) -> str:
-    """Torque and force of a disturbance in words, to an order of magnitude.
+    """Formats torque and force of a disturbance in words, to an order of magnitude.
 
     Args:
         event: see `EventRecord`.
@@ -314,7 +314,7 @@ def acting(event: EventRecord, units: Mapping[str, str]) -> str:
 
 
 def telling_apart(event: Any) -> str:
-    """What would tell a group apart; of an `EventRecord` or a detection."""
+    """Describes what would tell a group apart; of an `EventRecord` or a detection."""
     if event.told_apart_by is not None:
         return f"{event.told_apart_by} fired alone would tell them apart"
     if event.told_apart_s is not None:
@@ -323,12 +323,12 @@ def telling_apart(event: Any) -> str:
 
 
 def gained(mass: float | None, std: float | None, units: Mapping[str, str]) -> str:
-    """A mass gained, with its 1-sigma; empty where it is not known."""
+    """Formats a mass gained, with its 1-sigma; empty where it is not known."""
     return "" if mass is None or std is None else f"{with_deviation(mass, std)} {units['mass']}"
 
 
 def place(position: Sequence[float] | None, std: Sequence[float] | None, units: Mapping[str, str]) -> str:
-    """A place, with its 1-sigma; empty where it is not known."""
+    """Formats a place, with its 1-sigma; empty where it is not known."""
     if position is None or std is None:
         return ""
     parts = ", ".join(with_deviation(value, deviation) for value, deviation in zip(position, std, strict=True))

@@ -1,4 +1,4 @@
-"""How finished work takes its place at once: stages, locks, and what is done about processes that were killed.
+"""Exchange of finished work with what was there before, at once: stages, locks, and recovery of killed processes.
 
 A stage is a hidden folder beside its target. Work in progress lies in its `partial/`, finished work that is to take
 its place in `whole/`, what had to make room for it in `old/`. It is locked as long as its process lives, by a lock of
@@ -31,7 +31,7 @@ _NO_SWAP = (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS)
 
 
 class Stage:
-    """The hidden folder in which something is made ready to take its place.
+    """Hidden folder in which work is made ready to take its place.
 
     Args:
         path: of the stage.
@@ -85,7 +85,7 @@ def locked(folder: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def stage(folder: Path) -> Iterator[Stage]:
-    """Yields a stage in a folder, and removes it and what of it is not finished."""
+    """Yields a stage in a folder, and removes it with everything in it that is not finished."""
     with locked(folder):
         _tidy(folder)
         path = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=folder))
@@ -132,7 +132,7 @@ def drop(old: Path, name: Path) -> Path | None:
 
 
 def _left_over(folder: Path) -> Iterator[Path]:
-    """The stages in a folder, of the living as well."""
+    """Returns the stages in a folder, those of running processes included."""
     if folder.is_dir():
         for path in sorted(folder.iterdir()):
             if _STAGE.fullmatch(path.name) and path.is_dir() and not path.is_symlink():
@@ -140,7 +140,7 @@ def _left_over(folder: Path) -> Iterator[Path]:
 
 
 def _tidy(folder: Path) -> None:
-    """Ends what killed processes have begun in a folder; the folder is locked."""
+    """Finishes the work of killed processes in a folder; the folder is locked."""
     for path in _left_over(folder):
         # another user's, of a living process, or of one that has just removed it
         with contextlib.suppress(PermissionError, BlockingIOError, FileNotFoundError):
@@ -153,7 +153,7 @@ def _tidy(folder: Path) -> None:
 
 
 def _settle(left: Path) -> None:
-    """Finishes the work of a killed process: what is whole and lacks its place takes it, the rest goes."""
+    """Finishes the work of a killed process: finished work takes its place if that is free, the rest is removed."""
     if {path.name for path in left.iterdir()} - {_PARTIAL, _WHOLE, _OLD}:
         return  # no stage of ours
     shutil.rmtree(left / _PARTIAL, ignore_errors=True)
@@ -171,7 +171,7 @@ def _settle(left: Path) -> None:
 
 
 def _swapped(one: Path, other: Path) -> bool:
-    """Lets two folders change places at once; False where system or file system cannot."""
+    """Exchanges two folders at once; False where system or file system cannot."""
     library = ctypes.CDLL(None, use_errno=True)
     first, second = os.fsencode(one), os.fsencode(other)
     if sys.platform == "darwin":

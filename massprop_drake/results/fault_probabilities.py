@@ -65,11 +65,11 @@ class FaultProbabilities(NamedTuple):
     unknown: Probability
 
     def as_json(self) -> dict[str, Any]:
-        """The content of `fault_probability` in `summary.json`."""
+        """Returns the content of `fault_probability` in `summary.json`."""
         return {**{jet: one._asdict() for jet, one in self.jets.items()}, "none": self.none, "unknown": self.unknown}
 
     def in_words(self, units: Mapping[str, str]) -> str:
-        """Jets that have failed with a probability above `LEAST_SHOWN`, in words; empty where there is none.
+        """Describes jets that have failed with a probability above `LEAST_SHOWN`; empty where there is none.
 
         Args:
             units: names of the vehicle's units, see `Vehicle.unit_names`.
@@ -90,7 +90,7 @@ def gives_probabilities(signals: Spool) -> bool:
 
 
 def at_end(vehicle: Vehicle, signals: Spool) -> FaultProbabilities | None:
-    """Posterior probabilities at the end of a run; None of a detector that gives none.
+    """Returns posterior probabilities at the end of a run; None of a detector that gives none.
 
     Args:
         vehicle: for its jets.
@@ -108,7 +108,7 @@ def at_end(vehicle: Vehicle, signals: Spool) -> FaultProbabilities | None:
 
 
 def by_jet(content: Any) -> Any:
-    """Takes the content of `fault_probability` apart; keys of jets that a later version wrote are passed over."""
+    """Reads the content of `fault_probability`; keys of jets that a later version wrote are passed over."""
     if not isinstance(content, dict):
         return content
     jets = {
@@ -120,14 +120,14 @@ def by_jet(content: Any) -> Any:
 
 
 def rounded(probability: float) -> str:
-    """A probability in words: two digits of it, or four where it is near 1."""
+    """Formats a probability: two digits of it, or four where it is near 1."""
     if probability > _ROUNDED:
         return f"above {_ROUNDED}"
     return f"{probability:.4f}" if probability >= 1.0 - LEAST_SHOWN else f"{probability:.2g}"
 
 
 def _how(one: JetProbability, units: Mapping[str, str]) -> str:
-    """Mode and force of a failure, in brackets."""
+    """Formats mode and force of a failure, in brackets."""
     parts = [] if one.mode is None else [one.mode.replace("_", " ")]
     if one.force is not None and one.force_std is not None:
         parts.append(f"{with_deviation(one.force, one.force_std)} {units['force']}")
@@ -141,5 +141,5 @@ def _of_jet(probability: float, mode: float, force: float, force_std: float) -> 
 
 
 def _bounded(probability: float) -> float:
-    """A sum of weights as a probability: rounding may carry it beyond 0 or 1."""
+    """Limits a sum of weights to a probability: rounding may carry it beyond 0 or 1."""
     return min(max(float(probability), 0.0), 1.0)

@@ -1,4 +1,4 @@
-"""Folders and files that appear whole or not at all, and never in place of anybody else's.
+"""Folders and files that appear whole or not at all, and never in place of another's.
 
 One rule for everything that is written: it takes the place of nothing, of an empty folder, or of what we have written
 of the same kind and nobody has changed since (`results.manifest`). Anything else is refused before the work, or kept
@@ -31,7 +31,7 @@ _MARKER = ".massprop"  # of a folder for work that can be interrupted
 
 
 class Place(NamedTuple):
-    """A folder to write, as it was found before the work.
+    """Folder to write, as it was found before the work.
 
     Attributes:
         path: without links.
@@ -47,17 +47,17 @@ class Place(NamedTuple):
 
     @property
     def is_as_found(self) -> bool:
-        """Tests whether nothing has been put there since."""
+        """True if nothing has been put there since."""
         now = manifest.read(self.path)
         return (None if now is None else now.id) == self.found
 
     def named(self, beside: Path) -> Path:
-        """A path beside the folder as the user would give it."""
+        """Returns a path beside the folder as the user would give it."""
         return beside if self.shown.is_symlink() else self.shown.with_name(beside.name)
 
 
 def require_writable(target: Path, *, force: bool = False, reads: Iterable[str | Path] = ()) -> Place:
-    """Checks, before any work is done, that a folder can be written, and notes what is there.
+    """Checks, before any work is done, that a folder can be written, and notes its content.
 
     What killed processes have left beside it is brought back or removed.
 
@@ -87,7 +87,7 @@ def require_writable(target: Path, *, force: bool = False, reads: Iterable[str |
 
 @contextlib.contextmanager
 def reserved(target: Path, *, force: bool = False, reads: Iterable[str | Path] = ()) -> Iterator[Place]:
-    """What `require_writable` finds; folders above it that had to be made go again where nothing is written into them.
+    """Yields the place of `require_writable`; folders made for it are removed if nothing is written into them.
 
     Args:
         target, force, reads: as there.
@@ -145,7 +145,7 @@ def whole_folder(place: Place, beside: Callable[[], bool] = lambda: False) -> It
 
 
 def _placed(whole: Path, place: Place, prepared: Stage) -> Path | None:
-    """Puts a finished folder in its place, and returns where the one is now that was there, or None.
+    """Puts a finished folder in its place, and returns the new path of the replaced one, or None.
 
     Raises:
         InputError: when that is not what was found before; nothing has changed.
@@ -257,12 +257,12 @@ def write_page(path: Path, text: str, kind: str, *, force: bool = False, reads: 
 
 
 def is_ours(folder: Path, name: str) -> bool:
-    """Tests whether a file in a folder is there, is one of the folder's own, and as we wrote it."""
+    """Tests whether a file is in a folder, is one of the folder's own, and is unchanged."""
     return os.path.lexists(folder / name) and _Rule().may_replace(folder / name, folder, manifest.read(folder))
 
 
 class _Rule(NamedTuple):
-    """Rules for what a file may take the place of.
+    """Rules for the files that a file may replace.
 
     Attributes:
         force: keep anything else under another name, where that is possible.
@@ -283,7 +283,7 @@ class _Rule(NamedTuple):
         return sealed == "" or (listed and sealed is None) or (name == manifest.NAME and found is not None)
 
     def reason_to_stay(self, path: Path, folder: Path) -> str | None:
-        """Why what is at a path in a folder must not even get another name; None: it may."""
+        """Explains why what is at a path in a folder must not even get another name; None: it may."""
         real = _real(path)
         if path.is_dir():
             return "is a folder; give a file"
@@ -302,7 +302,7 @@ class _Rule(NamedTuple):
         return None
 
     def in_the_way(self, shown: Path, folder: Path, names: Iterable[str]) -> list[str]:
-        """Names under which something is that has to get another name.
+        """Lists names of existing files that have to get another name.
 
         Raises:
             InputError: when it must not, or that is not asked for.
@@ -412,7 +412,7 @@ def resumable_folder(
 
 
 def _found(target: Path) -> Path:
-    """The folder that a path stands for, without links; it need not be there, but killed processes may have left it."""
+    """Returns the folder that a path stands for, without links; killed processes may have left it incomplete."""
     recover(target)
     try:
         path = Path(os.path.realpath(target))
@@ -431,7 +431,7 @@ def _real(path: str | Path) -> Path:
 
 
 def _require_replaceable(target: Path, path: Path, reads: Iterable[str | Path]) -> None:
-    """Refuses a folder that must stay where it is: it holds what is read, or the work goes on in it."""
+    """Refuses to replace a folder that must stay: it holds what is read, or the work goes on in it."""
     for source in map(Path, reads):
         real, link = _real(source), _real(source.parent) / source.name
         if path in (real, *real.parents, *link.parents) and real.exists():
@@ -458,7 +458,7 @@ def _require_apart(target: Path, path: Path, *held: Iterable[Path]) -> None:
 
 
 def _within(path: Path) -> Iterator[Path]:
-    """Folders of work that can be interrupted in a folder, itself included, and of runs below it."""
+    """Returns folders of work that can be interrupted in a folder, itself included, and of runs below it."""
     for folder, below, names in os.walk(path):
         below.sort()
         here = Path(folder)
@@ -467,14 +467,14 @@ def _within(path: Path) -> Iterator[Path]:
 
 
 def _is_whole(path: Path) -> bool:
-    """Tests whether a folder has a manifest, and nothing in it is not ours."""
+    """Tests whether a folder has a manifest, and contains only our own files."""
     found = manifest.read(path)
     return found is not None and not _others(path, found)
 
 
 @contextlib.contextmanager
 def _told(target: Path) -> Iterator[None]:
-    """Says of an error of the operating system where it happened."""
+    """Adds the place to an error of the operating system."""
     try:
         yield
     except OSError as error:
@@ -506,7 +506,7 @@ def _others(path: Path, found: Manifest | None) -> str:
 
 
 def _took(whole: Path, path: Path) -> bool:
-    """Moves a folder to where nothing is, or nothing but an empty folder; False where something is."""
+    """Moves a folder to a free place or over an empty folder; False where something is there."""
     try:
         whole.rename(path)
     except OSError as error:

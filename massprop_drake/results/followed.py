@@ -1,4 +1,4 @@
-"""What a vehicle that is followed in a fixed frame has told besides its mass properties."""
+"""Remarks on a vehicle that is followed in a fixed frame, besides its mass properties."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _SAMPLES = 0.5  # by which a delay is off that is worth a word
 
 
 def remarks(scenario: Scenario, signals: Spool) -> list[str]:
-    """What to say at the end of a record of such a vehicle; nothing of others.
+    """Lists remarks at the end of a record of such a vehicle; none of others.
 
     Args:
         scenario: as run.

@@ -1,4 +1,4 @@
-"""A run in hindsight: how well it could have shown each parameter, and what its readings contradict, in words."""
+"""Batch analysis of a run: how well it could have shown each parameter, and what its readings contradict."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ np.empty(1 << 21)
 
 
 class Names(NamedTuple):
-    """What to call things in words."""
+    """Names of jets, sensors and units in words."""
 
     jets: Sequence[str]
     kinds: Sequence[str]
@@ -67,7 +67,7 @@ class Names(NamedTuple):
 
 
 def names_of(scenario: Scenario) -> Names:
-    """Of a scenario's vehicle."""
+    """Returns the names of a scenario's vehicle."""
     vehicle = scenario.vehicle_data
     units = vehicle.unit_names
     return Names(
@@ -84,7 +84,7 @@ def names_of(scenario: Scenario) -> Names:
 
 
 def model(scenario: Scenario) -> Model:
-    """What a scenario's filter is told of its vehicle."""
+    """Makes the model of the vehicle that a scenario's filter has."""
     setup, vehicle = params.setup(scenario), scenario.vehicle_data
     thrust, gyros, accelerometers = setup.thrust, setup.gyros, setup.accelerometers
     joint = scenario.estimation.filter == "joint"
@@ -149,7 +149,7 @@ def model(scenario: Scenario) -> Model:
 
 
 def _walks(scenario: Scenario, setup: Setup) -> tuple[float, float]:
-    """Walks of rate and velocity: those stated, and that by errors of readings of engines at full thrust.
+    """Computes walks of rate and velocity: those stated, and those by reading errors of engines at full thrust.
 
     By so much a flight with engines may drift all through, though it does so as long as they burn alone.
     """
@@ -166,7 +166,7 @@ def _walks(scenario: Scenario, setup: Setup) -> tuple[float, float]:
 
 
 def _by_noise(noise: Array, body: MassProperties) -> Array:
-    """1-sigma of a body's rate and velocity by independent impulses, shape (2,).
+    """Computes 1-sigma of a body's rate and velocity by independent impulses, shape (2,).
 
     Args:
         noise: impulses about the vehicle origin, angular and linear, 1-sigma, shape (k, 6).
@@ -178,19 +178,19 @@ def _by_noise(noise: Array, body: MassProperties) -> Array:
 
 
 def steady(made: Model) -> Model:
-    """Without what inertia and center of mass shift by in one direction, as propellant is used."""
+    """Returns the model without shifts of inertia and center of mass in one direction by used propellant."""
     sigma = made.sigma.copy()
     sigma[hindsight.columns(made).shift] = 0.0
     return made._replace(sigma=sigma)
 
 
 def _steps(packages: Instruments) -> Array:
-    """Quanta, zero where noise dithers a reading."""
+    """Returns quanta, zero where noise dithers a reading."""
     return np.where(packages.noise_std >= 0.25 * packages.quanta, 0.0, packages.quanta)
 
 
 def stretches(scenario: Scenario, signals: Spool) -> Iterator[Stretch]:
-    """The parts of a run's record that regression takes, in order; propellant is counted from the beginning.
+    """Returns the parts of a run's record for regression, in order; propellant is counted from the beginning.
 
     Args:
         scenario: as run.
@@ -253,7 +253,7 @@ class _Burns(NamedTuple):
 
 
 def _burns(scenario: Scenario, block: dict[str, Array], before: EngineSettings | None) -> _Burns:
-    """Engines in some rows.
+    """Computes the state of the engines in some rows.
 
     Args:
         scenario: as run.
@@ -285,27 +285,27 @@ def _burns(scenario: Scenario, block: dict[str, Array], before: EngineSettings |
 
 
 def _felt(scenario: Scenario) -> int:
-    """For how many intervals what jets have given is felt that may not be known: after a gap, and before a record."""
+    """Returns for how many intervals unknown impulses act on: after a gap, and before a record."""
     vehicle = scenario.vehicle_data
     longest = float(vehicle.time_constants_s.max(initial=0.0)) / vehicle.sample_period_s
     return max(1, math.ceil(longest * params.rates(scenario).steps * math.log(1.0 / _LINGERS)))
 
 
 def _lengths(scenario: Scenario) -> Callable[[Array], Array | float]:
-    """Lengths of the intervals between rows, by their times, s: the sample period, or what they are."""
+    """Returns lengths of the intervals between rows, s: the sample period, or by their times."""
     if params.steps_by_readings(scenario):
         return np.diff
     return lambda _: scenario.vehicle_data.sample_period_s
 
 
 def _runs(there: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Where runs begin, and one past their ends."""
+    """Returns where runs begin, and one past their ends."""
     edges = np.flatnonzero(np.diff(there, prepend=False, append=False))
     return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
 
 
 def _windows(signals: Spool, *names: str) -> Iterator[dict[str, Array]]:
-    """Yields the signals by so many intervals, wherever a piece of the spool ends: the last row is the next's first."""
+    """Yields the signals by so many intervals, independent of the spool's pieces: a last row is the next's first."""
     waiting = {name: np.empty((0,)) for name in names}
     for block in signals.blocks(*names):
         for name, rows in block.items():
@@ -318,14 +318,14 @@ def _windows(signals: Spool, *names: str) -> Iterator[dict[str, Array]]:
 
 
 def _whole(scenario: Scenario, signals: Spool) -> list[Stretch]:
-    """All stretches, with the propellant counted to the end of the last."""
+    """Returns all stretches, with the propellant counted to the end of the last."""
     parts = list(stretches(scenario, signals))
     used = max((-float(part.used_after[-1]) for part in parts), default=0.0)
     return _ended(parts, used)
 
 
 def _ended(parts: Sequence[Stretch], used: float) -> list[Stretch]:
-    """Stretches with all that is used counted to another end.
+    """Returns stretches with all used propellant counted to another end.
 
     Args:
         parts: in order.
@@ -339,7 +339,7 @@ def _ended(parts: Sequence[Stretch], used: float) -> list[Stretch]:
 
 
 def _without_lies(parts: Sequence[Stretch], events: Sequence[EventRecord], names: Names) -> list[Stretch]:
-    """Stretches without the readings that were said to be false, from when on until a while after it was said."""
+    """Removes readings that were declared false, from their onset on until a while after the declaration."""
     sensors = [*names.gyros, *names.accelerometers]
     false = [each for each in events if each.kind == "false_reading"]
     lies, found = [each for each in false if each.sensor in sensors], list(parts)
@@ -357,7 +357,7 @@ def _without_lies(parts: Sequence[Stretch], events: Sequence[EventRecord], names
 
 
 def _some(parts: Sequence[Stretch], until_s: float, made: Model) -> list[Stretch]:
-    """Pieces of stretches up to a time that are short enough to be regressed, evenly spread where they are many."""
+    """Selects pieces of stretches up to a time that are short enough to be regressed, evenly spread if many."""
     seen = (piece for part in parts for piece in _seen(_until(part, until_s), made))
     every = [piece for part in seen for piece in _slow_enough(part, made)]
     rows = sum(piece.time_s.size for piece in every)
@@ -365,7 +365,7 @@ def _some(parts: Sequence[Stretch], until_s: float, made: Model) -> list[Stretch
 
 
 def pieces(scenario: Scenario, signals: Spool, until_s: float, made: Model) -> list[Stretch]:
-    """The parts of a record up to a time that regression takes.
+    """Returns the parts of a record up to a time for regression.
 
     Args:
         scenario: as run.
@@ -379,7 +379,7 @@ def pieces(scenario: Scenario, signals: Spool, until_s: float, made: Model) -> l
 def believed(
     scenario: Scenario, signals: Spool, until_s: float, events: Iterable[EventRecord], made: Model
 ) -> tuple[list[Stretch], bool]:
-    """Stretches of a record up to a time, without readings that were said to be false; 1/m is that of then.
+    """Returns stretches of a record up to a time, without readings declared false; 1/m is that of then.
 
     Args:
         scenario: as run.
@@ -407,7 +407,7 @@ def _rows_of(part: Stretch, rows: slice) -> Stretch:
 
 
 def _preceded(cut: Stretch, part: Stretch, rows: slice) -> Stretch:
-    """A stretch cut from another one, before which come further rows of that."""
+    """Returns a cut stretch with further rows of its original before it."""
     cut = cut._replace(before=_with_rows(part.before, part.commands[rows]))
     if part.onsets_s is None or part.before_onsets_s is None:
         return cut
@@ -450,7 +450,7 @@ def _slow_enough(part: Stretch, made: Model) -> Iterator[Stretch]:
 
 
 class Hindsight(NamedTuple):
-    """A run in hindsight.
+    """Result of the batch analysis of a run.
 
     Attributes:
         bound: least 1-sigma of the ten parameters that the run allows for rounding taken as noise, NaN where not known,
@@ -471,7 +471,7 @@ def looked_back(
     *,
     resumed: bool = False,
 ) -> Hindsight:
-    """Looks back on a run.
+    """Analyzes a run after its end.
 
     What comes after the first failure or jump that was declared, and still stands, is not put to the test: what is
     wrong then has been said.
@@ -489,7 +489,7 @@ def looked_back(
 
 
 def _disturbed(scenario: Scenario, events: Sequence[EventRecord], told: Sequence[Diagnosis]) -> list[Diagnosis]:
-    """Diagnosis of a disturbance that nobody stated, where no other says what it is."""
+    """Diagnoses a disturbance that is not stated, where no other diagnosis names it."""
     found = [one for one in events if one.kind == "disturbance" and one.torque_std is not None]
     if not found or any(one.kind in _OF_DISTURBANCES for one in told):
         return []
@@ -506,7 +506,7 @@ def _looked_back(
     *,
     resumed: bool,
 ) -> Hindsight:
-    """Looks back on what readings contradict by themselves; `said` are the failures and jumps, and the events."""
+    """Analyzes what readings contradict by themselves; `said` are the failures and jumps, and the events."""
     found, events = said
     standing = [one for one in found if one.withdrawn_s is None]
     jumped = any(one.kind == JUMP for one in standing)
@@ -552,7 +552,7 @@ def _looked_back(
 
 
 def _drift(scenario: Scenario, at: Array) -> Array:
-    """Variances that each unit of propellant adds, as the joint filter reckons them, shape (10,)."""
+    """Computes variances that each unit of propellant adds, as in the joint filter, shape (10,)."""
     joint, vehicle = scenario.joint, scenario.vehicle_data
     fed = any(vehicle.jets_of(tank).any() for tank in vehicle.tanks)
     if scenario.estimation.filter != "joint" or (fed and vehicle.tank_geometry.feeds.sum(axis=0).all()):
@@ -592,7 +592,7 @@ class _Suspect(NamedTuple):
 
 
 def diagnosed(parts: Sequence[Stretch], begin: Array, made: Model, names: Names) -> tuple[list[Diagnosis], Fit]:
-    """What the readings contradict, the clearest first.
+    """Diagnoses what the readings contradict, the clearest first.
 
     Args:
         parts: of the record.
@@ -622,7 +622,7 @@ def diagnosed(parts: Sequence[Stretch], begin: Array, made: Model, names: Names)
 
 
 class _Explanation(NamedTuple):
-    """A cause that explains the readings.
+    """Cause that explains the readings.
 
     Attributes:
         diagnosis: the cause in words.
@@ -640,7 +640,7 @@ class _Explanation(NamedTuple):
 
 
 def _explanations(parts: Sequence[Stretch], fit: Fit, made: Model, names: Names) -> Iterator[_Explanation]:
-    """Yields causes that explain the readings once all is fitted anew with them."""
+    """Yields causes that explain the readings once all is fitted again with them."""
     suspects = [one for one in _suspects(fit, made) if one.statistic > one.threshold]
     per_unknown = math.log(max(fit.normal.readings, 1.0))
     for one in sorted(suspects, key=lambda one: -one.statistic / one.threshold)[:_TRIED]:
@@ -666,24 +666,24 @@ def _explanations(parts: Sequence[Stretch], fit: Fit, made: Model, names: Names)
 
 
 def _explains(after: Fit, before: Fit) -> bool:
-    """Tests whether a fit leaves next to nothing of what another one leaves beyond rounding."""
+    """Tests whether a fit leaves next to nothing of another fit's misfit beyond rounding."""
     return after.normal.is_finite and _excess(after) <= (1.0 - _EXPLAINED) * _excess(before)
 
 
 def _commanded_later(part: Stretch, rows: int) -> Stretch:
-    """A stretch whose commands act one row later (1), or earlier (-1), than its record says."""
+    """Returns a stretch whose commands act one row later (1), or earlier (-1), than its record says."""
     cut, told = _rows_of(part, _kept_of(part, rows)), slice(0, -1) if rows > 0 else slice(1, None)
     opening = None if part.onsets_s is None else part.onsets_s[told]
     return _preceded(cut._replace(commands=part.commands[told], onsets_s=opening), part, slice(0 if rows > 0 else 1))
 
 
 def _kept_of(part: Stretch, rows: int) -> slice:
-    """Rows of a stretch that are left when its commands act one row later (1), or earlier (-1)."""
+    """Returns rows of a stretch that are left when its commands act one row later (1), or earlier (-1)."""
     return slice(1, part.time_s.size) if rows > 0 else slice(0, part.time_s.size - 1)
 
 
 def _late_thrust(cause: _Cause, after: Fit, made: Model, names: Names) -> str:
-    """Says with which lags the thrust of each kind of jet builds up, by a fit in which they are free."""
+    """Describes the lags with which the thrust of each kind of jet builds up, by a fit in which they are free."""
     places, words = hindsight.columns(made), []
     for place in cause.group.tolist():
         index, off = place - places.lag.start, 1e3 * float(after.at[place])
@@ -697,7 +697,7 @@ def _late_thrust(cause: _Cause, after: Fit, made: Model, names: Names) -> str:
 
 
 def _oscillating(parts: Sequence[Stretch], fit: Fit, made: Model, names: Names) -> list[Diagnosis]:
-    """Looks for a mode inside the vehicle, such as slosh or a panel, that explains what drifts.
+    """Looks for a mode inside the vehicle, such as slosh or a panel, that explains drifting residuals.
 
     Where walks or a disturbance are stated, whatever exceeds them is told, a mode or not.
     """
@@ -727,7 +727,7 @@ def _covering(rate: float, velocity: float) -> str:
 
 
 def _from(begin: Array, made: Model) -> Array:
-    """Where a fit begins: with these ten parameters, if they are a body's."""
+    """Returns the start of a fit: these ten parameters, if they are a body's."""
     start = made.prior.copy()
     if hindsight.possible(begin):  # NaN is not
         start[:10] = begin
@@ -735,7 +735,7 @@ def _from(begin: Array, made: Model) -> Array:
 
 
 def _reaching(found: Array, made: Model) -> Model:
-    """The same, with what is known beforehand of the ten parameters as wide as they turned out to be off it."""
+    """Returns the model with a prior of the ten parameters as wide as their deviation from it turned out to be."""
     off = np.abs(found - made.prior[:10])
     far = off > _OFF * made.sigma[:10]
     if not far.any():
@@ -746,12 +746,12 @@ def _reaching(found: Array, made: Model) -> Model:
 
 
 def _off_ticks(parts: Sequence[Stretch], made: Model) -> bool:
-    """Whether stamps are off their ticks."""
+    """Tests whether stamps are off their ticks."""
     return any(hindsight.off_ticks(part, made) for part in parts)
 
 
 def _switched(parts: Sequence[Stretch], fit: Fit, made: Model) -> tuple[Fit, Model, list[Diagnosis]]:
-    """Tries commands that switch at the stamps instead of regular ticks, or at these; takes what explains the readings.
+    """Tries commands that switch at stamps instead of regular ticks, or the reverse; takes what explains the readings.
 
     Args:
         parts: of the record.
@@ -773,12 +773,12 @@ def _switched(parts: Sequence[Stretch], fit: Fit, made: Model) -> tuple[Fit, Mod
 
 
 def _excess(fit: Fit) -> float:
-    """Misfit beyond what rounding may be."""
+    """Computes the misfit beyond the possible effect of rounding."""
     return max(fit.normal.misfit - _SCATTER * fit.normal.readings, 0.0)
 
 
 def _turned_right(parts: Sequence[Stretch], fit: Fit, made: Model, names: Names) -> tuple[Fit, list[Diagnosis]]:
-    """Tries each axis of the gyros with the other sign; what explains the readings so is taken."""
+    """Tries each axis of the gyros with the other sign; takes one that explains the readings."""
     for package in range(made.gyros):
         for axis in range(3):
             signs = np.ones((made.variances.shape[0], 3))
@@ -792,7 +792,7 @@ def _turned_right(parts: Sequence[Stretch], fit: Fit, made: Model, names: Names)
 
 
 class _Rescaled(NamedTuple):
-    """A record whose readings were all off by common factors.
+    """Record whose readings were all off by common factors.
 
     Attributes:
         parts: the stretches without them.
@@ -806,7 +806,7 @@ class _Rescaled(NamedTuple):
 
 
 def _rescaled(parts: Sequence[Stretch], begin: Array, made: Model, scenario: Scenario) -> _Rescaled | None:
-    """Tries readings of gyros, of accelerometers and of both with a common factor taken off; the best if it explains.
+    """Tries readings of gyros, of accelerometers and of both without a common factor; takes the best if it explains.
 
     Args:
         parts: of the whole record, since a failure that was declared may be the factor's doing.
@@ -849,12 +849,12 @@ def _rescaled(parts: Sequence[Stretch], begin: Array, made: Model, scenario: Sce
 
 
 def _times(part: Stretch, sizes: Array) -> Stretch:
-    """A stretch with the readings of each package times a factor, shape (n_packages,)."""
+    """Multiplies the readings of each package in a stretch by a factor, shape (n_packages,)."""
     return part._replace(readings=part.readings * sizes[:, None])
 
 
 def _candidates(ratios: Array, kind: NDArray[np.bool_], known: Sequence[Factor]) -> list[Factor]:
-    """The common factors that packages of a kind may be off by, or else what was measured."""
+    """Returns the common factors that packages of a kind may be off by, or else the measured one."""
     off = ratios[kind & ~_is_plausible(ratios)]
     if not off.size:
         return []
@@ -868,7 +868,7 @@ def _is_plausible(ratios: Array) -> NDArray[np.bool_]:
 
 
 def _cost(fit: Fit, made: Model) -> float:
-    """Objective of a fit: the misfit, and the distance of the unknowns from what is known of them."""
+    """Computes the objective of a fit: the misfit, and the distance of the unknowns from their prior."""
     free = made.sigma > 0.0
     return fit.normal.misfit + float(np.sum(((fit.at - made.prior)[free] / made.sigma[free]) ** 2))
 
@@ -892,7 +892,7 @@ def _groups(made: Model) -> dict[str, NDArray[np.int_]]:
 
 
 def _scaled(score: ScoreTest, fit: Fit, stated: float) -> float:
-    """A statistic with the variance of the readings as it is, where that is larger than stated."""
+    """Scales a statistic to the variance of the readings as it is, where that is larger than stated."""
     left = fit.normal.misfit if stated > 0.0 else score.least
     return score.statistic / max(1.0, left / max(fit.normal.readings, 1.0))
 
@@ -933,7 +933,7 @@ def _suspects(fit: Fit, made: Model) -> Iterator[_Suspect]:
 
 
 class _Cause(NamedTuple):
-    """A cause, and what of the model may be wrong by it."""
+    """Cause, and the unknowns of the model that it makes wrong."""
 
     kind: str
     reason: str
@@ -942,7 +942,7 @@ class _Cause(NamedTuple):
 
 
 def _named(worst: _Suspect, fit: Fit, made: Model, names: Names) -> _Cause:
-    """Puts a failed test into words."""
+    """Describes a failed test as a cause."""
     kind, group, size = worst.kind, worst.group, worst.score.size
     if kind in ("thrust", "gyro_scale", "accelerometer_scale", "wheel", "engine"):
         return _of_many(worst, fit, made, names)
@@ -961,7 +961,7 @@ def _named(worst: _Suspect, fit: Fit, made: Model, names: Names) -> _Cause:
 
 
 def _of_many(worst: _Suspect, fit: Fit, made: Model, names: Names) -> _Cause:
-    """Of jets or axes: the one that explains all of it, else all of them."""
+    """Finds the cause among jets or axes: the one that explains all of it, else all of them."""
     kind, group, size = worst.kind, worst.group, worst.score.size
     common = hindsight.reckoned_in(fit, made)
     each = [_tested(kind, np.array([place]), fit, made, common=common) for place in group.tolist()]
@@ -994,7 +994,7 @@ def _of_many(worst: _Suspect, fit: Fit, made: Model, names: Names) -> _Cause:
 
 
 def _of_engines(gain: float, suspect: _Suspect, names: Names, place: int, *, alone: bool) -> _Cause:
-    """Cause by an error of an engine: by how much, or that there are several."""
+    """Describes a cause by an error of an engine: by how much, or that there are several."""
     if not alone:
         return _Cause("engine", "engines are off by more than is stated", suspect.group, 1.0)
     engine, error = divmod(place, N_ERRORS)
@@ -1007,7 +1007,7 @@ def _of_engines(gain: float, suspect: _Suspect, names: Names, place: int, *, alo
 
 
 def _scattered(parts: Sequence[Stretch], fit: Fit, made: Model, names: Names) -> list[Diagnosis]:
-    """Finds readings that are farther off than stated: by drifting, while the rate changes fast, or all of a package.
+    """Finds readings with larger residuals than stated: drifting, while the rate changes fast, or all of a package.
 
     Args:
         parts: of the record.
@@ -1038,7 +1038,7 @@ def _scattered(parts: Sequence[Stretch], fit: Fit, made: Model, names: Names) ->
 
 
 def _of_torques(parts: Sequence[Stretch], made: Model, names: Names) -> str:
-    """Says what turns the vehicle beyond the fit: wheels, where a force that turned it so would act far outside."""
+    """Describes what turns the vehicle beyond the fit: wheels, where the equivalent force would act far outside."""
     momentum, impulse = hindsight.unexplained(parts, made)
     torques, forces = made.wrenches[:, :3], made.wrenches[:, 3:]
     reach = float((np.linalg.norm(torques, axis=1) / np.linalg.norm(forces, axis=1)).max())
@@ -1049,10 +1049,10 @@ def _of_torques(parts: Sequence[Stretch], made: Model, names: Names) -> str:
 
 
 def _allowed(count: float) -> float:
-    """Largest ratio of variances that may be chance."""
+    """Computes the largest ratio of variances that may be chance."""
     return _SCATTER * (1.0 + _CONFIDENT * math.sqrt(2.0 / count))
 
 
 def _per_reading(part: Array) -> float:
-    """Misfit for each reading, at least what is stated."""
+    """Computes the misfit for each reading, at least the stated one."""
     return max(float(part[0] / part[1]), 1.0) if part[1] >= _FEWEST / 4 else 1.0

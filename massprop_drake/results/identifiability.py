@@ -1,4 +1,4 @@
-"""What a run has told of each of the ten mass properties, and which jet would tell the most next."""
+"""Information of a run on each of the ten mass properties, and the jet that would add the most."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _WORTH = 0.9  # share of the 1-sigma: a jet that leaves more of it is not worth 
 
 
 class Identifiability(NamedTuple):
-    """What is known of a parameter.
+    """Identifiability of a parameter in a run.
 
     Attributes:
         parameter: as in `maths.mass_properties.NAMES`.
@@ -52,7 +52,7 @@ class Identifiability(NamedTuple):
 
 
 def unobservable(vehicle: Vehicle, *, accelerometer: bool, known: NDArray[np.bool_] | None = None) -> Array:
-    """The combinations of parameters that stay hidden wherever the center of mass lies, shape (k, 10).
+    """Computes combinations of parameters that stay hidden wherever the center of mass lies, shape (k, 10).
 
     A row each, as `observability.unobservable` gives them, in units of the 1-sigma at the start; not what is hidden by
     chance with the center of mass where it is now.
@@ -72,7 +72,7 @@ def unobservable(vehicle: Vehicle, *, accelerometer: bool, known: NDArray[np.boo
 
 @lru_cache(maxsize=64)
 def _hidden(wrenches: bytes, parameters: bytes, scale: bytes, free: bytes, accelerometer: bool) -> Array:
-    """The combinations that are hidden, of arrays' content; the same in each run of a campaign."""
+    """Computes the hidden combinations from arrays' content; cached over the runs of a campaign."""
     jets = np.frombuffer(wrenches).reshape(-1, 6)
     jacobian = observability.impulse_jacobian(jets, np.frombuffer(parameters), accelerometer=accelerometer)
     places = np.flatnonzero(np.frombuffer(free, dtype=np.bool_))
@@ -85,7 +85,7 @@ def _hidden(wrenches: bytes, parameters: bytes, scale: bytes, free: bytes, accel
 def identified(
     scenario: Scenario, estimate: Array, covariance: Array, bound: Array | None = None
 ) -> tuple[Identifiability, ...]:
-    """What is known of each parameter at the end of a run.
+    """Classifies each parameter at the end of a run.
 
     Args:
         scenario: as run.
@@ -127,7 +127,7 @@ def identified(
 
 
 def increments_noise(scenario: Scenario) -> Array:
-    """Covariance of the increments of rate and, where it is measured, velocity over a sample, shape (3 or 6, ...).
+    """Computes the covariance of the increments of rate and, if measured, velocity over a sample, shape (3 or 6, ...).
 
     A position or an attitude shows them by the difference of two differences.
     """
@@ -146,7 +146,7 @@ def increments_noise(scenario: Scenario) -> Array:
 
 
 class _Told(NamedTuple):
-    """1-sigma of a parameter over the start's and over what is asked, and the least that is possible over that."""
+    """Ratios of a parameter's 1-sigma: to the start's and to the asked one, and of the least possible one to that."""
 
     share: float
     excess: float
@@ -173,7 +173,7 @@ def _reason(flag: Flag, of_flight: _Told, jet: str | None, left: float | None) -
 
 
 def in_words(found: Sequence[Identifiability], symbols: Sequence[str]) -> list[tuple[str, str]]:
-    """What is not identified, as parameter with its flag, and reason.
+    """Lists what is not identified, as parameter with its flag, and reason.
 
     Args:
         found: of the ten parameters.
@@ -188,7 +188,7 @@ def in_words(found: Sequence[Identifiability], symbols: Sequence[str]) -> list[t
 def bound_in_words(
     deviations: Sequence[float], found: Sequence[Identifiability], symbols: Sequence[str], *, failed: bool = False
 ) -> str:
-    """How the 1-sigma at the end compare with the least for rounding taken as noise; empty where that is not known.
+    """Describes 1-sigma at the end over the least for rounding taken as noise; empty where that is not known.
 
     Readings that change tell more than that, when a mark was crossed: a ratio below 1 is no fault. What a flight with
     failed jets allows is not known, since the bound has them as they were told to be.

@@ -1,4 +1,4 @@
-"""What became of each failure that a simulated run had: when it acted, when it was found, and as what."""
+"""Outcome of each failure of a simulated run: when it acted, when it was found, and as what."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ FOUND: tuple[InjectedOutcome, ...] = ("named", "group")
 
 
 class InjectedRecord(NamedTuple):
-    """A failure of a jet, or a payload that came or left, and what was made of it.
+    """Record of a failure of a jet, or a payload that came or left, and its outcome.
 
     Attributes:
         kind: as the scenario has it; of a payload "release" or "dock".
@@ -60,22 +60,22 @@ class InjectedRecord(NamedTuple):
 
     @property
     def is_jump(self) -> bool:
-        """Whether it is a payload that came or left."""
+        """True if it is a payload that came or left."""
         return self.jet is None
 
     @property
     def name(self) -> str:
-        """What it is, such as 'R4R stuck on' or 'payload dock'."""
+        """Name of the failure or jump, such as 'R4R stuck on' or 'payload dock'."""
         return f"{self.jet or 'payload'} {self.kind.replace('_', ' ')}"
 
     @property
     def became(self) -> str:
-        """What was made of it, in words."""
+        """Outcome in words."""
         return _BECAME[self.outcome].format((self.taken_for or "").replace("_", " "))
 
     @property
     def good(self) -> bool | None:
-        """Whether it was found as what it is; None where nothing could be found."""
+        """True if it was found as what it truly is; None where nothing could be found."""
         return None if self.outcome == "never_acted" else self.outcome in FOUND
 
 
@@ -92,7 +92,7 @@ _BECAME: dict[InjectedOutcome, str] = {
 def what_became(
     scenario: Scenario, signals: Mapping[str, Array], found: Sequence[DetectionRecord]
 ) -> tuple[InjectedRecord, ...]:
-    """Tells of each failure and jump of a simulated run when it acted, and what was made of it.
+    """Finds the outcome of each failure and jump of a simulated run, and when it acted.
 
     Args:
         scenario: as run.
@@ -136,7 +136,7 @@ def what_became(
 def false_declarations(
     vehicle: Vehicle, injected: Sequence[InjectedRecord], found: Sequence[DetectionRecord]
 ) -> dict[int, Cause]:
-    """The declarations that none of the failures explains, by their number, each with its cause.
+    """Finds the declarations that none of the failures explains, by their number, each with its cause.
 
     Args:
         vehicle: whose jets they are.
@@ -158,7 +158,7 @@ def _cause(injected: Sequence[InjectedRecord], time_s: float) -> Cause:
 
 
 def _right(vehicle: Vehicle, injected: Sequence[InjectedRecord], found: Sequence[DetectionRecord]) -> dict[int, int]:
-    """The declaration that is right for each failure, number by number.
+    """Matches the right declaration to each failure, number by number.
 
     Each declaration is right for one; one that stands is so for whatever else its jet does.
     """
@@ -178,14 +178,14 @@ def _right(vehicle: Vehicle, injected: Sequence[InjectedRecord], found: Sequence
 
 
 def _stands(one: InjectedRecord, entry: DetectionRecord) -> bool:
-    """Whether the jet of a failure is known to have failed when it acts, or is by the same declaration soon after."""
+    """Tests whether the jet of a failure is known to have failed when it acts, or soon after by that declaration."""
     acted = one.first_acted_s
     over = entry.withdrawn_s is not None and acted is not None and entry.withdrawn_s < acted
     return one.jet is not None and entry.jet == one.jet and not over
 
 
 def _is(vehicle: Vehicle, one: InjectedRecord, entry: DetectionRecord) -> bool:
-    """Whether a declaration says what a failure is."""
+    """Tests whether a declaration matches a failure."""
     if one.jet is None or entry.kind == JUMP:
         return one.jet is None and entry.kind == JUMP
     if entry.jet is not None:
@@ -200,14 +200,14 @@ def _declared(record: InjectedRecord, entry: DetectionRecord) -> InjectedRecord:
 
 
 def _own_alarm(record: InjectedRecord) -> InjectedRecord:
-    """The same without an alarm that came when it had been declared: that is of something else."""
+    """Returns the record without an alarm that came after the declaration: that is of something else."""
     alarm_s, declared_s = record.first_alarm_s, record.declared_s
     late = alarm_s is not None and declared_s is not None and alarm_s > declared_s + _ACTS
     return record._replace(first_alarm_s=None) if late else record
 
 
 def _name(entry: DetectionRecord) -> str:
-    """What a declaration says that it is."""
+    """Returns the name of what a declaration declares."""
     return entry.jet or (entry.kind if entry.kind == JUMP else f"cluster {entry.cluster}")
 
 
@@ -232,7 +232,7 @@ def _unknown(kind: str, jet: str | None, start_s: float) -> InjectedRecord:
 
 
 class _Followed:
-    """One failure or jump, followed through a run block by block.
+    """Failure or jump, followed through a run block by block.
 
     Args:
         record: with what the scenario says.
@@ -262,7 +262,7 @@ class _Followed:
 
     @property
     def record(self) -> InjectedRecord:
-        """What is known of it by now."""
+        """Record of it so far."""
         force = None
         if self._forces:
             forces, shares = np.hstack(self._forces)
@@ -288,7 +288,7 @@ class _Followed:
             self._alarm_s = float(alarms[0])
 
     def _acting(self, time_s: Array, signals: Mapping[str, Array]) -> NDArray[np.bool_]:
-        """In which rows the jet gives other than it would were it well, or the payload has come or left."""
+        """Finds rows in which the jet gives other than a healthy one would, or the payload has come or left."""
         if self._jet is None or self._response is None:
             return time_s >= self._begun.start_s - _ACTS
         remaining, mean = self._response

@@ -1,4 +1,4 @@
-"""What is ours: the manifest of a folder, which lists every file with its digest, and the seal of a single page.
+"""Ownership of files: the manifest of a folder, with every file's digest, and the seal of a single page.
 
 Only what is as we wrote it may be replaced or removed; everything else is somebody's work.
 """
@@ -26,14 +26,14 @@ class _Model(BaseModel):
 
 
 class FileEntry(_Model):
-    """A file's content: SHA-256 as hexadecimal digits, and size in bytes."""
+    """Content of a file: SHA-256 as hexadecimal digits, and size in bytes."""
 
     sha256: str
     bytes: int
 
 
 class Manifest(_Model):
-    """The content of `manifest.json`.
+    """Content of `manifest.json`.
 
     Attributes:
         format: of the manifest itself.
@@ -50,7 +50,7 @@ class Manifest(_Model):
     pending: dict[str, FileEntry] = {}
 
     def as_bytes(self) -> bytes:
-        """The text of the file."""
+        """Returns the text of the file."""
         return (self.model_dump_json(indent=2, exclude_defaults=False) + "\n").encode()
 
     def has(self, path: Path, folder: Path) -> bool:
@@ -70,12 +70,12 @@ class Manifest(_Model):
 
 
 def empty() -> Manifest:
-    """The manifest of a new folder."""
+    """Makes the manifest of a new folder."""
     return Manifest(id=secrets.token_hex(16))
 
 
 def listing(folder: Path) -> Manifest:
-    """The manifest of a folder, all of whose files are ours."""
+    """Makes the manifest of a folder, all of whose files are ours."""
     found = list(_walk(folder))
     return empty().model_copy(
         update={
@@ -97,7 +97,7 @@ def read(folder: Path) -> Manifest | None:
 
 
 def foreign(folder: Path, manifest: Manifest | None) -> Iterator[str]:
-    """Names what is in a folder that is not in its manifest, or not as it says."""
+    """Names entries of a folder that are not in its manifest, or differ from it."""
     for name, path in _walk(folder):
         if manifest is not None and name == NAME:
             continue
@@ -127,14 +127,14 @@ def discard(folder: Path) -> bool:
 
 
 def entry(path: Path) -> FileEntry:
-    """Entry of a file in a manifest."""
+    """Makes the entry of a file in a manifest."""
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
         return FileEntry(sha256=digest, bytes=file.tell())
 
 
 def sealed(text: str, kind: str) -> bytes:
-    """A page that can be told to be ours, and unchanged, wherever it lies: its last line has the digest of the rest.
+    """Seals a page, so that it can be recognized and checked anywhere: its last line has the digest of the rest.
 
     Args:
         text: of the page.
@@ -145,7 +145,7 @@ def sealed(text: str, kind: str) -> bytes:
 
 
 def sealed_kind(path: Path) -> str | None:
-    """Kind of the page that a path holds as `sealed` made it, "" where its seal has none; None: it holds no such."""
+    """Returns the kind of a page sealed by `sealed`, "" where its seal has none; None: the path holds no such page."""
     if not _is_plain(path):
         return None
     with path.open("rb") as file:
@@ -160,7 +160,7 @@ def sealed_kind(path: Path) -> str | None:
 
 
 def _walk(folder: Path) -> Iterator[tuple[str, Path]]:
-    """Everything below a folder with its relative name, folders before what is in them; links are not followed."""
+    """Yields everything below a folder with its relative name, folders before their content; links are not followed."""
     waiting = [folder]
     while waiting:
         with os.scandir(waiting.pop()) as scanned:

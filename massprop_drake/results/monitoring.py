@@ -1,4 +1,4 @@
-"""Findings of a flight while it goes on: detections and verdict as its summary would have them, sample by sample.
+"""Findings during a flight: detections and verdict as its summary would have them, sample by sample.
 
 By the functions that make the summary. What only a whole flight tells is not known yet: when a jump was at the
 earliest and at the latest, what hindsight shows, and, of the thesis's detectors, which innovations a failure explains
@@ -42,7 +42,7 @@ _KEPT = ("mass_reciprocal", "variance", "known_force", "known_force_variance")  
 
 
 class Said(NamedTuple):
-    """Words of a detector so far. Never changed; an event makes a new one.
+    """Declarations of a detector so far. Never changed; an event makes a new one.
 
     Attributes:
         events: in the order in which they were said.
@@ -53,7 +53,7 @@ class Said(NamedTuple):
     detections: tuple[DetectionRecord, ...] = ()
 
     def __deepcopy__(self, _memo: Any) -> Said:
-        """Itself: a clone of a context shares what is never changed."""
+        """Returns itself: a clone of a context shares what is never changed."""
         return self
 
 
@@ -90,12 +90,12 @@ class FlightMonitor:
         self.said = Said()
 
     def has_event(self, detector_report: Array) -> bool:
-        """Tests whether a detector says something at a sample."""
+        """Tests whether a detector declares something at a sample."""
         _, place = self._places["detector_event"]
         return bool(detector_report[place] != 0.0)
 
     def counted(self, counts: Array, time_s: float, reports: Mapping[str, Array]) -> Array:
-        """Innovations counted, and what else the next sample needs, after a sample.
+        """Counts innovations after a sample, with the data that the next one needs.
 
         Args:
             counts: before it.
@@ -118,22 +118,22 @@ class FlightMonitor:
         return after
 
     def _seen(self, name: str, reports: Mapping[str, Array]) -> tuple[float, float, float]:
-        """What a filter saw at one sample: whether it used it, NIS and components."""
+        """Returns a filter's result at one sample: whether it used it, NIS and components."""
         used, nis = (self._value(f"{name}_{what}", reports) for what in ("used", "nis"))
         return used, nis, self._value(COMPONENTS[name], reports) if COMPONENTS[name] in self._places else 3.0
 
     def _recent(self, counts: Array, name: str) -> Recent:
-        """Innovations of a filter so far."""
+        """Returns innovations of a filter so far."""
         rows = counts[self._layout.slice(f"recent_{name}")].reshape(-1, COLUMNS)
         return Recent(counts[self._layout.slice(name)], rows)
 
     def _value(self, signal: str, reports: Mapping[str, Array]) -> Any:
-        """A signal of one sample."""
+        """Returns a signal of one sample."""
         port, place = self._places[signal]
         return reports[port][place]
 
     def told(self, said_before: Said, counts: Array, time_s: float, reports: Mapping[str, Array]) -> Said:
-        """Words of the detector after a sample at which it says something; arguments as of `counted`."""
+        """Updates the detector's declarations after a sample at which there are any; arguments as of `counted`."""
         signals = self._signals(reports)
         events = said(self._vehicle, self._sensors, np.array([time_s]), signals, said_before.events)
         records = followed(self._vehicle, events, said_before.detections)
@@ -144,7 +144,7 @@ class FlightMonitor:
         return Said((*said_before.events, *events), tuple(records))
 
     def _signals(self, reports: Mapping[str, Array]) -> dict[str, Array]:
-        """Signals of one sample by name, shape (1, components)."""
+        """Returns signals of one sample by name, shape (1, components)."""
         return {
             name: values
             for port, row in reports.items()
@@ -152,7 +152,7 @@ class FlightMonitor:
         }
 
     def detections(self, said_now: Said, counts: Array) -> tuple[DetectionRecord, ...]:
-        """Detections so far, their sizes as they are known now."""
+        """Returns detections so far, their sizes as they are known now."""
         now = self._layout.read(counts)
         forces = now.known_force, now.known_force_variance
         return settled(said_now.detections, *forces, now.mass_reciprocal, math.sqrt(now.variance))
@@ -168,6 +168,6 @@ class FlightMonitor:
         return failed
 
     def verdict(self, counts: Array) -> Consistency:
-        """The verdict on the innovations so far."""
+        """Returns the verdict on the innovations so far."""
         rotation, mass = (self._recent(counts, name).tally for name in COMPONENTS)
         return judged(rotation, mass, np.full(len(SYMBOLS), np.nan), SYMBOLS)

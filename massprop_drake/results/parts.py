@@ -1,4 +1,4 @@
-"""The parts of a run, made one by one, so that one that cannot be made takes no other with it."""
+"""Parts of a run, made one by one, so that a failure of one leaves the others."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _Part = TypeVar("_Part")
 
 
 class Ended(NamedTuple):
-    """The end of a run that did not reach the end of its scenario or record.
+    """End of a run that did not reach the end of its scenario or record.
 
     Attributes:
         time_s: of the last sample, s.
@@ -40,7 +40,7 @@ class PartsMade:
         self.error: Exception | None = None
 
     def make(self, name: str, make: Callable[[], _Part], otherwise: _Part) -> _Part:
-        """Makes a part; where that fails, notes it and returns what stands for it."""
+        """Makes a part; where that fails, notes it and returns a substitute."""
         try:
             return make()
         except Exception as error:

@@ -1,4 +1,4 @@
-"""Compares the estimates at the end with the start and what it allows, and names a common factor between them."""
+"""Comparison of the estimates at the end with the prior, and search for a common factor between them."""
 
 from __future__ import annotations
 
@@ -44,13 +44,13 @@ class _Departure(NamedTuple):
 
     @property
     def is_near(self) -> bool:
-        """Tests whether the parameter that is farthest may be so by chance."""
+        """True if the parameter that is farthest may be so by chance."""
         largest = float(np.nanmax(np.abs(self.ratios), initial=0.0))
         return largest**2 <= chi_square_limit(_CHANCE / self.degrees, 1)
 
     @property
     def is_allowed(self) -> bool:
-        """Tests whether all parameters together may be so by chance, and the one that is farthest."""
+        """True if all parameters together may be so by chance, and the one that is farthest."""
         return self.is_near and self.statistic <= chi_square_limit(_CHANCE, self.degrees)
 
 
@@ -94,7 +94,7 @@ class _Start(NamedTuple):
 
 
 def contradiction(scenario: Scenario, signals: Spool, estimate: Array) -> Diagnosis | None:
-    """Finds whether estimates end where the start does not allow; None where they do not, or it claims nothing.
+    """Finds a contradiction of final estimates with the start; None: there is none, or the start claims nothing.
 
     Args:
         scenario: as run, from its start on, without a jump of the mass properties.
@@ -150,7 +150,7 @@ def _start(scenario: Scenario, signals: Spool, estimate: Array, used: float) -> 
 
 
 def _propellant(scenario: Scenario, signals: Spool) -> float:
-    """Propellant that the commands have used, slug or kg."""
+    """Computes the propellant that the commands have used, slug or kg."""
     vehicle = scenario.vehicle_data
     if params.steps_by_readings(scenario):
         every = [
@@ -179,7 +179,7 @@ class _Group(NamedTuple):
     of_jets: bool
 
     def in_words(self, factor: float) -> str:
-        """Says what is off by a factor in the inverse inertia or 1/m, and which mistake would make it."""
+        """Describes what is off by a factor in the inverse inertia or 1/m, and which mistake would make it."""
         size = 1.0 / factor if self.of_jets else factor  # more thrust than is told looks like less mass
         found = factors.near(size, self.known)
         likely = f"; {found[0].name} would make it {in_words(found[0].size)}" if found else ""
@@ -201,7 +201,7 @@ def _groups(scenario: Scenario, start: _Start, estimate: Array) -> Iterator[_Gro
 
 
 def _factor(start: _Start, estimate: Array, members: NDArray[np.bool_]) -> tuple[float, float]:
-    """The factor that some scales have in common, and of how many sigmas it is if their errors are one."""
+    """Computes the factor that some scales have in common, and its significance in sigmas if their errors are one."""
     logarithms, relative = np.log(estimate[members] / start.values[members]), start.relative[members]
     weights = 1.0 / relative**2
     mean = float(weights @ logarithms / weights.sum())
@@ -209,7 +209,7 @@ def _factor(start: _Start, estimate: Array, members: NDArray[np.bool_]) -> tuple
 
 
 def _scaled(estimate: Array, members: NDArray[np.bool_], factor: float) -> Array:
-    """Estimates without a factor in inertia, products included, in mass, or in both."""
+    """Returns estimates without a factor in inertia, products included, in mass, or in both."""
     result = estimate.copy()
     if members[_DIAGONAL].any():
         result[:6] /= factor

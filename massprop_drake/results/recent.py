@@ -1,4 +1,4 @@
-"""Innovations of a flight that goes on: counted, but for the newest, which another history may explain otherwise."""
+"""Innovations of a flight in progress: counted, but for the newest, which another history may explain otherwise."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ class Recent(NamedTuple):
     rows: Array
 
     def followed_on(self, time_s: float, used: float, nis: float, components: float) -> Recent:
-        """The innovations after one more sample; arguments as the fields of `Innovations`."""
+        """Returns the innovations after one more sample; arguments as the fields of `Innovations`."""
         rows = np.vstack([self.rows, (time_s, used, nis, components, 0.0)])
         was_used = rows[0, 1] != 0.0
         return Recent(_counted(self.older, rows[:1]) if was_used else self.older, rows[1:])
 
     def replaced(self, since_s: float, nis: float, components: float) -> Recent:
-        """The innovations where another history has become the likeliest; of an old fork its share of what is kept.
+        """Returns the innovations once another history is the likeliest; of an old fork its share of those kept.
 
         Args:
             since_s: time of the fork, s.
@@ -47,12 +47,12 @@ class Recent(NamedTuple):
 
     @property
     def tally(self) -> Tally:
-        """All of them."""
+        """Tally of all innovations."""
         return Tally.of(_counted(self.older, self.rows))
 
 
 def nothing_seen(window: int) -> Recent:
-    """The innovations before the first sample.
+    """Returns the innovations before the first sample.
 
     Args:
         window: number of samples that are kept.

@@ -1,4 +1,4 @@
-"""A finished run: its summary, its signals, and how they are kept on disk."""
+"""Finished run: its summary, its signals, and their storage on disk."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ _EVENTS = ("alarm", "detector_event", "gap")  # signals whose rows a plot must n
 
 
 def read_summary(folder: Path) -> Summary:
-    """Reads what a run found from its folder, also where a killed process has left it unfinished beside.
+    """Reads the summary of a run from its folder, also where a killed process has left it unfinished beside.
 
     Raises:
         InputError: when the folder holds no run that can be read.
@@ -77,7 +77,7 @@ def read_summary(folder: Path) -> Summary:
 
 
 def _runs_like(folder: Path) -> str:
-    """Suggests a run that is there, or how to make one of a bundled scenario."""
+    """Suggests a run that exists, or how to make one of a bundled scenario."""
     found = (*Path().glob("*/history.npz"), *Path().glob("runs/*/history.npz"))  # which a campaign's folder lacks
     there = sorted(str(path.parent) for path in found if exists(path.parent / "summary.json"))
     same = [name for name in there if Path(name).name == folder.name]
@@ -87,7 +87,7 @@ def _runs_like(folder: Path) -> str:
 
 
 class Run:
-    """A scenario that has been run.
+    """Scenario that has been run.
 
     Attributes:
         scenario: as run, in full.
@@ -132,7 +132,7 @@ class Run:
 
     @cached_property
     def summary(self) -> dict[str, Any]:
-        """The content of `summary.json`."""
+        """Content of `summary.json`."""
         return self.results.as_json()
 
     @property
@@ -147,7 +147,7 @@ class Run:
 
     @property
     def _rows(self) -> Mapping[str, Array]:
-        """The signals with their times, as files have them."""
+        """Signals with their times, as files have them."""
         return self.signals if isinstance(self.signals, Spool) else {"time_s": self.time_s, **self.signals}
 
     @property
@@ -185,7 +185,7 @@ class Run:
 
     @property
     def plot(self) -> Plots:
-        """Draws figures of the run: `run.plot.rates()` and the others return matplotlib figures."""
+        """Plots of the run: `run.plot.rates()` and the others return matplotlib figures."""
         from massprop_drake.display.figures import Plots  # noqa: PLC0415 (matplotlib is slow to load)
         from massprop_drake.display.plots import source  # noqa: PLC0415
 
@@ -246,7 +246,7 @@ class Run:
         return place.shown
 
     def _write(self, place: Place, pages: Mapping[str, bool], *missing: str) -> Exception | None:
-        """Writes the run's folder; what cannot be made is noted in its summary.
+        """Writes the run's folder; parts that cannot be made are noted in its summary.
 
         Args:
             place: of the folder.
@@ -324,7 +324,7 @@ class Run:
         return target
 
     def note_end(self, error: BaseException, *, early: bool) -> None:
-        """Notes in the results what has ended the run.
+        """Notes in the results the reason for the end of the run.
 
         Args:
             error: what was raised.
@@ -403,7 +403,7 @@ class Run:
         telemetry.write_csv(path, self.scenario.vehicle_data, self._telemetry())
 
     def _telemetry(self) -> Iterator[telemetry.Rows]:
-        """The readings and commands, block by block."""
+        """Yields the readings and commands, block by block."""
         sensors = self.scenario.vehicle_data.sensor_names()
         tracked = self.scenario.vehicle_data.tracked
         named = [sensor.name for sensor in tracked if sensor.name in self.signals]

@@ -37,7 +37,7 @@ class Signals(dict[str, Array]):
 
 
 def described(shapes: Mapping[str, tuple[int, ...]]) -> str:
-    """A short text of signals, from the shape of each."""
+    """Describes signals in a short text, from the shape of each."""
     names = [f"{name} ({shape[1]})" for name, shape in shapes.items() if len(shape) == 2]
     rows = next(iter(shapes.values()))[0] if shapes else 0
     more = f", and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
@@ -45,7 +45,7 @@ def described(shapes: Mapping[str, tuple[int, ...]]) -> str:
 
 
 class Spool(Mapping[str, Array]):
-    """Takes in the signals of a run as they come, and keeps no more than a piece of them in memory.
+    """Storage of the signals of a run as they come, with no more than a piece of them in memory.
 
     Pieces that are full go to a compressed temporary file; a run shorter than a piece makes none. The file is
     unnamed, so nothing is left behind, even after a crash. Looking a signal up gives all of it: the array itself
@@ -83,7 +83,7 @@ class Spool(Mapping[str, Array]):
             file.close()
 
     def __getstate__(self) -> dict[str, Any]:
-        """All that there is, on disk as well: a run may be copied, or sent to another process."""
+        """Returns everything, on disk as well: a run may be copied, or sent to another process."""
         content = None
         if self._file is not None:
             self._file.seek(0)
@@ -119,12 +119,12 @@ class Spool(Mapping[str, Array]):
 
     @property
     def in_memory(self) -> bool:
-        """Whether nothing lies on disk."""
+        """True if nothing lies on disk."""
         return not self._pieces
 
     @property
     def names(self) -> list[str]:
-        """All that can be looked up: the index, and the signals."""
+        """Names that can be looked up: the index, and the signals."""
         return list(self._pieces or (self._waiting[0] if self._waiting else {}))
 
     def append(self, rows: Mapping[str, Array]) -> None:
@@ -147,7 +147,7 @@ class Spool(Mapping[str, Array]):
             self._put_away()
 
     def last(self, name: str) -> Array:
-        """The last row of a signal, shape (components,)."""
+        """Returns the last row of a signal, shape (components,)."""
         if self._waiting:
             return self._waiting[-1][name][-1]
         return self._read(self._pieces[name][-1])[-1]

@@ -1,4 +1,4 @@
-"""What a run's folder keeps, read back: each file through one schema, before anything is made of it.
+"""Stored files of a run's folder, read back: each through one schema, before it is used.
 
 What is written is data of this program, but it lies in a user's folder: it may be cut short, edited, or of another
 version. A file that is read is as the schema says, or there is one message that names the field.
@@ -107,7 +107,7 @@ FORMAT = 2  # of saved states; 1, up to version 0.2, does not say what it was ma
 
 
 class MadeWith(Model):
-    """The vehicle and the settings that a state of the estimators belongs to."""
+    """Vehicle and settings that a state of the estimators belongs to."""
 
     vehicle: Text = Field(description="name")
     vehicle_sha256: Text = Field(description="digest of the vehicle in full")
@@ -115,7 +115,7 @@ class MadeWith(Model):
 
 
 class EstimatorState(Model):
-    """What the estimators know and remember after a sample; vectors with None for what is not known."""
+    """State of the estimators after a sample; vectors with None for unknown elements."""
 
     format: Annotated[Whole, Field(ge=1, le=FORMAT)] = 1
     made_with: MadeWith | None = None
@@ -141,7 +141,7 @@ _TenOrNot = Annotated[tuple[Real | None, ...], Field(min_length=10, max_length=1
 
 
 class FilterState(EstimatorState):
-    """The same at the end of a run, and what it takes to go on with its record: `filter_state.json`."""
+    """State of the estimators at the end of a run, and the data to go on with its record: `filter_state.json`."""
 
     time_s: Real
     row: Count
@@ -182,7 +182,7 @@ _ELSEWHERE: Any = {
 
 
 def made_with(scenario: Scenario) -> dict[str, Any]:
-    """What a state of a scenario's estimators belongs to, as files keep it."""
+    """Returns vehicle and settings that a state of a scenario's estimators belongs to, as files keep them."""
     vehicle = scenario.vehicle_data
     return {"vehicle": vehicle.name, "vehicle_sha256": digest(vehicle), "settings": _settings(scenario)}
 
@@ -192,7 +192,7 @@ def _settings(scenario: Scenario) -> dict[str, Any]:
 
 
 def require_made_with(state: EstimatorState, scenario: Scenario, source: str) -> None:
-    """Makes sure that a state is of a scenario's vehicle and of its settings.
+    """Checks that a state is of a scenario's vehicle and of its settings.
 
     One of format 1 does not say; that is told in a warning, once more.
 
@@ -311,7 +311,7 @@ def _require_groups(names: set[str], vehicle: Vehicle) -> None:
 
 
 def _read_array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, rows: int | None, columns: int | None) -> Array:
-    """Reads a signal, whose size must be what its header says, and that what is expected.
+    """Reads a signal, whose size must match its header and the expected one.
 
     Args:
         archive: to read from.

@@ -1,4 +1,4 @@
-"""What a run found: estimates, failures, consistency, and how it was made; as `summary.json` on disk."""
+"""Summary of a run: estimates, failures, consistency, and provenance; as `summary.json` on disk."""
 
 from __future__ import annotations
 
@@ -79,12 +79,12 @@ class Parameter(NamedTuple):
 
     @property
     def within_three_sigma(self) -> bool:
-        """Whether the estimate lies within 3 sigma of the truth; False where either is NaN."""
+        """True if the estimate lies within 3 sigma of the truth; False where either is NaN."""
         return abs(self.estimate - self.truth) <= 3.0 * self.standard_deviation
 
 
 class Findings(NamedTuple):
-    """What a detector made of a run.
+    """Findings of a detector in a run.
 
     Attributes:
         detections: failures and jumps in the order they were declared.
@@ -102,7 +102,7 @@ class Findings(NamedTuple):
 
 
 class AutopilotSummary(NamedTuple):
-    """What the jets did, and what is left of the autopilot's control.
+    """Activity of the jets, and the autopilot's remaining control.
 
     Attributes:
         firings: number of off-to-on transitions over all jets.
@@ -125,7 +125,7 @@ class AutopilotSummary(NamedTuple):
 
 
 class Provenance(NamedTuple):
-    """Which versions and which input made a run.
+    """Versions and input that made a run.
 
     Attributes:
         drake, numpy: versions.
@@ -145,7 +145,7 @@ class Provenance(NamedTuple):
 
 
 class Timing(NamedTuple):
-    """How long a run took.
+    """Duration of a run.
 
     Attributes:
         wall_s: from the first sample to the last, s.
@@ -160,7 +160,7 @@ class Timing(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Summary:
-    """What a run found.
+    """Summary of a run.
 
     Attributes:
         version: of this package, that wrote it.
@@ -232,7 +232,7 @@ class Summary:
 
     @cached_property
     def nearest_possible(self) -> Array | None:
-        """Where no rigid body can have the estimates, the nearest that one can have, in their order, shape (10,).
+        """Nearest estimates that a rigid body can have, shape (10,); None where the estimates are possible.
 
         None where the estimates are possible, or there is none; see `maths.possible_inertia.nearest_possible`.
         """
@@ -243,25 +243,25 @@ class Summary:
 
     @property
     def has_failed(self) -> bool:
-        """Whether a failure of jets was declared that still stands."""
+        """True if a failure of jets was declared that still stands."""
         return any(one.kind != JUMP and one.withdrawn_s is None for one in self.detections)
 
     @property
     def above_bound(self) -> str:
-        """Compares the 1-sigma with the least for rounding taken as noise; empty where that is not known."""
+        """Comparison of the 1-sigma with the least for rounding taken as noise; empty where that is not known."""
         deviations = self.standard_deviations.tolist()
         return bound_in_words(deviations, self.identifiability, SYMBOLS, failed=self.has_failed)
 
     @property
     def impossible(self) -> str:
-        """Says that no rigid body can have the estimates; empty where one can."""
+        """Statement that no rigid body can have the estimates; empty where one can."""
         if self.derived.physically_possible or self.derived.inertia is None:
             return ""
         near = "; the nearest that one can have is in summary.json" if self.nearest_possible is not None else ""
         return f"no rigid body can have the inertia that was estimated{near}"
 
     def as_json(self) -> dict[str, Any]:
-        """The content of `summary.json`; NaN becomes null."""
+        """Returns the content of `summary.json`; NaN becomes null."""
         derived, nearest = self.derived, self.nearest_possible
         content: dict[str, Any] = {
             "format": FORMAT,
@@ -314,7 +314,7 @@ class Summary:
 
     @staticmethod
     def from_json(content: Any, source: str = "the summary") -> Summary:
-        """A summary from the content of `summary.json`, of this version or an earlier one.
+        """Makes a summary from the content of `summary.json`, of this version or an earlier one.
 
         What an earlier version did not write yet has its default; keys that are not known are left out.
 
@@ -384,13 +384,13 @@ def _known_to(kind: Any) -> BeforeValidator:
 
 
 class _Stored(Model):
-    """A part of `summary.json`; what a later version wrote besides is passed over."""
+    """Part of `summary.json`; further entries of a later version are passed over."""
 
     model_config = ConfigDict(extra="ignore")
 
 
 class _ByName(_Stored):
-    """The ten parameters as `by_name` writes them."""
+    """Ten parameters as `by_name` writes them."""
 
     inverse_inertia: tuple[_Maybe3, _Maybe3, _Maybe3]
     center_of_mass: _Maybe3
@@ -398,7 +398,7 @@ class _ByName(_Stored):
 
 
 class _Derived(_Stored):
-    """See `mass_properties.Derived`."""
+    """Mass and inertia, see `mass_properties.Derived`."""
 
     mass: _Maybe
     mass_std: _Maybe
@@ -408,7 +408,7 @@ class _Derived(_Stored):
 
 
 class SummaryFile(_Stored):
-    """The schema of `summary.json`; see `Summary`."""
+    """Schema of `summary.json`; see `Summary`."""
 
     format: Annotated[Whole, Field(ge=1, le=FORMAT)]
     version: Text
@@ -499,7 +499,7 @@ def summarize(
 
 
 def _true_at_end(scenario: Scenario, signals: Spool) -> Array:
-    """True ten parameters at the end, NaN where unknown, shape (10,).
+    """Returns the true ten parameters at the end, NaN where unknown, shape (10,).
 
     Where the estimators are told of parts that swing, and follow them, those at the start, when a model's parts rest.
     """
@@ -522,7 +522,7 @@ def _flown(scenario: Scenario, signals: Spool) -> AutopilotSummary:
 
 
 def not_summed_up(scenario: Scenario, signals: Spool, timing: Timing) -> Summary:
-    """The summary of a run of which nothing more is known than its last estimates.
+    """Makes the summary of a run of which only its last estimates are known.
 
     Args:
         scenario: as run.
@@ -552,7 +552,7 @@ def not_summed_up(scenario: Scenario, signals: Spool, timing: Timing) -> Summary
 
 
 def looked_back_on(results: Summary, scenario: Scenario, signals: Spool) -> Summary:
-    """What is known of a simulated run in hindsight besides: diagnoses in its verdict, and what it has identified.
+    """Adds the batch analysis of a simulated run to its summary: diagnoses, and what it has identified.
 
     Args:
         results: see `summarize`.
@@ -661,12 +661,12 @@ def composed(
 
 @cache
 def version(package: str) -> str:
-    """Version of a package as installed; looked for once, which takes as long as a hundred cycles."""
+    """Returns the version of a package as installed; cached, as the search takes as long as a hundred cycles."""
     return metadata.version(package)
 
 
 def _executed(scenario: Scenario, *, simulated: bool) -> str | None:
-    """What ran it, in words; None for a record that was read without compiled kernels."""
+    """Describes what ran the scenario; None for a record that was read without compiled kernels."""
     words: list[str] = [scenario.execution.engine] if simulated else []
     if scenario.execution.compiled:
         words.append(f"compiled by numba {version('numba')}")
@@ -674,7 +674,7 @@ def _executed(scenario: Scenario, *, simulated: bool) -> str | None:
 
 
 def firings(on: NDArray[np.bool_], before: NDArray[np.bool_]) -> int:
-    """Number of off-to-on transitions over all jets.
+    """Counts off-to-on transitions over all jets.
 
     Args:
         on: whether each jet is told to fire, shape (n_samples, n_jets).
@@ -684,7 +684,7 @@ def firings(on: NDArray[np.bool_], before: NDArray[np.bool_]) -> int:
 
 
 def _intervals(signals: Spool, name: str) -> Iterator[Array]:
-    """The rows of a signal that stand at the beginning of an interval: all but the last, block by block."""
+    """Yields the rows of a signal at the beginning of an interval: all but the last, block by block."""
     left = signals.n_rows - 1
     for block in blocks(signals, name):
         yield block[name][:left]
@@ -701,7 +701,7 @@ def _firings(signals: Spool) -> int:
 
 
 def _propellant(scenario: Scenario, signals: Spool) -> float:
-    """Propellant used, slug or kg: what the thrust of every sample took or, where it is not known, its command."""
+    """Computes propellant used, slug or kg: by the thrust of every sample or, where it is not known, its command."""
     vehicle = scenario.vehicle_data
     full, flows = np.linalg.norm(vehicle.thrusts, axis=1), params.plant_mass_flows(scenario)
     name, full = ("thrust", full) if "thrust" in signals else ("command", np.ones_like(full))
@@ -710,7 +710,7 @@ def _propellant(scenario: Scenario, signals: Spool) -> float:
 
 
 def _tallied(signals: Spool, name: str, found: Sequence[DetectionRecord]) -> Tally:
-    """The NIS of a filter at the samples it used; all at once, so that no sum depends on how signals are kept."""
+    """Tallies the NIS of a filter at the samples it used; all at once, so that sums do not depend on storage."""
     tally = Tally()
     if f"{name}_nis" in signals:
         parts = [used_nis(name, block) for block in blocks(signals, *_nis_signals(name, signals))]
@@ -719,12 +719,12 @@ def _tallied(signals: Spool, name: str, found: Sequence[DetectionRecord]) -> Tal
 
 
 def _nis_signals(name: str, signals: Spool) -> list[str]:
-    """What `used_nis` needs, of what there is."""
+    """Returns the names of the signals that `used_nis` needs, of those that exist."""
     return [one for one in (f"{name}_nis", f"{name}_used", COMPONENTS[name]) if one in signals]
 
 
 def explained(tally: Tally, signals: Spool, name: str, found: Sequence[DetectionRecord]) -> Tally:
-    """A tally of a filter's samples as the verdict is to judge them, given what was declared since.
+    """Returns a tally of a filter's samples as the verdict is to judge them, given later declarations.
 
     Where hypotheses are followed it is that of the likeliest history, see `of_likeliest_history`. Of other detectors
     those samples are no fault that lie between an onset and its declaration, of a payload or of a jet named alone.
@@ -753,7 +753,7 @@ def explained(tally: Tally, signals: Spool, name: str, found: Sequence[Detection
 
 
 def _of_likeliest_history(tally: Tally, signals: Spool, name: str) -> Tally:
-    """The tally itself where the likeliest history has never become another."""
+    """Returns the tally of the likeliest history; the tally itself where that has never become another."""
     names = ("time_s", *_nis_signals(name, signals), *fork_signals(name))
     columns = {one: np.concatenate([block[one] for block in blocks(signals, one)]) for one in names}
     found = forks(name, columns)
@@ -765,7 +765,7 @@ def _of_likeliest_history(tally: Tally, signals: Spool, name: str) -> Tally:
 
 
 def _jets_in_question(vehicle: Vehicle, signals: Spool) -> dict[str, Any]:
-    """Designations of the jets taken out of use, and of those left in because control needs them."""
+    """Returns designations of the jets taken out of use, and of those left in because control needs them."""
     if "out_of_use" not in signals:
         return {}
     state = signals.last("out_of_use")
@@ -776,7 +776,7 @@ def _jets_in_question(vehicle: Vehicle, signals: Spool) -> dict[str, Any]:
 
 
 def _selection(signals: Spool) -> dict[str, Any]:
-    """How many requests the jet selection solved, and how many of them it could not meet."""
+    """Counts requests that the jet selection solved, and those that it could not meet."""
     if "selection_counts" not in signals:
         return {}
     solved, reduced, closest, _ = signals.last("selection_counts").tolist()
@@ -822,6 +822,6 @@ def _array(values: Any) -> Array | None:
 
 
 def _without(record: Any, *names: str) -> dict[str, Any]:
-    """A record as JSON has it, without some of its fields."""
+    """Returns a record as JSON has it, without some of its fields."""
     kept = {key: value for key, value in record._asdict().items() if key not in names}
     return {key: list(value) if isinstance(value, tuple) else value for key, value in kept.items()}

@@ -1,4 +1,4 @@
-"""The tables of a run: the ten parameters and what follows from them, intervals, a record beside a simulation.
+"""Tables of a run: the ten parameters and derived ones, intervals, a comparison of a record with a simulation.
 
 The same numbers stand on terminal and page.
 """
@@ -24,7 +24,7 @@ _PLAIN = 1e-3, 1e5  # magnitudes that are written without a power of ten
 
 
 class Row(NamedTuple):
-    """A quantity in words; "-" for what is not known.
+    """Row of a quantity in words; "-" for what is not known.
 
     Attributes:
         symbol: of it.
@@ -51,7 +51,7 @@ class Row(NamedTuple):
 
 
 def parameters(results: Summary, units: Mapping[str, str], *, truth: bool = True) -> list[Row]:
-    """Rows of the ten parameters.
+    """Returns rows of the ten parameters.
 
     Args:
         results: of a run.
@@ -81,7 +81,7 @@ def parameters(results: Summary, units: Mapping[str, str], *, truth: bool = True
 
 
 def derived(results: Summary, units: Mapping[str, str]) -> list[Row]:
-    """Rows of the mass and the inertia that follow from the estimates."""
+    """Returns rows of the mass and the inertia that follow from the estimates."""
     found, true = results.derived, mass_properties.derived(results.truth, np.zeros((10, 10)))
     rows = [_of_derived("m", units["mass"], found.mass, found.mass_std, true.mass)]
     if found.inertia is not None and found.inertia_std is not None:
@@ -105,7 +105,7 @@ def blocks(results: Summary, units: Mapping[str, str], *, truth: bool = True) ->
 
 
 def intervals(results: Summary, units: Mapping[str, str]) -> list[tuple[str, ...]]:
-    """Rows of guaranteed intervals: symbol, unit, low, middle, high, and whether the estimate lies inside.
+    """Returns rows of guaranteed intervals: symbol, unit, low, middle, high, and whether the estimate lies inside.
 
     Low is rounded down and high is rounded up, to two digits of half of the width.
 
@@ -133,7 +133,7 @@ def intervals(results: Summary, units: Mapping[str, str]) -> list[tuple[str, ...
 
 
 def residuals(found: Against) -> list[tuple[str, ...]]:
-    """Rows of a record beside a simulation: signal, unit, RMS and largest difference, when, 1-sigma of a reading."""
+    """Returns rows of differences from a simulation: signal, unit, RMS and largest difference, when, 1-sigma."""
     rows: list[tuple[str, ...]] = []
     for one in found.residuals:
         power = _power(one.rms if one.rms and one.rms > _NOTHING * one.noise else one.noise)
@@ -146,7 +146,7 @@ def residuals(found: Against) -> list[tuple[str, ...]]:
 
 
 def causes(found: Against) -> list[tuple[str, ...]]:
-    """Rows of what would explain differences: cause, size with its 1-sigma, unit, shares alone and together."""
+    """Returns rows of possible causes of differences: cause, size with its 1-sigma, unit, shares alone and together."""
     rows: list[tuple[str, ...]] = []
     for one in found.causes:
         power = _power(one.size)
@@ -176,12 +176,12 @@ def _row(symbol: str, unit: str, one: Parameter) -> Row:
 
 
 def _larger(one: Parameter) -> float:
-    """The larger of an estimate and its 1-sigma, whichever are known, in magnitude; NaN for neither."""
+    """Returns the larger of an estimate and its 1-sigma, whichever are known, in magnitude; NaN for neither."""
     return float(np.fmax(abs(one.estimate), one.standard_deviation))
 
 
 def _power(*values: float) -> int:
-    """The power of ten, a multiple of three, by which values are written: that of the first that is none or NaN."""
+    """Returns the power of ten, a multiple of three, by which values are written, by the first nonzero one."""
     size = next((abs(value) for value in values if value and math.isfinite(value)), 1.0)
     return 0 if _PLAIN[0] <= size < _PLAIN[1] else 3 * math.floor(math.log10(size) / 3.0)
 

@@ -1,4 +1,4 @@
-"""What a detector suspected and never declared, and the jets of which nothing could have shown that they do not fire.
+"""Suspicions of a detector that were never declared, and jets whose failure to fire nothing could have shown.
 
     single samples (cglr)   a sample counts that raised an alarm, or in which a jet has failed beyond doubt but several
                             look alike. A jet belongs to a suspicion while its sum of likelihood arguments is not
@@ -46,7 +46,7 @@ _OF_RACES = {
 
 
 class UnconfirmedRecord(NamedTuple):
-    """A suspicion that never became a declaration.
+    """Record of a suspicion that never became a declaration.
 
     Attributes:
         time_s, until_s: its first and last sample, s.
@@ -66,7 +66,7 @@ class UnconfirmedRecord(NamedTuple):
 
 
 class UntestedRecord(NamedTuple):
-    """Jets of which nothing could have shown that they do not fire.
+    """Record of jets whose failure to fire nothing could have shown.
 
     Attributes:
         jets: designations.
@@ -78,7 +78,7 @@ class UntestedRecord(NamedTuple):
 
 
 class _Suspicion(NamedTuple):
-    """What is gathered of one suspicion: sums by jet, shape (n_jets,), and how many samples raised an alarm."""
+    """Sums of one suspicion by jet, shape (n_jets,), and its number of samples with an alarm."""
 
     time_s: float
     until_s: float
@@ -90,7 +90,7 @@ class _Suspicion(NamedTuple):
 
 
 class Suspicions:
-    """Follows what is suspected through a run, block by block.
+    """Follows suspicions through a run, block by block.
 
     Args:
         scenario: as run.
@@ -117,7 +117,7 @@ class Suspicions:
 
     @property
     def counts(self) -> list[list[int]]:
-        """What `counts` of the run that goes on from this one is to be."""
+        """Counts with which the run that continues this one begins."""
         found: list[list[int]] = self._counts.tolist()
         return found
 
@@ -167,7 +167,7 @@ class Suspicions:
     # ------------------------------------------------------------------------ detectors of samples
 
     def _gather(self, time_s: float, signals: Mapping[str, Array], k: int) -> None:
-        """One more sample that a detector of single samples, or of sums, suspects a jet in."""
+        """Adds one more sample in which a detector of single samples, or of sums, suspects a jet."""
         block, likelihood = self._block, signals["likelihood"][k]
         if int(likelihood.argmax()) in self._declared:
             return
@@ -190,7 +190,7 @@ class Suspicions:
     # -------------------------------------------------------------------- the detector by hypotheses
 
     def _suspect(self, time_s: float, probabilities: Array) -> None:
-        """One more sample in which jets have failed with a probability above one half, or something is said."""
+        """Adds one more sample in which jets have probably failed, above one half, or something is declared."""
         for jet in np.flatnonzero(probabilities > _PROBABLE).tolist():
             if jet in self._declared:
                 continue
@@ -208,7 +208,7 @@ class Suspicions:
             self._gathered[index] = one._replace(until_s=time_s, sums=sums, jets=jets, samples=samples)
 
     def _suspicion_of(self, jet: int, probabilities: Array) -> int | None:
-        """Index of the suspicion to which a jet belongs: its own, or of others that have lost their probability to it.
+        """Returns the index of the suspicion to which a jet belongs: its own, or one that lost its probability to it.
 
         Two jets of which each has failed with a probability above one half have both failed, and do not look alike.
         """
@@ -224,7 +224,7 @@ class Suspicions:
     # ------------------------------------------------------------------ the detector by thrust factors
 
     def _follow(self, time_s: float, signals: Mapping[str, Array], k: int, said: Sequence[EventRecord]) -> None:
-        """One more sample in which hypotheses are compared, or the first after."""
+        """Adds one more sample in which hypotheses are compared, or the first after."""
         block = self._block
         assert isinstance(block, ThrustFactorsBlock)
         if signals["racing"][k, 0] > 0.0:
@@ -273,7 +273,7 @@ class Suspicions:
                 self._earlier = [one for one in self._earlier if not names & set(one.jets)]
 
     def found(self) -> tuple[UnconfirmedRecord, ...]:
-        """What was suspected and never declared, by time; of very many the largest."""
+        """Returns suspicions that were never declared, by time; of very many the largest."""
         gathered = list(self._gathered)
         if self._race is not None and self._race.jets.size:
             gathered.append(self._race._replace(reason="hypotheses were still compared at the end"))
@@ -302,7 +302,7 @@ class Suspicions:
         return f"{_count(one.alarms, 'alarm')}, never {block.reconfigure_after} of one cluster in a row"
 
     def untested(self, declared: Collection[str | None] = ()) -> tuple[UntestedRecord, ...]:
-        """Jets of which nothing could have shown that they do not fire.
+        """Returns jets whose failure to fire nothing could have shown.
 
         Args:
             declared: designations of jets that have been found to fail, which are left out.
@@ -336,7 +336,7 @@ class Suspicions:
 
 
 def in_words(record: UnconfirmedRecord) -> str:
-    """Says it in a sentence."""
+    """Describes a suspicion in a sentence."""
     when = f"{record.time_s:.2f} s" if record.samples == 1 else f"{record.time_s:.2f} to {record.until_s:.2f} s"
     who = " or ".join(record.jets) if record.jets else "no jet"
     return f"{who}, {when}, {_count(record.samples, 'sample')}, statistic {record.statistic:.4g}: {record.reason}"

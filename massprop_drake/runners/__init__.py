@@ -1,1 +1,1 @@
-"""What runs it: the simulator, recorded telemetry, and the estimator for real time."""
+"""Runners: the simulator, recorded telemetry, and the estimator for real time."""

@@ -1,4 +1,4 @@
-"""A record beside a simulation of the same commands: the vehicle of another run, told what the record was told."""
+"""Comparison of a record with a simulation of the same commands, by the vehicle of another run."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 
 def beside(record: Run, folder: str | Path, *, spool_folder: Path | None = None) -> Run:
-    """Puts a record beside a simulation of its commands, and says what would explain the difference.
+    """Compares a record with a simulation of its commands, and finds what would explain the difference.
 
     The vehicle of the other run flies them: with its true mass properties, dispersions and failures where it was
     simulated, with its estimates where it is a record itself. Its times count from the record's first row. It begins,
@@ -76,7 +76,7 @@ def beside(record: Run, folder: str | Path, *, spool_folder: Path | None = None)
 
 
 def require_comparable(record: Scenario, folder: str | Path) -> None:
-    """Raises InputError where a record cannot be put beside a simulation of another run's vehicle.
+    """Raises InputError where a record cannot be compared with a simulation of another run's vehicle.
 
     Args:
         record: the scenario that it is estimated by.
@@ -109,24 +109,24 @@ def require_comparable(record: Scenario, folder: str | Path) -> None:
 
 
 def _sensors(vehicle: Vehicle) -> list[str]:
-    """Names of all of them."""
+    """Returns names of all sensors."""
     return vehicle.sensor_names() + [sensor.name for sensor in vehicle.tracked]
 
 
 def _places(vehicle: Vehicle) -> list[Any]:
-    """Where jets are, and which way they push."""
+    """Returns positions and directions of the jets."""
     return [(jet.position, jet.direction) for jet in vehicle.jets]
 
 
 def _properties(other: Run) -> Array:
-    """The ten parameters that a simulation of a run's vehicle has: its truth or, unknown, its estimates."""
+    """Returns the ten parameters of a simulation of a run's vehicle: its truth or, unknown, its estimates."""
     found = other.results
     known = np.where(np.isfinite(found.truth), found.truth, found.estimates)
     return np.where(np.isfinite(known), known, params.setup(other.scenario).nominal)
 
 
 def _before_jumps(other: Run) -> Array:
-    """The same before payloads come or leave, but for the propellant, which counts to the end.
+    """Returns parameters before payloads come or leave, but for the propellant, which counts to the end.
 
     What is explained are the readings before anything was declared, with what was simulated then.
     """
@@ -141,7 +141,7 @@ def _before_jumps(other: Run) -> Array:
 
 
 def _world(other: Run, folder: str) -> Scenario:
-    """The scenario to simulate: as the run was, or with the estimates of a record for the truth.
+    """Makes the scenario to simulate: as the run was, or with the estimates of a record for the truth.
 
     Raises:
         InputError: when no rigid body can have these.
@@ -162,7 +162,7 @@ def _world(other: Run, folder: str) -> Scenario:
 
 
 class _Twin:
-    """A simulated vehicle that is told what a record was told.
+    """Simulated vehicle that gets the commands of a record.
 
     Args:
         record: for the gyros that its rate is taken from.
@@ -184,7 +184,7 @@ class _Twin:
         self._offsets: dict[str, Array] = {}
 
     def flown(self, commands: tuple[Array, Array], readings: Mapping[str, Array], time_s: Array) -> dict[str, Array]:
-        """What the sensors of the simulation read in a block of rows, shape (n, 3) each; NaN before it has begun.
+        """Simulates the sensor readings in a block of rows, shape (n, 3) each; NaN before the simulation has begun.
 
         Args:
             commands: from each row on, NaN where not known, and their onsets, see `maths.vehicle.on_times`, shape
@@ -231,7 +231,7 @@ class _Twin:
             self._follows, self._offsets = True, {}
 
     def _offset(self, name: str, simulated: Array, read: Array) -> Array:
-        """What brings an accelerometer's integral to that of the record where the simulation begins."""
+        """Computes the offset of an accelerometer's integral to the record's at the simulation's beginning."""
         if name in self._rates or not self._follows:
             return _NOTHING
         if name not in self._offsets and np.isfinite(read).all():

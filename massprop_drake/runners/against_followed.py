@@ -1,4 +1,4 @@
-"""A record that is followed in a fixed frame beside a simulation of its commands.
+"""Comparison of a record in a fixed frame with a simulation of its commands.
 
 The simulation is the estimator's own prediction with another run's vehicle: its truth where it was simulated, what was
 learned of it where it is a record. A position is the sum of a sum of what jets give, so small errors grow fast: the
@@ -44,7 +44,7 @@ _MOST_ROWS = 5_000  # in which an explanation is sought
 
 
 def beside(record: Run, other: Run, folder: str, spool: Spool) -> Against:
-    """Puts a record beside a simulation of its commands.
+    """Compares a record with a simulation of its commands.
 
     Args:
         record: estimated from telemetry.
@@ -73,7 +73,7 @@ def beside(record: Run, other: Run, folder: str, spool: Spool) -> Against:
 
 
 def _until(record: Run, time_s: Array) -> float:
-    """When the first failure in the record's midst began, or its rows are too many; infinity: never."""
+    """Finds when the first failure within the record began, or its rows are too many; infinity: never."""
     begun_s = [one.onset_s for one in record.results.detections if one.withdrawn_s is None]
     late = [onset_s for onset_s in begun_s if onset_s > time_s[0]]  # what was so all along is to be explained
     return float(min([*late, *time_s[_MOST_ROWS : _MOST_ROWS + 1]], default=math.inf))
@@ -83,7 +83,7 @@ def _until(record: Run, time_s: Array) -> float:
 
 
 def _vehicle(other: Run, scenario: Scenario, made: PoseParams, folder: str) -> Assumed:
-    """The vehicle of another run, in terms of the record's file.
+    """Returns the vehicle of another run, in terms of the record's file.
 
     Raises:
         InputError: when nothing tells it.
@@ -96,7 +96,7 @@ def _vehicle(other: Run, scenario: Scenario, made: PoseParams, folder: str) -> A
 
 
 def _true(other: Run, made: PoseParams, folder: str) -> Assumed:
-    """That of a simulated run, whose valves act at once and whose surroundings are still."""
+    """Returns the vehicle of a simulated run, whose valves act at once and whose surroundings are still."""
     if other.scenario.jumps:
         raise InputError(
             f"{folder}: payloads come or leave in its simulation (jumps), which cannot be simulated beside a record "
@@ -114,7 +114,7 @@ def _true(other: Run, made: PoseParams, folder: str) -> Assumed:
 
 
 def _learned(other: Run, folder: str) -> Assumed:
-    """That of a record, as the estimator knew it at its end."""
+    """Returns the vehicle of a record, as the estimator knew it at its end."""
     if other.scenario.estimation.filter != "pose" or not other.state:
         raise InputError(
             f"{folder}: neither simulated nor estimated by the filter of vehicles that are followed in a fixed frame "
@@ -128,7 +128,7 @@ def _learned(other: Run, folder: str) -> Assumed:
 
 
 def _record(record: Run, made: PoseFilterParams, other: Run) -> Record:
-    """What a record read, and what the other run's vehicle would make of its commands."""
+    """Returns a record's readings, and the levels by which the other run's vehicle would follow its commands."""
     scenario, time_s = record.scenario, record.time_s
     sensors = scenario.vehicle_data.tracked
     tracked = np.hstack([record[sensor.name] for sensor in sensors]) if sensors else np.empty((time_s.size, 0))
@@ -144,12 +144,12 @@ def _record(record: Run, made: PoseFilterParams, other: Run) -> Record:
 
 
 def _within(readings: Array, package: SensorPackage) -> Array:
-    """Readings, NaN where they are saturated."""
+    """Returns readings, NaN where they are saturated."""
     return np.where(np.all(np.abs(readings) < package.limit, axis=1, keepdims=True), readings, np.nan)
 
 
 def _delivered(told: Array, opening_s: Array, time_s: Array, other: Run) -> tuple[Array, Array]:
-    """Levels that the jets of a simulated vehicle show when told some commands, with its failures.
+    """Computes levels of a simulated vehicle's jets under some commands, with its failures.
 
     Args:
         told: commands from each row on, shape (n, n_jets).
@@ -180,7 +180,7 @@ def _delivered(told: Array, opening_s: Array, time_s: Array, other: Run) -> tupl
 
 
 def _simulated(told: Record, vehicle: Assumed, made: PoseParams, record: Run) -> dict[str, Array]:
-    """What every sensor reads in a simulation, NaN before it has begun."""
+    """Simulates the readings of every sensor, NaN before the simulation has begun."""
     scenario, rows = record.scenario, told.time_s.size
     movable = setting.movable(params.setup(scenario), made.parts)
     known = hindsight.taken_as_known(vehicle, movable, made)
@@ -202,7 +202,7 @@ def _simulated(told: Record, vehicle: Assumed, made: PoseParams, record: Run) ->
 
 
 def _begun(motion: list[Array], readings: Readings, vehicle: Assumed, known: PoseParams) -> Bank:
-    """One filter with a motion, sure of it; a point that is tracked stands where it is read."""
+    """Makes one filter that is certain of a motion; a tracked point stands where it is read."""
     (position, quaternion, velocity, rate), parts = motion, known.parts
     mean, rotation, size = known.start.copy(), attitude.rotation_matrix(quaternion), known.free.size
     mean[parts.position], mean[parts.velocity], mean[parts.rate] = position, velocity, rate
@@ -216,14 +216,14 @@ def _begun(motion: list[Array], readings: Readings, vehicle: Assumed, known: Pos
 
 
 def _empty(scenario: Scenario, rows: int) -> dict[str, Array]:
-    """Readings of every sensor, none yet."""
+    """Makes empty readings of every sensor."""
     vehicle = scenario.vehicle_data
     found = {sensor.name: np.full((rows, len(sensor.columns)), np.nan) for sensor in vehicle.tracked}
     return found | {package.name: np.full((rows, 3), np.nan) for package in vehicle.sensors}
 
 
 def _fill(read: dict[str, Array], row: int, ideal: Readings, scenario: Scenario) -> None:
-    """Fills in what ideal sensors read; a pose sensor what it measures alone."""
+    """Fills in readings of ideal sensors; of a pose sensor only what it measures."""
     vehicle = scenario.vehicle_data
     for place, pose in enumerate(vehicle.poses):
         turn = attitude.from_rotation_vector(rotation_vectors(ideal.rotations[place : place + 1])[0])

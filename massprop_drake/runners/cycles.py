@@ -48,7 +48,7 @@ class RecordRows(NamedTuple):
 
 
 class Cycles(Protocol):
-    """Estimation that goes on from cycle to cycle.
+    """Interface of estimation that goes on from cycle to cycle.
 
     Attributes:
         spent_s: time spent in "estimators" and "detector"; in the former alone where they are not apart.
@@ -59,26 +59,26 @@ class Cycles(Protocol):
     asked: Asked
 
     def state(self) -> EstimationState:
-        """What the next cycle begins with."""
+        """Returns the state with which the next cycle begins."""
 
     def begin(self, record: RecordRows, log: EstimationLog) -> None:
         """Takes rows that cycles are to go through, and the log whose rows they fill in."""
 
     def advance(self, until: int) -> None:
-        """Goes on to a row, which is not taken any more."""
+        """Advances to a row, which is not taken any more."""
 
     @property
     def done(self) -> int:
-        """Number of rows that it has gone through, also after it has raised something."""
+        """Number of rows that have been taken, also after an error."""
 
     def reported(self) -> tuple[Array, Array]:
-        """Estimate and 1-sigma of the ten parameters that the last cycle published, shape (10,) each."""
+        """Returns estimate and 1-sigma of the ten parameters that the last cycle published, shape (10,) each."""
 
     def rotation_nis(self) -> float:
-        """NIS of the rotation filter's innovation in the last cycle; NaN where the sample was not used."""
+        """Returns NIS of the rotation filter's innovation in the last cycle; NaN where the sample was not used."""
 
     def known(self) -> tuple[Array, Array]:
-        """Estimate and covariance of the ten parameters that the last cycle published, shapes (10,) and (10, 10)."""
+        """Returns estimate and covariance that the last cycle published, shapes (10,) and (10, 10)."""
 
 
 class Stepped:
@@ -99,7 +99,7 @@ class Stepped:
         self._next = 0
 
     def state(self) -> EstimationState:
-        """What the next cycle begins with."""
+        """Returns the state with which the next cycle begins."""
         return self._state
 
     def begin(self, record: RecordRows, log: EstimationLog) -> None:
@@ -107,14 +107,14 @@ class Stepped:
         self._record, self._log, self._next = record, log, 0
 
     def advance(self, until: int) -> None:
-        """Goes on to a row, which is not taken any more."""
+        """Advances to a row, which is not taken any more."""
         for row in range(self._next, until):
             self._one(row_sample(self._record, row), row)
             self._next = row + 1
 
     @property
     def done(self) -> int:
-        """Number of rows that it has gone through, also after it has raised something."""
+        """Number of rows that have been taken, also after an error."""
         return self._next
 
     def _one(self, sample: Sample, row: int) -> None:
@@ -133,24 +133,24 @@ class Stepped:
                 place[:] = value
 
     def reported(self) -> tuple[Array, Array]:
-        """Estimate and 1-sigma of the ten parameters that the last cycle published, shape (10,) each."""
+        """Returns estimate and 1-sigma of the ten parameters that the last cycle published, shape (10,) each."""
         assert self._done is not None
         return cycle.reported(self._done)
 
     def rotation_nis(self) -> float:
-        """NIS of the rotation filter's innovation in the last cycle; NaN where the sample was not used."""
+        """Returns NIS of the rotation filter's innovation in the last cycle; NaN where the sample was not used."""
         assert self._done is not None
         rotation = self._done.filtered.rotation
         return float(rotation.rotation_nis) if rotation.rotation_used else math.nan
 
     def known(self) -> tuple[Array, Array]:
-        """Estimate and covariance of the ten parameters that the last cycle published, shapes (10,) and (10, 10)."""
+        """Returns estimate and covariance that the last cycle published, shapes (10,) and (10, 10)."""
         published = None if self._done is None else self._done.filtered.known
         return published or cycle.known(self._state, self._params)
 
 
 def row_sample(record: RecordRows, row: int) -> Sample:
-    """Sample of a row of a record."""
+    """Makes the sample of a row of a record."""
     time_s, rates, velocities, command, outside = (part[row] for part in record.samples)
     stamp_s, coming, tracked = (
         None if part is None else part[row] for part in (record.stamps_s, record.coming, record.tracked)
@@ -176,7 +176,7 @@ class Watched(Stepped):
         self._watch.take_up(state)
 
     def state(self) -> EstimationState:
-        """What the next cycle begins with."""
+        """Returns the state with which the next cycle begins."""
         return self._watch.state() if self._watch.on else super().state()
 
     def begin(self, record: RecordRows, log: EstimationLog) -> None:
@@ -193,7 +193,7 @@ class Watched(Stepped):
         self._watch.begin(samples, stamps_s, (record.tracked, onsets_s), rows)
 
     def advance(self, until: int) -> None:
-        """Goes on to a row, which is not taken any more."""
+        """Advances to a row, which is not taken any more."""
         while self._next < until:
             if self._watch.on:
                 self._watch_on(until)
@@ -204,7 +204,7 @@ class Watched(Stepped):
                 self._watch.take_up(self._state)
 
     def _watch_on(self, until: int) -> None:
-        """Goes on as far as nothing happens."""
+        """Advances as long as nothing happens."""
         began = time.perf_counter()
         reached = self._watch.advance(self._next, until)
         if reached > self._next:
@@ -215,7 +215,7 @@ class Watched(Stepped):
         self.spent_s[ESTIMATORS] += time.perf_counter() - began
 
     def reported(self) -> tuple[Array, Array]:
-        """Estimate and 1-sigma of the ten parameters that the last cycle published, shape (10,) each."""
+        """Returns estimate and 1-sigma of the ten parameters that the last cycle published, shape (10,) each."""
         if self._done is not None:
             return super().reported()
         rows, last = self._log.rows, self._next - 1
@@ -224,24 +224,24 @@ class Watched(Stepped):
         )
 
     def rotation_nis(self) -> float:
-        """NIS of the rotation filter's innovation in the last cycle; NaN where the sample was not used."""
+        """Returns NIS of the rotation filter's innovation in the last cycle; NaN where the sample was not used."""
         if self._done is not None:
             return super().rotation_nis()
         report = ROTATION_REPORT.read(self._log.rows["rotation_report"][self._next - 1])
         return float(report.rotation_nis) if report.rotation_used else math.nan
 
     def known(self) -> tuple[Array, Array]:
-        """Estimate and covariance of the ten parameters that the last cycle published, shapes (10,) and (10, 10)."""
+        """Returns estimate and covariance that the last cycle published, shapes (10,) and (10, 10)."""
         return super().known() if self._done is not None else cycle.known(self.state(), self._params)
 
 
 def _writable(samples: Samples) -> Samples:
-    """Samples as compiled code takes them."""
+    """Converts samples to the form that compiled code takes."""
     return Samples(*(np.require(part, requirements=["C", "W"]) for part in samples))
 
 
 def _reported(rotation: Any, mass: Any) -> tuple[Array, Array]:
-    """Estimate and 1-sigma of the ten parameters in two reports, shape (10,) each."""
+    """Returns estimate and 1-sigma of the ten parameters in two reports, shape (10,) each."""
     return (
         all_ten(rotation.estimate, mass.mass_reciprocal),
         all_ten(rotation.standard_deviation, np.sqrt(mass.variance)),
@@ -277,7 +277,7 @@ class Whole:
         return held(self.given, self._compiled)
 
     def state(self) -> EstimationState:
-        """What the next cycle begins with."""
+        """Returns the state with which the next cycle begins."""
         state: EstimationState = released(self.holder)
         return state
 
@@ -292,7 +292,7 @@ class Whole:
         self._times_s, self._next = samples.time_s, 0
 
     def advance(self, until: int) -> None:
-        """Goes on to a row, which is not taken any more."""
+        """Advances to a row, which is not taken any more."""
         reached = self._reached
         reached[:] = self._next, until
         began = time.perf_counter()
@@ -308,19 +308,19 @@ class Whole:
 
     @property
     def done(self) -> int:
-        """Number of rows that it has gone through, also after it has raised something."""
+        """Number of rows that have been taken, also after an error."""
         return self._next
 
     def went_on(self, until: int) -> None:
-        """Takes note that a kernel has gone on to a row, which is not taken any more."""
+        """Notes that a kernel has advanced to a row, which is not taken any more."""
         self._next = until
 
     def restart(self) -> None:
-        """Goes back to the first of the rows, whose samples may be others by now."""
+        """Returns to the first of the rows, whose samples may be others by now."""
         self._next = 0
 
     def reports(self) -> tuple[Any, Any, Any]:
-        """What both filters and the detector said in the last cycle, as logged; None without a detector."""
+        """Returns reports of both filters and the detector in the last cycle, as logged; None without a detector."""
         assert self._rows is not None
         rows, last = self._rows, self._next - 1
         status = None
@@ -330,33 +330,33 @@ class Whole:
         return ROTATION_REPORT.read(rows.rotation_report[last]), MASS_REPORT.read(rows.mass_report[last]), status
 
     def reported(self) -> tuple[Array, Array]:
-        """Estimate and 1-sigma of the ten parameters that the last cycle published, shape (10,) each."""
+        """Returns estimate and 1-sigma of the ten parameters that the last cycle published, shape (10,) each."""
         rotation, mass, _ = self.reports()
         return _reported(rotation, mass)
 
     def rotation_nis(self) -> float:
-        """NIS of the rotation filter's innovation in the last cycle; NaN where the sample was not used."""
+        """Returns NIS of the rotation filter's innovation in the last cycle; NaN where the sample was not used."""
         report, _, _ = self.reports()
         return float(report.rotation_nis) if report.rotation_used else math.nan
 
     def known(self) -> tuple[Array, Array]:
-        """Estimate and covariance of the ten parameters that the last cycle published, shapes (10,) and (10, 10)."""
+        """Returns estimate and covariance that the last cycle published, shapes (10,) and (10, 10)."""
         return cycle.known(self.state(), self._params)
 
 
 class Unattended(Stepped):
-    """Cycles in which nothing is estimated, for a flight of which the course alone is wanted, see `Cycles`."""
+    """Cycles without estimation, for a flight of which only the course is wanted, see `Cycles`."""
 
     def _one(self, _sample: Sample, _row: int) -> None:
         pass
 
     def reported(self) -> tuple[Array, Array]:
-        """Zero with a 1-sigma of infinity: nothing is known, shape (10,) each."""
+        """Returns zeros with a 1-sigma of infinity: nothing is known, shape (10,) each."""
         return np.zeros(10), np.full(10, math.inf)
 
 
 def cycles(scenario: Scenario, made: EstimationParams, state: EstimationState | None = None) -> Cycles:
-    """Cycles as a scenario wants them.
+    """Makes the cycles of a scenario.
 
     Args:
         scenario: for its `execution`.

@@ -1,4 +1,4 @@
-"""The estimators for real time: one call a cycle, no simulator, no file."""
+"""Estimators for real time: one call a cycle, no simulator, no file."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _ROUNDING = 1e-6  # of a sample: by which a jet may close after its end
 
 
 class Detection(NamedTuple):
-    """A failure or a jump declared at a cycle.
+    """Failure or jump declared at a cycle.
 
     Attributes:
         kind: "jet", "mass_property_jump" or "withdrawn"; with the detector by hypotheses besides "changed" (of the
@@ -84,7 +84,7 @@ class Detection(NamedTuple):
 
 
 class EstimatorStep(NamedTuple):
-    """What is known after one cycle.
+    """Estimates and detections after one cycle.
 
     Attributes:
         time_s: of the cycle, s.
@@ -121,7 +121,7 @@ class EstimatorStep(NamedTuple):
 
 
 class _Cycle(NamedTuple):
-    """What a cycle has said, however it was made.
+    """Reports of a cycle, in one form for every kernel.
 
     Attributes:
         known: estimate and 1-sigma of the ten parameters.
@@ -185,7 +185,7 @@ class Estimator:
         return f"<Estimator of '{self._vehicle.name}', {self._scenario.estimation.filter} filter, {detector}, {at}>"
 
     def __getstate__(self) -> dict[str, Any]:
-        """All that the next cycle depends on, for `pickle` and `copy`; the rest follows from the scenario."""
+        """Returns all that the next cycle depends on, for `pickle` and `copy`; the rest follows from the scenario."""
         kept = ("_scenario", "_published", "_command", "_onset_s", "_outside", "_time_s", "_told_s")
         return {**{name: self.__dict__[name] for name in kept}, "_kept": self._state}
 
@@ -195,7 +195,7 @@ class Estimator:
         self.__dict__.update(state)
 
     def _begin(self, state: cycle.EstimationState) -> None:
-        """Goes on from a state; compiled, as one kernel a cycle where there is such a one."""
+        """Begins at a state; compiled, as one kernel a cycle where there is such a one."""
         self._kept, self._whole = state, None
         if self._scenario.execution.compiled and whole.covers(self._params):
             self._row = whole.one_sample(len(self._gyros), len(self._accelerometers), state.level.size)
@@ -204,7 +204,7 @@ class Estimator:
 
     @property
     def _state(self) -> cycle.EstimationState:
-        """From which the next cycle goes on."""
+        """State from which the next cycle goes on."""
         return self._kept if self._whole is None else self._whole.state()
 
     @property
@@ -233,7 +233,7 @@ class Estimator:
         return sigmas * value, sigmas * deviation
 
     def nearest_possible(self) -> Array | None:
-        """The estimate if a rigid body can have it, else the nearest one that a body can have, shape (10,).
+        """Returns the estimate if a rigid body can have it, else the nearest possible one, shape (10,).
 
         None where there is none, see `maths.possible_inertia.nearest_possible`. The estimator itself goes on from its
         own.
@@ -242,7 +242,7 @@ class Estimator:
 
     @property
     def state(self) -> dict[str, Any]:
-        """All that is known and remembered, as JSON takes it; a run's `filter_state.json` holds the same and more."""
+        """State of the estimator, as JSON takes it; a run's `filter_state.json` holds the same and more."""
         return {
             "format": FORMAT,
             "made_with": self._made_with,
@@ -254,7 +254,7 @@ class Estimator:
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Goes on from a state of this or another estimator, or of a run's `filter_state.json`.
+        """Restores a state of this or another estimator, or of a run's `filter_state.json`.
 
         Args:
             state: as `state` gives it.
@@ -336,7 +336,7 @@ class Estimator:
     def _coming(
         self, time_s: float, commands: ArrayLike | None, onsets_s: ArrayLike | None
     ) -> tuple[Array, Array, float]:
-        """Commands from now on and their onsets, shape (n_jets,) each, and when they were told, s."""
+        """Returns commands from now on and their onsets, shape (n_jets,) each, and when they were given, s."""
         if commands is not None:
             coming = _numbers(commands, self._command.shape, "commands")
             if ((coming < 0.0) | (coming > 1.0)).any():
@@ -353,7 +353,7 @@ class Estimator:
         return coming[0], opening[0], self._told_s
 
     def _opening(self, commands: Array, onsets_s: ArrayLike | None) -> Array:
-        """Onsets of commands, NaN where these are levels, shape (n_jets,)."""
+        """Returns onsets of commands, NaN where these are levels, shape (n_jets,)."""
         period_s = self._vehicle.sample_period_s
         if onsets_s is None:
             return told_onsets(commands, None, self._vehicle.opens_at, period_s)
@@ -364,7 +364,7 @@ class Estimator:
         return given
 
     def _one(self, sample: cycle.Sample) -> _Cycle:
-        """A cycle."""
+        """Runs a cycle."""
         nothing = np.zeros(len(self._vehicle.jets))
         if self._whole is not None:
             for part, value in zip(self._row, sample[: len(self._row)], strict=True):
@@ -385,7 +385,7 @@ class Estimator:
         return _Cycle(*seen, judgment.status, judgment.own, detector.force, detector.removed)
 
     def _told(self, time_s: float, done: _Cycle) -> EstimatorStep:
-        """What is known after a cycle."""
+        """Returns estimates and detections after a cycle."""
         (ten, deviation), mass = done.known, done.mass
         return EstimatorStep(
             time_s,
@@ -404,7 +404,7 @@ class Estimator:
         )
 
     def _probabilities(self, own: Any) -> tuple[Array, float]:
-        """Posterior probabilities of the jets' failures, and of something unknown."""
+        """Returns posterior probabilities of the jets' failures, and of something unknown."""
         if own is None or math.isnan(own.none_probability):
             return np.zeros(len(self._vehicle.jets)), 0.0
         return own.fault_probability.copy(), float(own.unknown_probability)
@@ -444,7 +444,7 @@ class Estimator:
         )
 
     def _of_no_jet(self, own: Any) -> dict[str, Any]:
-        """Size and place of a jump, and which reading is false."""
+        """Returns size and place of a jump, and which reading is false."""
         if math.isfinite(own.lying_component):
             named = reading_of(int(own.lying_component), params.read(self._scenario), self._vehicle)
             return dict(zip(("sensor", "axis"), named, strict=True))
@@ -460,7 +460,7 @@ class Estimator:
 
 
 def _kind(own: Any, sensor: str | None, vehicle: Vehicle) -> str:
-    """What the detector by hypotheses says that is not of jets and no new jump."""
+    """Returns the kind of an event of the detector by hypotheses that is not of jets and no new jump."""
     if not math.isnan(own.jump_measured):
         return "jump_measured"
     if not math.isnan(own.disturbed_since):
@@ -469,7 +469,7 @@ def _kind(own: Any, sensor: str | None, vehicle: Vehicle) -> str:
 
 
 def _seen(readings: Mapping[str, ArrayLike] | None, vehicle: Vehicle) -> Array | None:
-    """Readings other than gyros' and accelerometers', NaN where missing, shape (columns,); None: nothing ever is."""
+    """Returns readings besides gyros' and accelerometers', NaN where missing, shape (columns,); None: none exist."""
     given = dict(readings or {})
     names = [sensor.name for sensor in vehicle.tracked]
     unknown, or_wheel = [name for name in given if name not in names], ", and no wheel" if vehicle.wheels else ""
@@ -484,7 +484,7 @@ def _seen(readings: Mapping[str, ArrayLike] | None, vehicle: Vehicle) -> Array |
 def _readings(
     readings: ArrayLike | Mapping[str, ArrayLike] | None, packages: Sequence[SensorPackage], what: str
 ) -> Array:
-    """Of all packages, the one in use first, NaN where missing or saturated, shape (s, 3)."""
+    """Returns readings of all packages, the one in use first, NaN where missing or saturated, shape (s, 3)."""
     if readings is None:
         return np.full((len(packages), 3), np.nan)
     if not isinstance(readings, Mapping):
@@ -504,7 +504,7 @@ def _readings(
 
 
 def _numbers(values: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
-    """A copy, for the caller may reuse its buffers; NaN stands for what is missing."""
+    """Copies numbers, for the caller may reuse its buffers; NaN stands for what is missing."""
     try:
         numbers = np.array(values, dtype=float)
     except (TypeError, ValueError, OverflowError):

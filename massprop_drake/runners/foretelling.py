@@ -32,7 +32,7 @@ SHARE = 0.05  # of its thrust that a suspect jet leaks
 
 
 class Suspect(NamedTuple):
-    """Suspect jet: how soon it is told when it leaks from some time on.
+    """Suspect jet, and how soon its leak is found from some time on.
 
     Attributes:
         jet: designation.
@@ -76,7 +76,7 @@ class Forecast(NamedTuple):
 def foretell(
     scenario: Scenario, *, nominal: bool = False, share: float = SHARE, since_s: float | None = None
 ) -> Forecast:
-    """Foretells what a scenario's flight will tell: the joint filter along it, linearized at the truth.
+    """Forecasts the information of a scenario's flight: the joint filter along it, linearized at the truth.
 
     The vehicle flies as stated: no failures, jumps or disturbances, thrusts and sensors as the file has them.
 
@@ -122,7 +122,7 @@ def as_data(found: Forecast) -> dict[str, Any]:
 
 
 def _as_stated(scenario: Scenario, *, nominal: bool) -> Scenario:
-    """The scenario with everything as it is stated, and the joint filter."""
+    """Returns the scenario with everything as it is stated, and the joint filter."""
     plant = scenario.plant
     exact: dict[str, Any] = {"thrust_dispersion": 0.0, "mounting_dispersion": 0.0, "wheel_dispersion": 0.0}
     exact |= {"disturbance": DisturbanceBlock(), "lag_factor": 1.0}
@@ -138,7 +138,7 @@ def _as_stated(scenario: Scenario, *, nominal: bool) -> Scenario:
 
 
 def _flown(scenario: Scenario, estimation: EstimationParams) -> Mapping[str, Array]:
-    """True states, commands and readings of the flight, by the names of a run's signals."""
+    """Computes true states, commands and readings of the flight, by the names of a run's signals."""
     if needs_diagram(scenario):
         run = simulate(scenario, look_back=False)
         return {"time_s": run.time_s, **{name: run[name] for name in run.signals}}
@@ -186,7 +186,7 @@ def _forecast(
 
 
 def _record(scenario: Scenario, logs: Mapping[str, Array], made: JointFilterParams) -> RecordRows:
-    """Rows of a record of the flight."""
+    """Makes rows of a record of the flight."""
     vehicle, time_s, commands = scenario.vehicle_data, logs["time_s"], logs["command"]
     n, jets = time_s.size, made.joint.places.jets
     rates, velocities = (
@@ -203,7 +203,7 @@ def _record(scenario: Scenario, logs: Mapping[str, Array], made: JointFilterPara
 
 
 def _floors(properties: Array, commands: Array, made: JointFilterParams) -> Array:
-    """1-sigma of the ten parameters by what all thrusts have in common, shape (10,).
+    """Computes 1-sigma of the ten parameters by the common error of all thrusts, shape (10,).
 
     More thrust of all by the same share and as much more inertia and mass change no reading; wheels, whose inertias are
     known absolutely, show the scale as well as these are known.
@@ -222,7 +222,7 @@ def _floors(properties: Array, commands: Array, made: JointFilterParams) -> Arra
 
 
 def _suspects(scenario: Scenario, since_s: Array, shown: Array, share: float) -> Iterator[Suspect]:
-    """Yields how soon each jet's leak is told.
+    """Yields how soon each jet's leak is found.
 
     Args:
         scenario: for the vehicle, and how likely faults are.
@@ -256,6 +256,6 @@ def _suspects(scenario: Scenario, since_s: Array, shown: Array, share: float) ->
 
 
 def _first(since_s: Array, holds: NDArray[np.bool_]) -> float:
-    """The first time at which something holds; infinity: it never does."""
+    """Returns the first time at which something holds; infinity: it never does."""
     at = np.flatnonzero(holds)
     return float(since_s[at[0]]) if at.size else math.inf

@@ -1,4 +1,4 @@
-"""Adds to a run the intervals of the ten parameters that its quantized readings guarantee."""
+"""Guaranteed intervals of the ten parameters by quantized readings, added to a run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the logs of the estimators hold, taken apart; and their state, taken out and put back.
+"""Logs of the estimators as signals, and their state for files.
 
 The same for simulated runs, for recorded telemetry and for the estimator in real time.
 """
@@ -53,7 +53,7 @@ RECENT = 256  # rows whose times a run keeps for the part that goes on from it
 
 
 def estimation_signals(scenario: Scenario, logs: Mapping[str, Array]) -> dict[str, Array]:
-    """The logged ports of the estimation diagram taken apart into named signals.
+    """Splits the logged ports of the estimation diagram into named signals.
 
     Args:
         scenario: for the number of jets and the limits of convergence.
@@ -85,7 +85,7 @@ def estimation_signals(scenario: Scenario, logs: Mapping[str, Array]) -> dict[st
 
 
 class EstimationLog:
-    """Rows of what the ports of the estimation diagram would log, from cycles without a diagram.
+    """Rows that the ports of the estimation diagram would log, from cycles without a diagram.
 
     Args:
         scenario: for jets and sensors.
@@ -133,7 +133,7 @@ class EstimationLog:
 
 
 class Intake:
-    """Takes in the signals of a run block by block: spools them, and keeps what is told at the end.
+    """Intake of the signals of a run block by block: spools them, and keeps what is reported at the end.
 
     Args:
         scenario: as run.
@@ -162,7 +162,7 @@ class Intake:
         self._last_mass = np.full((1, 3), np.nan)  # time, 1/m and its 1-sigma of the row before the block
 
     def take(self, signals: Mapping[str, Array]) -> tuple[list[EventRecord], list[DetectionRecord]]:
-        """Takes in a block; what was said in it, and the detections that it brings.
+        """Takes in a block; returns the events in it, and the detections so far.
 
         Args:
             signals: by name, shape (n, components), and `time_s`, shape (n,).
@@ -183,11 +183,11 @@ class Intake:
         return events, self._entries[known:]
 
     def last(self, name: str, otherwise: Array) -> Array:
-        """The last row of a signal, or what stands for it where there is no such signal."""
+        """Returns the last row of a signal, or a substitute where there is no such signal."""
         return self.spool.last(name) if name in self.spool else otherwise
 
     def found(self) -> Findings:
-        """What was found, as it stands at the end."""
+        """Returns the findings, as they stand at the end."""
         none = np.zeros(len(self._vehicle.jets))
         forces = self.last("known_force", none), self.last("known_force_variance", none)
         mass = tuple(float(self.spool.last(name)[MASS_RECIPROCAL]) for name in ("estimate", "standard_deviation"))
@@ -209,7 +209,7 @@ class Intake:
         )
 
     def state(self, row: int, states: SavedState, command: Array) -> dict[str, Any]:
-        """What it takes to go on from the end, as `filter_state.json` has it.
+        """Returns the data to go on from the end, as `filter_state.json` has them.
 
         Args:
             row: number of the last row.
@@ -235,7 +235,7 @@ class Intake:
 
 
 def state_groups(diagram: Any, context: Any) -> Groups:
-    """The state of every part of the estimation diagram, by name, from the root context."""
+    """Returns the state of every part of the estimation diagram, by name, from the root context."""
     groups: dict[str, Array] = {}
     for system in diagram.GetSystems():
         if not getattr(system, "is_resumed", True):
@@ -250,12 +250,12 @@ def state_groups(diagram: Any, context: Any) -> Groups:
 
 
 def kept(state: EstimationState, params: EstimationParams) -> SavedState:
-    """A cycle's state as a file keeps it."""
+    """Converts a cycle's state for a file."""
     return for_json(cycle.saved(state, params))
 
 
 def restored(states: SavedState, params: EstimationParams, source: str) -> EstimationState:
-    """The inverse of `kept`; arguments as those of `from_json`.
+    """Restores a cycle's state: the inverse of `kept`; arguments as those of `from_json`.
 
     Raises:
         InputError: when they are of other parameters, or no run can have left them.
@@ -271,12 +271,12 @@ def restored(states: SavedState, params: EstimationParams, source: str) -> Estim
 
 
 def for_json(groups: Groups) -> SavedState:
-    """A state as a file keeps it."""
+    """Converts a state for a file."""
     return {name: [null_for_nan(vector)] for name, vector in groups.items()}
 
 
 def from_json(states: SavedState, like: Groups, source: str, growing: Collection[str] = ()) -> Groups:
-    """The inverse of `for_json`; a part may be in several pieces, as version 0.1 kept it.
+    """Reads a state: the inverse of `for_json`; a part may be in several pieces, as version 0.1 kept it.
 
     Args:
         states: as a file has them.

@@ -1,4 +1,4 @@
-"""The plain loop: a scenario sample by sample, by the same functions as the diagram's systems call, without Drake.
+"""Plain loop: a scenario sample by sample, by the same functions as the diagram's systems call, without Drake.
 
 Only the linear program of jet selection is Drake's. What the loop does not cover, `check_against_vehicle` refuses.
 """
@@ -91,7 +91,7 @@ class _Block(NamedTuple):
 
 
 class Loop:
-    """A run by the plain loop, see `simulate.Engine`.
+    """Run by the plain loop, see `simulate.Engine`.
 
     Args:
         scenario: to run.
@@ -129,7 +129,7 @@ class Loop:
         self._stopwatch = Stopwatch()
 
     def _covered(self) -> Whole | None:
-        """The estimation, where one kernel has it and the flight: nothing is to be done between the two."""
+        """Returns the estimation, where one kernel has it and the flight: nothing is to be done between the two."""
         apart = not self._compiled or self._made.pilot.adapts or self._trackers.size > 0
         return None if apart or not isinstance(self._known, Whole) else self._known
 
@@ -148,7 +148,7 @@ class Loop:
                     raise error.at(self._sample * self._period_s) from None
 
     def _fill(self, reached_s: float) -> None:
-        """Goes on to a time, or to the end of a block, from the readings of each sample to those of the next."""
+        """Advances to a time, or to the end of a block, from the readings of each sample to those of the next."""
         if self._row == self._size:
             self._begin()
         if self._whole is not None:
@@ -169,7 +169,7 @@ class Loop:
             self._sample += 1
 
     def _fill_at_once(self, known: Whole, reached_s: float) -> None:
-        """The same by the kernel that has vehicle, autopilot and estimation."""
+        """Advances likewise, by the kernel that has vehicle, autopilot and estimation."""
         onward, block, reached = chosen(flight.onward, self._compiled), self._blocks[-1], self._reached
         times_s = np.arange(self._sample, self._sample + self._size - self._row) * self._period_s
         reached[UNTIL] = self._row + np.count_nonzero(times_s <= reached_s)
@@ -229,7 +229,7 @@ class Loop:
             self._fly(self._holder, self._blocks[-1].shared, self._reached, self._given)
 
     def emptied(self) -> dict[str, Array]:
-        """What has been logged, by port, and the times; the logs are empty then."""
+        """Empties the logs, and returns them by port, with the times."""
         taken, count = self._taken, self.logged
         blocks = [{**self._ports(block), **block.log.rows} for block in self._blocks]
         logs = {name: _joined([block[name] for block in blocks])[taken : taken + count] for name in blocks[0]}
@@ -239,7 +239,7 @@ class Loop:
         return {"time_s": times_s, **logs}
 
     def _ports(self, block: _Block) -> dict[str, Array]:
-        """The logged ports of the vehicle and the autopilot."""
+        """Returns the logged ports of the vehicle and the autopilot."""
         rows = block.rows
         logged = ("body_state", "structure", "command", "thrust", *(() if self._selection is None else _PILOTED))
         within = self._onsets_s is not None or self._made.pilot.pulses.within
@@ -250,7 +250,7 @@ class Loop:
         return {**{name: getattr(rows, name) for name in logged}, **readings, **self._trackers.ports(block.tracked)}
 
     def moment(self) -> Moment:
-        """What there is to see at the last sample."""
+        """Returns the simulation at the last sample, for those who watch it."""
         rows, row = self._blocks[-1].rows, self._row - 1
         estimate, deviation = self._known.reported()
         return Moment(
@@ -268,12 +268,12 @@ class Loop:
         )
 
     def finish(self, *, interrupted: bool = False) -> tuple[Array, Groups]:
-        """Covariance of the ten estimates, shape (10, 10), and the estimators' state, after the last sample."""
+        """Returns covariance of the ten estimates, shape (10, 10), and the estimators' state, after the last sample."""
         _, covariance = self._known.known()
         return covariance, estimation.saved(self._known.state(), self._params)
 
     def cycle_times(self, cycles: int) -> dict[str, float | None]:
-        """Mean time per cycle spent in each part, microseconds."""
+        """Computes mean time per cycle spent in each part, microseconds."""
         mean: dict[str, float | None] = {name: 1e6 * spent / cycles for name, spent in self._known.spent_s.items()}
         if self._whole is not None:  # not apart from the vehicle
             mean["estimators"] = None
@@ -284,5 +284,5 @@ class Loop:
 
 
 def _joined(parts: list[Any]) -> Any:
-    """Rows of blocks; those of a single one are not copied."""
+    """Joins rows of blocks; those of a single one are not copied."""
     return np.concatenate(parts) if len(parts) > 1 else parts[0]

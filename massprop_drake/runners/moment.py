@@ -1,4 +1,4 @@
-"""What there is to see of a simulation at one sample."""
+"""State of a simulation at one sample, for display."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 
 class Moment(NamedTuple):
-    """A simulation at one sample, for those who watch it.
+    """State of a simulation at one sample, for those who watch it.
 
     Attributes:
         time_s: of the sample, s.

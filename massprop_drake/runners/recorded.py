@@ -1,4 +1,4 @@
-"""Runs the estimators and the failure detector over recorded telemetry, with no simulated vehicle."""
+"""Runs of the estimators and the failure detector over recorded telemetry, with no simulated vehicle."""
 
 from __future__ import annotations
 
@@ -158,7 +158,7 @@ def _source(
     whose: tuple[Vehicle, str | None],
     steps: tuple[bool, bool],
 ) -> str | Path | Table:
-    """The record to be read.
+    """Opens the record to be read.
 
     Args:
         telemetry, record_map: see `estimate`.
@@ -183,7 +183,7 @@ def _source(
 
 
 def _at_own_times(scenario: Scenario, per_s: float | None) -> Scenario:
-    """The scenario with a step for every reading, where a record has rows at so many times a second."""
+    """Returns the scenario with a step for every reading, where a record has rows at so many times a second."""
     if per_s is None:
         return scenario
     period_s = scenario.vehicle_data.sample_period_s
@@ -193,14 +193,14 @@ def _at_own_times(scenario: Scenario, per_s: float | None) -> Scenario:
 
 
 def settings_alone(scenario: Scenario) -> Scenario:
-    """A scenario without what only a simulated vehicle has: what it is told, what fails, what is true."""
+    """Returns a scenario without the parts of a simulation: commands, failures, truth."""
     bare = {"maneuver": (), "jet_schedule": (), "failures": (), "jumps": (), "plant": PlantBlock()}
     sensors = scenario.sensors.model_copy(update={"errors": ()})
     return scenario.model_copy(update={**bare, "sensors": sensors})
 
 
 class _Estimation:
-    """A cycle of estimation for every row, what has come out of it, and what that says."""
+    """Estimation over a record: a cycle for every row, its log, and its findings."""
 
     def __init__(self, scenario: Scenario, earlier: FilterState | None, source: str, folder: Path | None):
         self._scenario = scenario
@@ -233,7 +233,7 @@ class _Estimation:
     def take(
         self, rows: Rows, before: tuple[Array, Array, Array | None]
     ) -> tuple[list[EventRecord], list[DetectionRecord]]:
-        """Takes in rows; what was said in them, and the detections that they bring."""
+        """Takes in rows; returns the events in them, and the detections that they bring."""
         if not self._intake.spool.n_rows:
             self._command, self._outside, onset_s = before
             self._onset_s = self._onset_s if onset_s is None else onset_s
@@ -268,7 +268,7 @@ class _Estimation:
     def _taken_in(
         self, rows: Rows, logs: Mapping[str, Array], coming: Array, outside: Array
     ) -> tuple[list[EventRecord], list[DetectionRecord]]:
-        """Takes in rows that have been estimated from; what `take` returns."""
+        """Takes in rows that have been estimated from; returns the result of `take`."""
         count = rows.time_s.size
         if not count:
             return [], []
@@ -282,7 +282,7 @@ class _Estimation:
         return self._intake.take(signals)
 
     def _signals(self, rows: Rows, logs: Mapping[str, Array]) -> dict[str, Array]:
-        """The rows and what the estimators made of them, in the record's own time."""
+        """Returns the rows and their estimates as signals, in the record's own time."""
         signals: dict[str, Array] = {"time_s": rows.time_s, "command": rows.commands}
         if rows.onsets_s is not None:
             signals["command_onset"] = rows.onsets_s
@@ -298,7 +298,7 @@ class _Estimation:
         return signals
 
     def _record_time(self, diagram_s: Array, time_s: Array) -> Array:
-        """Times of the record for times of the diagram, which counts rows; NaN stays."""
+        """Converts times of the diagram, which counts rows, to those of the record; NaN stays."""
         rows = np.nan_to_num(diagram_s / self._period_s).round().astype(int)
         recent_s = np.concatenate([self._intake.recent_s, time_s])
         first = self._next_row - recent_s.size
@@ -308,7 +308,7 @@ class _Estimation:
         return found + (diagram_s - rows * self._period_s)  # exactly what it was where both times agree
 
     def _count(self, rows: Rows, signals: Mapping[str, Array], before: Array) -> None:
-        """Counts what was used and fired; `before`: commands of the intervals that end with the rows."""
+        """Counts samples used and fired; `before`: commands of the intervals that end with the rows."""
         for name, tally in self._nis.items():
             if f"{name}_nis" in signals:
                 tally.add(*used_nis(name, signals))
@@ -324,13 +324,13 @@ class _Estimation:
 
     @property
     def has_rows(self) -> bool:
-        """Tests whether any row has been taken in."""
+        """True if any row has been taken in."""
         return self._intake.spool.n_rows > 0
 
     def finish(
         self, reader: Reader, telemetry: str | Path | Sequence[str | Path], began: float, parts: PartsMade
     ) -> Run:
-        """The run, once all rows have been taken.
+        """Makes the run, once all rows have been taken.
 
         Args:
             reader: of the record.
@@ -354,7 +354,7 @@ class _Estimation:
     def _composed(
         self, reader: Reader, telemetry: str | Path | Sequence[str | Path], timing: Timing, parts: PartsMade
     ) -> Summary:
-        """The summary; arguments as those of `finish`."""
+        """Makes the summary; arguments as those of `finish`."""
         last = self._intake.spool.last
         found = parts.make("detections", self._intake.found, Findings())
         failed_s = [entry.onset_s for entry in found.detections if entry.kind != JUMP and entry.withdrawn_s is None]
@@ -393,7 +393,7 @@ class _Estimation:
         )
 
     def _judged_quality(self, reader: Reader, failed_s: float) -> dict[str, Any]:
-        """Quality of the record up to the first failure."""
+        """Judges the quality of the record up to the first failure."""
         quality = self._quality.finished(reader.record, reader.ragged, failed_s)
         quality["warnings"] = [*quality["warnings"], *followed.remarks(self._scenario, self._intake.spool)]
         return quality
@@ -406,7 +406,7 @@ class _Estimation:
         return judged(rotation, mass, np.full(10, np.nan), SYMBOLS, back.diagnoses)
 
     def _state_of(self, reader: Reader) -> dict[str, Any]:
-        """State to go on from at the end."""
+        """Returns the state to go on from at the end."""
         states = kept(self._known.state(), self._params)
         return {
             **self._intake.state(self._next_row - 1, states, self._intake.spool.last("command")),
@@ -416,21 +416,21 @@ class _Estimation:
         }
 
     def _cycle_times(self) -> dict[str, float | None]:
-        """Mean time per cycle spent in each part, microseconds."""
+        """Computes mean time per cycle spent in each part, microseconds."""
         mean = {name: 1e6 * spent / self._intake.spool.n_rows for name, spent in self._known.spent_s.items()}
         detector = mean.get("detector") if self._params.detector is not None else None
         return {"estimators": mean["estimators"], "detector": detector, "jet_selection": None}
 
 
 def _name_of(telemetry: str | Path | Sequence[str | Path]) -> str:
-    """Name of a record in a summary."""
+    """Returns the name of a record in a summary."""
     if isinstance(telemetry, (str, Path)):
         return "standard input" if str(telemetry) == "-" else Path(telemetry).name
     return ", ".join(Path(one).name for one in telemetry)
 
 
 def _by_sensor(rows: Rows, vehicle: Vehicle) -> dict[str, Array]:
-    """Readings of each sensor in a fixed frame."""
+    """Splits readings by sensor in a fixed frame."""
     if rows.tracked is None:
         return {}
     ends = np.cumsum([len(sensor.columns) for sensor in vehicle.tracked])[:-1]
@@ -439,7 +439,7 @@ def _by_sensor(rows: Rows, vehicle: Vehicle) -> dict[str, Array]:
 
 
 def _stacked(rows: Rows, packages: Sequence[SensorPackage]) -> Array:
-    """Readings of some packages side by side, NaN where missing or saturated, shape (n, s, 3)."""
+    """Stacks readings of some packages, NaN where missing or saturated, shape (n, s, 3)."""
     stacked = np.empty((rows.time_s.size, len(packages), 3))
     for place, package in enumerate(packages):
         stacked[:, place] = readings = rows.readings[package.name]
@@ -453,7 +453,7 @@ def _stacked(rows: Rows, packages: Sequence[SensorPackage]) -> Array:
 
 
 def _saved(folder: Path, scenario: Scenario) -> FilterState:
-    """The filter state of an earlier run's folder, of the same vehicle and settings."""
+    """Reads the filter state of an earlier run's folder, of the same vehicle and settings."""
     source = folder / STATE_FILE
     recover(folder)
     state = validated(FilterState, read_json(source), source=str(source))
@@ -466,7 +466,7 @@ def _saved(folder: Path, scenario: Scenario) -> FilterState:
 
 
 def _require_alike(state: FilterState, known: tuple[Array, Array], source: str) -> None:
-    """Makes sure that what a state says for readers is what the estimators go on with.
+    """Checks that a state in its form for readers equals the one from which the estimators go on.
 
     Raises:
         InputError: when it is not.

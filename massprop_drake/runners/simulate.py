@@ -1,4 +1,4 @@
-"""Runs a scenario, through Drake's simulator or by the plain loop."""
+"""Simulation of a scenario, through Drake's simulator or by the plain loop."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ _BLOCK_ROWS = 1024  # that logs hold, at least, before they are emptied
 
 
 class Engine(Protocol):
-    """What runs a scenario; every engine gives the same bits."""
+    """Interface of what runs a scenario; every engine gives the same bits."""
 
     @property
     def logged(self) -> int:
@@ -58,24 +58,24 @@ class Engine(Protocol):
         """Runs up to a time and logs every sample up to it, that at the time itself included."""
 
     def emptied(self) -> dict[str, Array]:
-        """What has been logged, by port, and the times; the logs are empty then."""
+        """Empties the logs, and returns them by port, with the times."""
 
     def moment(self) -> Moment:
-        """What there is to see at the last sample."""
+        """Returns the simulation at the last sample, for those who watch it."""
 
     def finish(self, *, interrupted: bool = False) -> tuple[Array, Groups]:
-        """Covariance of the ten estimates, shape (10, 10), and the estimators' state, after the last sample.
+        """Returns covariance of the ten estimates, shape (10, 10), and the estimators' state, after the last sample.
 
         Args:
             interrupted: something was raised on the way; its logs have been emptied.
         """
 
     def cycle_times(self, cycles: int) -> dict[str, float | None]:
-        """Mean time per cycle spent in the mathematics of each part, microseconds."""
+        """Computes mean time per cycle spent in the mathematics of each part, microseconds."""
 
 
 def needs_diagram(scenario: Scenario) -> bool:
-    """Tests whether a flight has what the plain loop does not cover.
+    """Tests whether a flight has something that the plain loop does not cover.
 
     Wheels, burns of engines, bodies and joints, and jets that are prescribed beside an autopilot.
     """
@@ -86,7 +86,7 @@ def needs_diagram(scenario: Scenario) -> bool:
 
 
 def _engine(scenario: Scenario, diagram: Any, log: Sequence[Any], truth: Mapping[str, Any] | None) -> Engine:
-    """The engine that a scenario names; a diagram of one's own has Drake's simulator."""
+    """Makes the engine that a scenario names; a diagram of one's own has Drake's simulator."""
     if log and not hasattr(diagram, "GetMutableSystems"):
         raise InputError("simulate: log takes output ports of systems of a DiagramBuilder, given as diagram")
     if truth is not None and diagram is None:
@@ -152,7 +152,7 @@ def simulate(
 
 
 class _FlyingRun:
-    """A simulated run while it is under way.
+    """Simulated run in progress.
 
     Args:
         scenario: to fly.
@@ -188,7 +188,7 @@ class _FlyingRun:
         self._intake.take(_signals(self._scenario, self._engine.emptied()))
 
     def finished(self, parts: PartsMade, *, look_back: bool) -> Run:
-        """The run, once all signals have been taken in."""
+        """Makes the run, once all signals have been taken in."""
         scenario, intake, signals = self._scenario, self._intake, self._intake.spool
         covariance, groups = self._state
         flown_s, wall_s = float(signals.last("time_s")), time.perf_counter() - self._began
@@ -209,7 +209,7 @@ class _FlyingRun:
         return Run(scenario, replace(results, missing=tuple(parts.missing)), None, signals, state)
 
     def ended(self, error: BaseException) -> Run | None:
-        """The run as far as it came before an error; None before its first sample."""
+        """Makes the run up to an error; None before its first sample."""
         parts, signals = PartsMade(), self._intake.spool
         if self._engine.logged:
             parts.make("the last samples", self._take, None)
@@ -226,7 +226,7 @@ class _FlyingRun:
 
 @contextlib.contextmanager
 def _scenario_to_blame(scenario: Scenario) -> Iterator[None]:
-    """Turns what only the numbers of a scenario can bring about into the message that says so."""
+    """Converts errors that the numbers of a scenario cause into messages that say so."""
     try:
         yield
     except OutOfMassError as error:
@@ -269,7 +269,7 @@ def _scenario_to_blame(scenario: Scenario) -> Iterator[None]:
 
 
 def _signals(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
-    """The logged ports taken apart into named signals."""
+    """Splits the logged ports into named signals."""
     vehicle = scenario.vehicle_data
     signals = {"time_s": logs["time_s"]} | _of_the_truth(scenario, logs)
     of_autopilot = ("hand_controllers", "attitude_error", "request", "selection_counts", "out_of_use")
@@ -284,7 +284,7 @@ def _signals(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
 
 
 def _of_the_truth(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
-    """The true signals, as far as the logged ports give them."""
+    """Returns the true signals, as far as the logged ports give them."""
     named = ("rate", "attitude", "position", "velocity", "truth")
     signals: dict[str, Array] = {name: logs[name] for name in named if name in logs}
     if "body_state" in logs:
@@ -304,7 +304,7 @@ def _of_the_truth(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array
 
 
 def true_parameters(mass: Array, structure: Array) -> Array:
-    """True ten parameters at each sample, shape (n, 10); the inverse is taken once per distinct structure.
+    """Computes true ten parameters at each sample, shape (n, 10); one inverse per distinct structure.
 
     Args:
         mass: slug or kg, shape (n,).
@@ -320,8 +320,10 @@ def true_parameters(mass: Array, structure: Array) -> Array:
 
 
 def _authority(scenario: Scenario, signals: Spool) -> dict[str, Any] | None:
-    """Largest change of rate and velocity in one second of firing, per axis and direction, by nominal mass
-    properties: with all selectable jets, and with those left at the end. None without an autopilot.
+    """Computes the control authority with all selectable jets, and with those left at the end.
+
+    It is the largest change of rate and velocity in one second of firing, per axis and direction, by nominal mass
+    properties. None without an autopilot.
     """
     if "out_of_use" not in signals:
         return None
@@ -335,7 +337,7 @@ def _authority(scenario: Scenario, signals: Spool) -> dict[str, Any] | None:
 
 @lru_cache(maxsize=64)
 def _reach(wrenches: bytes, properties: bytes, flows: bytes, available: bytes) -> dict[str, float]:
-    """Reach of the jets that are available, by axis and direction; the same again in each run of a campaign."""
+    """Computes the reach of the available jets, by axis and direction; cached over the runs of a campaign."""
     program = JetSelectionProgram(np.frombuffer(flows))
     activity = activity_vectors(np.frombuffer(wrenches).reshape(-1, 6), np.frombuffer(properties))
     limits = np.where(np.frombuffer(available, dtype=np.bool_), 1.0, 0.0)

@@ -1,4 +1,4 @@
-"""A run by Drake's simulator: the diagram, with a log at every port that a run keeps."""
+"""Run by Drake's simulator: the diagram, with a log at every port that a run keeps."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ _HELD = "held_command"
 
 
 class Simulated:
-    """A run by Drake's simulator, see `simulate.Engine`.
+    """Run by Drake's simulator, see `simulate.Engine`.
 
     Args:
         scenario: to run.
@@ -103,7 +103,7 @@ class Simulated:
         log: Sequence[OutputPort],
         truth: Truth | None,
     ) -> Diagram:
-        """The whole diagram, with one log of all that a run keeps: each log takes an event a sample."""
+        """Builds the whole diagram, with one log of all that a run keeps: each log takes an event a sample."""
         builder = diagram if isinstance(diagram, DiagramBuilder) else DiagramBuilder()
         if builder is not diagram:
             whole = diagram or (open_loop if scenario.open_loop else closed_loop).build(scenario)
@@ -161,7 +161,7 @@ class Simulated:
         return self._with_commands({"time_s": times_s, **logs})
 
     def _with_commands(self, logs: dict[str, Array]) -> dict[str, Array]:
-        """Rows with the command of the coming sample: where only the one that ended is known, that of the next row."""
+        """Returns rows with the coming sample's command, taken from the next row where only the past one is logged."""
         if _HELD not in logs:
             return logs
         if self._waiting:
@@ -173,7 +173,7 @@ class Simulated:
         return {name: rows[:kept] for name, rows in logs.items()}
 
     def moment(self) -> Moment:
-        """What there is to see at the last sample."""
+        """Returns the simulation at the last sample, for those who watch it."""
         unknown = np.full(self._n_jets, np.nan)
         removed = np.zeros(self._n_jets, dtype=bool)
         if "reconfiguration" in self._ports:
@@ -196,7 +196,7 @@ class Simulated:
         )
 
     def _seen(self) -> tuple[Array, Array, Array]:
-        """True attitude, center of mass and rate now; NaN where the diagram does not give them."""
+        """Returns true attitude, center of mass and rate now; NaN where the diagram does not give them."""
         if "body_state" in self._ports:
             body = self._output("body_state")
             return body[QUATERNION], STRUCTURE.read(self._output("structure")).center_of_mass, body[RATE]
@@ -207,7 +207,7 @@ class Simulated:
         return attitude, properties[CENTER_OF_MASS], rate
 
     def finish(self, *, interrupted: bool = False) -> tuple[Array, Groups]:
-        """Covariance of the ten estimates, shape (10, 10), and the estimators' state, after the last sample.
+        """Returns covariance of the ten estimates, shape (10, 10), and the estimators' state, after the last sample.
 
         Args:
             interrupted: something was raised on the way; its logs have been emptied.
@@ -224,7 +224,7 @@ class Simulated:
         return covariance, {} if self._estimation is None else state_groups(self._estimation, self._root)
 
     def cycle_times(self, cycles: int) -> dict[str, float | None]:
-        """Mean time per cycle spent in the mathematics of each part, microseconds."""
+        """Computes mean time per cycle spent in the mathematics of each part, microseconds."""
         spent = {part: 1e6 * spent_s / cycles for part, spent_s in self._stopwatch.spent_s.items()}
         selects = self._part(lambda system: system.get_name() == "jet_selection") is not None
         selection = spent.get(JET_SELECTION, 0.0 if selects else None)
@@ -233,7 +233,7 @@ class Simulated:
     # ------------------------------------------------------------------------------------- its ports
 
     def _found(self, scenario: Scenario, feeding: Mapping[str, OutputPort]) -> dict[str, OutputPort]:
-        """The output ports that a run keeps, by name, but those of the truth."""
+        """Returns the output ports that a run keeps, by name, but those of the truth."""
         seen = [sensor.name for sensor in params.simulated_besides(scenario)]
         wanted = (
             "command",
@@ -260,7 +260,7 @@ class Simulated:
         return found
 
     def _true(self, truth: Truth | None) -> dict[str, OutputPort]:
-        """The output ports of the truth: those of a table by signal, or those of the bundled vehicle."""
+        """Returns the output ports of the truth: those of a table by signal, or those of the bundled vehicle."""
         if truth is None:
             there = {name: port for name in _BUNDLED_TRUTH if (port := self._named(name)) is not None}
             return there if len(there) == len(_BUNDLED_TRUTH) else {}
@@ -269,7 +269,7 @@ class Simulated:
         return {TRUTH[name]: self._true_port(name, port) for name, port in truth.items() if _require_known(name)}
 
     def _true_port(self, name: str, port: OutputPort | str) -> OutputPort:
-        """The output port of a true quantity.
+        """Returns the output port of a true quantity.
 
         Raises:
             InputError: when there is none of that name, or it has another size.
@@ -283,7 +283,7 @@ class Simulated:
         return found
 
     def _vector_port(self, what: str, port: OutputPort | str) -> OutputPort:
-        """An output port of one of the systems, given itself or by its name.
+        """Returns an output port of one of the systems, given itself or by its name.
 
         Raises:
             InputError: when there is none such, or it has no numbers.
@@ -303,7 +303,7 @@ class Simulated:
         return found
 
     def _named(self, name: str) -> OutputPort | None:
-        """The output port of a name, of the system that was added first; None where there is none."""
+        """Returns the output port of a name, of the system that was added first; None where there is none."""
         return next((one.GetOutputPort(name) for one in self._systems if one.HasOutputPort(name)), None)
 
     def _output(self, name: str) -> Array:
@@ -313,7 +313,7 @@ class Simulated:
         return value
 
     def _part(self, is_it: Callable[[System], bool]) -> Any:
-        """The first part, of the diagram or of one in it, that passes a test; None where there is none."""
+        """Returns the first part, of the diagram or of one in it, that passes a test; None where there is none."""
         waiting = list(self._systems)
         while waiting:
             system = waiting.pop(0)
@@ -325,7 +325,7 @@ class Simulated:
 
 @contextlib.contextmanager
 def _to_blame(diagram: Any) -> Iterator[None]:
-    """Turns what Drake refuses in a diagram of the user's own into one message."""
+    """Converts what Drake refuses in a diagram of the user's own into one message."""
     if diagram is not None and not isinstance(diagram, (DiagramBuilder, System)):
         raise InputError(f"simulate: diagram: must be a Diagram or a DiagramBuilder, got {type(diagram).__name__}")
     try:
@@ -337,7 +337,7 @@ def _to_blame(diagram: Any) -> Iterator[None]:
 
 
 def _require_names(systems: Sequence[System]) -> None:
-    """Makes sure that no two systems have one name, at which Drake would end the process."""
+    """Checks that no two systems have one name, at which Drake would end the process."""
     names = [system.get_name() for system in systems]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
@@ -345,7 +345,7 @@ def _require_names(systems: Sequence[System]) -> None:
 
 
 def _require_period(estimation: MassPropertyEstimator | None, scenario: Scenario) -> None:
-    """Makes sure that the estimator samples as the scenario's vehicle does."""
+    """Checks that the estimator samples as the scenario's vehicle does."""
     period = scenario.vehicle_data.sample_period_s
     if estimation is not None and estimation.scenario.vehicle_data.sample_period_s != period:
         own = estimation.scenario.vehicle_data.sample_period_s
@@ -356,7 +356,7 @@ def _require_period(estimation: MassPropertyEstimator | None, scenario: Scenario
 
 
 def _own_name(port: OutputPort) -> str:
-    """The name of a signal of the user's own, `<system>.<port>`.
+    """Returns the name of a signal of the user's own, `<system>.<port>`.
 
     Raises:
         InputError: when the port's system has no name that could be a signal's.
@@ -382,14 +382,14 @@ def _require_fractions(commands: Array, times_s: Array, jets: Sequence[str]) -> 
 
 
 def _require_known(name: str) -> bool:
-    """Raises InputError when a table of the truth names what no run keeps."""
+    """Raises InputError when a table of the truth names something that no run keeps."""
     if name not in TRUTH:
         raise InputError(f"truth: no run keeps a true {name!r}{suggestion(name, list(TRUTH))}")
     return True
 
 
 def _feeding(estimation: System | None, builder: DiagramBuilder) -> dict[str, OutputPort]:
-    """The output ports connected to an estimator's input ports, by these ones' names."""
+    """Returns the output ports connected to an estimator's input ports, by these ones' names."""
     if estimation is None:
         return {}
     return {

@@ -1,4 +1,4 @@
-"""Sensors in a fixed frame of a vehicle that is stepped without Drake: they read what the diagram's trackers do."""
+"""Sensors in a fixed frame of a vehicle that is stepped without Drake, equal to the diagram's trackers."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 class Trackers:
-    """All of a vehicle's sensors in the fixed frame.
+    """Sensors in the fixed frame of a vehicle.
 
     Args:
         scenario: for the vehicle, and the seed of their noise.
@@ -41,7 +41,7 @@ class Trackers:
         }
 
     def read(self, body: Array, structure: Array, sample: int) -> Array:
-        """What they read of the true vehicle at a sample, NaN where one measures nothing, shape (size,).
+        """Reads the true vehicle at a sample, NaN where a sensor measures nothing, shape (size,).
 
         Args:
             body: state, see `maths.vehicle.rigid_body`, shape (23,).
@@ -62,5 +62,5 @@ class Trackers:
         return readings
 
     def ports(self, rows: Array) -> dict[str, Array]:
-        """The readings of each by its name, of rows as `read` gives them, shape (n, size)."""
+        """Splits rows of `read`, shape (n, size), into the readings of each sensor by its name."""
         return {name: rows[:, part] for name, part in self._parts.items()}

@@ -1,1 +1,1 @@
-"""What is learned from runs: a report on a vehicle before flight, and the thesis reproduced."""
+"""Studies of many runs: a report on a vehicle before flight, campaigns, designs, and the thesis reproduced."""

@@ -1,4 +1,4 @@
-"""What studies in several processes share."""
+"""Processes of studies: functions that all studies in several processes share."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _R = TypeVar("_R")
 
 @contextlib.contextmanager
 def ctrl_c_held() -> Iterator[None]:
-    """Leaves Ctrl-C to this process, after the block: processes and threads started in it never see one."""
+    """Defers Ctrl-C to this process until after the block: processes and threads started in it never see one."""
     resource_tracker.ensure_running()  # which would let it through again when the first process starts
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -26,7 +26,7 @@ def ctrl_c_held() -> Iterator[None]:
 
 
 def apart(function: Callable[_P, _R], *arguments: _P.args, **options: _P.kwargs) -> _R:
-    """Calls a function in a process of its own, with which all the memory goes that it takes.
+    """Calls a function in a process of its own, whose memory is freed with it.
 
     Args:
         function: of a module; what it takes, returns and raises must be picklable.

@@ -1,4 +1,4 @@
-"""How many threads BLAS gets: one, since the matrices here are small, and sharing one costs more than it takes.
+"""Number of threads of BLAS: one, since the matrices here are small, and sharing one costs more than it takes.
 
 With two threads on two cores the look back on a run takes five times the processor time. BLAS reads its number when it
 is loaded, so whoever starts a process says it: the command line for its own, a campaign for those of its cases.
@@ -12,5 +12,5 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_
 
 
 def unless_chosen(environment: Mapping[str, str]) -> dict[str, str]:
-    """What to add to an environment so that BLAS has one thread; nothing where the user has chosen a number."""
+    """Returns additions to an environment so that BLAS has one thread; none where the user has chosen a number."""
     return {} if any(name in environment for name in ONE_THREAD) else dict(ONE_THREAD)

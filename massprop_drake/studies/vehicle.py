@@ -29,7 +29,7 @@ _THROUGH = 1e-3  # of the RMS arm: a line this close to the center of mass passe
 
 
 def vehicle_report(vehicle: Vehicle, n_pairs: int = 5) -> dict[str, Any]:
-    """Reports what a vehicle's jets and sensors can do, at its nominal mass properties.
+    """Reports the capabilities of a vehicle's jets and sensors, at its nominal mass properties.
 
     It goes by the first gyro and the preferred accelerometer.
 
@@ -74,7 +74,7 @@ def vehicle_report(vehicle: Vehicle, n_pairs: int = 5) -> dict[str, Any]:
 
 
 def _body(vehicle: Vehicle) -> dict[str, Any]:
-    """How large a vehicle is."""
+    """Returns the dimensions of a vehicle: mass, radii of gyration, arms and thrusts."""
     nominal = vehicle.nominal
     return {
         "mass": nominal.mass,
@@ -103,7 +103,7 @@ def reaches(activity: Array) -> list[float]:
 
 
 def _unobservable(vehicle: Vehicle) -> list[dict[str, float]]:
-    """The combinations that stay hidden, as weights by name."""
+    """Returns the combinations that stay hidden, as weights by name."""
     return [
         {name: float(weight) for name, weight in zip(NAMES, row, strict=True) if weight != 0.0}
         for row in _hidden(vehicle)
@@ -117,14 +117,14 @@ def _hidden(vehicle: Vehicle) -> Array:
 
 
 def _not_estimated(vehicle: Vehicle) -> NDArray[np.bool_]:
-    """Which of the ten parameters are fixed, or play no part in a plane, shape (10,)."""
+    """Selects parameters that are fixed, or play no part in a plane, shape (10,)."""
     if not vehicle.needs_pose_filter:
         return np.zeros(10, dtype=bool)
     return params.known_parameters(resolved({"vehicle": vehicle}))
 
 
 def _weighs(vehicle: Vehicle) -> bool:
-    """Whether anything shows how fast the vehicle moves."""
+    """Tests whether any sensor shows how fast the vehicle moves."""
     placed = any(pose.position_std is not None for pose in vehicle.poses)
     return bool(vehicle.accelerometers or vehicle.velocities or placed)
 
@@ -225,7 +225,7 @@ def _notes(vehicle: Vehicle) -> list[str]:
 
 
 def _vector(direction: Array) -> str:
-    """Writes a unit vector, largest element positive, by its axis where it lies along one."""
+    """Formats a unit vector, largest element positive, by its axis where it lies along one."""
     direction = direction * np.sign(direction[np.abs(direction).argmax()])
     axis = int(direction.argmax())
     if direction[axis] > 1.0 - 1e-9:

@@ -1,4 +1,4 @@
-"""Arguments of systems, which a user may build alone: a shape that is not meant gets a message."""
+"""Checks of arguments of systems that a user may build alone: a wrong shape gets a message."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ NOTHING = ()  # in an abstract value, which cannot hold None in every version of
 
 
 class Cached:
-    """One computation of a system, done once per change of what it depends on.
+    """Computation of a system, done once per change of its inputs.
 
     Args:
         system: the system it belongs to; Drake keeps what Python has put into a diagram for good in any case.
@@ -48,12 +48,12 @@ class Cached:
         self.ticket = entry.ticket()
 
     def get(self, context: Any) -> Any:
-        """The result for a context."""
+        """Returns the result for a context."""
         return self._entry.EvalAbstract(context).get_value()[0]
 
 
 class _Result(tuple[Any]):
-    """A result in a context. Never changed, so that a clone of the context shares it."""
+    """Result in a context. Never changed, so that a clone of the context shares it."""
 
     __slots__ = ()
 
@@ -62,7 +62,7 @@ class _Result(tuple[Any]):
 
 
 class Scratch(Generic[T]):
-    """A workspace that each context has its own of, and that a computation may change.
+    """Workspace of which each context has its own, and which a computation may change.
 
     No answer may depend on what the workspace has been used for: it saves time alone. In Drake a cache entry that
     depends on nothing; a clone of a context begins with a new one.
@@ -78,7 +78,7 @@ class Scratch(Generic[T]):
         self._entry = system.DeclareCacheEntry(description, producer, {system.nothing_ticket()})
 
     def get(self, context: Any) -> T:
-        """The workspace of a context."""
+        """Returns the workspace of a context."""
         workspace: T = self._entry.EvalAbstract(context).get_value().get()
         return workspace
 
@@ -96,11 +96,11 @@ class _Workspace(Generic[T]):
         return self._made[0]
 
     def __deepcopy__(self, _memo: Any) -> _Workspace[T]:
-        """One that is still to be made."""
+        """Returns a workspace that is still to be made."""
         return _Workspace(self._make)
 
 
 def state_of(context: Any) -> Array:
-    """The discrete state of a system that has one group of it; a copy, since Drake's own changes."""
+    """Returns the discrete state of a system that has one group of it; a copy, since Drake's own changes."""
     vector: Array = context.get_discrete_state_vector().CopyToVector()
     return vector

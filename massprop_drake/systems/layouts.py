@@ -1,4 +1,4 @@
-"""The fields of every packed port, state and log, in one place.
+"""Layouts of every packed port, state and log, in one place.
 
 Those that a kernel packs itself stand beside it and are named here; the vectors of fewer than four numbers, and
 those with one element per jet, need none.
@@ -79,12 +79,12 @@ DETECTOR_REPORT = Layout(
 
 
 def impulse_row(impulses: Impulses) -> Array:
-    """What is told of an interval's impulses, as `IMPULSES`."""
+    """Packs an interval's impulses, as `IMPULSES`."""
     return IMPULSES.pack((impulses.angular_impulse, impulses.linear_impulse, impulses.usable, impulses.firing))
 
 
 def detector_row(judgment: Judgment, before: Any, layout: Layout) -> Array:
-    """Row of a detector's cycle for logs, packed as `DETECTOR_REPORT` of as many jets as the detector has.
+    """Makes the log row of a detector's cycle, packed as `DETECTOR_REPORT` for the detector's number of jets.
 
     Args:
         judgment: of the sample.

@@ -1,4 +1,4 @@
-"""Linear systems of diagrams whose state lies in several groups, which Drake's `Linearize` does not take."""
+"""Linearization of diagrams whose state lies in several groups, which Drake's `Linearize` does not take."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def linearized(system: System, context: Context, inputs: Iterable[str], outputs:
 
 
 def _named(kind: str, given: Iterable[str], there: Sequence[Any]) -> list[str]:
-    """The names of ports, once it is sure that these are there, and are vectors."""
+    """Returns the names of ports after checking that these exist, and are vectors."""
     if isinstance(given, str):
         raise InputError(f"{kind}s: must be a list of names, such as ['{given}']")
     names = list(given)
@@ -81,7 +81,7 @@ def _named(kind: str, given: Iterable[str], there: Sequence[Any]) -> list[str]:
 
 
 def _state(context: Context, groups: int) -> Array:
-    """All state of one kind, shape (n,)."""
+    """Returns all state of one kind, shape (n,)."""
     discrete = [context.get_discrete_state(group).CopyToVector() for group in range(groups)]
     return np.concatenate([context.get_continuous_state_vector().CopyToVector(), *discrete])
 
@@ -101,7 +101,7 @@ def _put_state(at: Any, varied: Any, groups: int) -> int:
 
 
 def _ahead(converted: Any, at: Any, groups: int) -> Any:
-    """Time derivative of the state, or the state at the next sample."""
+    """Computes the time derivative of the state, or the state at the next sample."""
     if not groups:
         return converted.EvalTimeDerivatives(at).get_vector().CopyToVector()
     updated = converted.EvalUniquePeriodicDiscreteUpdate(at)
@@ -109,12 +109,12 @@ def _ahead(converted: Any, at: Any, groups: int) -> Any:
 
 
 def _gradient(numbers: Any, count: int) -> Array:
-    """Derivatives, shape (k, count); of numbers that depend on nothing that varies, zero."""
+    """Computes derivatives, shape (k, count); of numbers that depend on nothing that varies, zero."""
     rows = [one.derivatives() for one in numbers]
     return np.array([row if row.size else np.zeros(count) for row in rows]).reshape(-1, count)
 
 
 def _period_s(system: System) -> float:
-    """Period of the discrete updates, s."""
+    """Returns the period of the discrete updates, s."""
     timing = system.GetUniquePeriodicDiscreteUpdateAttribute()
     return float(timing.period_sec())

@@ -16,7 +16,7 @@ _GROUP = 0  # the one group of a system's numeric parameters
 
 
 class Named(NamedTuple):
-    """A parameter.
+    """Named parameter.
 
     Attributes:
         default: its value in a new context, a number or a vector.
@@ -70,17 +70,17 @@ class Parameters:
         self.ticket = system.numeric_parameter_ticket(NumericParameterIndex(_GROUP))
 
     def get(self, context: Any) -> Any:
-        """All of them, as a named tuple of numbers and vectors."""
+        """Returns all parameters, as a named tuple of numbers and vectors."""
         self._system.ValidateContext(context)
         vector = self.vector(context)
         return self._record._make([vector[place] for place in self._places.values()])
 
     def vector(self, context: Any) -> Any:
-        """Their elements in the order of `names`, shape (n,)."""
+        """Returns all elements in the order of `names`, shape (n,)."""
         return context.get_numeric_parameter(_GROUP).CopyToVector()
 
     def element(self, context: Any, name: str) -> Any:
-        """One element by its name."""
+        """Returns one element by its name."""
         return context.get_numeric_parameter(_GROUP).GetAtIndex(self.names.index(name))
 
     def set(self, context: Any, **values: Any) -> None:
@@ -114,5 +114,5 @@ class Parameters:
 
 
 def _record(fields: Mapping[str, Named]) -> Any:
-    """A named tuple with the fields of a system."""
+    """Makes a named tuple class with the fields of a system."""
     return namedtuple("Values", list(fields))

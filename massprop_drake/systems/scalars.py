@@ -22,7 +22,7 @@ _RESULT = {AutoDiffXd: "AutoDiffXd", Expression: "Expression"}
 
 
 def float_class(template: Any, name: str) -> Any:
-    """The class of a template for floats, under the name that users import."""
+    """Returns the class of a template for floats, under the name that users import."""
     made = template[float]
     made.__name__ = made.__qualname__ = name
     return made
@@ -42,7 +42,7 @@ def template(make: Callable[[Any], type]) -> Any:
 
 
 def refuse(scalar: Any, system: str, reasons: list[str], remedy: str) -> None:
-    """Refuses a scalar type for a system.
+    """Raises an error for a scalar type that a system does not support.
 
     Args:
         scalar: T.

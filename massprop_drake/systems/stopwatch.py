@@ -1,4 +1,4 @@
-"""Time that the mathematics of a cycle takes, by part, for whoever measures it."""
+"""Stopwatch for the mathematics of a cycle, by part."""
 
 from __future__ import annotations
 

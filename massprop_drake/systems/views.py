@@ -116,7 +116,7 @@ def port_view(port: str, jets: Sequence[str] | None = None) -> Any:
 
 
 def elements(port: str) -> dict[str, list[Names]]:
-    """Elements of a port in their order by field, each a sequence of words, among which `JETS` stands for every jet.
+    """Lists elements of a port in their order by field, each a sequence of words, among which `JETS` is any jet.
 
     A port of one quantity has one field, which is not among the words.
 
@@ -131,17 +131,17 @@ def elements(port: str) -> dict[str, list[Names]]:
 
 
 def _along(field: str, shape: Iterable[int | str]) -> list[Names]:
-    """Components along each dimension of a field."""
+    """Returns components along each dimension of a field."""
     return [_OF_FIELDS.get(field, _BY_SIZE[size]) for size in shape]
 
 
 def _expanded(part: Names, jets: Names) -> list[str]:
-    """The names of an element, one for each jet where it is of jets."""
+    """Returns the names of an element, one for each jet where it is of jets."""
     choices = (jets if word == JETS else (word,) for word in part)
     return ["_".join(filter(None, words)) for words in product(*choices)]
 
 
 def _identifiers(jets: Sequence[str]) -> Names:
-    """Designations as parts of names, with the index of each jet where two would be the same."""
+    """Converts designations to parts of names, with the index of each jet where two would be the same."""
     plain = tuple(re.sub(r"[\W_]+", "_", jet) for jet in jets)
     return plain if len(set(plain)) == len(plain) else tuple(f"{jet}_{index}" for index, jet in enumerate(plain))

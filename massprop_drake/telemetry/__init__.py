@@ -1,4 +1,4 @@
-"""What is read: recorded telemetry, its format and its quality."""
+"""Recorded telemetry, its format and its quality."""
 
 from massprop_drake.inputs import renamed
 

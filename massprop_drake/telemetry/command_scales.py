@@ -1,4 +1,4 @@
-"""Scales of logged commands: fractions, percent and on-times are told apart by what they reach."""
+"""Scales of logged commands: fractions, percent and on-times are recognized by their largest values."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _RARE = 0.1  # of the rarer level, up to which other values are no level
 
 
 class CommandScale(NamedTuple):
-    """A meaning that numbers of commands may have.
+    """Scale that numbers of commands may have.
 
     Attributes:
         unit: "1", "%", or of an on-time "s", "ms", "us" or "ns".
@@ -34,7 +34,7 @@ class CommandScale(NamedTuple):
 
     @property
     def is_timed(self) -> bool:
-        """Tests whether commands are on-times."""
+        """True if commands are on-times."""
         return self.unit not in ("1", "%")
 
     def is_reached(self, most: float) -> bool:
@@ -59,7 +59,7 @@ class Levels(NamedTuple):
 
 
 def two_levels(values: Array) -> Levels | None:
-    """The two levels that all commands but rare ones take; None where they take more, or one.
+    """Finds the two levels that all commands but rare ones take; None where they take more, or one.
 
     Args:
         values: all commands, without missing ones.
@@ -84,7 +84,7 @@ def two_levels(values: Array) -> Levels | None:
 
 
 def without_rare(values: Array) -> Array:
-    """The commands without the largest, where these are few and far above the others.
+    """Returns the commands without the largest, where these are few and far above the others.
 
     Args:
         values: all commands, without missing ones.
@@ -97,7 +97,7 @@ def without_rare(values: Array) -> Array:
 
 
 def possible_scales(values: Array, period_s: float) -> list[CommandScale]:
-    """Scales that commands may have, the likelier first; none where there is no open jet, or a negative command.
+    """Lists scales that commands may have, the likelier first; none without an open jet, or with a negative command.
 
     A jet is open all the time now and then, so that values reach full scale exactly; else the least scale that holds
     them is the likeliest.
@@ -124,7 +124,7 @@ def possible_scales(values: Array, period_s: float) -> list[CommandScale]:
 
 
 class CommandTally:
-    """Counts commands as they are read, to tell fractions that look like on-times in seconds.
+    """Tally of commands as they are read, to detect fractions that look like on-times in seconds.
 
     Args:
         period_s: sample period, s.
@@ -145,7 +145,7 @@ class CommandTally:
         self._largest = max(self._largest, float(within.max(initial=0.0)))
 
     def doubt(self) -> str:
-        """A sentence on fractions that look like on-times in seconds; "" where they do not."""
+        """Describes fractions that look like on-times in seconds; "" where they do not."""
         if not self._opened or self._period_s >= 1.0:
             return ""
         whose = "no command of the whole record exceeds"
@@ -160,13 +160,13 @@ class CommandTally:
 
 
 def _few_of(opened: int) -> int:
-    """The number of commands that open a jet, of all these, that may be errors."""
+    """Returns the number of commands that open a jet, of all these, that may be errors."""
     few = max(int(_FEW * opened), 1)
     return few if few <= _RARE * opened else 0
 
 
 def hint_about(values: Array, period_s: float) -> str:
-    """Advice on commands that are no fractions, to be added to an error; "" where no scale fits.
+    """Returns advice on commands that are no fractions, to be added to an error; "" where no scale fits.
 
     Args:
         values: commands, NaN where missing.

@@ -1,4 +1,4 @@
-"""Rows at times of their own, thinned to one a sample period: what counts or compares samples takes these."""
+"""Rows at times of their own, thinned to one a sample period: code that counts or compares samples takes these."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 
 class Thinning:
-    """Chooses rows, block by block: those with commands of their own at which the rate is read.
+    """Thinning of rows, block by block, to those with commands of their own at which the rate is read.
 
     Args:
         period_s: sample period.
@@ -27,7 +27,7 @@ class Thinning:
         self._before: tuple[Array, Array] | None = None  # commands of the last two rows
 
     def of(self, rows: Rows, signals: Mapping[str, Array]) -> tuple[Rows, dict[str, Array]]:
-        """The rows that are chosen of a block, and their signals."""
+        """Selects the rows of a block, and their signals."""
         read = np.any([~np.isnan(rows.readings[name]).any(axis=1) for name in self._gyros], axis=0)
         told = np.ones_like(read) if rows.told is None else rows.told
         chosen = []
@@ -43,7 +43,7 @@ class Thinning:
         return rows.chosen(which), found
 
     def _steady(self, commands: Array) -> Array:
-        """1 where the command of the interval that ends is that of the one before, shape (n, 1)."""
+        """Returns 1 where the command of the interval that ends is that of the one before, shape (n, 1)."""
         nothing = np.zeros(commands.shape[1])
         last, now = self._before or (nothing, nothing)
         every = np.vstack((last, now, commands))

@@ -1,4 +1,4 @@
-"""Several files of telemetry as one table: a row for every time at which one of them has one.
+"""Several files of telemetry merged into one table: a row for every time at which one of them has one.
 
 Each file has a column `time_s` and columns of its own. All must be stamped by one clock, which their own times show:
 a file is refused whose times are in another unit, lie elsewhere, or lie earlier or later by as much at both ends.
@@ -31,7 +31,7 @@ _ROWS = 1024  # of a block
 
 
 class _SourceFile(NamedTuple):
-    """One of the files.
+    """Source file of a merged table.
 
     Attributes:
         source: what to call it in messages.
@@ -85,17 +85,17 @@ class MergedTable:
 
     @property
     def done(self) -> float:
-        """The fraction of the rows read so far."""
+        """Fraction of the rows read so far."""
         return self._read / self._time_s.size
 
     def where(self, line: int, column: str) -> str:
-        """The file and the line in it of a row of the whole, by the column that is meant."""
+        """Returns the file and line of a row of the whole, by the column that is meant."""
         part = self._owner.get(column, 0)
         own = self._parts[part]
         return f"{own.source}, {own.place} {int(self._lines[part, line - 1])}"
 
     def sha256(self) -> str:
-        """SHA-256 of the SHA-256 of all files, hexadecimal; valid once all has been read."""
+        """Computes SHA-256 of the SHA-256 of all files, hexadecimal; valid once all has been read."""
         return hashlib.sha256(" ".join(self._digests).encode()).hexdigest()
 
     def close(self) -> None:
@@ -160,7 +160,7 @@ class MergedTable:
 
 
 def _opened(path: Path) -> _SourceFile:
-    """A file and its times."""
+    """Opens a file; returns it and its times."""
     table = open_table(path)
     try:
         if "time_s" not in table.header:
@@ -178,14 +178,14 @@ def _opened(path: Path) -> _SourceFile:
 
 
 def _advancing(times: Array) -> NDArray[np.int_]:
-    """Rows whose time is later than that of every row before."""
+    """Selects rows whose time is later than that of every row before."""
     latest = np.maximum.accumulate(np.nan_to_num(times, nan=-np.inf))
     before = np.append(-np.inf, latest[:-1])
     return np.flatnonzero(np.nan_to_num(times, nan=-np.inf) > before + _SAME_S)
 
 
 def _owners(parts: Sequence[_SourceFile]) -> dict[str, int]:
-    """Number of the file of each column; raises InputError for one that two files have."""
+    """Returns the number of the file of each column; raises InputError for one that two files have."""
     owner: dict[str, int] = {}
     for number, part in enumerate(parts):
         for name in part.header:
@@ -217,13 +217,13 @@ def _require_one_clock(parts: Sequence[_SourceFile]) -> None:
 
 
 def _union(every: Sequence[Array]) -> Array:
-    """All times, ascending, those that are the same once."""
+    """Merges all times, ascending, those that are the same once."""
     times = np.unique(np.concatenate(every))
     return times[np.append(True, np.diff(times) > _SAME_S)]
 
 
 def _is_on_change(time_s: Array, commands: Array) -> bool:
-    """Tests whether there is a row of commands where one changes, and not in every cycle."""
+    """Tests whether there is a row of commands only where one changes, and not in every cycle."""
     if len(commands) < _FEWEST:
         return False
     changes = (np.diff(commands, axis=0) != 0.0).any(axis=1)

@@ -83,7 +83,7 @@ class _Package(NamedTuple):
 
 
 class _Body(NamedTuple):
-    """Mass properties, by which readings change.
+    """Mass properties by which predicted readings change.
 
     Attributes:
         inverse: inverse inertia, shape (3, 3).
@@ -96,9 +96,7 @@ class _Body(NamedTuple):
     lightness: float
 
     def changed(self, impulses: Array, package: SensorPackage) -> Array:
-        """Increments of a package's readings by impulses about the vehicle origin, torque first, shape (n, 3) from
-        (n, 6).
-        """
+        """Computes increments of a package's readings, shape (n, 3), by impulses about the origin, shape (n, 6)."""
         turned: Array = (impulses[:, :3] - np.cross(self.center, impulses[:, 3:])) @ self.inverse
         if not isinstance(package, Accelerometer):
             return turned
@@ -106,12 +104,12 @@ class _Body(NamedTuple):
 
 
 def _body(parameters: Array) -> _Body:
-    """Of the ten parameters, shape (10,)."""
+    """Makes a body of the ten parameters, shape (10,)."""
     return _Body(parameters[ELEMENT], parameters[CENTER_OF_MASS], float(parameters[MASS_RECIPROCAL]))
 
 
 class _Stuck(NamedTuple):
-    """A reading that stood still.
+    """Stretch in which a reading stood still.
 
     Attributes:
         entry: as the summary has it.
@@ -128,16 +126,16 @@ class _Stuck(NamedTuple):
 
     @property
     def lasted_s(self) -> float:
-        """For how long, s."""
+        """Duration of the stretch, s."""
         return float(self.entry["to_s"] - self.entry["from_s"])
 
     def lasts(self, failed_s: float) -> bool:
-        """Whether it is no jets that fire against a failed one, and nothing changes."""
+        """Tests whether the stretch is real, not one of jets that fire against a failed one."""
         return bool(self.entry["to_s"] <= failed_s or self.lasted_s > _AGAINST_S)
 
 
 class _Ratio(NamedTuple):
-    """By how much a reading changed in a sample, in what was predicted of it.
+    """Ratio of a reading's change in a sample over the predicted change.
 
     Attributes:
         ratio: of both.
@@ -153,7 +151,7 @@ class _Ratio(NamedTuple):
 
 
 class _Standing:
-    """For each component of a package: since when it has been constant, and the change predicted meanwhile."""
+    """Constancy of each component of a package: since when, and the change predicted meanwhile."""
 
     def __init__(self) -> None:
         self.value = np.full(3, np.nan)
@@ -172,7 +170,7 @@ class _Standing:
 
 
 class _Repeats:
-    """How often a package repeated its reading, all three components, where the jets should have changed it."""
+    """Repeats of a package's reading, all three components, where the jets should have changed it."""
 
     def __init__(self) -> None:
         self.count = self.of = 0
@@ -196,7 +194,7 @@ class _Repeats:
 
 
 class _Answer(NamedTuple):
-    """How all readings follow what is predicted of them, sample by sample, in 1-sigma of an increment.
+    """Answer of all readings to their predictions, sample by sample, in 1-sigma of an increment.
 
     Attributes:
         own: increment times predicted, and the square of the latter, of each component of each package, by its name,
@@ -209,20 +207,20 @@ class _Answer(NamedTuple):
 
     @property
     def total(self) -> Array:
-        """The sums over all components, shape (n, 2)."""
+        """Sums over all components, shape (n, 2)."""
         nothing = np.zeros((self.fired.shape[0], 2))  # a vehicle may have no package in body axes
         result: Array = sum((part.sum(axis=1) for part in self.own.values()), start=nothing)
         return result
 
     @property
     def silent(self) -> Array:
-        """Those of the jets told to fire of which no reading shows much, shape (n, n_jets)."""
+        """Commanded jets of which the readings show little, sample by sample, shape (n, n_jets)."""
         shown, meant = self.total.T
         result: Array = self.fired * (shown < _ANSWERED * meant)[:, None]
         return result
 
     def beside(self, name: str, axis: int) -> Array:
-        """The sums over all components but one, each sample weighed by its share in what is predicted of that one."""
+        """Computes sums over all components but one, each sample weighted by its share in that one's prediction."""
         total, own = self.total, self.own[name][:, axis]
         share = np.divide(own[:, 1], total[:, 1], out=np.zeros(len(own)), where=total[:, 1] > 0.0)
         result: Array = share[:, None] * (total - own)
@@ -230,7 +228,7 @@ class _Answer(NamedTuple):
 
 
 def _is_sure(total: Array, alone: Array, before: tuple[float, float], entry: _Package) -> bool:
-    """Whether a predicted change counts, and could at some sample not be what jets against each other leave.
+    """Tests whether a predicted change counts, and exceeds at some sample what jets against each other leave.
 
     Args:
         total: change since the beginning, shape (n,).
@@ -244,7 +242,7 @@ def _is_sure(total: Array, alone: Array, before: tuple[float, float], entry: _Pa
 
 
 def _reached(total: Array, gathered: Array, before: tuple[float, float], held: Array) -> Array:
-    """Impulses gathered where the predicted change of a stretch was least and where it was most, shape (2, 6).
+    """Returns impulses where the predicted change of a stretch was least and where it was most, shape (2, 6).
 
     Args:
         total: change since the beginning, shape (n,).
@@ -496,7 +494,7 @@ class QualityReport:
             kept.extend(list(found)[: _MOST - len(kept)])
 
     def _about_commands(self) -> list[str]:
-        """Says whose commands are unknown from when to when, and what that means."""
+        """Describes the jets whose commands are unknown, from when to when, and the consequences."""
         stretches = self._unknown.found()
         if not stretches:
             return []
@@ -536,7 +534,7 @@ class QualityReport:
         nothing = np.zeros(gap.size, dtype=bool)
 
         def none_of(packages: list[str], faults: Mapping[str, NDArray[np.bool_]]) -> NDArray[np.bool_]:
-            """Where a fault leaves no package to use: any other would do."""
+            """Finds samples where a fault leaves no package to use: any other would do."""
             return np.logical_and.reduce([faults[package] for package in packages])
 
         for name, counts in self._samples.items():
@@ -565,7 +563,7 @@ class QualityReport:
     # --------------------------------------------------------------------------------- finishing
 
     def _telling(self, package: SensorPackage, units: Mapping[str, Mapping[str, Any]]) -> list[_Ratio]:
-        """What tells a package's unit: where it seems to be wrong, samples alone in which a turn changes little.
+        """Selects the ratios that tell a package's unit: if it seems wrong, samples where a turn changes little.
 
         Args:
             package: a gyro, or an accelerometer after those.
@@ -581,7 +579,7 @@ class QualityReport:
         return [each for each in kept if each.turned <= _TURNED * larger**2]
 
     def _stands(self, stuck: _Stuck) -> bool:
-        """Whether a reading should have changed by what has been learned of the vehicle by the end, too.
+        """Tests whether a reading should have changed by the mass properties learned by the end, too.
 
         A jet turns the vehicle about an axis through a product of inertia, or moves the place of an accelerometer one
         way as it turns it another: of that the file may have hardly anything right. What is learned of a component that
@@ -751,7 +749,7 @@ class QualityReport:
         return found
 
     def _about_actuators(self, quality: dict[str, Any]) -> list[str]:
-        """Warnings of engines and wheels that a record tells nothing of."""
+        """Warns of engines and wheels that a record does not cover."""
         found, absent = list[str](), quality["absent_sensors"]
         for engine in self._vehicle.engines:
             if engine.name in absent:
@@ -817,12 +815,12 @@ class QualityReport:
 
 
 def _plausible(slope: float) -> bool:
-    """Whether mass properties may be so far from nominal that readings change by so much more or less."""
+    """Tests whether mass properties may be so far from nominal that readings change by so much more or less."""
     return 1.0 / _UNIT_LIMIT <= slope <= _UNIT_LIMIT
 
 
 def _to_blame(ratios: Array, fired: NDArray[np.bool_]) -> list[int]:
-    """The jets, as few as may be, without which readings change as predicted; none: it is not for them.
+    """Finds the fewest jets without which readings change as predicted; none: jets are not the cause.
 
     Wrong units are wrong whichever jets fire; a jet that fails is so only while it is told to.
 

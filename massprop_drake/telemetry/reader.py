@@ -59,7 +59,7 @@ def on_time_columns(vehicle: Vehicle) -> list[str]:
 
 
 def _jet_columns(vehicle: Vehicle, present: Set[str]) -> list[str]:
-    """The column of each jet's command: its fraction, or its on-time where a table has that alone."""
+    """Returns the column of each jet's command: its fraction, or its on-time where a table has that alone."""
     names = zip(vehicle.designations, on_time_columns(vehicle), strict=True)
     fractions = ((f"jet_{jet}", timed) for jet, timed in names)
     return [timed if fraction not in present and timed in present else fraction for fraction, timed in fractions]
@@ -130,11 +130,11 @@ class Rows(NamedTuple):
     told: Flags | None = None
 
     def first(self, count: int) -> Rows:
-        """The first of them."""
+        """Returns the first rows."""
         return self.chosen(slice(count))
 
     def chosen(self, which: slice | NDArray[np.int_]) -> Rows:
-        """Some of them."""
+        """Returns some of the rows."""
         readings = {name: values[which] for name, values in self.readings.items()}
         outside, tracked, onsets_s = (
             None if part is None else part[which] for part in (self.outside_wrench, self.tracked, self.onsets_s)
@@ -216,7 +216,7 @@ class Record:
 
 
 class Continuation(NamedTuple):
-    """The end of an earlier part of a record, from which reading continues.
+    """End of an earlier part of a record, from which reading continues.
 
     Attributes:
         time_s: of its last row.
@@ -304,7 +304,7 @@ class Reader:
 
     @property
     def _any_time(self) -> bool:
-        """Tells whether rows may come whenever something is read."""
+        """True if rows may come whenever something is read."""
         return self._vehicle.needs_pose_filter or self.own_times
 
     @property
@@ -314,7 +314,7 @@ class Reader:
 
     @property
     def ragged(self) -> tuple[int, int, bool]:
-        """How many rows had the wrong number of cells, the line of the first, and whether the last was cut off."""
+        """Number of rows with the wrong number of cells, the line of the first, and whether the last was cut off."""
         found = self._table.ragged
         return found.count, found.first_line, found.last_incomplete
 
@@ -324,7 +324,7 @@ class Reader:
         return self._table.losses
 
     def sha256(self) -> str:
-        """SHA-256 of the record, hexadecimal; valid once it has been read."""
+        """Returns SHA-256 of the record, hexadecimal; valid once it has been read."""
         return self._table.sha256()
 
     def close(self) -> None:
@@ -436,7 +436,7 @@ class Reader:
             raise InputError(f"{self.source}: has no usable row{later}; expected a row per sample")
 
     def _blocks(self) -> Iterator[Block]:
-        """The table's blocks, one that has been looked at first."""
+        """Yields the table's blocks, one that has been looked at first."""
         if self._begun is None:
             self._begun = iter(self._table.blocks(self._wanted))
         if self._first is not None:
@@ -444,7 +444,7 @@ class Reader:
         yield from self._begun
 
     def readings_per_s(self) -> float | None:
-        """Times at which something is read a second, where rows come at times of their own; None: one a sample.
+        """Returns times at which something is read a second, where rows come at times of their own; None: one a sample.
 
         Looks at the first block, which is read as ever afterwards. Rows are so where some have no commands, and come
         faster than samples do.
@@ -479,7 +479,7 @@ class Reader:
         )
 
     def _check_on_times(self, block: Block) -> None:
-        """Makes sure that jets are on and open within the sample, where on-times or onsets are told."""
+        """Checks that jets are on and open within the sample, where on-times or onsets are given."""
         period_s, given = self._period_s, block.values[:, self._command_places]
         wrong = self._timed & ((given < 0.0) | (given > period_s * (1.0 + JITTER)))
         if wrong.any():
@@ -502,7 +502,7 @@ class Reader:
             )
 
     def _told(self, values: Array) -> tuple[Array, Array | None]:
-        """Commands of rows of the table, as fractions, and their onsets; None: jets switch with samples."""
+        """Reads commands of rows of the table, as fractions, and their onsets; None: jets switch with samples."""
         commands = values[:, self._command_places]
         commands = np.where(self._timed, np.minimum(commands / self._period_s, 1.0), commands)
         vehicle = self._vehicle
@@ -542,7 +542,7 @@ class Reader:
         return self._rows(block, np.array(taken, dtype=int), breaks) if taken else None
 
     def _follows(self, steps: Array) -> Flags:
-        """Whether rows follow those before them without a gap; NaN does not."""
+        """Tests whether rows follow those before them without a gap; NaN does not."""
         if self._any_time:
             within: Flags = (steps > _SAME * self._period_s) & (steps <= _HOLE * self._period_s)
             return within
@@ -680,13 +680,13 @@ class Reader:
         return Rows(times, readings, commands, outside, recorded, tracked, onsets_s, own)
 
     def _lacking(self, name: str, times: Array, reading: Array) -> int:
-        """Number of rows that lack a reading of a package, or of readings that lack in its own cadence."""
+        """Counts the rows that lack a reading of a package, or the readings that lack in its own cadence."""
         if not self.own_times:
             return int(np.isnan(reading).any(axis=1).sum())
         return self._cadence[name].lacking(times, reading)
 
     def _steps(self, times: Array) -> Array:
-        """Length of the sample that ends with each row, s, shape (n, 1): the period, or what has passed."""
+        """Computes the length of the sample that ends with each row, s, shape (n, 1): the period, or time passed."""
         if not self._any_time:
             return np.full((times.size, 1), self._period_s)
         first = self._before_s if math.isfinite(self._before_s) else float(times[0]) - self._period_s
@@ -720,7 +720,7 @@ class _Held:
     def over(
         self, times: Array, recorded: Flags, told: tuple[Array, Array | None, Array | None], period_s: float
     ) -> tuple[Array, Array | None, Array | None]:
-        """Commands, onsets and outside wrench of rows, those that have none included.
+        """Returns commands, onsets and outside wrench of rows, filled in where there are none.
 
         Args:
             times: of the rows, s, shape (n,).
@@ -747,13 +747,13 @@ class _Held:
 
 
 def _any_told(values: Array) -> Flags:
-    """Rows in which anything is told, shape (n,)."""
+    """Finds rows in which any command or wrench is given, shape (n,)."""
     told: Flags = np.asarray((~np.isnan(values)).any(axis=1))
     return told
 
 
 def _since(before_s: float, times: Array, told: Flags) -> tuple[Array, NDArray[np.int_]]:
-    """Time since each row's value was told, s, and its row, 0: before the first, shape (n,) each."""
+    """Computes the time since each row's value was given, s, and its row, 0: before the first, shape (n,) each."""
     place = np.maximum.accumulate(np.where(told, np.arange(1, times.size + 1), 0))
     return times - np.append(before_s, times)[place], place
 
@@ -770,7 +770,7 @@ class _Cadence:
         self._last_s = self._before_s = math.nan
 
     def lacking(self, times: Array, reading: Array) -> int:
-        """Number of readings that lack, or have not all axes."""
+        """Counts readings that lack, or have not all axes."""
         there = ~np.isnan(reading).any(axis=1)
         partly = int((~there & ~np.isnan(reading).all(axis=1)).sum())
         read = np.append(self._last_s, times[there]) if math.isfinite(self._last_s) else times[there]
@@ -784,7 +784,7 @@ class _Cadence:
         return max(int((np.round(long / self._usual_s) - 1.0).sum()), partly)
 
     def steps(self, times: Array, reading: Array, period_s: float) -> Array:
-        """Time from the reading before to that in each row, s, zero where there is none, shape (n, 1)."""
+        """Computes the time from the reading before to that in each row, s, zero where there is none, shape (n, 1)."""
         there = ~np.isnan(reading).any(axis=1)
         read, steps = times[there], np.zeros((times.size, 1))
         if read.size:
@@ -795,7 +795,7 @@ class _Cadence:
 
 
 def _added_up(start: float, steps: Array) -> float:
-    """A sum with each step added to it, one after the other: as it would be row by row."""
+    """Adds each step to a sum, one after the other: as it would be row by row."""
     return float(np.add.accumulate([start, *steps.tolist()])[-1])
 
 
@@ -812,7 +812,7 @@ def _close(word: str, valid: Iterable[str]) -> str:
 
 
 def _meant(missing: str, strange: Iterable[str]) -> str:
-    """' (is it ...?)' when a column that is there looks like the missing one."""
+    """Suggests ' (is it ...?)' when a column that is there looks like the missing one."""
     found = _close(missing, strange)
     return f" (is '{found}' meant to be '{missing}'?)" if found else ""
 

@@ -60,7 +60,7 @@ class Loss(NamedTuple):
 
 
 def completeness(losses: Iterable[Loss]) -> Completeness:
-    """Completeness of a record, by the gravest of its losses."""
+    """Computes the completeness of a record, by the gravest of its losses."""
     kinds = {one.kind for one in losses}
     if "damaged" in kinds:
         return "damaged"
@@ -68,7 +68,7 @@ def completeness(losses: Iterable[Loss]) -> Completeness:
 
 
 class Ragged:
-    """Counts the rows left out because their number of cells is wrong.
+    """Count of the rows left out because their number of cells is wrong.
 
     Attributes:
         count: of all.
@@ -88,7 +88,7 @@ class Ragged:
         self.count += 1
 
     def losses(self, source: str) -> list[Loss]:
-        """The rows that are lost of a table, given what to call it."""
+        """Returns the lost rows of a table, given what to call it."""
         found, before = [], self.count - self.last_incomplete
         if before:
             what = f"{counted(before, 'row')} left out with a wrong number of cells"
@@ -99,7 +99,7 @@ class Ragged:
 
 
 class Ending:
-    """Tells whether the last line of a text file was cut off: what ends without an end of line may be.
+    """Test whether the last line of a text file was cut off: a line without an end may be.
 
     A last cell is held for cut where it is shorter than every other one of its column, or no number while the column
     has numbers.
@@ -191,27 +191,27 @@ class Table(Protocol):
 
     @property
     def notes(self) -> Sequence[str]:
-        """What is to be known of how it was made, a sentence each."""
+        """Notes on how the table was made, a sentence each."""
 
     def blocks(self, wanted: list[int]) -> Iterator[Block]:
         """Yields the values of the chosen columns, given by position, block by block."""
 
     def where(self, line: int, column: str) -> str:
-        """The place of a row, given its number in a block, and the column that is meant, for messages."""
+        """Returns the place of a row for messages, given its number in a block, and the column that is meant."""
 
     @property
     def done(self) -> float:
         """The fraction of the table read so far, 0 to 1; 0 if its size is unknown."""
 
     def sha256(self) -> str:
-        """SHA-256 of the whole content, hexadecimal; valid once all of it has been read."""
+        """Computes SHA-256 of the whole content, hexadecimal; valid once all of it has been read."""
 
     def close(self) -> None:
         """Closes the file."""
 
 
 def open_table(path: Path, *, rows_per_block: int = 1024) -> Table:
-    """Opens a CSV file, or a Parquet file, told by its ending `.parquet` or `.pq`.
+    """Opens a CSV file, or a Parquet file, recognized by its ending `.parquet` or `.pq`.
 
     Raises:
         InputError: when it is missing, a folder, unreadable, no such table, or named by what is no text, which no
@@ -235,7 +235,7 @@ def open_table(path: Path, *, rows_per_block: int = 1024) -> Table:
 
 
 def require_file(path: Path) -> None:
-    """Requires that what is at a path is a file or a folder: a pipe may never begin, and a device never end.
+    """Requires that a path is a file or a folder: a pipe may never begin, and a device never end.
 
     Raises:
         InputError: when it is there, and neither.
@@ -259,7 +259,7 @@ def _unreadable(path: object, error: Exception) -> str:
 
 
 class _Watched(io.RawIOBase):
-    """A binary stream that hashes and counts the bytes read from it."""
+    """Binary stream that hashes and counts the bytes read from it."""
 
     def __init__(self, inner: IO[bytes]):
         self._read = getattr(inner, "read1", inner.read)  # what is there, without waiting for more
@@ -267,7 +267,7 @@ class _Watched(io.RawIOBase):
         self.count = 0
 
     def readable(self) -> bool:
-        """True: the stream can be read."""
+        """Returns True: the stream can be read."""
         return True
 
     def readinto(self, buffer: Any) -> int:
@@ -310,12 +310,12 @@ class CsvTable:
         self.header = self._read_header()
 
     def where(self, line: int, _column: str) -> str:
-        """The place of a row."""
+        """Returns the place of a row."""
         return f"{self.source}, {self.place} {line}"
 
     @property
     def done(self) -> float:
-        """The fraction of the file read so far."""
+        """Fraction of the file read so far."""
         return self._watched.count / self._size if self._size else 0.0
 
     @property
@@ -324,7 +324,7 @@ class CsvTable:
         return [*self._zeros, *self.ragged.losses(self.source)]
 
     def sha256(self) -> str:
-        """SHA-256 of the bytes read so far, hexadecimal."""
+        """Returns SHA-256 of the bytes read so far, hexadecimal."""
         return self._watched.hash.hexdigest()
 
     def close(self) -> None:
@@ -340,7 +340,7 @@ class CsvTable:
             yield line
 
     def _rows(self) -> Iterator[list[str]]:
-        """The cells of each row; a line in which nothing is quoted needs only be split, which is faster."""
+        """Yields the cells of each row; a line in which nothing is quoted needs only be split, which is faster."""
         limit = csv.field_size_limit()
         try:
             for line in self._text:
@@ -455,7 +455,7 @@ def require_regular(ragged: Ragged, source: str, good: int, width: int, *, at_en
 
 
 def _picker(wanted: list[int], width: int) -> Callable[[list[str]], Sequence[str]]:
-    """A function that gives the wanted cells of a row of so many."""
+    """Makes a function that returns the wanted cells of a row of so many."""
     if wanted == list(range(width)):
         return lambda row: row
     if len(wanted) == 1:
@@ -524,16 +524,16 @@ class ParquetTable:
         _require_unique(self.header, str(path))
 
     def where(self, line: int, _column: str) -> str:
-        """The place of a row."""
+        """Returns the place of a row."""
         return f"{self.source}, {self.place} {line}"
 
     @property
     def done(self) -> float:
-        """The fraction of the rows read so far."""
+        """Fraction of the rows read so far."""
         return self._read / self._rows if self._rows else 0.0
 
     def sha256(self) -> str:
-        """SHA-256 of the file, hexadecimal."""
+        """Returns SHA-256 of the file, hexadecimal."""
         with self._path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -570,7 +570,7 @@ class ParquetTable:
 
 
 def open_parquet(path: Path) -> tuple[Any, Any]:
-    """The module pyarrow, and a Parquet file that it has opened.
+    """Returns the module pyarrow, and a Parquet file that it has opened.
 
     Raises:
         InputError: when pyarrow is not installed, or the file is no Parquet file.
@@ -600,7 +600,7 @@ def open_parquet(path: Path) -> tuple[Any, Any]:
 def parquet_batches(
     file: Any, names: Sequence[str], rows: int, source: str, losses: list[Loss]
 ) -> Iterator[tuple[int, Any]]:
-    """Yields a Parquet file's rows in batches, each after the number of rows before it; what is damaged is left out.
+    """Yields a Parquet file's rows in batches, each after the number of rows before it; damaged parts are left out.
 
     Args:
         file: opened by pyarrow.

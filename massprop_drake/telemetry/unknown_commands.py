@@ -16,7 +16,7 @@ _MOST = 100  # stretches that are kept
 
 
 class UnknownCommands:
-    """Collects these stretches, block by block.
+    """Collection of stretches with unknown commands, block by block.
 
     Attributes:
         count: number of stretches.
@@ -58,5 +58,5 @@ class UnknownCommands:
             last.update(jets=[*last["jets"], *more], to_s=time_s, samples=last["samples"] + 1)
 
     def found(self) -> list[dict[str, Any]]:
-        """The first stretches: jets, from when to when, s, and number of samples."""
+        """Returns the first stretches: jets, from when to when, s, and number of samples."""
         return self._stretches

@@ -1,4 +1,4 @@
-"""Exports of a run for the viewers of others: Foxglove and PlotJuggler by MCAP, and Rerun."""
+"""Exports of a run for other viewers: Foxglove and PlotJuggler by MCAP, and Rerun."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _LOOK_S = 0.5  # between two looks at whether a viewer has come
 
 
 class Format(NamedTuple):
-    """A format to export to.
+    """Format of an export.
 
     Attributes:
         name: as `--to` takes it.
@@ -95,7 +95,7 @@ class Replay:
 
     @property
     def outline(self) -> Outline:
-        """The part of the content that does not change during the run."""
+        """Part of the content that does not change during the run."""
         return self._content.outline
 
     def play(self) -> None:
@@ -114,12 +114,12 @@ class Replay:
             self.close()
 
     def close(self) -> None:
-        """Ends the connection, which `play` does itself."""
+        """Ends the connection; `play` does so itself."""
         self._viewer.close()
 
 
 def _parts(rows: SampleBlock, length_ns: int) -> Iterator[SampleBlock]:
-    """SampleBlock in parts that are as long as a viewer's frame, or of one row."""
+    """Splits a sample block into parts as long as a viewer's frame, or of one row."""
     first, times = 0, rows.time_ns
     for row in range(1, times.size + 1):
         if row == times.size or times[row] - times[first] >= length_ns:

@@ -1,4 +1,4 @@
-"""The content of an export, the same for every format: signals, frames, a scene and messages of a run."""
+"""Content of an export, the same for every format: signals, frames, a scene and messages of a run."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ _MOST_NS = 2**32 * 10**9  # of times that all formats can hold: to the year 2106
 
 
 class Series(NamedTuple):
-    """A logged signal.
+    """Logged signal.
 
     Attributes:
         name: as in `Run.descriptions`.
@@ -64,12 +64,12 @@ class Series(NamedTuple):
 
     @property
     def is_mixed(self) -> bool:
-        """Tests whether its columns have several units."""
+        """True if its columns have several units."""
         return len(set(self.units)) > 1
 
 
 class Mesh(NamedTuple):
-    """A surface in the vehicle frame: triangles, ft or m, shape (n, 3, 3), and their color."""
+    """Surface in the vehicle frame: triangles, ft or m, shape (n, 3, 3), and their color."""
 
     triangles: Array
     color: Color
@@ -92,7 +92,7 @@ class Balls(NamedTuple):
 
 
 class LogEntry(NamedTuple):
-    """An event in words.
+    """Event in words.
 
     Attributes:
         time_s: run time, s.
@@ -108,7 +108,7 @@ class LogEntry(NamedTuple):
 
 
 class Outline(NamedTuple):
-    """All that does not change during a run.
+    """Constant part of a run's content.
 
     Attributes:
         title: scenario and vehicle.
@@ -137,7 +137,7 @@ class Outline(NamedTuple):
 
 
 class SampleBlock(NamedTuple):
-    """A stretch of samples.
+    """Stretch of samples.
 
     Attributes:
         time_ns: shape (n,).
@@ -154,7 +154,7 @@ class SampleBlock(NamedTuple):
     messages: list[tuple[int, LogEntry]]
 
     def part(self, first: int, last: int) -> SampleBlock:
-        """The rows from one up to another, with the messages since the row before and, of the last, all later ones."""
+        """Returns the rows from one up to another, with the messages since the row before, the last with all others."""
         since = int(self.time_ns[first - 1]) if first else -1
         until = int(self.time_ns[last - 1]) if last < self.time_ns.size else _MOST_NS
         return SampleBlock(
@@ -170,7 +170,7 @@ class SampleBlock(NamedTuple):
 
 
 class Content:
-    """The content of a finished run's export.
+    """Content of a finished run's export.
 
     Args:
         run: simulated, or estimated from telemetry.
@@ -221,7 +221,7 @@ class Content:
     # --------------------------------------------------------------------------------------- parts
 
     def _pieces(self) -> Iterator[dict[str, Array]]:
-        """Times and signals of a run in memory, some rows at a time."""
+        """Yields times and signals of a run in memory, some rows at a time."""
         times = np.asarray(self._run.time_s)
         for first in range(0, times.size, _ROWS):
             rows = slice(first, first + _ROWS)
@@ -265,7 +265,7 @@ class Content:
         return np.asarray(-thrusts / np.linalg.norm(thrusts, axis=1, keepdims=True))
 
     def _vehicle_frame(self, source: str) -> str:
-        """Name of the frame by a source of poses: an estimate stands for the vehicle where nothing else is known."""
+        """Returns the name of the vehicle's frame by a source of poses: an estimate if nothing else is known."""
         return source if VEHICLE in self._sources else VEHICLE
 
     def _notes(self) -> tuple[str, ...]:
@@ -310,7 +310,7 @@ class Content:
         return frames
 
     def _changes(self, name: str, parts: Iterator[Arrows | Balls]) -> list[tuple[int, Arrows | Balls]]:
-        """SampleBlock in which a part of the scene is another than in the row before."""
+        """Returns the rows in which a part of the scene changes, with the part."""
         found = []
         for row, part in enumerate(parts):
             before = self._before.get(name)
@@ -351,7 +351,7 @@ class Content:
         return events.failures(self._scenario, self._end_s) if self._simulated else []
 
     def _centers(self, signals: Mapping[str, Array]) -> Iterator[Balls]:
-        """True and estimated center of mass, and the 3-sigma ellipsoid of the latter along the axes."""
+        """Returns true and estimated center of mass, and the latter's 3-sigma ellipsoid along the axes."""
         radius = solids.center_radius(self._vehicle)
         estimate, deviation = (signals[name][:, CENTER_OF_MASS] for name in ("estimate", "standard_deviation"))
         truth = signals["truth"][:, CENTER_OF_MASS] if "truth" in signals else np.full(estimate.shape, np.nan)
@@ -374,7 +374,7 @@ class Content:
 
 
 def component_units(unit: str, count: int) -> tuple[str, ...]:
-    """Units of a signal's columns, from all of them in one, such as "rad/s (3); ft/s (3); s; -".
+    """Returns units of a signal's columns, from all of them in one, such as "rad/s (3); ft/s (3); s; -".
 
     Args:
         unit: of the signal, in the vehicle's units.
@@ -388,7 +388,7 @@ def component_units(unit: str, count: int) -> tuple[str, ...]:
 
 
 def _messages(run: Run, notes: Sequence[str]) -> list[LogEntry]:
-    """Everything that is said of a run, in the order of time."""
+    """Returns all messages about a run, in the order of time."""
     scenario, results = run.scenario, run.results
     units = scenario.vehicle_data.unit_names
     start_s, end_s = float(run.time_s[0]), float(run.time_s[-1])
@@ -433,7 +433,7 @@ def _messages(run: Run, notes: Sequence[str]) -> list[LogEntry]:
 
 
 def _verdict(run: Run) -> tuple[Literal["info", "warning"], str, str]:
-    """Level, source and words of the message that closes a run."""
+    """Returns level, source and words of the message that closes a run."""
     judged, standing = run.results.consistency, [one for one in run.results.detections if one.withdrawn_s is None]
     reasons = f": {'; '.join(judged.reasons)}" if judged.reasons else ""
     what = counted(len(standing), "declaration") if standing else "no failure found"
@@ -453,7 +453,7 @@ def _rgba(color: str, opacity: float) -> Color:
 
 
 def _along(direction: Array) -> Array:
-    """Quaternion (w, x, y, z) of a rotation that takes z to a direction of length 1."""
+    """Returns the quaternion (w, x, y, z) of a rotation that takes z to a direction of length 1."""
     x, y, z = direction.tolist()
     if z < -1.0 + 1e-12:
         return np.array([0.0, 1.0, 0.0, 0.0])

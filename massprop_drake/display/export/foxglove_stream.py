@@ -1,4 +1,4 @@
-"""A run as channels of Foxglove's SDK, into an MCAP file or to a viewer that follows it.
+"""Export of a run as channels of Foxglove's SDK, into an MCAP file or to a viewer that follows it.
 
 Signals are messages of package `massprop` with a `double` for each component; frames, scene and messages have
 Foxglove's own schemas, which its 3-D and log panels know (docs.foxglove.dev/docs/sdk/schemas).
@@ -61,7 +61,7 @@ PORT = 8765  # where viewers look first
 
 
 class FoxgloveStream:
-    """Logs a run on channels; those who listen to the context get it.
+    """Logs a run on channels; listeners of the context get it.
 
     Args:
         outline: of the run.
@@ -80,7 +80,7 @@ class FoxgloveStream:
         }
 
     def begin(self, time_ns: int) -> None:
-        """Logs what does not change: the vehicle's surface and the frames of its jets."""
+        """Logs the constant part: the vehicle's surface and the frames of its jets."""
         now = _timestamp(time_ns)
         surfaces = [
             TriangleListPrimitive(
@@ -149,13 +149,13 @@ def write(content: Content, path: Path) -> None:
 
 
 class _Audience(ServerListener):
-    """Notes that a viewer has asked for something."""
+    """Listener that notes that a viewer has asked for something."""
 
     def __init__(self) -> None:
         self.came = threading.Event()
 
     def on_subscribe(self, client: Any, channel: Any) -> None:
-        """Notes it, by its server's thread."""
+        """Notes a subscription, in the server's thread."""
         self.came.set()
 
 
@@ -203,7 +203,7 @@ class FoxgloveServer:
         return True
 
     def begin(self) -> None:
-        """Sends what does not change, once viewers have asked for all that they want."""
+        """Sends the constant part, once viewers have asked for all that they want."""
         while self.wait(_SETTLES_S):
             pass
         self._stream.begin(self._now_ns)
@@ -270,7 +270,7 @@ def _entity(name: str, part: Arrows | Balls, now: Timestamp) -> SceneEntity:
 
 
 def _standing(now: Timestamp, name: str) -> dict[str, Any]:
-    """Fields of an entity that stands in the vehicle frame and moves with it."""
+    """Returns fields of an entity that stands in the vehicle frame and moves with it."""
     return {"timestamp": now, "frame_id": VEHICLE, "id": name, "frame_locked": True}
 
 
@@ -299,7 +299,7 @@ def _quaternion(values: Array) -> Quaternion:
 
 
 def _from_x(direction: Array) -> Quaternion:
-    """Rotation that takes x, along which arrows point, to a direction of length 1."""
+    """Returns a rotation that takes x, along which arrows point, to a direction of length 1."""
     x, y, z = direction.tolist()
     if x < -1.0 + 1e-12:
         return Quaternion(x=0.0, y=0.0, z=1.0, w=0.0)

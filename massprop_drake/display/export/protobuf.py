@@ -20,7 +20,7 @@ PACKAGE = "massprop"
 
 
 def identifiers(names: Sequence[str]) -> list[str]:
-    """Names as fields may have them: letters, digits and underscores, none twice."""
+    """Converts names to field names: letters, digits and underscores, none twice."""
     found: list[str] = []
     for name in names:
         plain = re.sub(r"[^A-Za-z0-9_]", "_", name)
@@ -34,7 +34,7 @@ def identifiers(names: Sequence[str]) -> list[str]:
 
 
 def schema(message: str, comment: str, fields: Sequence[tuple[str, str]]) -> bytes:
-    """A google.protobuf.FileDescriptorSet with one message of package `massprop`.
+    """Makes a google.protobuf.FileDescriptorSet with one message of package `massprop`.
 
     Args:
         message: its name, an identifier.
@@ -57,7 +57,7 @@ def schema(message: str, comment: str, fields: Sequence[tuple[str, str]]) -> byt
 
 
 def encoded(values: Array) -> list[bytes]:
-    """Messages of rows, shape (n, components), the first column in field 1."""
+    """Encodes rows as messages, shape (n, components), the first column in field 1."""
     tags = [_varint(number << 3 | _DOUBLE) for number in range(1, values.shape[1] + 1)]
     template = np.frombuffer(b"".join(tag + bytes(8) for tag in tags), dtype=np.uint8)
     table = np.tile(template, (values.shape[0], 1))

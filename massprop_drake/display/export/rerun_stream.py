@@ -1,4 +1,4 @@
-"""A run as a recording of Rerun, into an .rrd file or to a viewer that follows it."""
+"""Export of a run as a recording of Rerun, into an .rrd file or to a viewer that follows it."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class RerunStream:
         self._outline, self._recording = outline, recording
 
     def begin(self) -> None:
-        """Logs what does not change: the vehicle's surface, the frames of its jets, and names of curves."""
+        """Logs the constant part: the vehicle's surface, the frames of its jets, and names of curves."""
         outline, put = self._outline, self._put_static
         self._recording.send_recording_name(outline.title)
         put(WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_DOWN)
@@ -156,11 +156,11 @@ class RerunViewer:
         self._stream = RerunStream(outline, self._recording)
 
     def wait(self, seconds: float) -> bool:
-        """Tells that a viewer is there."""
+        """Returns True: a viewer is there."""
         return True
 
     def begin(self) -> None:
-        """Sends what does not change."""
+        """Sends the constant part."""
         self._stream.begin()
 
     def put(self, rows: SampleBlock) -> None:
@@ -186,7 +186,7 @@ connected = RerunViewer
 
 
 def _curves(series: Series) -> list[tuple[str, slice]]:
-    """Paths of a signal's curves with the columns of each: columns of several units have paths of their own."""
+    """Returns paths of a signal's curves with the columns of each: columns of several units have their own."""
     path = f"signals/{rr.escape_entity_path_part(series.name)}"
     if not series.is_mixed:
         return [(path, slice(None))]
@@ -197,7 +197,7 @@ def _curves(series: Series) -> list[tuple[str, slice]]:
 
 
 def _names(series: Series) -> list[str]:
-    """Names of a signal's curves, with their units."""
+    """Returns names of a signal's curves, with their units."""
     alone = len(series.components) == 1
     return [
         (series.name if alone else f"{series.name} {component}") + ("" if unit == "-" else f", {unit}")
@@ -206,12 +206,12 @@ def _names(series: Series) -> list[str]:
 
 
 def _place(frame: str) -> str:
-    """Path of a frame: below that of its parent."""
+    """Returns the path of a frame: below that of its parent."""
     return frame if frame == WORLD else f"{_place(PARENTS[frame])}/{frame}"
 
 
 def _surface(triangles: Array, color: tuple[int, int, int, int]) -> rr.Mesh3D:
-    """Triangles with the normal of each at its corners, so that a viewer shades them."""
+    """Makes triangles with the normal of each at its corners, so that a viewer shades them."""
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     return rr.Mesh3D(
@@ -220,7 +220,7 @@ def _surface(triangles: Array, color: tuple[int, int, int, int]) -> rr.Mesh3D:
 
 
 def _drawn(parts: Sequence[Arrows | Balls]) -> Any:
-    """Parts of a scene, one a row."""
+    """Draws parts of a scene, one a row."""
     lengths = [len(part.colors) for part in parts]
     colors = [color for part in parts for color in part.colors]
     first, second = (np.vstack([part[index] for part in parts] or [np.empty((0, 3))]) for index in (0, 1))
@@ -230,7 +230,7 @@ def _drawn(parts: Sequence[Arrows | Balls]) -> Any:
 
 
 def _blueprint(outline: Outline) -> rrb.Blueprint:
-    """Layout that a viewer opens with: the scene, plots of the main signals, and messages."""
+    """Makes the layout that a viewer opens with: the scene, plots of the main signals, and messages."""
     paths = {
         path.removeprefix("signals/"): f"/{path}" for series in outline.series.values() for path, _ in _curves(series)
     }

@@ -1,4 +1,4 @@
-"""Gimbals that hold a vehicle's rate at zero while its engines burn."""
+"""Gimbal control that holds a vehicle's rate at zero while its engines burn."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class GimbalControl(NamedTuple):
 
 
 def by_angles(levels: Array, control: GimbalControl) -> Array:
-    """Angular acceleration of the vehicle by each gimbal's angles, 1/s^2, shape (3, 2 n).
+    """Computes the angular acceleration of the vehicle by each gimbal's angles, 1/s^2, shape (3, 2 n).
 
     Args:
         levels: of the engines, shape (n,).
@@ -46,7 +46,7 @@ def by_angles(levels: Array, control: GimbalControl) -> Array:
 
 
 def steered(scheduled: Array, rate: Array, turned: Array, control: GimbalControl) -> tuple[Array, Array]:
-    """Commands of the engines, and what the vehicle has turned since they burn.
+    """Computes commands of the engines, and the vehicle's turn since they burn.
 
     Args:
         scheduled: level and two angles of each, rad, shape (n, 3).

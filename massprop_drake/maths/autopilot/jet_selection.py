@@ -1,4 +1,4 @@
-r"""Jet selection: activity vectors, and from on-times to bursts of whole cycles; those of pulses are in `pulses`.
+r"""Jet selection: activity vectors, and bursts of whole cycles from on-times; pulses are in `pulses`.
 
 The activity vector of jet j (1-1) is the change of rate and velocity per second of its thrust,
 
@@ -19,7 +19,7 @@ from massprop_drake.maths.mass_properties import symmetric
 
 
 def activity_vectors(wrenches: Array, mass_properties: Array) -> Array:
-    """Activity vectors of all jets as columns, rotation first (1-1), shape (6, n_jets).
+    """Computes activity vectors of all jets as columns, rotation first (1-1), shape (6, n_jets).
 
     Args:
         wrenches: torque about the vehicle origin and force of each jet, shape (n_jets, 6).
@@ -34,18 +34,18 @@ def activity_vectors(wrenches: Array, mass_properties: Array) -> Array:
 
 
 def forces_of(wrenches: Array) -> Array:
-    """Forces of all jets as columns, shape (3, n_jets); argument as in `activity_vectors`."""
+    """Returns forces of all jets as columns, shape (3, n_jets); argument as in `activity_vectors`."""
     return np.ascontiguousarray(wrenches[:, 3:].T)
 
 
 def least_cycles(minimum_s: Array, period_s: float) -> Array:
-    """Least on-times, s, as whole cycles, shape (n_jets,)."""
+    """Returns least on-times, s, as whole cycles, shape (n_jets,)."""
     cycles: Array = np.ceil(minimum_s / period_s - 1e-9)
     return cycles
 
 
 def burst_cycles(on_times_s: Array, period_s: float, least: Array) -> Array:
-    """On-times as whole cycles, the nearest, shape (n_jets,).
+    """Rounds on-times to the nearest whole cycles, shape (n_jets,).
 
     An on-time of at least half a cycle but below the jet's minimum is raised to it.
 
@@ -59,7 +59,7 @@ def burst_cycles(on_times_s: Array, period_s: float, least: Array) -> Array:
 
 
 def least_change(request: Array, on_times_s: Array, shortest_s: Array | float) -> float:
-    """How much a request that rounds to no firing must change before it can round to one.
+    """Computes the least change by which a request that rounds to no firing can round to one.
 
     On-times grow in proportion to a request, so the same direction needs, as a factor, the shortest on-time that is
     flown over that selected, of the jet that is nearest to it. Until some element of the rate change differs by the
@@ -81,7 +81,7 @@ def least_change(request: Array, on_times_s: Array, shortest_s: Array | float) -
 
 @kernel
 def must_select(remaining: Array, request: Request, refused: Array, acts: bool, declared: bool) -> bool:
-    """Whether there is anything to solve at a sample.
+    """Tests whether jets are to be selected at a sample.
 
     Args:
         remaining: cycles that each jet has still to fire, shape (n_jets,).
@@ -105,7 +105,7 @@ def must_select(remaining: Array, request: Request, refused: Array, acts: bool, 
 
 @kernel
 def delivered_velocity(command: Array, forces: Array, mass_reciprocal: float, period_s: float) -> Array:
-    """The change of velocity that a command gives in a sample, ft/s or m/s, shape (3,).
+    """Computes the change of velocity that a command gives in a sample, ft/s or m/s, shape (3,).
 
     Args:
         command: share of the sample for which each jet fires, shape (n_jets,).

@@ -1,4 +1,4 @@
-r"""Phase-space control: from hand controllers, attitude error and rates to a rate-change request.
+r"""Phase-space control: rate-change requests from hand controllers, attitude error and rates.
 
 Manual modes of the thesis (section 5.1): in the discrete-rate submode an axis whose rotational hand
 controller is out of detent is to turn at a fixed rate, any other holds inertial attitude; in the
@@ -26,7 +26,7 @@ from massprop_drake.maths.linear_algebra import Array, nonzero
 
 
 class Urgency(IntEnum):
-    """When a request is to be served."""
+    """Urgency of a request."""
 
     NONE = 0
     WHEN_IDLE = 1  # once the running burst has ended
@@ -50,7 +50,7 @@ class Window(NamedTuple):
 
 
 def hand_controllers(windows: tuple[Window, ...], time_s: float) -> Array:
-    """Both hand controllers at a time: -1, 0 or 1 per axis, rotation x, y, z, translation x, y, z, shape (6,)."""
+    """Returns both hand controllers at a time: -1, 0 or 1 per axis, rotation xyz, then translation xyz, shape (6,)."""
     command = np.zeros(6)
     for window in windows:
         if _in_force(window, time_s):
@@ -59,7 +59,7 @@ def hand_controllers(windows: tuple[Window, ...], time_s: float) -> Array:
 
 
 def hand_controller_rows(windows: tuple[Window, ...], times_s: Array) -> Array:
-    """`hand_controllers` at several times, shape (n, 6)."""
+    """Returns `hand_controllers` at several times, shape (n, 6)."""
     rows = np.zeros((times_s.size, 6))
     for window in windows:
         rows[_in_force(window, times_s), window.channel] = window.sign
@@ -67,7 +67,7 @@ def hand_controller_rows(windows: tuple[Window, ...], times_s: Array) -> Array:
 
 
 def _in_force(window: Window, time_s: Any) -> Any:
-    """Whether it is at a time, or at each of several."""
+    """Tests whether a window covers a time, or each of several."""
     return (window.start_s <= time_s) & (time_s < window.end_s)
 
 
@@ -117,7 +117,7 @@ class AttitudeStep(NamedTuple):
 
 
 class AttitudeMemory(NamedTuple):
-    """What is remembered of the attitude at the sample before.
+    """Memory of the attitude at the sample before.
 
     Attributes:
         attitude, reference: quaternions, shape (4,) each.
@@ -164,13 +164,13 @@ def attitude_step(
 
 @kernel
 def _keeps(command: float, held: float, rate: float, capture_rate: float) -> float:
-    """1 where an axis holds its attitude: in detent, and held before or slow enough by now; else 0."""
+    """Returns 1 where an axis holds its attitude: in detent, and held before or slow enough by now; else 0."""
     return 1.0 if command == 0.0 and (held != 0.0 or abs(rate) < capture_rate) else 0.0
 
 
 @kernel
 def commanded_rate(rotation_command: Array, attitude_error: Array, params: PhaseSpaceParams) -> Array:
-    """Rate that each axis should have, rad/s: the discrete rate, or the way back to the held attitude."""
+    """Computes the rate that each axis should have, rad/s: the discrete rate, or the way back to the held attitude."""
     x, y, z = numbers(rotation_command, 3)
     error_x, error_y, error_z = numbers(attitude_error, 3)
     return np.array([_turning(x, error_x, params), _turning(y, error_y, params), _turning(z, error_z, params)])
@@ -178,14 +178,14 @@ def commanded_rate(rotation_command: Array, attitude_error: Array, params: Phase
 
 @kernel
 def _turning(command: float, error: float, params: PhaseSpaceParams) -> float:
-    """Rate that an axis should have, rad/s."""
+    """Computes the rate that an axis should have, rad/s."""
     if command != 0.0:
         return command * params.discrete_rate
     return min(max(-params.hold_gain * error, -params.hold_rate_limit), params.hold_rate_limit)
 
 
 class Request(NamedTuple):
-    """What the controller asks of jet selection.
+    """Request of the controller to jet selection.
 
     Attributes:
         rate_change: dw, rad/s, body axes, shape (3,).
@@ -201,7 +201,7 @@ class Request(NamedTuple):
 
 
 class TranslationMemory(NamedTuple):
-    """What the controller remembers of a translation.
+    """Memory of the controller of a translation.
 
     Attributes:
         command: translational hand controller at the last sample, -1, 0 or 1 per axis, shape (3,).
@@ -218,7 +218,7 @@ class TranslationMemory(NamedTuple):
 
 
 class Sensed(NamedTuple):
-    """What the controller sees at a sample.
+    """Inputs of the controller at a sample.
 
     Attributes:
         rotation_command, translation_command: hand controllers, -1, 0 or 1 per axis, shape (3,) each.
@@ -239,7 +239,7 @@ class Sensed(NamedTuple):
 def phase_space_request(
     sensed: Sensed, memory: TranslationMemory, params: PhaseSpaceParams
 ) -> tuple[Request, TranslationMemory]:
-    """The request of one sample, and what to remember for the next.
+    """Computes the request of one sample, and the memory for the next.
 
     Args:
         sensed: at the sample.
@@ -276,7 +276,7 @@ def phase_space_request(
 
 
 class PilotMemory(NamedTuple):
-    """What is remembered from one sample to the next."""
+    """Memory of the autopilot between samples."""
 
     attitude: AttitudeMemory
     translation: TranslationMemory
@@ -286,7 +286,7 @@ class PilotMemory(NamedTuple):
 def piloted(
     memory: PilotMemory, rate: Array, controllers: Array, delivered: Array, params: PhaseSpaceParams
 ) -> tuple[Request, Array, PilotMemory]:
-    """The attitude by the gyro, then the request.
+    """Computes the attitude by the gyro, then the request.
 
     Args:
         memory: of the sample before.
@@ -307,7 +307,7 @@ def piloted(
 
 
 def initial_memory() -> PilotMemory:
-    """At rest, holding attitude, no reading yet."""
+    """Returns the memory at rest, holding attitude, no reading yet."""
     upright = np.array([1.0, 0.0, 0.0, 0.0])
     attitude = AttitudeMemory(upright, upright, np.ones(3), np.full(3, np.nan))
     return PilotMemory(attitude, TranslationMemory(np.zeros(3), np.zeros(3), 0.0, 0.0))

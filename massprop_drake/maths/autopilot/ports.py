@@ -1,4 +1,4 @@
-"""The autopilot's systems as kernels: the vectors of their ports and states in, such vectors out.
+"""Kernels of the autopilot's systems: from vectors of their ports and states to such vectors.
 
 Each is called by one system of a diagram, with what does not change in a `kernels.Holder`. They pack and unpack; what
 they do with it stands in the other files here.
@@ -39,7 +39,7 @@ _KNOWN_WRENCH = RECONFIGURATION.sized(jets=0).slice("known_wrench")
 
 
 class Reference(NamedTuple):
-    """How the attitude to hold is found.
+    """Parameters by which the attitude to hold is found.
 
     Attributes:
         period_s: sample period, s.
@@ -54,7 +54,7 @@ class Reference(NamedTuple):
 
 @kernel
 def attitude(memory: Array, rate: Array, controllers: Array, held: Any) -> Array:
-    """The attitude error, rad, shape (3,), then what is remembered.
+    """Computes the attitude error, rad, shape (3,), then the memory.
 
     Args:
         memory: packed as `ATTITUDE_MEMORY`.
@@ -71,7 +71,7 @@ def attitude(memory: Array, rate: Array, controllers: Array, held: Any) -> Array
 
 
 class Control(NamedTuple):
-    """The control law.
+    """Parameters of the control law.
 
     Attributes:
         settings: see `PhaseSpaceParams`.
@@ -84,7 +84,7 @@ class Control(NamedTuple):
 
 @kernel
 def request(memory: Array, controllers: Array, error: Array, rate: Array, delivered: Array, held: Any) -> Array:
-    """The request, packed as `REQUEST`, then what is remembered.
+    """Computes the request, packed as `REQUEST`, then the memory.
 
     Args:
         memory: packed as `TRANSLATION_MEMORY`.
@@ -104,7 +104,7 @@ def request(memory: Array, controllers: Array, error: Array, rate: Array, delive
 
 
 class Burning(NamedTuple):
-    """What it takes to go on with a burst.
+    """Parameters by which a burst goes on.
 
     Attributes:
         forces: of the jets, shape (3, n_jets).
@@ -121,7 +121,7 @@ class Burning(NamedTuple):
 
 @kernel
 def going_on(remaining: Array, asked: Array, refused: Array, told: Array, mass_reciprocal: float, held: Any) -> Array:
-    """Whether jets are to be selected at a sample, 1 or 0, and what `fired` gives where they are not.
+    """Tests whether jets are to be selected at a sample, 1 or 0, and appends the output of `fired` if not.
 
     Args:
         remaining, mass_reciprocal, held: as in `fired`.
@@ -138,7 +138,7 @@ def going_on(remaining: Array, asked: Array, refused: Array, told: Array, mass_r
 
 @kernel
 def fired(remaining: Array, mass_reciprocal: float, held: Any) -> Array:
-    """A sample of a burst, shape (2 n_jets + 3,): cycles left after it, the command, and the velocity change it gives.
+    """Runs a sample of a burst, shape (2 n_jets + 3,): cycles left after it, the command, and its velocity change.
 
     Args:
         remaining: cycles that each jet has still to fire, this one included, shape (n_jets,).

@@ -19,7 +19,7 @@ _SHORTEST = 1e-6  # of a cycle, physics: no valve is faster; edges that are clos
 
 
 class Pulses(NamedTuple):
-    """The jets' valves, as the autopilot uses them.
+    """Valves of the jets, as the autopilot uses them.
 
     Attributes:
         within: whether they open and close within a cycle; else with cycles, and all else is of no meaning.
@@ -37,12 +37,12 @@ class Pulses(NamedTuple):
 
 
 def whole_cycles(n_jets: int) -> Pulses:
-    """Valves that open and close with cycles."""
+    """Returns valves that open and close with cycles."""
     return Pulses(within=False, place=0.0, quanta=np.zeros(n_jets), least=np.zeros(n_jets), accumulates=False)
 
 
 def valve_pulses(minimum_s: Array, quanta_s: Array, period_s: float, place: float, accumulates: bool) -> Pulses:
-    """Valves that open and close within a cycle.
+    """Returns valves that open and close within a cycle.
 
     Args:
         minimum_s: shortest on-time of each, raised to whole steps of its clock, s, shape (n_jets,).
@@ -57,7 +57,7 @@ def valve_pulses(minimum_s: Array, quanta_s: Array, period_s: float, place: floa
 
 
 def clocked(on_times: Array, pulses: Pulses) -> Array:
-    """On-times as the nearest whole steps of the valves' clocks, cycles, shape (n_jets,)."""
+    """Rounds on-times to the nearest whole steps of the valves' clocks, cycles, shape (n_jets,)."""
     steps = np.where(pulses.quanta > 0.0, pulses.quanta, 1.0)
     ticked = np.where(pulses.quanta > 0.0, np.floor(on_times / steps + 0.5) * steps, on_times)
     nearest = np.round(ticked)
@@ -65,7 +65,7 @@ def clocked(on_times: Array, pulses: Pulses) -> Array:
 
 
 def burst_pulses(on_times: Array, owed: Array, pulses: Pulses) -> tuple[Array, Array]:
-    """On-times as they are flown, and what is owed then, cycles, shape (n_jets,) each.
+    """Returns on-times as they are flown, and the remainders that are owed, cycles, shape (n_jets,) each.
 
     Below the shortest an on-time is not flown. It is dropped or, where such accumulate, owed: once what a jet owes by
     selections that all ask for it reaches the shortest, this is flown, and the rest stays owed.
@@ -90,7 +90,7 @@ def burst_pulses(on_times: Array, owed: Array, pulses: Pulses) -> tuple[Array, A
 
 @kernel
 def coming_pulse(remaining: Array, pulses: Pulses) -> Array:
-    """Share of the coming cycle for which each jet is open, shape (n_jets,).
+    """Computes the share of the coming cycle for which each jet is open, shape (n_jets,).
 
     Args:
         remaining: what is left of each on-time, cycles, shape (n_jets,).
@@ -110,21 +110,21 @@ def coming_pulse(remaining: Array, pulses: Pulses) -> Array:
 
 @kernel
 def after_pulse(remaining: Array, flown: Array) -> Array:
-    """On-times that are left after a cycle, cycles, shape (n_jets,); what is but rounding is nothing."""
+    """Computes on-times left after a cycle, cycles, shape (n_jets,); rounding errors count as zero."""
     left = remaining - flown
     return np.where(left < _SAME, 0.0, left)
 
 
 @kernel
 def pulse_onsets(shares: Array, pulses: Pulses, period_s: float) -> Array:
-    """Times in a cycle at which jets open, s, NaN where they switch with cycles, shape (n_jets,)."""
+    """Returns times in a cycle at which jets open, s, NaN where they switch with cycles, shape (n_jets,)."""
     if not pulses.within:
         return levels_alone(shares.size)
     return pulses.place * period_s * (1.0 - shares)
 
 
 def most_edges(pulses: Pulses) -> int:
-    """The largest number of times at which jets open or close inside a cycle."""
+    """Returns the largest number of times at which jets open or close inside a cycle."""
     if not pulses.within:
         return 0
     return pulses.quanta.size * (2 if 0.0 < pulses.place < 1.0 else 1)

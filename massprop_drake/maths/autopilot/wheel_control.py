@@ -1,4 +1,4 @@
-r"""Reaction wheels that hold attitude and follow rates, and the momentum that jets take from them.
+r"""Reaction wheels that hold attitude and follow rates, and their unloading by jets.
 
 With wheels of angular momentum h the vehicle turns by I dw/dt = t - dh/dt - w x (I w + h). The wheels are given
 
@@ -24,7 +24,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 
 class WheelControlParams(NamedTuple):
-    """The control law.
+    """Parameters of the control law.
 
     Attributes:
         axes: of the wheels, unit vectors, body axes, shape (n, 3).
@@ -53,7 +53,7 @@ class WheelControlParams(NamedTuple):
 
 
 def shares_of(axes: Array) -> Array:
-    """Torque of each motor per torque of all wheels, shape (n, 3).
+    """Computes the torque of each motor per torque of all wheels, shape (n, 3).
 
     Args:
         axes: of the wheels, unit vectors that span space, shape (n, 3).
@@ -63,7 +63,7 @@ def shares_of(axes: Array) -> Array:
 
 
 def wheel_torques(turning: tuple[Array, Array, Array], speeds: Array, params: WheelControlParams) -> Array:
-    """Torque of each motor on its wheel, ft-lbf or N-m, shape (n,).
+    """Computes the torque of each motor on its wheel, ft-lbf or N-m, shape (n,).
 
     Torques beyond what a motor gives are made smaller together, so that their direction stays. A wheel at its largest
     speed is made no faster.
@@ -100,7 +100,7 @@ def next_unloading(unloading: bool, speeds: Array, params: WheelControlParams) -
 
 
 def rate_for_jets(rate: Array, unloading: bool, speeds: Array, params: WheelControlParams) -> Array:
-    """Rate that the jets' controller is to see, rad/s, shape (3,).
+    """Computes the rate for the jets' controller, rad/s, shape (3,).
 
     Args:
         rate: as it is read, rad/s, shape (3,).
@@ -116,6 +116,6 @@ def rate_for_jets(rate: Array, unloading: bool, speeds: Array, params: WheelCont
 
 
 def _momentum(speeds: Array, params: WheelControlParams) -> Array:
-    """Angular momentum of the wheels, body axes, shape (3,)."""
+    """Computes the angular momentum of the wheels, body axes, shape (3,)."""
     momentum: Array = (params.inertias * speeds) @ params.axes
     return momentum

@@ -1,1 +1,1 @@
-"""What is learned from gyros, accelerometers and commands: filters, detectors, and their cycle."""
+"""Estimation from gyros, accelerometers and commands: filters, detectors, and their cycle."""

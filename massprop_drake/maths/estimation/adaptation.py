@@ -1,4 +1,4 @@
-r"""What the filters do with a sample in which a jet is seen to fail (section 4.5 of the thesis).
+r"""Adaptation of the filters to a sample in which a jet is seen to fail (section 4.5 of the thesis).
 
 With f c the estimated signature and C its covariance, all three keep the signature out of the estimates:
 
@@ -21,7 +21,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 
 class Action(IntEnum):
-    """What the filters do with a sample."""
+    """Action of the filters on a sample."""
 
     NONE = 0
     CORRECT = 1
@@ -30,7 +30,7 @@ class Action(IntEnum):
 
 
 class Adaptation(NamedTuple):
-    """What the filters are to do with a sample.
+    """Adaptation that the filters apply to a sample.
 
     Attributes:
         action: NONE, CORRECT, CORRECT_THESIS or REJECT.
@@ -58,7 +58,7 @@ def _left_alone(action, mass_jumped):  # type: ignore[no-untyped-def] # compiled
 
 @idiom(_left_alone)
 def left_alone(action: int, mass_jumped: bool) -> Adaptation:
-    """An adaptation that takes nothing out of the innovations."""
+    """Returns an adaptation that takes nothing out of the innovations."""
     if action == Action.NONE and not mass_jumped:
         return NO_ADAPTATION
     return NO_ADAPTATION._replace(action=Action(action), mass_jumped=mass_jumped)
@@ -77,12 +77,12 @@ _ACTION, _JUMPED = LAYOUT.slice("action").start, LAYOUT.slice("mass_jumped").sta
 
 
 def packed(adaptation: Adaptation) -> Array:
-    """An adaptation as a vector, shape (26,)."""
+    """Packs an adaptation into a vector, shape (26,)."""
     return LAYOUT.pack(adaptation)
 
 
 def unpacked(vector: Array) -> Adaptation:
-    """The inverse of `packed`."""
+    """Unpacks an adaptation: the inverse of `packed`."""
     if vector.item(_ACTION) == 0.0 and vector.item(_JUMPED) == 0.0:  # Action.NONE
         return NO_ADAPTATION
     action, *parts = LAYOUT.read(vector)

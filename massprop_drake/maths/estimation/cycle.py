@@ -33,7 +33,7 @@ from massprop_drake.maths.vehicle.thrust import LagFactors
 
 
 class EstimationParams(NamedTuple):
-    """What shapes a cycle.
+    """Parameters of a cycle.
 
     Attributes:
         period_s: sample period, s.
@@ -55,7 +55,7 @@ class EstimationParams(NamedTuple):
 
 
 class EstimationState(NamedTuple):
-    """All that a cycle leaves for the next.
+    """State of estimation after a cycle: all that the next one needs.
 
     Attributes:
         command: fraction commanded over the interval before, shape (n_jets,).
@@ -71,7 +71,7 @@ class EstimationState(NamedTuple):
 
 
 class Sample(NamedTuple):
-    """What is read at a sample, and what was told to the jets before it.
+    """Readings at a sample, and the commands to the jets before it.
 
     Attributes:
         time_s: of the sample, s.
@@ -99,7 +99,7 @@ class Sample(NamedTuple):
 
 
 class Measured(NamedTuple):
-    """A cycle's first part.
+    """Outcome of the first part of a cycle.
 
     Attributes:
         interval: see `filter.Interval`.
@@ -111,7 +111,7 @@ class Measured(NamedTuple):
 
 
 class EstimationStep(NamedTuple):
-    """One cycle.
+    """Outcome of one whole cycle.
 
     Attributes:
         state: to go on from.
@@ -135,14 +135,14 @@ MEMORY = Layout("memory", command="jets", level="jets")  # of the impulse model
 
 
 def initial_state(params: EstimationParams) -> EstimationState:
-    """Before the first sample: jets off, nothing read."""
+    """Returns the state before the first sample: jets off, nothing read."""
     off = np.zeros(params.impulse_per_level.shape[0])
     detector = None if params.detector is None else params.detector.initial(params.detector_params)
     return EstimationState(off, off, params.filter.initial(params.filter_params), detector)
 
 
 def measure(state: EstimationState, sample: Sample, params: EstimationParams) -> Measured:
-    """What the commands should have done, and what the filter measures of it."""
+    """Computes the impulses that the commands should have given, and the filter's measurement of them."""
     outside = None if sample.outside_wrench is None else sample.outside_wrench * params.period_s
     impulses = interval_impulses(
         sample.command, state.command, state.level, params.impulse_per_level, params.lag, outside
@@ -156,7 +156,7 @@ def measure(state: EstimationState, sample: Sample, params: EstimationParams) ->
 
 
 def told_of(sample: Sample) -> Told:
-    """Commands and what else a sample tells a filter with a thrust model of its own."""
+    """Collects commands and other data of a sample for a filter with a thrust model of its own."""
     stamp_s = sample.time_s if sample.stamp_s is None else sample.stamp_s
     outside = _NOTHING_OUTSIDE if sample.outside_wrench is None else sample.outside_wrench
     onsets_s = sample.onset_s, sample.coming_onset_s
@@ -164,7 +164,7 @@ def told_of(sample: Sample) -> Told:
 
 
 def known_force(state: EstimationState, sample: Sample, params: EstimationParams) -> KnownForce:
-    """Effect of the forces of failed jets that are known already."""
+    """Computes the effect of the forces of failed jets that are known already."""
     if params.detector is None or not nonzero(state.detector.variance):
         return NO_KNOWN_FORCE
     predicted = params.filter.predicted(state.filter)
@@ -172,7 +172,7 @@ def known_force(state: EstimationState, sample: Sample, params: EstimationParams
 
 
 def judge(state: EstimationState, sample: Sample, measured: Measured, params: EstimationParams) -> Judgment:
-    """Judges the innovations by the detector, which there must be."""
+    """Judges the innovations by the detector, which must exist."""
     assert params.detector is not None
     seen = params.filter.evidence(state.filter, measured.measurement, measured.interval)
     evidence = seen
@@ -182,14 +182,14 @@ def judge(state: EstimationState, sample: Sample, measured: Measured, params: Es
 
 
 def evidence_of(time_s: float, command: Array, impulses: Impulses, seen: Joint) -> Evidence:
-    """What a filter of innovations saw, with the circumstances."""
+    """Joins the filter's innovations and the circumstances of the sample into the detector's evidence."""
     return Evidence(time_s, command, impulses.usable, impulses.firing, *seen)
 
 
 def finish(
     state: EstimationState, sample: Sample, measured: Measured, judgment: Judgment | None, params: EstimationParams
 ) -> EstimationStep:
-    """The filter's update, and what the next cycle begins with."""
+    """Updates the filter, and makes the state with which the next cycle begins."""
     interval, measurement = measured
     adaptation = NO_ADAPTATION if judgment is None else judgment.adaptation
     filtered = params.filter.finish(state.filter, measurement, interval, adaptation, params.filter_params)
@@ -210,7 +210,7 @@ def _call(_part: str, function: Callable[..., Any], *arguments: Any) -> Any:
 def step(
     state: EstimationState, sample: Sample, params: EstimationParams, call: Callable[..., Any] = _call
 ) -> EstimationStep:
-    """One cycle.
+    """Runs one cycle.
 
     Args:
         state: of the cycle before.
@@ -228,19 +228,19 @@ def step(
 
 
 def known(state: EstimationState, params: EstimationParams) -> tuple[Array, Array]:
-    """Estimate and covariance of the ten parameters from which a filter goes on, shapes (10,) and (10, 10)."""
+    """Returns estimate and covariance of the ten parameters from which a filter goes on, shapes (10,) and (10, 10)."""
     return params.filter.predicted(state.filter), params.filter.covariance(state.filter)
 
 
 def reported(done: EstimationStep) -> tuple[Array, Array]:
-    """Estimate and 1-sigma of the ten parameters after a cycle, NaN for what is not observed, shape (10,) each."""
+    """Returns estimate and 1-sigma of the ten parameters after a cycle, NaN if not observed, shape (10,) each."""
     rotation, mass = done.filtered.rotation, done.filtered.mass
     reciprocal, deviation = (math.nan, math.nan) if mass is None else (mass.mass_reciprocal, math.sqrt(mass.variance))
     return all_ten(rotation.estimate, reciprocal), all_ten(rotation.standard_deviation, deviation)
 
 
 def saved(state: EstimationState, params: EstimationParams) -> Groups:
-    """The state as vectors, by the part of the diagram that holds each."""
+    """Packs the state into vectors, by the part of the diagram that holds each."""
     memory = MEMORY.sized(jets=state.level.size).pack((state.command, state.level))
     groups = {"impulse_model": memory, **params.filter.saved(state.filter, params.filter_params)}
     if params.detector is not None:
@@ -249,7 +249,7 @@ def saved(state: EstimationState, params: EstimationParams) -> Groups:
 
 
 def restored(groups: Groups, params: EstimationParams) -> EstimationState:
-    """The inverse of `saved`.
+    """Unpacks a state: the inverse of `saved`.
 
     Raises:
         ValueError: when no run can have left such a state.

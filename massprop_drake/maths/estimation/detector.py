@@ -1,4 +1,4 @@
-"""What every detector of failed jets takes in and gives, whatever its method.
+"""Interface of every detector of failed jets, whatever its method.
 
 A detector is a record of functions, as `Detector` says, in a file of its own under `detectors/`; its `DETECTOR`
 stands in the registry there, and a block of the scenario makes its parameters.
@@ -21,7 +21,7 @@ TRANSLATION, ROTATION = slice(0, 3), slice(3, 6)  # parts of the innovation that
 
 
 class Event(IntEnum):
-    """What a detector declares at a cycle."""
+    """Event that a detector declares in a cycle."""
 
     NOTHING = 0
     DECLARED = 1  # a failed jet
@@ -52,7 +52,7 @@ class Jets(NamedTuple):
 
 
 class Evidence(NamedTuple):
-    """What one sample tells a detector.
+    """Evidence of one sample for a detector.
 
     Attributes:
         time_s: of the sample, s.
@@ -95,7 +95,7 @@ class KnownForce(NamedTuple):
 
     @property
     def acts(self) -> bool:
-        """Whether there is any of it in the sample: a jet stuck on gives no more when it is told to fire."""
+        """True if the force has any effect on the sample: a jet stuck on gives no more when it is commanded."""
         return self is not NO_KNOWN_FORCE and bool(self.wrench.any() or self.translation_spread.any())
 
 
@@ -106,7 +106,7 @@ NO_KNOWN_FORCE = KnownForce(np.zeros(6), _NO_SPREAD, _NO_SPREAD)
 
 
 def known_force_of(vector: Array) -> KnownForce:
-    """The known force of a packed one, `NO_KNOWN_FORCE` itself where there is none."""
+    """Returns the known force of a packed one, `NO_KNOWN_FORCE` itself where there is none."""
     return KnownForce(*KNOWN_FORCE.read(vector)) if nonzero(vector) else NO_KNOWN_FORCE
 
 
@@ -131,7 +131,7 @@ STATUS = Layout(
 
 
 class Judgment(NamedTuple):
-    """What a detector makes of one sample.
+    """Judgment of one sample by a detector.
 
     Attributes:
         state: to remember, see `Detector`.
@@ -192,14 +192,14 @@ class Detector(NamedTuple):
     report: Layout | None = None
 
     def kept(self, state: Any, params: Any) -> Array:
-        """The state as a vector."""
+        """Packs the state into a vector."""
         if self.layout is not None:
             return self.layout(params).pack(state)
         assert self.saved is not None, "a detector has a layout, or keeps its state itself"
         return self.saved(state, params)
 
     def taken_up(self, vector: Array, params: Any) -> Any:
-        """The inverse of `kept`.
+        """Unpacks a state: the inverse of `kept`.
 
         Raises:
             ValueError: when the detector cannot have left such a state.

@@ -1,4 +1,4 @@
-"""What every filter of mass properties takes in and gives, whatever its method.
+"""Interface of every filter of mass properties, whatever its method.
 
 A filter is a record of functions, as `Filter` says, in a file of its own under `filters/`; its `FILTER` stands in the
 registry there, and blocks of the scenario make its parameters.
@@ -32,7 +32,7 @@ Groups = Mapping[str, Array]  # a state as vectors, by the part of the diagram t
 
 
 class Instruments(NamedTuple):
-    """What is known of the packages of one kind, the preferred one first; rad/s, or ft/s and m/s.
+    """Noise and quanta of the packages of one kind, the preferred one first; rad/s, or ft/s and m/s.
 
     Attributes:
         quanta: step of a reading, shape (s,).
@@ -46,7 +46,7 @@ class Instruments(NamedTuple):
 
 
 class ThrustModel(NamedTuple):
-    """What is known of the jets' thrust, and how well.
+    """Thrust of the jets as stated, and its uncertainty.
 
     Attributes:
         wrenches: torque about the vehicle origin and force of each jet, shape (n_jets, 6).
@@ -74,7 +74,7 @@ class ThrustModel(NamedTuple):
 
 
 class Setup(NamedTuple):
-    """What a filter is made for.
+    """Vehicle, sensors and prior from which a filter makes its parameters.
 
     Attributes:
         period_s: sample period, s.
@@ -131,7 +131,7 @@ class Setup(NamedTuple):
 
 
 class Told(NamedTuple):
-    """What the jets were told, and when the readings were taken, for a filter with a thrust model of its own.
+    """Commands to the jets and times of the readings, for a filter with a thrust model of its own.
 
     Attributes:
         time_s: of the sample, in sample periods from the first.
@@ -158,7 +158,7 @@ class Told(NamedTuple):
 
 
 class Interval(NamedTuple):
-    """What is known of a sample interval before it is measured.
+    """Known inputs of a sample interval before it is measured.
 
     Attributes:
         impulses: of the jets as commanded, of known outside forces, and of known forces of failed jets.
@@ -207,12 +207,12 @@ def _not_measured():  # type: ignore[no-untyped-def] # compiled alone
 
 @idiom(_not_measured)
 def not_measured() -> Joint:
-    """What is seen of a sample that is not tested."""
+    """Returns predictions and innovations of a sample that is not tested."""
     return NOT_MEASURED
 
 
 class RotationReport(NamedTuple):
-    """What a log keeps of a cycle's rotation, by the signals' names.
+    """Log row of a cycle's rotation, by the signals' names.
 
     Attributes:
         estimate, standard_deviation: of inverse inertia and center of mass, after the measurement, shape (9,) each.
@@ -235,7 +235,7 @@ class RotationReport(NamedTuple):
 
 
 class MassReport(NamedTuple):
-    """What a log keeps of a cycle's translation, by the signals' names.
+    """Log row of a cycle's translation, by the signals' names.
 
     Attributes:
         mass_reciprocal, variance: after the measurement.
@@ -294,17 +294,17 @@ class FilterStep(NamedTuple):
 
 
 def going_on_from(step: FilterStep, state: Any, _params: Any) -> FilterStep:
-    """A cycle after which a filter goes on from another state than its own."""
+    """Makes a cycle after which a filter goes on from another state than its own."""
     return step._replace(state=state)
 
 
 def publishing_its_own(step: FilterStep, _state: Any, _params: Any) -> FilterStep:
-    """A cycle of a filter that publishes nothing but its own estimates."""
+    """Returns the cycle of a filter that publishes nothing but its own estimates."""
     return step
 
 
 def telling(step: FilterStep, estimate: Array, covariance: Array) -> FilterStep:
-    """A cycle whose reports have other estimates; the innovations are what they were.
+    """Makes a cycle whose reports have other estimates; the innovations stay.
 
     Args:
         step: the cycle.

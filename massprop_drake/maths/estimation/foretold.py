@@ -44,7 +44,7 @@ class Foretelling(NamedTuple):
 
 
 def begun(properties: Array, params: JointFilterParams) -> tuple[Foretelling, JointFilterParams]:
-    """Forecast before the first sample, and parameters to go on with: at the truth no error is of second order.
+    """Begins a forecast before the first sample; also returns its parameters: at the truth no error is of second order.
 
     Args:
         properties: the ten parameters, shape (10,).
@@ -64,7 +64,7 @@ def begun(properties: Array, params: JointFilterParams) -> tuple[Foretelling, Jo
 def step(
     before: Foretelling, read: tuple[Array, Array], told: Told, params: JointFilterParams, *, failing: bool = False
 ) -> Foretelling:
-    """Forecast after one more sample.
+    """Advances the forecast by one sample.
 
     Args:
         before: the forecast up to then.

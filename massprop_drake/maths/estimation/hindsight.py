@@ -1,4 +1,4 @@
-r"""A flight in hindsight: all its readings explained at once, and what is left over put to the test.
+r"""Batch regression of a flight: all readings explained at once, and tests of what is left over.
 
 Over a stretch of a record the rate is its value at the beginning and the sum of what jets, coupling and known forces
 have added since, the velocity likewise, so that with theta all that may be unknown,
@@ -79,7 +79,7 @@ _NEARLY = 100.0  # squared sigmas: a pass that would gain less is the last but o
 
 @kernel
 def used(expected: Array, read: Array, quantum: float) -> NDArray[np.int_]:
-    """Which readings of a component say something new: that are to have moved by a quantum, or have by more.
+    """Selects the readings of a component that carry new information: those expected to move, or moved, by a quantum.
 
     Args:
         expected: outputs, shape (m,).
@@ -109,7 +109,7 @@ def _lagged(level, slope, remaining, by_logarithm):  # type: ignore[no-untyped-d
 
 @idiom(_lagged)
 def lagged(level: Array, slope: Array, remaining: Array, by_logarithm: Array) -> None:
-    """Lets levels lag behind what they tend to.
+    """Applies the jets' first-order lag to the levels that they tend to.
 
     In numpy all rows are gone through at once: to what a row adds itself comes what is left of the rows before, of
     one, then of two, then of four, until nothing is.
@@ -129,7 +129,7 @@ def lagged(level: Array, slope: Array, remaining: Array, by_logarithm: Array) ->
 
 
 def _summed(rows: Array, remaining: Array) -> None:
-    """Adds to each row the rows before, of which so much remains from one to the next, shape (n_jets,)."""
+    """Adds to each row the decayed sum of the rows before; the share that remains per row has shape (n_jets,)."""
     back, left = 1, remaining
     while back < rows.shape[0] and left.max(initial=0.0) > _NOTHING:
         rows[back:] += left * rows[:-back]
@@ -138,12 +138,12 @@ def _summed(rows: Array, remaining: Array) -> None:
 
 @kernel
 def lag(level: Array, slope: Array, remaining: Array, by_logarithm: Array) -> None:
-    """See `lagged`."""
+    """Applies the lag, see `lagged`."""
     lagged(level, slope, remaining, by_logarithm)
 
 
 class Compute(NamedTuple):
-    """The functions that go through a record row by row, or their compiled forms."""
+    """Functions that go through a record row by row, or their compiled forms."""
 
     used: Callable[[Array, Array, float], NDArray[np.int_]] = used
     lag: Callable[[Array, Array, Array, Array], None] = lag
@@ -151,12 +151,12 @@ class Compute(NamedTuple):
 
 
 def compute(*, compiled: bool) -> Compute:
-    """These functions."""
+    """Returns the row-by-row functions, compiled or not."""
     return Compute(chosen(used, compiled), chosen(lag, compiled), chosen(swung, compiled)) if compiled else Compute()
 
 
 class Columns(NamedTuple):
-    """Where the unknowns stand, a slice each."""
+    """Places of the unknowns, a slice each."""
 
     properties: slice
     thrust: slice
@@ -178,7 +178,7 @@ class Columns(NamedTuple):
 
 
 class Model(NamedTuple):
-    """What is known of the vehicle before a flight.
+    """Model of the vehicle before a flight.
 
     Attributes:
         period_s: between two ticks.
@@ -230,7 +230,7 @@ class Model(NamedTuple):
 
 
 def gathers(model: Model) -> bool:
-    """Tests whether noise gathers in rates or velocities, by walks or by a disturbance."""
+    """Tests whether noise accumulates in rates or velocities, by walks or by a disturbance."""
     return any(model.walks) or bool(model.disturbance.accelerations.any())
 
 
@@ -289,16 +289,16 @@ class Normal(NamedTuple):
 
     @property
     def is_finite(self) -> bool:
-        """Whether the point is one at which they could be computed."""
+        """True if the equations could be computed at the point."""
         return bool(np.isfinite(self.information).all() and np.isfinite(self.score).all())
 
     @property
     def per_reading(self) -> float:
-        """What is left unexplained of a reading, in units of its variance."""
+        """Unexplained rest per reading, in units of its variance."""
         return self.misfit / max(self.readings, 1.0)
 
     def plus(self, other: Normal) -> Normal:
-        """Both together."""
+        """Adds the equations of other readings."""
         return Normal(
             self.information + other.information,
             self.score + other.score,
@@ -311,7 +311,7 @@ class Normal(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """The readings explained by what is reckoned with.
+    """Fit of the readings by the unknowns that are estimated.
 
     Attributes:
         at: estimate of all unknowns, shape (n,).
@@ -341,7 +341,7 @@ class ScoreTest(NamedTuple):
 
 
 def columns(model: Model) -> Columns:
-    """Where the unknowns of a vehicle stand."""
+    """Returns the places of a vehicle's unknowns."""
     counts = model.flows.size, model.positions.shape[0], model.wheels.inertias.size
     sizes = model.engines.thrusts.size, model.mounting.jets.size, model.modes.sigmas.shape[0], model.tanks.fill.size
     return _columns(model.prior.shape[0], model.gyros, counts, sizes)
@@ -365,17 +365,17 @@ Lengths = float | Array  # of all intervals, or of each, s
 
 
 def _weighed(each: Array, lengths_s: Lengths) -> Array:
-    """Terms of a sum over intervals, times their lengths where these differ; else the sum is multiplied."""
+    """Multiplies the terms of a sum over intervals by their lengths where these differ; else the sum is multiplied."""
     return each * lengths_s if isinstance(lengths_s, np.ndarray) else each
 
 
 def _common(lengths_s: Lengths) -> float:
-    """Factor of sums of `_weighed`."""
+    """Returns the factor of sums of `_weighed`."""
     return 1.0 if isinstance(lengths_s, np.ndarray) else lengths_s
 
 
 class _Read(NamedTuple):
-    """What a stretch shows, whatever the unknowns are."""
+    """Data of a stretch that do not depend on the unknowns."""
 
     stretch: Stretch
     period_s: Lengths  # of the ticks; of rows at times of their own lengths of the intervals, (m - 1,)
@@ -419,14 +419,14 @@ def _read(stretch: Stretch, model: Model) -> _Read:
 
 
 def _drawn(stretch: Stretch, model: Model) -> Array:
-    """Propellant that is drawn from each tank from each row to the end of the flight, as stated, shape (n, m)."""
+    """Computes the propellant drawn from each tank from each row to the end of the flight, as stated, shape (n, m)."""
     if stretch.seconds is None or not model.tanks.fill.size:
         return np.zeros((0, stretch.time_s.size))
     return np.asarray((model.tanks.feeds * model.flows) @ stretch.seconds[:, 1].T)
 
 
 def _standing(at: Array, seconds: Array, model: Model, more: Array | None = None) -> Array:
-    """The ten parameters at some times of a flight, see `vehicle.depletion`, shape (..., 10).
+    """Computes the ten parameters at some times of a flight, see `vehicle.depletion`, shape (..., 10).
 
     Args:
         at: all unknowns, of the end, shape (n,).
@@ -455,7 +455,7 @@ _ROWS_OF, _COLUMNS_OF = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1
 
 
 def _about(arm: Array) -> Array:
-    """|a|^2 1 - a a^T of vectors, shape (..., 3, 3)."""
+    """Computes |a|^2 1 - a a^T of vectors, shape (..., 3, 3)."""
     squares = np.sum(arm * arm, axis=-1)[..., None, None]
     return np.asarray(squares * np.eye(3) - arm[..., :, None] * arm[..., None, :])
 
@@ -464,7 +464,7 @@ _STEP = 1e-4  # arithmetic, relative: of central differences, which have half th
 
 
 class _Through(NamedTuple):
-    """Derivatives of what a stretch is like about its middle by the unknowns.
+    """Derivatives of the parameters in the middle of a stretch by the unknowns.
 
     Attributes:
         by: derivative of the ten parameters there by all unknowns, shape (10, n).
@@ -478,7 +478,7 @@ class _Through(NamedTuple):
 
 
 def _about_middle(course: _Course, at: Array, model: Model) -> tuple[_Course, Array]:
-    """A stretch seen from its middle, and all unknowns there; without tanks as they are.
+    """Expands a stretch and all unknowns about its middle; without tanks both stay.
 
     Args:
         course: of the stretch.
@@ -520,7 +520,7 @@ def _about_middle(course: _Course, at: Array, model: Model) -> tuple[_Course, Ar
 
 
 def _slopes(at: Array, seconds: Array, model: Model) -> Array:
-    """Derivatives of elements 0 to 8 by what is still to be drawn from each tank, see `_standing`, (n_tanks, 9)."""
+    """Computes derivatives of elements 0 to 8 by propellant still to be drawn from each tank, (n_tanks, 9)."""
     slopes = np.empty((model.tanks.fill.size, _MASS))
     for tank, capacity in enumerate(model.tanks.capacities.tolist()):
         more = np.zeros(slopes.shape[0])
@@ -531,12 +531,12 @@ def _slopes(at: Array, seconds: Array, model: Model) -> Array:
 
 
 def _places_of(stretch: Stretch, model: Model) -> Array:
-    """Places of the rows along a straight line, shape (m,)."""
+    """Returns the places of the rows along a straight line, shape (m,)."""
     return stretch.time_s if model.own_times else np.arange(stretch.time_s.size, dtype=np.float64)
 
 
 def _momenta(stretch: Stretch, model: Model) -> Array:
-    """J_k W_k a_k of each wheel at the rows, shape (w, 3, m); zero where nothing is read of one at all."""
+    """Computes J_k W_k a_k of each wheel at the rows, shape (w, 3, m); zero for wheels that are never read."""
     wheels = model.wheels
     if stretch.speeds is None:
         return np.zeros((0, 3, stretch.time_s.size))
@@ -547,7 +547,7 @@ def _momenta(stretch: Stretch, model: Model) -> Array:
 
 
 class _Course(NamedTuple):
-    """What acted over the intervals of a stretch, by rows; any other jet gave nothing at all."""
+    """Course of the jets' thrust over a stretch, by rows; jets that are not listed gave none."""
 
     read: _Read
     amount: Array  # seconds of full thrust, (m - 1, j)
@@ -597,7 +597,7 @@ def _course(read: _Read, lag_error: Array, model: Model) -> _Course:
 
 
 def _lag_by_each(level: Array, slope: Array, left: Lingering) -> None:
-    """`lagged` over intervals of different lengths; before the stretch they are as long as its first.
+    """Applies `lagged` over intervals of different lengths; before the stretch they are as long as its first.
 
     Args:
         level, slope: see there, shape (b + m - 1, j).
@@ -612,7 +612,7 @@ def _lag_by_each(level: Array, slope: Array, left: Lingering) -> None:
 
 
 class _Pulses(NamedTuple):
-    """Differences that jets make by opening or closing within samples, from commands that are levels.
+    """Corrections for jets that open or close within samples, to commands that are levels.
 
     The lag is linear: what a sample begins with dies away beside what its command does to jets that were shut. So
     impulses and bows differ by those of shut jets, and levels go on as if another level had been commanded.
@@ -626,7 +626,7 @@ class _Pulses(NamedTuple):
 
 
 def _pulses(read: _Read, constants: Array, left: Lingering, period_s: Lengths) -> _Pulses | None:
-    """Differences that jets of a stretch make so, see `_Pulses`; None: all switch with samples.
+    """Computes the corrections of a stretch, see `_Pulses`; None: all jets switch with samples.
 
     Args:
         read: what the stretch shows.
@@ -668,7 +668,7 @@ def _pulses(read: _Read, constants: Array, left: Lingering, period_s: Lengths) -
 
 
 def _ticks(time_s: Array, period_s: float) -> tuple[float, Array]:
-    """The period at which commands switch, and how late each stamp is: both from a line through the stamps."""
+    """Computes the period at which commands switch, and each stamp's lateness: both from a line through the stamps."""
     counts = _counts(time_s.shape[0])
     since = time_s - time_s.mean()
     period = float(counts @ since) / float(counts @ counts)
@@ -679,19 +679,19 @@ def _ticks(time_s: Array, period_s: float) -> tuple[float, Array]:
 
 
 def off_ticks(stretch: Stretch, model: Model) -> bool:
-    """Whether stamps of a stretch are off their ticks."""
+    """Tests whether stamps of a stretch are off their ticks."""
     return not model.own_times and bool(_ticks(stretch.time_s, model.period_s)[1].any())
 
 
 def _mean(rates: Array) -> Array:
-    """The mean of the gyros that are there, shape (3, m), of shape (n_gyros, 3, m); zero where none is."""
+    """Computes the mean of the gyros that read, shape (3, m), of shape (n_gyros, 3, m); zero where none does."""
     known = ~np.isnan(rates)
     mean: Array = np.where(known, rates, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
     return mean
 
 
 def _put_in(rate: Array, there: NDArray[np.bool_], rows: Array) -> Array:
-    """Rates, shape (k, m), with a straight line over the places of rows put in where none is there."""
+    """Interpolates rates, shape (k, m), linearly over the places of rows where none is read."""
     rate = rate.copy()
     for axis in np.flatnonzero(~there.all(axis=1)).tolist():
         rate[axis] = np.interp(rows, rows[there[axis]], rate[axis, there[axis]])
@@ -699,7 +699,7 @@ def _put_in(rate: Array, there: NDArray[np.bool_], rows: Array) -> Array:
 
 
 def _outer(left: Array, right: Array) -> Array:
-    """The products of each component with each, shape (3, 3, n), of vectors in columns, shape (3, n) each."""
+    """Computes the products of each component with each, shape (3, 3, n), of vectors in columns, shape (3, n) each."""
     return np.asarray(left[:, None] * right)
 
 
@@ -712,7 +712,7 @@ class _Moving(NamedTuple):
 
 
 def _moving(rate: Array) -> _Moving:
-    """Of rates at the rows, shape (3, m), that are straight in between."""
+    """Computes middles, gains and mean products of rates at the rows, shape (3, m), that are linear in between."""
     middle, squares = 0.5 * (rate[:, :-1] + rate[:, 1:]), _outer(rate, rate)
     mean = (squares[..., :-1] + squares[..., 1:] + 4.0 * _outer(middle, middle)) / 6.0
     return _Moving(middle, np.diff(rate), mean)
@@ -728,13 +728,13 @@ class _Sums(NamedTuple):
 
 
 def _moments(wrenches: Array, center: Array) -> Array:
-    """Torques about a center of mass, shape (..., 3, n), of wrenches about the origin, shape (..., 6, n)."""
+    """Computes torques about a center of mass, shape (..., 3, n), of wrenches about the origin, shape (..., 6, n)."""
     moments: Array = wrenches[..., :3, :] + np.tensordot(center, _CROSS, 1) @ wrenches[..., 3:, :]
     return moments
 
 
 def _bows(sums: _Sums, rate: Array, held: Array, period_s: Lengths, at: Array) -> Array:
-    """Angular impulses of the bows of a rate, that by its own coupling included, see `joint.prediction`.
+    """Computes angular impulses of the bows of a rate, that by its own coupling included, see `joint.prediction`.
 
     Args:
         sums: see `_Sums`.
@@ -774,7 +774,7 @@ def _coupling(inverse: Array) -> _Coupling:
 
 
 def _coupling_by(elements: Array, inverse: Array, coupling: _Coupling) -> _Coupling:
-    """Its derivatives by the inverse inertia in some ways, shape (e, 3, 3)."""
+    """Computes derivatives of the coupling by the inverse inertia in some directions, shape (e, 3, 3)."""
     inertia = np.linalg.inv(inverse)
     straight = _CROSS @ (-inertia @ elements @ inertia)[:, None]
     ways = elements[:, None]
@@ -788,7 +788,7 @@ _PULLED, _PRODUCTS, _SHIFTING, _BIASING = slice(0, 3), slice(3, 30), slice(30, 5
 
 
 class _Gained(NamedTuple):
-    """What makes up the rate that has been gained since the beginning; rates and bows that enter in coupling are known.
+    """Terms of the rate gained since the beginning; the rates and bows in its coupling are taken as known.
 
     Attributes:
         sums: see above, shape (57, m).
@@ -828,12 +828,12 @@ def _gained(sums: _Sums, moving: _Moving, bows: Array, period_s: Lengths, at: Ar
 
 
 def _flat(coupling: _Coupling) -> Array:
-    """As it multiplies all products, shape (..., 3, 27)."""
+    """Arranges a coupling as it multiplies all products, shape (..., 3, 27)."""
     return np.concatenate([part.reshape(*part.shape[:-2], 9) for part in coupling], axis=-1)
 
 
 def _moved(gained: _Gained, period_s: Lengths, at: Array) -> tuple[Array, Array]:
-    """Derivatives of the rate gained by the unknowns that it is not linear in.
+    """Computes derivatives of the rate gained by the unknowns that it is not linear in.
 
     What the bow that coupling itself gives changes by is left out: it is a small part of a small part.
 
@@ -857,7 +857,7 @@ def _moved(gained: _Gained, period_s: Lengths, at: Array) -> tuple[Array, Array]
 
 
 def _turning(whole: Array, moving: _Moving, bowed: Array, period_s: Lengths) -> Array:
-    """O = [(w - w_0) x] + the integral of [w x]^2, of rates at the rows, shape (3, m), and their bows between.
+    """Computes O = [(w - w_0) x] + the integral of [w x]^2, of rates at the rows, shape (3, m), and their bows between.
 
     Returns:
         Of each row, shape (3, 3, m).
@@ -872,7 +872,7 @@ def _turning(whole: Array, moving: _Moving, bowed: Array, period_s: Lengths) -> 
 
 
 class _Expected(NamedTuple):
-    """What is expected of a stretch at a point."""
+    """Expected readings of a stretch at a point."""
 
     course: _Course
     sums: _Sums
@@ -884,7 +884,7 @@ class _Expected(NamedTuple):
 
     @property
     def rate(self) -> Array:
-        """Since the beginning, shape (3, m)."""
+        """Rate since the beginning, shape (3, m)."""
         return self.gained.rate
 
 
@@ -937,7 +937,7 @@ def _expected(at: Array, course: _Course, model: Model) -> _Expected:
 
 
 def _swings(expected: _Expected, derivatives: tuple[Array, Array], at: Array, model: Model) -> Swings:
-    """A stretch with its modes, and derivatives of rate and velocity by k unknowns, shape (k, 3, m) each."""
+    """Computes a stretch with its modes, and derivatives of rate and velocity by k unknowns, shape (k, 3, m) each."""
     read, places = expected.course.read, columns(model)
     rate = read.rate - at[places.gyro_bias, None]
     locked = Locked(*expected.locked, rate, expected.sums.impulse[3:], read.lengths_s, *derivatives)
@@ -945,7 +945,7 @@ def _swings(expected: _Expected, derivatives: tuple[Array, Array], at: Array, mo
 
 
 def _gained_from(rate: Array, sums: _Sums, read: _Read, at: Array, model: Model) -> _Gained:
-    """`_gained` with the coupling of rates at the rows as they are read, shape (3, m)."""
+    """Computes `_gained` with the coupling of rates at the rows as they are read, shape (3, m)."""
     rate, held = rate - at[columns(model).gyro_bias, None], _held(read, at, model)
     bows = _bows(sums, rate, held, read.period_s, at)
     if read.momenta.size:  # what turning the wheels' momentum takes, with the bow of the rate
@@ -957,35 +957,35 @@ def _gained_from(rate: Array, sums: _Sums, read: _Read, at: Array, model: Model)
 
 
 def _held(read: _Read, at: Array, model: Model) -> Array:
-    """Angular momentum of the wheels at the rows, shape (3, m)."""
+    """Computes the angular momentum of the wheels at the rows, shape (3, m)."""
     return np.tensordot(1.0 + at[columns(model).wheel], read.momenta, 1)
 
 
 def _crossed(rate: Array, momentum: Array) -> Array:
-    """Means over the intervals of w x h, both straight in between, shape (3, m - 1)."""
+    """Computes means over the intervals of w x h, both linear in between, shape (3, m - 1)."""
     (w0, w1), (h0, h1) = ((each[:, :-1].T, each[:, 1:].T) for each in (rate, momentum))
     return ((2.0 * crosses(w0, h0) + crosses(w0, h1) + crosses(w1, h0) + 2.0 * crosses(w1, h1)) / 6.0).T
 
 
 def _wrenches(at: Array, course: _Course, model: Model) -> Array:
-    """Of the jets that are on at some time, about the vehicle origin, shape (6, j)."""
+    """Computes wrenches about the vehicle origin of the jets that ever act in the stretch, shape (6, j)."""
     gains = 1.0 + at[columns(model).thrust][course.read.on]
     wrenches: Array = (gains[:, None] * _mounted(at, model)[course.read.on]).T
     return wrenches
 
 
 def _mounted(at: Array, model: Model) -> Array:
-    """Wrenches of all jets at full thrust, mounted as they are taken to be, shape (n_jets, 6)."""
+    """Computes wrenches of all jets at full thrust, with their mounting as assumed, shape (n_jets, 6)."""
     return displaced(model.wrenches, at[columns(model).mount], model.mounting)
 
 
 def _by_columns(rows: Array) -> Array:
-    """Rows of a stretch side by side."""
+    """Puts the rows of a stretch side by side."""
     return np.ascontiguousarray(np.swapaxes(rows, -1, -2))
 
 
 class _Design(NamedTuple):
-    """Derivatives of what is expected of a stretch, at every row.
+    """Derivatives of the expected readings of a stretch, at every row.
 
     Of k unknowns that have any, and after them of ticks that are late and of modes at the beginning, n in all.
     """
@@ -1000,7 +1000,7 @@ class _Design(NamedTuple):
 
 
 def _design(expected: _Expected, at: Array, model: Model, wanted: NDArray[np.bool_]) -> _Design:
-    """Of the unknowns that are wanted, at least; those of a group, but jets and gains, come together."""
+    """Computes derivatives by at least the wanted unknowns; those of a group, but jets and gains, come together."""
     places, course, read, light = columns(model), expected.course, expected.course.read, expected.lightness
     there = wanted[places.thrust][read.on]
     if there.any():
@@ -1056,7 +1056,7 @@ def _of_stretch(
     at: Array,
     model: Model,
 ) -> _Design:
-    """The design of a stretch, with what its tanks and modes do.
+    """Computes the design of a stretch, tanks and modes included.
 
     Args:
         found: derivatives of rate and velocity without these, shape (n, 3, m) each.
@@ -1080,7 +1080,7 @@ def _of_stretch(
 def _with_modes(
     expected: _Expected, locked: tuple[Array, Array], moving: NDArray[np.int_], at: Array, model: Model
 ) -> tuple[Array, Array]:
-    """Derivatives of rate and velocity with what modes do, those by eta and eta' at the beginning last.
+    """Adds the effects of modes to derivatives of rate and velocity, those by eta and eta' at the beginning last.
 
     Args:
         expected: see `_Expected`.
@@ -1134,7 +1134,7 @@ def _from_middle(
 
 
 def _by_wheels(expected: _Expected, at: Array, model: Model) -> tuple[Array, Array]:
-    """Derivatives of rate and velocity by the errors of the wheels' inertias, shape (w, 3, m) each."""
+    """Computes derivatives of rate and velocity by the errors of the wheels' inertias, shape (w, 3, m) each."""
     read = expected.course.read
     rate = read.rate - at[columns(model).gyro_bias, None]
     result = np.empty((len(read.momenta), *rate.shape))
@@ -1144,7 +1144,7 @@ def _by_wheels(expected: _Expected, at: Array, model: Model) -> tuple[Array, Arr
 
 
 def _by_engines(expected: _Expected, at: Array, model: Model) -> tuple[Array, Array]:
-    """Derivatives of rate and velocity by the errors of the engines, shape (e, 3, m) each."""
+    """Computes derivatives of rate and velocity by the errors of the engines, shape (e, 3, m) each."""
     _, by_errors = _impulses(expected.course.read, at, model)
     turned, forces = by_errors[..., :3], by_errors[..., 3:]
     moments = (turned + crosses(forces.reshape(-1, 3), at[_CENTER]).reshape(forces.shape)) @ at[:6][ELEMENT]
@@ -1153,7 +1153,7 @@ def _by_engines(expected: _Expected, at: Array, model: Model) -> tuple[Array, Ar
 
 
 def _by_mounting(expected: _Expected, at: Array, model: Model) -> tuple[Array, Array]:
-    """Derivatives of rate and velocity by the errors of the jets' mounting, shape (e, 3, m) each."""
+    """Computes derivatives of rate and velocity by the errors of the jets' mounting, shape (e, 3, m) each."""
     course, jets, wrenches = expected.course, model.mounting.jets, model.mounting.wrenches
     amounts = np.zeros((model.flows.size, course.amount.shape[0]))  # of jets that are on at some time, and of others
     amounts[course.read.on] = course.amount.T
@@ -1164,7 +1164,7 @@ def _by_mounting(expected: _Expected, at: Array, model: Model) -> tuple[Array, A
 
 
 def _impulses(read: _Read, at: Array, model: Model) -> tuple[Array, Array]:
-    """Impulses of the engines, shape (m - 1, 6), and their derivatives by the errors, shape (e, m - 1, 6)."""
+    """Computes impulses of the engines, shape (m - 1, 6), and their derivatives by the errors, shape (e, m - 1, 6)."""
     errors, rows, lengths = at[columns(model).engine], read.stretch.time_s.size - 1, read.lengths_s[:, None]
     impulse, by_errors = np.zeros((rows, 6)), np.zeros((errors.size, rows, 6))
     burns = np.zeros((rows + 1, 0, 3, N_CHANNELS)) if read.stretch.burns is None else read.stretch.burns
@@ -1177,7 +1177,7 @@ def _impulses(read: _Read, at: Array, model: Model) -> tuple[Array, Array]:
 
 
 def _by_bias_of(held: Array, turned: Array, lengths_s: Lengths) -> Array:
-    """Derivatives of the rate by gyro biases, as what turning the wheels' momentum takes depends on them.
+    """Computes derivatives of the rate by gyro biases, through the torque that turns the wheels' momentum.
 
     Args:
         held: momentum of the wheels at the rows, shape (3, m).
@@ -1189,7 +1189,7 @@ def _by_bias_of(held: Array, turned: Array, lengths_s: Lengths) -> Array:
 
 
 def _with_initial(by_rate: Array, biases: NDArray[np.int_], read: _Read) -> Array:
-    """Derivatives of the rate whose initial value makes its mean that of the readings, less biases, see `_fixed`."""
+    """Adds initial values to the rate's derivatives: their mean is the readings', less biases, see `_fixed`."""
     counted = by_rate * read.there
     whole = by_rate - counted.sum(axis=2, keepdims=True) / read.there.sum(axis=1)[:, None]
     for axis, place in enumerate(biases.tolist()):
@@ -1199,7 +1199,7 @@ def _with_initial(by_rate: Array, biases: NDArray[np.int_], read: _Read) -> Arra
 
 
 def _bent(design: _Design, rate: Array, arm: Array, period_s: Lengths) -> Array:
-    """Derivatives of the integral of w x (w x arm) by those of the rate w, shape (n, 3, m).
+    """Computes derivatives of the integral of w x (w x arm) by those of the rate w, shape (n, 3, m).
 
     Args:
         design: with these.
@@ -1215,12 +1215,12 @@ def _bent(design: _Design, rate: Array, arm: Array, period_s: Lengths) -> Array:
 
 
 def _by_mass(expected: _Expected, at: Array) -> Array:
-    """Derivatives of the velocity by 1/m, shape (3, m)."""
+    """Computes derivatives of the velocity by 1/m, shape (3, m)."""
     return _since(expected.sums.impulse[3:] * (expected.lightness / at[_MASS]) ** 2)
 
 
 def _by_lag(expected: _Expected, pulls: Array, at: Array, model: Model) -> Array:
-    """Derivatives of rate and velocity by the lags; ``pulls``: those by what jets give, shape (j, 6).
+    """Computes derivatives of rate and velocity by the lags; ``pulls``: those by the jets' impulses, shape (j, 6).
 
     Returns:
         Of each lag, shape (l, 6, m).
@@ -1235,7 +1235,7 @@ def _by_lag(expected: _Expected, pulls: Array, at: Array, model: Model) -> Array
 
 
 def _by_ticks(expected: _Expected, at: Array, model: Model) -> Array:
-    """Derivatives of rate and velocity by how early all ticks are, and by how much shorter their period is.
+    """Computes derivatives of rate and velocity by the offset and the period error of all ticks.
 
     Until a stamp a jet gives what it gives then for as much longer as its tick is earlier; with a shorter period, less
     in each. Constants make no difference.
@@ -1253,24 +1253,24 @@ def _by_ticks(expected: _Expected, at: Array, model: Model) -> Array:
 
 
 def _counts(number: int) -> Array:
-    """Rows from the middle on."""
+    """Numbers the rows from the middle on."""
     return np.arange(0.5 * (1.0 - number), 0.5 * number)
 
 
 def _since(gained: Array) -> Array:
-    """Sums since the beginning of what is gained over intervals, shape (..., m - 1), at the rows, shape (..., m)."""
+    """Sums gains over intervals, shape (..., m - 1), from the beginning to each row, shape (..., m)."""
     sums = np.zeros((*gained.shape[:-1], gained.shape[-1] + 1))
     np.cumsum(gained, axis=-1, out=sums[..., 1:])
     return sums
 
 
 def crossing(vectors: Array) -> Array:
-    """Matrices of the cross products of vectors, shape (3, 3, m) of (3, m)."""
+    """Computes matrices of the cross products of vectors, shape (3, 3, m) of (3, m)."""
     return np.asarray(np.tensordot(_CROSS, vectors, ((1,), (0,))))
 
 
 def coupled(straight: Array, rate: Array, held: Array, lengths_s: Array, at: Array) -> Array:
-    """Changes of the rate with what coupling makes of them: D = G + integral of I^-1 ([(I w + h) x] - [w x] I) D.
+    """Adds the coupling of a rate's changes: D = G + integral of I^-1 ([(I w + h) x] - [w x] I) D.
 
     Args:
         straight: G, the changes with the rates in coupling held, shape (3, c, m).
@@ -1294,7 +1294,7 @@ def coupled(straight: Array, rate: Array, held: Array, lengths_s: Array, at: Arr
 
 
 class _Component(NamedTuple):
-    """A component of a sensor where it says something new, in r rows."""
+    """Component of a sensor in the r rows that carry new information."""
 
     package: int
     axis: int
@@ -1307,7 +1307,7 @@ _Held = dict[tuple[int, int], NDArray[np.int_]]  # rows of each component, by pa
 
 
 class _Fixed(NamedTuple):
-    """What accelerometers show of rotation, and how long it is since the beginning."""
+    """Effects of rotation on accelerometers, and times since the beginning."""
 
     turn: Array  # see `_turning`, (3, 3, m)
     rate: Array  # with its initial value, (3, m)
@@ -1333,7 +1333,7 @@ def _fixed(expected: _Expected, at: Array, model: Model) -> _Fixed:
 
 
 def _own(package: int, model: Model) -> tuple[slice, slice]:
-    """Where the gains of a package stand, and its biases; a gyro has none of its own."""
+    """Returns the places of a package's gains, and of its biases; a gyro has none of its own."""
     places, number = columns(model), package - model.gyros
     if number < 0:
         return slice(places.gyro_gain.start + 3 * package, places.gyro_gain.start + 3 * package + 3), slice(0)
@@ -1377,16 +1377,16 @@ class _Batch(NamedTuple):
     rows: NDArray[np.int_]  # (r,)
 
     def each(self, values: Sequence[float] | Array) -> Array:
-        """A value for each component, shape (..., c), for all of its rows, shape (..., r)."""
+        """Repeats a value of each component, shape (..., c), for all of its rows, shape (..., r)."""
         return np.repeat(values, self.counts, axis=-1)
 
     def without_means(self, x: Array) -> Array:
-        """Takes the mean over each component off, shape (..., r)."""
+        """Subtracts the mean over each component, shape (..., r)."""
         x -= self.each(np.add.reduceat(x, self.begins, axis=-1) / self.counts)
         return x
 
     def whitened(self, x: Array, whiteners: Sequence[Whitener]) -> Array:
-        """Whitens what is linear in the readings of each component, initial values eliminated, shape (..., r)."""
+        """Whitens each component's readings, or anything linear in them, initial values eliminated, shape (..., r)."""
         for begin, count, one in zip(self.begins.tolist(), self.counts.tolist(), whiteners, strict=True):
             x[..., begin : begin + count] = one(x[..., begin : begin + count])
         return x
@@ -1398,7 +1398,7 @@ def _batch(parts: Sequence[_Component]) -> _Batch:
 
 
 def _batches(parts: Iterator[_Component], gyros: int) -> Iterator[_Batch]:
-    """Yields components that are gone through at once."""
+    """Yields components that are processed at once."""
     waiting: list[_Component] = []
     for part in parts:
         count = sum(other.rows.size for other in waiting) + part.rows.size
@@ -1411,7 +1411,7 @@ def _batches(parts: Iterator[_Component], gyros: int) -> Iterator[_Batch]:
 
 
 def _derivatives(design: _Design, batch: _Batch, fixed: _Fixed, at: Array, model: Model) -> Array:
-    """Derivatives of what is expected of components, shape (n, r); those by ticks that are late are the last."""
+    """Computes derivatives of the expected components, shape (n, r); those by ticks that are late are the last."""
     places, place = columns(model), design.place
     x = np.empty((design.by_rate.shape[0], batch.rows.size))
     turns, package = design.by_rate, -1
@@ -1435,7 +1435,7 @@ def _derivatives(design: _Design, batch: _Batch, fixed: _Fixed, at: Array, model
 
 
 def _add_own(x: Array, place: NDArray[np.int_], batch: _Batch, fixed: _Fixed, at: Array, model: Model) -> None:
-    """Takes the gain of each component into account, and puts the derivatives by it and by its bias in."""
+    """Applies the gain of each component, and fills in the derivatives by it and by its bias."""
     of_gains, of_biases = zip(*(_own(part.package, model) for part in batch.parts), strict=True)
     gains = [gain.start + part.axis for gain, part in zip(of_gains, batch.parts, strict=True)]
     if at[gains].any():
@@ -1449,7 +1449,7 @@ def _add_own(x: Array, place: NDArray[np.int_], batch: _Batch, fixed: _Fixed, at
 
 
 def normal(stretch: Stretch, at: Array, model: Model, wanted: NDArray[np.bool_] | None = None) -> Normal:
-    """The normal equations of a stretch about a point.
+    """Computes the normal equations of a stretch about a point.
 
     Args:
         stretch: of at least two rows.
@@ -1461,12 +1461,12 @@ def normal(stretch: Stretch, at: Array, model: Model, wanted: NDArray[np.bool_] 
 
 
 def reckoned(model: Model) -> NDArray[np.bool_]:
-    """Which unknowns a fit, and what it allows, depend on, shape (n,)."""
+    """Selects the unknowns that a fit, and the variances it allows for, depend on, shape (n,)."""
     return (model.sigma > 0.0) | (np.arange(model.sigma.size) < _N)
 
 
 def _course_at(read: _Read, at: Array, model: Model) -> _Course:
-    """What acted over the intervals of a stretch, which depends on the lag alone."""
+    """Computes the course of the jets' thrust over a stretch, which depends on the lag alone."""
     return _course(read, at[columns(model).lag][model.kinds], model)
 
 
@@ -1516,7 +1516,7 @@ def _normal(
 
 
 def gathering(package: int, axis: int, at: Array, model: Model) -> Gathering:
-    """Noise that gathers in a component of a sensor, by the walks and the disturbance that are stated.
+    """Returns the noise that accumulates in a component of a sensor, by the stated walks and disturbance.
 
     Components are made white each by itself. The torque that a disturbance gives is in gyros and accelerometers alike:
     as evidence of a torque it must not count twice, and gyros tell it better.
@@ -1540,7 +1540,7 @@ def gathering(package: int, axis: int, at: Array, model: Model) -> Gathering:
 
 
 def _whitener(one: _Component, fixed: _Fixed, at: Array, model: Model) -> Whitener:
-    """The whitener of a component; noise that all packages have in common counts for each as often as they are."""
+    """Makes the whitener of a component; noise common to n packages counts n times for each."""
     noise = gathering(one.package, one.axis, at, model)
     packages = model.gyros if one.package < model.gyros else model.positions.shape[0]
     common = noise._replace(walk=packages * noise.walk, acting=packages * noise.acting)
@@ -1548,7 +1548,7 @@ def _whitener(one: _Component, fixed: _Fixed, at: Array, model: Model) -> Whiten
 
 
 def _followed(expected: _Expected, at: Array, model: Model) -> _Expected:
-    """Expectation with the coupling of the rates that come of it, whose mean is that of the readings.
+    """Computes the expected readings with the coupling of the rates that result, whose mean is that of the readings.
 
     With properties so wrong that these rates run away from the readings it is that of the readings, as given.
     """
@@ -1579,7 +1579,7 @@ def _followed(expected: _Expected, at: Array, model: Model) -> _Expected:
 
 
 def _with_coupling(design: _Design, fixed: _Fixed, at: Array, model: Model) -> _Design:
-    """Derivatives with what coupling makes of a change of the rate, and by the rate at the beginning, last."""
+    """Adds the coupling to derivatives of the rate, and appends those by the rate at the beginning."""
     place, m = design.place[columns(model).gyro_bias], fixed.rate.shape[1]
     straight = design.by_rate.copy()
     straight[place[place >= 0]] = 0.0
@@ -1618,7 +1618,7 @@ class Residuals(NamedTuple):
 
 
 def residuals(stretch: Stretch, at: Array, model: Model) -> tuple[list[Residuals], Array]:
-    """Residuals about a point, and the motion that is expected there.
+    """Computes residuals about a point, and the motion that is expected there.
 
     Args:
         stretch: of at least two rows.
@@ -1643,7 +1643,7 @@ def residuals(stretch: Stretch, at: Array, model: Model) -> tuple[list[Residuals
 
 
 def unexplained(stretches: Sequence[Stretch], model: Model) -> tuple[float, float]:
-    """Largest angular momentum and impulse that no jets explain, whatever these give and whatever the inertia is.
+    """Computes the largest angular momentum and impulse that no jets explain, whatever their thrusts and the inertia.
 
     Args:
         stretches: of the flight, of at least two rows.
@@ -1672,7 +1672,7 @@ def unexplained(stretches: Sequence[Stretch], model: Model) -> tuple[float, floa
 
 
 def _pushed(expected: _Expected, moving: _Moving, model: Model) -> list[Array]:
-    """Velocities of each component of the accelerometers with the turning that gyros read, and what may explain them.
+    """Returns accelerometer velocities by component, freed of the turning that gyros read, and their possible causes.
 
     Returns:
         For each component with two readings at least, means taken off: derivatives by the center of mass, by the thrust
@@ -1701,13 +1701,13 @@ def _pushed(expected: _Expected, moving: _Moving, model: Model) -> list[Array]:
 
 
 def _without_mean(rows: Array) -> Array:
-    """Rows with their means taken off, shape (k, n)."""
+    """Subtracts the mean of each row, shape (k, n)."""
     result: Array = rows - rows.mean(axis=1, keepdims=True)
     return result
 
 
 def _left_over(parts: Sequence[Array], outputs: int) -> Array:
-    """Residuals of the last columns once the others are fitted to them, shape (n, outputs)."""
+    """Computes residuals of the last columns once the others are fitted to them, shape (n, outputs)."""
     if not parts:
         return np.zeros((0, outputs))
     together = np.vstack(parts)
@@ -1718,7 +1718,7 @@ def _left_over(parts: Sequence[Array], outputs: int) -> Array:
 
 
 def _fast(expected: _Expected, model: Model) -> Array:
-    """Variance that a stamp which is a little off gives to the rate at each row, shape (m,)."""
+    """Computes the variance of the rate at each row by the error of its stamp, shape (m,)."""
     squares = np.zeros(expected.rate.shape[1] + 1)
     length_s = expected.course.read.period_s if model.own_times else model.period_s
     squares[1:-1] = np.sum((np.diff(expected.rate) / length_s) ** 2, axis=0)
@@ -1727,7 +1727,7 @@ def _fast(expected: _Expected, model: Model) -> Array:
 
 
 def _tally(total: Normal, batch: _Batch, left: Array, fast: Array, model: Model) -> None:
-    """Adds what is left of components, shape (r,), up by packages, and of gyros by how fast the rate changes."""
+    """Adds up the residuals of components, shape (r,), by packages, and of gyros by how fast the rate changes."""
     squares, serial = left * left, np.zeros_like(left)
     serial[:-1] = left[:-1] * left[1:]
     serial[batch.begins + batch.counts - 1] = 0.0
@@ -1741,7 +1741,7 @@ def _tally(total: Normal, batch: _Batch, left: Array, fast: Array, model: Model)
 
 
 def _without_own(information: Array, score: Array, variances: Array) -> tuple[Array, Array, Array]:
-    """The normal equations with unknowns of the stretch alone eliminated, and what is found of these.
+    """Eliminates the unknowns of the stretch alone from the normal equations, and estimates these.
 
     Args:
         information, score: these unknowns last, shapes (k + o, k + o) and (k + o,).
@@ -1755,14 +1755,14 @@ def _without_own(information: Array, score: Array, variances: Array) -> tuple[Ar
 
 
 def _of_ticks(late_s: Array) -> Array:
-    """Variances of when all ticks are and of their period, by a line through the stamps, shape (2,)."""
+    """Computes variances of the ticks' offset and period, by a line through the stamps, shape (2,)."""
     counts = _counts(late_s.shape[0])
     variance = float(late_s @ late_s) / max(late_s.shape[0] - _TICKS, 1)
     return variance / np.array([late_s.shape[0], float(counts @ counts)])
 
 
 def empty(model: Model) -> Normal:
-    """The normal equations of nothing."""
+    """Returns the normal equations of no readings."""
     n = model.prior.shape[0]
     packages = model.variances.shape[0]
     return Normal(np.zeros((n, n)), np.zeros(n), 0.0, 0.0, np.zeros((packages, 3)), np.zeros(2), np.zeros(2))
@@ -1776,7 +1776,7 @@ def _together(parts: Sequence[Normal], model: Model) -> Normal:
 
 
 def fitted(stretches: Sequence[Stretch], start: Array, model: Model) -> Fit:
-    """Explains readings by what is reckoned with, by Gauss and Newton's passes.
+    """Fits the unknowns to the readings by Gauss-Newton iterations.
 
     What begins far from the truth may go farther with every pass: where they do not settle, the point of those gone
     through that leaves least unexplained is taken.
@@ -1792,7 +1792,7 @@ def fitted(stretches: Sequence[Stretch], start: Array, model: Model) -> Fit:
 
 
 def _fitted(stretches: Sequence[Stretch], start: Array, model: Model, *, last: bool = True) -> Fit:
-    """Passes until they settle; where others follow, unknowns that are only put to the test are left out.
+    """Iterates until the fit settles; where others follow, unknowns that are only tested are left out.
 
     Once they are near, the readings that count stay the same: else each pass may choose those that the next does not.
     """
@@ -1839,7 +1839,7 @@ def _fitted(stretches: Sequence[Stretch], start: Array, model: Model, *, last: b
 
 
 def possible(at: Array) -> bool:
-    """Whether the inverse inertia is positive definite and the mass positive."""
+    """Tests whether the inverse inertia is positive definite and the mass positive."""
     return is_positive_definite(at[:6][ELEMENT]) and bool(at[_MASS] > 0.0)
 
 
@@ -1849,7 +1849,7 @@ def _leaves_swinging(at: Array, model: Model) -> bool:
 
 
 class Reckoned(NamedTuple):
-    """What is reckoned with in tests of other unknowns, which all have it in common.
+    """Unknowns that are estimated in tests of others, which all have them in common.
 
     Attributes:
         free: places of what is reckoned with, shape (f,).
@@ -1866,7 +1866,7 @@ class Reckoned(NamedTuple):
 
 
 def reckoned_in(fit: Fit, model: Model, besides: NDArray[np.int_] | slice = slice(0)) -> Reckoned:
-    """What is reckoned with, but for some unknowns that are put to the test.
+    """Collects the estimated unknowns, but for some that are tested.
 
     Args:
         fit: see `Fit`.
@@ -1894,7 +1894,7 @@ def score(
     clear: float = np.inf,
     common: Reckoned | None = None,
 ) -> ScoreTest:
-    """Tests whether some unknowns are what is stated.
+    """Tests whether some unknowns have their stated values.
 
     Args:
         fit: see `Fit`.
@@ -1933,7 +1933,7 @@ _FEWEST = 10  # spans whose median is told
 
 
 def gain_ratios(stretches: Sequence[Stretch], at: Array, model: Model) -> Array:
-    """Medians of what each package's readings gained, over what jets would have given them by themselves.
+    """Computes medians of what each package's readings gained, over what jets alone would have given them.
 
     Args:
         stretches: of the flight.
@@ -1960,7 +1960,7 @@ def gain_ratios(stretches: Sequence[Stretch], at: Array, model: Model) -> Array:
 
 
 def _gains(stretch: Stretch, at: Array, model: Model) -> Iterator[tuple[Array, Array]]:
-    """Yields the readings of each package, and what jets alone have given them, where it reads, shape (m, 3) each."""
+    """Yields each package's readings, and the part that jets alone explain, where it reads, shape (m, 3) each."""
     course, at = _about_middle(_course_at(_read(stretch, model), at, model), at, model)
     expected, read = _expected(at, course, model), course.read
     impulse = expected.sums.impulse
@@ -1975,7 +1975,7 @@ def _gains(stretch: Stretch, at: Array, model: Model) -> Iterator[tuple[Array, A
 
 
 def _over(read: Array, given: Array, span: int) -> tuple[Array, Array]:
-    """Gains over spans of so many rows, by both, shape (s, 3) each."""
+    """Computes gains over spans of so many rows, by both, shape (s, 3) each."""
     return np.diff(read[::span], axis=0), np.diff(given[::span], axis=0)
 
 
@@ -1983,7 +1983,7 @@ def _over(read: Array, given: Array, span: int) -> tuple[Array, Array]:
 
 
 class _Shown(NamedTuple):
-    """What parts of a stretch show of the u unknowns that are reckoned with, of ticks, and of what components start at.
+    """Information of parts of a stretch on the u estimated unknowns, on ticks, and on initial values of components.
 
     Each of c components reads what the unknowns have made it gain since its first reading, and what it was then.
 
@@ -2000,7 +2000,7 @@ class _Shown(NamedTuple):
 
 
 def _shown(stretch: Stretch, cuts: NDArray[np.int_], at: Array, model: Model) -> _Shown:
-    """What the parts of a stretch between some of its rows show, shape (p + 1,), about a point; noise is of one."""
+    """Computes the information of parts of a stretch between some rows, shape (p + 1,), about a point; unit noise."""
     course, at = _about_middle(_course_at(_read(stretch, model), at, model), at, model)
     expected, wanted = _expected(at, course, model), reckoned(model)
     fixed, design = _fixed(expected, at, model), _design(expected, at, model, wanted)
@@ -2031,7 +2031,7 @@ def _shown(stretch: Stretch, cuts: NDArray[np.int_], at: Array, model: Model) ->
 
 
 def _cuts(used: Array, rows: int) -> NDArray[np.int_]:
-    """Rows between which a stretch is taken at once: parts that together use, and last, alike much.
+    """Returns rows that cut a stretch into parts of similar propellant use and duration.
 
     Args:
         used: propellant since its beginning, shape (m,).
@@ -2053,7 +2053,7 @@ def least_deviation(
     model: Model,
     information: Array | None = None,
 ) -> Array:
-    """The least 1-sigma of the ten parameters for rounding taken as noise, NaN where it cannot be told, shape (10,).
+    """Computes least 1-sigmas of the ten parameters, rounding taken as noise, NaN where unknown, shape (10,).
 
     What changes with propellant that is used does so half before and half after what each part of a stretch shows, and
     parts are made shorter until it makes no difference.
@@ -2083,13 +2083,13 @@ def least_deviation(
 
 
 def _deviation(root: Array) -> Array:
-    """The 1-sigma of the ten parameters, shape (10,)."""
+    """Computes the 1-sigma of the ten parameters, shape (10,)."""
     result: Array = np.sqrt(np.sum(root[:_N] ** 2, axis=1))
     return result
 
 
 def _drifting(root: Array, stretches: Sequence[Stretch], at: Array, drift: Array, model: Model, rows: int) -> Array:
-    """A root of the covariance of the unknowns after a flight, of one before, by parts of so many rows."""
+    """Computes a root of the unknowns' covariance after a flight from one before it, by parts of so many rows."""
     used_after = stretches[0].used_after[0] if stretches else 0.0
     for stretch in stretches:
         used = stretch.used_after[0] - stretch.used_after
@@ -2101,7 +2101,7 @@ def _drifting(root: Array, stretches: Sequence[Stretch], at: Array, drift: Array
 
 
 def _informed(root: Array, information: Array) -> Array:
-    """A root of a covariance with some information besides, NaN where that is no number."""
+    """Computes a root of a covariance with further information, NaN where that is not finite."""
     inner = root.T @ information @ root
     if not np.isfinite(inner).all():
         return np.full_like(root, np.nan)
@@ -2111,7 +2111,7 @@ def _informed(root: Array, information: Array) -> Array:
 
 
 def _learned(before: Array, shown: _Shown, drift: Array, used: Array) -> Array:
-    """A root of the covariance of the unknowns after a stretch, of one before.
+    """Computes a root of the unknowns' covariance after a stretch from one before it.
 
     Args:
         before: shape (u, u).
@@ -2129,7 +2129,7 @@ def _learned(before: Array, shown: _Shown, drift: Array, used: Array) -> Array:
 
 
 def _drifted(root: Array, drift: Array, gained: Array | None = None) -> Array:
-    """A root with drift of the ten parameters added, square.
+    """Returns a root with drift of the ten parameters added, square.
 
     What a component has gained is as it was: from now on it is told from what it would have gained with the parameters
     as they have become.

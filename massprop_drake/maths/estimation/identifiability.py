@@ -1,4 +1,4 @@
-r"""What a flight has told of each parameter, and which jet would tell the most next.
+r"""Information of a flight on each parameter, and the jet that would add the most.
 
 The rows H that a second of a jet's full thrust gives (`observability.impulse_jacobian`) would reduce the covariance P
 of the ten parameters to
@@ -25,7 +25,7 @@ _PRODUCTS = ((3, 1, 2), (4, 0, 2), (5, 0, 1))  # element, and the diagonal eleme
 
 
 class Flag(StrEnum):
-    """What is known of a parameter."""
+    """Status of a parameter after a flight."""
 
     IDENTIFIED = "identified"  # the flight has shown it, as well as is asked
     WEAK = "weak"  # the flight has shown it, less well than is asked
@@ -35,7 +35,7 @@ class Flag(StrEnum):
 
 
 class Foretold(NamedTuple):
-    """What a second of the best jet would tell of each parameter.
+    """Predicted gain of one second of the best jet, for each parameter.
 
     Attributes:
         jet: index of the jet, shape (10,).
@@ -47,7 +47,7 @@ class Foretold(NamedTuple):
 
 
 def foretold(covariance: Array, rows: Array, noise: Array) -> Foretold:
-    """What a second of the jet that tells most of a parameter would tell of it.
+    """Predicts the gain of one second of the most informative jet, for each parameter.
 
     Args:
         covariance: P of the ten parameters; rows and columns of what is not observed are NaN, shape (10, 10).
@@ -66,7 +66,7 @@ def foretold(covariance: Array, rows: Array, noise: Array) -> Foretold:
 
 
 def asked(estimate: Array, limits: Array) -> Array:
-    """The 1-sigma that is asked of each parameter, shape (10,).
+    """Returns the 1-sigma that is asked of each parameter, shape (10,).
 
     A product element may be off by as much as the root of the product of its two diagonal elements.
 
@@ -84,7 +84,7 @@ def asked(estimate: Array, limits: Array) -> Array:
 
 
 def flags(start: Array, deviation: Array, limit: Array, hidden: NDArray[np.bool_]) -> list[Flag]:
-    """What is known of each parameter.
+    """Classifies each parameter by its 1-sigma before and after a flight.
 
     Args:
         start: 1-sigma before any measurement, shape (10,).

@@ -1,4 +1,4 @@
-r"""What the commanded jets did over one sample: the impulses a and lambda, and whether to trust them.
+r"""Impulses a and lambda that the commanded jets gave over one sample, and whether to trust them.
 
     lambda = sum_i T_i l_i dt                  (2-45)
     a      = sum_i r'_i x T_i l_i dt           (2-46), about the origin of the vehicle frame
@@ -58,7 +58,7 @@ def _steadiness(command, previous_command):  # type: ignore[no-untyped-def] # co
 
 @idiom(_steadiness)
 def steadiness(command: Array, previous_command: Array) -> tuple[bool, bool, bool]:
-    """Whether a combination of jets is steady, as a whole known, and fires.
+    """Tests whether a combination of jets is steady, is known as a whole, and fires.
 
     Args:
         command, previous_command: see `interval_impulses`.
@@ -79,7 +79,7 @@ def interval_impulses(
     lag: LagFactors,
     outside_impulse: Array | None = None,
 ) -> Impulses:
-    r"""Impulses over the interval that ended now.
+    r"""Computes impulses over the interval that ended now.
 
     The steady-combination gate: a sample is usable when the commands of this interval and of the one
     before are equal and each is 0 or 1, so that build-up and tail-off have passed (section 5.4 of
@@ -130,7 +130,7 @@ def _sum(impulse: Array, outside_impulse: Array | None) -> Array:
 
 @kernel
 def with_wrench(impulses: Impulses, wrench: Array, period_s: float) -> Impulses:
-    """The impulses with those of a wrench about the vehicle origin that acts all along, shape (6,)."""
+    """Adds the impulse of a wrench about the vehicle origin that acts all along, shape (6,)."""
     impulse = wrench * period_s
     return Impulses(
         impulses.angular_impulse + impulse[:3],

@@ -1,4 +1,4 @@
-r"""Guaranteed intervals of the ten parameters: all that quantized readings allow, and nothing else.
+r"""Guaranteed intervals of the ten parameters: the values that quantized readings allow, and no others.
 
 A reading c of a quantum q says that the signal lies in [c - q/2, c + q/2]. Linearized about a point, with x the
 difference of all unknowns from it, every reading is a constraint l <= a^T x <= h, and
@@ -61,7 +61,7 @@ class Constraints(NamedTuple):
 
 
 class Confined(NamedTuple):
-    """The parameters that all readings allow.
+    """Intervals of the parameters that all readings allow.
 
     Attributes:
         low, high: of each of the ten parameters, NaN where readings do not bound it, shape (10,).
@@ -78,7 +78,7 @@ class Confined(NamedTuple):
 
     @property
     def is_contradicted(self) -> bool:
-        """Tests whether no vehicle explains all readings."""
+        """True if no vehicle explains all readings."""
         return self.bend < -_CLEAR * self.depth
 
 
@@ -106,7 +106,7 @@ def _scaled(given: Constraints) -> _Scaled:
 
 
 class _RowSearch:
-    """Solves programs of few constraints, to which those that the solutions violate are added: a workspace."""
+    """Solver of programs with few constraints, which adds those that its solutions violate: a workspace."""
 
     def __init__(self, given: Constraints, solve: Solve):
         self._given, self._solve = given, solve
@@ -114,7 +114,7 @@ class _RowSearch:
         self._active = np.unique(np.concatenate((np.arange(given.always), *outmost)))
 
     def lowest(self, cost: Array) -> Array | None:
-        """Point of least cost that all constraints allow, shape (n,); None: there is none."""
+        """Finds the point of least cost that all constraints allow, shape (n,); None: there is none."""
         matrix, low, high, _ = self._given
         size = float(np.abs(cost).max())
         while True:
@@ -211,7 +211,7 @@ class Cells(NamedTuple):
 
 
 class _Point(NamedTuple):
-    """A point about which is linearized: unknowns as `hindsight` has them, and what it does not.
+    """Point of linearization: the unknowns of `hindsight`, and those that it lacks.
 
     Attributes:
         at: shape (n,).
@@ -239,7 +239,7 @@ class _Outputs(NamedTuple):
 
 
 def _outputs(stretch: Stretch, at: Array, rate: Array, biases: Array, model: Model) -> _Outputs:
-    """Outputs about a point; a rate at the beginning that is not known is what the readings say on average.
+    """Computes outputs about a point; an unknown initial rate is the average by the readings.
 
     Coupling is with true rates: biases of gyros, which have unknowns of their own, play no part in it.
     """
@@ -275,7 +275,7 @@ def _outputs(stretch: Stretch, at: Array, rate: Array, biases: Array, model: Mod
 
 
 def _refined_outputs(stretch: Stretch, at: Array, rate: Array, biases: Array, model: Model) -> _Outputs:
-    """Outputs, by two steps from each row to the next."""
+    """Computes outputs with two steps from each row to the next."""
     m = stretch.time_s.size
     rows = np.arange(2 * m - 1) // 2
     ends = np.minimum(rows + np.arange(2 * m - 1) % 2, m - 1)
@@ -293,7 +293,7 @@ def _refined_outputs(stretch: Stretch, at: Array, rate: Array, biases: Array, mo
 
 
 def _turned(since: Array, changes: Array, rate: Array, arm: Array, time_s: Array) -> Array:
-    """Changes of w x arm and of the integral of w x (w x arm), which an accelerometer shows, shape (3, u + 3, m).
+    """Computes changes of w x arm and of the integral of w x (w x arm) in an accelerometer, shape (3, u + 3, m).
 
     Args:
         since, changes: of the rate w, since the beginning and with it, shape (3, u + 3, m) each.
@@ -322,7 +322,7 @@ class _Frame(NamedTuple):
         return self.wanted.size + self.biases
 
     def begin(self, stretch: int) -> int:
-        """Place of the first start of a stretch."""
+        """Returns the place of the first start of a stretch."""
         return self.common + stretch * self.starts
 
 
@@ -389,13 +389,13 @@ class _Linear:
 
     @property
     def spans(self) -> Array:
-        """Distance of each parameter from the point at the most, such that the mass stays positive, shape (10,)."""
+        """Largest distance of each parameter from the point at which the mass is still positive, shape (10,)."""
         spans = self._cells.spans.copy()
         spans[-1] = min(spans[-1], _LEFT * self.point.at[_N - 1])
         return spans
 
     def _bounds(self) -> Constraints:
-        """Constraints of each unknown by itself, in units of its span."""
+        """Returns the constraints of each unknown by itself, in units of its span."""
         cells, model, frame, point = self._cells, self._model, self._frame, self.point
         stated = frame.wanted[_N:]
         least = _MARGIN * cells.quanta[: model.gyros]
@@ -407,7 +407,7 @@ class _Linear:
         return Constraints(np.diag(1.0 / spans), middle / spans - 1.0, middle / spans + 1.0, spans.size)
 
     def constraints(self, more: Array | float) -> Constraints:
-        """Constraints on the difference of all unknowns from the point, with cells wider by some quanta either way."""
+        """Returns constraints on the unknowns' differences from the point, with cells wider by some quanta."""
         bounds, halves = self._bounds(), self._cells.halves
         left = np.concatenate([part.left for part in self._parts])
         half = np.concatenate([np.full(part.left.size, halves[part.package]) for part in self._parts]) + more
@@ -416,7 +416,7 @@ class _Linear:
         return Constraints(matrix, low, high, bounds.always)
 
     def error(self) -> float:
-        """Error of the outputs by the steps of the model, at the most, quanta.
+        """Bounds the error of the outputs by the steps of the model, quanta.
 
         Twice as many steps change them by three times what is then still wrong, or more: they are of second order.
         """
@@ -430,7 +430,7 @@ class _Linear:
         return worst / 3.0
 
     def moved(self, move: Array) -> _Point:
-        """Point at a difference of all unknowns, shape (n,).
+        """Returns the point at a difference of all unknowns, shape (n,).
 
         Inverse inertia and 1/m times a factor, and thrusts over it, give the same motion: where thrusts are not exact,
         the point moves by the factor along that curve, and not along its tangent.
@@ -450,11 +450,11 @@ class _Linear:
         return _Point(moved, rates + starts, biases + move[frame.wanted.size : frame.common].reshape(-1, 3))
 
     def about(self, move: Array) -> _Linear:
-        """The same readings linearized about another point, at a difference of all unknowns, shape (n,)."""
+        """Linearizes the same readings about another point, at a difference of all unknowns, shape (n,)."""
         return _Linear(self._stretches, self.moved(move), self._model, self._cells)
 
     def bend(self, move: Array) -> Array:
-        """Departures of the model from its linearization at a difference of all unknowns, quanta, of every reading."""
+        """Computes every reading's departure from linearization at a difference of all unknowns, quanta."""
         every = []
         there = self.about(move)._parts if hindsight.possible(self.moved(move).at) else self._parts
         for here, other in zip(self._parts, there, strict=True):

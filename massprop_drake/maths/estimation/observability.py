@@ -1,4 +1,4 @@
-r"""What a vehicle's jets and sensors can do at all: push, show the mass properties, be told apart.
+r"""Observability of a vehicle: how well its jets push, show the mass properties, and differ from each other.
 
 Everything here is geometry and noise, with the mass properties given: no data and no filter.
 
@@ -38,7 +38,7 @@ _COLLINEAR = 1e-12  # sin^2 of an angle that rounding cannot tell from zero
 
 
 class Activity(NamedTuple):
-    """How well jets push in six dimensions.
+    """Conditioning of the jets' push in six dimensions.
 
     Attributes:
         rank: of the activity matrix, 0 to 6.
@@ -51,7 +51,7 @@ class Activity(NamedTuple):
 
 
 def activity_rank(activity: Array, arm: float) -> Activity:
-    """Rank and condition of an activity matrix, whatever the units and the jets' thrusts.
+    """Computes rank and condition of an activity matrix, whatever the units and the jets' thrusts.
 
     Rotation rows are multiplied by a typical arm, so that all are accelerations of a point, and each
     column is brought to length one, so that only where jets are and point to counts.
@@ -69,7 +69,7 @@ def activity_rank(activity: Array, arm: float) -> Activity:
 
 
 def impulse_jacobian(wrenches: Array, mass_properties: Array, *, accelerometer: bool) -> Array:
-    """Rows that every jet's unit impulse gives for the ten parameters, shape (n_jets * 3 or 6, 10).
+    """Computes rows that every jet's unit impulse gives for the ten parameters, shape (n_jets * 3 or 6, 10).
 
     Args:
         wrenches: torque about the vehicle origin and force of each jet, shape (n_jets, 6).
@@ -84,7 +84,7 @@ def impulse_jacobian(wrenches: Array, mass_properties: Array, *, accelerometer: 
 
 
 def unobservable(jacobian: Array, scale: Array) -> Array:
-    """Combinations of parameters that no row sees, a row each, shape (10 - rank, 10).
+    """Computes combinations of parameters that no row sees, a row each, shape (10 - rank, 10).
 
     Reduced so that each names as few parameters as can be: the first that it names has weight 1 and
     appears in no other.
@@ -108,7 +108,7 @@ def unobservable(jacobian: Array, scale: Array) -> Array:
 
 
 def _reduced(rows: Array) -> Array:
-    """Reduced row echelon form of independent rows, with pivoting; rounding below 1e-6 becomes zero."""
+    """Computes the reduced row echelon form of independent rows, with pivoting; rounding below 1e-6 becomes zero."""
     result = rows.copy()
     row = 0
     for column in range(result.shape[1]):
@@ -127,7 +127,7 @@ def _reduced(rows: Array) -> Array:
 
 
 def whitened(signatures: Array, covariance: Array) -> Array:
-    """Signatures in units of the noise: L^-1 c with Y = L L^T, shape (n_jets, k).
+    """Whitens signatures by the noise: L^-1 c with Y = L L^T, shape (n_jets, k).
 
     Args:
         signatures: c of every jet, shape (n_jets, k).
@@ -137,14 +137,14 @@ def whitened(signatures: Array, covariance: Array) -> Array:
 
 
 def _sizes_and_directions(signatures: Array) -> tuple[Array, Array]:
-    """Lengths, zero for what is rounding beside the longest, and vectors of length one, zero there."""
+    """Computes lengths, zero where rounding beside the longest, and unit vectors, zero there."""
     size = np.linalg.norm(signatures, axis=1)
     size = np.where(size > _RANK_TOLERANCE * size.max(), size, 0.0)
     return size, signatures * np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)[:, None]
 
 
 class Pair(NamedTuple):
-    """Two jets and how far apart their signatures lie.
+    """Two jets and the distance between their signatures.
 
     Attributes:
         first, second: indices of the jets, the smaller first.
@@ -160,7 +160,7 @@ class Pair(NamedTuple):
 
 
 def pairs(signatures: Array) -> list[Pair]:
-    """All pairs of jets, those hardest to tell apart first.
+    """Returns all pairs of jets, those hardest to tell apart first.
 
     Args:
         signatures: in units of the noise, see `whitened`, shape (n_jets, k); a jet that shows nothing
@@ -180,7 +180,7 @@ def pairs(signatures: Array) -> list[Pair]:
 
 
 class Isolability(NamedTuple):
-    """The smallest failure of each jet that one sample is expected to assign to it.
+    """Smallest failure of each jet that one sample is expected to assign to it.
 
     Attributes:
         force: magnitude, lbf or N, infinite where the sample never can, shape (n_jets,).
@@ -193,7 +193,7 @@ class Isolability(NamedTuple):
 
 
 def smallest_isolable(signatures: Array, margin: float, *, lost: bool) -> Isolability:
-    r"""Magnitude at which a failure's expected margin over every other jet reaches a threshold.
+    r"""Computes the magnitude at which a failure's expected margin over every other jet reaches a threshold.
 
     Assumptions: the mass properties are known; the noise is at its mean, so half of all samples fall
     short; every other jet is off, and so can only be suspected of giving too much. A jet failing on
@@ -221,7 +221,7 @@ def smallest_isolable(signatures: Array, margin: float, *, lost: bool) -> Isolab
 
 
 def span(vectors: Array, tolerance: float = 1e-6) -> Array:
-    """Orthonormal basis of what vectors span, a row each, shape (rank, 3).
+    """Computes an orthonormal basis of the span of vectors, a row each, shape (rank, 3).
 
     Args:
         vectors: shape (n, 3).

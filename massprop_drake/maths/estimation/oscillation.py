@@ -1,4 +1,4 @@
-r"""A mode inside the vehicle that a flight's residuals show: its frequency, and the walk that would cover it.
+r"""Mode inside the vehicle that a flight's residuals show: its frequency, and the walk that would cover it.
 
 Something that moves on a spring, such as sloshing propellant or a hinged panel, is driven by the acceleration u of the
 structure, and gives back the force of its spring and damper:
@@ -57,7 +57,7 @@ class OscillationMode(NamedTuple):
 
 
 class _Part(NamedTuple):
-    """A stretch about the fit."""
+    """Stretch linearized about the fit."""
 
     time_s: Array  # since its beginning, (m,)
     steps: Array  # of the structure's acceleration at each row, (6, m)
@@ -65,7 +65,7 @@ class _Part(NamedTuple):
 
 
 class _Linearized(NamedTuple):
-    """All stretches about the fit, and their normal equations in units of what is known beforehand."""
+    """All stretches about the fit, and their normal equations in units of the prior."""
 
     parts: list[_Part]  # with derivatives by what is fitted, each in units of its 1-sigma
     size: int  # n, of all unknowns
@@ -77,7 +77,7 @@ class _Linearized(NamedTuple):
 
 
 def strongest_mode(stretches: Sequence[Stretch], fit: Fit, model: Model) -> OscillationMode | None:
-    """The mode that leaves least unexplained; None where it is too slow for the stretches to show that it returns.
+    """Finds the mode that leaves least unexplained; None where the stretches are too short to show its return.
 
     Its frequency is found on a grid at one damping, and both more finely about the best.
 
@@ -104,13 +104,13 @@ def _misfit(mode: OscillationMode) -> float:
 
 
 def misfit_of(stretches: Sequence[Stretch], fit: Fit, model: Model) -> tuple[float, float]:
-    """Sum of squares of what a fit leaves of the readings, in units of their variance, and how many they are."""
+    """Computes the sum of squares of a fit's residuals, in units of their variance, and their number."""
     components = [one for stretch in stretches for one in residuals(stretch, fit.at, model)[0]]
     return sum(float(one.left @ one.left) for one in components), sum(one.rows.size - 1.0 for one in components)
 
 
 def covering_walk(stretches: Sequence[Stretch], fit: Fit, model: Model, change: Array) -> tuple[float, float]:
-    """The random walks whose increments have no less power than those of the residuals, at any frequency.
+    """Computes random walks whose increments have no less power than those of the residuals, at any frequency.
 
     Args:
         stretches: of the flight.
@@ -132,13 +132,13 @@ def covering_walk(stretches: Sequence[Stretch], fit: Fit, model: Model, change: 
 
 
 def is_covered(stretches: Sequence[Stretch], fit: Fit, model: Model) -> bool:
-    """Tests whether walks and disturbance that are stated, or noise alone, leave what is left, but for chance."""
+    """Tests whether stated walks and disturbance, or noise alone, cover the residuals, but for chance."""
     every = _all_lines(stretches, fit, model, np.zeros_like(fit.at))
     return all(bool((lines.power <= _allowed(one, lines, fit, model)).all()) for one, lines in every)
 
 
 def _allowed(one: Residuals, lines: Lines, fit: Fit, model: Model) -> Array:
-    """Largest power that stated walks, a stated disturbance and noise leave in a component, line by line, shape (k,).
+    """Computes the largest power that stated walks, disturbance and noise leave in a component's lines, shape (k,).
 
     A mean of lines of which one has most of the power scatters as that one does: what hardly changes over a flight is
     one number, drawn once.
@@ -155,7 +155,7 @@ def _allowed(one: Residuals, lines: Lines, fit: Fit, model: Model) -> Array:
 
 
 def wander_lines(constant_s: float, lines: Lines) -> Array:
-    """Power expected of a rate whose derivative is a Gauss-Markov process of unit variance, line by line.
+    """Computes the expected power of a rate whose derivative is a Gauss-Markov process of unit variance, line by line.
 
     Args:
         constant_s: time constant of the process.
@@ -171,7 +171,7 @@ def wander_lines(constant_s: float, lines: Lines) -> Array:
 
 
 def noise_lines(intervals: int, length_s: float) -> Array:
-    """Power expected of increments of white noise of one, line by line, before means are taken, shape (k + 2,)."""
+    """Computes the expected power of increments of unit white noise, line by line, before means, shape (k + 2,)."""
     angles = 2.0 * np.pi * np.arange(intervals // 2 + 1) / intervals
     result: Array = 2.0 * (1.0 - np.cos(angles)) / length_s
     return result
@@ -193,7 +193,7 @@ class Lines(NamedTuple):
 
 
 def lines_of(left: Array, time_s: Array) -> Lines:
-    """The lines of residuals, shape (n,), at some times, s, shape (n,)."""
+    """Computes the lines of residuals, shape (n,), at some times, s, shape (n,)."""
     count = left.size - 1
     length_s = float(time_s[-1] - time_s[0]) / count
     evenly = np.interp(time_s[0] + length_s * np.arange(count + 1), time_s, left)
@@ -202,7 +202,7 @@ def lines_of(left: Array, time_s: Array) -> Lines:
 
 
 def _of_neighbors(lines: Array) -> Array:
-    """Means of neighboring lines."""
+    """Computes means of neighboring lines."""
     return np.convolve(lines, np.full(_NEIGHBORS, 1.0 / _NEIGHBORS), "valid")
 
 
@@ -219,12 +219,12 @@ def _all_lines(
 
 @cache
 def _by_chance(lines: int, degrees: int = 2 * _NEIGHBORS) -> float:
-    """Largest of so many means of lines, over its expectation, that chance exceeds at a rate of `_RATE`."""
+    """Computes the largest mean of lines, over its expectation, that chance exceeds at a rate of `_RATE`."""
     return chi_square_limit(_RATE / lines, degrees) / degrees
 
 
 def _frequencies(length_s: float, period_s: float) -> Array:
-    """Frequencies that a flight can tell apart, from one turn on, Hz."""
+    """Returns frequencies that a flight can tell apart, from one turn on, Hz."""
     least, most = 1.0 / max(length_s, period_s), _MOST / period_s
     if least >= most:
         return np.zeros(0)
@@ -244,7 +244,7 @@ def _part(stretch: Stretch, at: Array, model: Model) -> _Part:
 
 
 def driven(steps: Array, time_s: Array, frequency_hz: float, damping: float) -> Array:
-    """Rates q' of a mode that is at rest before, driven by steps of an acceleration.
+    """Computes rates q' of a mode that is at rest before, driven by steps of an acceleration.
 
     Args:
         steps: of the acceleration at each row, shape (k, m).
@@ -280,7 +280,7 @@ def _linearized(parts: list[_Part], fit: Fit, model: Model) -> _Linearized:
 
 
 def _with_mode(flight: _Linearized, frequency_hz: float, damping: float) -> OscillationMode:
-    """The misfit once the coefficients of a mode are fitted to every component, and the unknowns once more."""
+    """Computes the misfit once a mode's coefficients are fitted to every component, and the unknowns once more."""
     information, vector, misfit = flight.information.copy(), flight.vector.copy(), flight.misfit
     readings = 0.0
     for part in flight.parts:
@@ -301,7 +301,7 @@ def _with_mode(flight: _Linearized, frequency_hz: float, damping: float) -> Osci
 
 
 def _ringing(part: _Part, frequency_hz: float, damping: float) -> Array:
-    """Free motion of a mode from before the stretch, two phases, shape (2, m)."""
+    """Computes free motion of a mode from before the stretch, two phases, shape (2, m)."""
     omega = 2.0 * math.pi * frequency_hz
     angle = omega * math.sqrt(1.0 - damping**2) * part.time_s
     ringing: Array = np.exp(-damping * omega * part.time_s) * np.array([np.cos(angle), np.sin(angle)])
@@ -309,7 +309,7 @@ def _ringing(part: _Part, frequency_hz: float, damping: float) -> Array:
 
 
 def _orthonormal(columns: Array) -> Array:
-    """An orthonormal basis of functions of the rows, means taken off, shape (k, r)."""
+    """Computes an orthonormal basis of functions of the rows, their means subtracted, shape (k, r)."""
     off = columns - columns.mean(axis=1, keepdims=True)
     size = np.linalg.norm(off, axis=1)
     off = off[size > 1e-12 * size.max(initial=1e-300)]

@@ -1,4 +1,4 @@
-"""The estimators' systems as kernels: the vectors of their ports and states in, such vectors out.
+"""Kernels of the estimators' systems: from vectors of their ports and states to such vectors.
 
 Each is called by one system of a diagram, with what does not change in a `kernels.Holder`. They pack and unpack; what
 they do with it stands in the other files here, in the order of `cycle`. What a filter has measured waits, packed, for
@@ -61,7 +61,7 @@ _DECLARED = int(Event.DECLARED)
 
 
 class Lagging(NamedTuple):
-    """What turns commands into impulses; attributes as `cycle.EstimationParams`."""
+    """Parameters that turn commands into impulses; attributes as `cycle.EstimationParams`."""
 
     impulse_per_level: Array
     lag: LagFactors
@@ -70,7 +70,7 @@ class Lagging(NamedTuple):
 
 @kernel
 def impulses(memory: Array, command: Array, outside: Array, held: Any) -> Array:
-    """What is told of an interval's impulses (8), then mean and last level of each jet, shape (8 + 2 n_jets,).
+    """Computes an interval's impulses (8), then mean and last level of each jet, shape (8 + 2 n_jets,).
 
     Args:
         memory: packed as `cycle.MEMORY`.
@@ -92,7 +92,7 @@ def impulses(memory: Array, command: Array, outside: Array, held: Any) -> Array:
 
 
 class Acted(NamedTuple):
-    """What is told of an interval, packed as `impulses.LAYOUT`; see `Impulses`."""
+    """Impulses of an interval, packed as `impulses.LAYOUT`; see `Impulses`."""
 
     angular_impulse: Array
     linear_impulse: Array
@@ -101,7 +101,7 @@ class Acted(NamedTuple):
 
 
 class Heard(NamedTuple):
-    """Of each vector that a filter gets one that is like it.
+    """Templates of the vectors that a filter gets, one of each kind.
 
     Attributes:
         acted, known, adaptation: see `Acted`, `KnownForce` and `Adaptation`.
@@ -113,7 +113,7 @@ class Heard(NamedTuple):
 
 
 def heard() -> Heard:
-    """Of each one."""
+    """Returns a template of each vector."""
     return Heard(Acted(np.zeros(3), np.zeros(3), False, False), NO_KNOWN_FORCE, NO_ADAPTATION)
 
 
@@ -127,7 +127,7 @@ class RotationVector(NamedTuple):
 
 
 class Turned(NamedTuple):
-    """What the rotation filter says of a sample, packed as `thesis.TURNING` where thrust is taken as known."""
+    """Prediction of the rotation filter, packed as `thesis.TURNING` where thrust is taken as known."""
 
     innovation: Array
     innovation_covariance: Array
@@ -140,7 +140,7 @@ class Turned(NamedTuple):
 
 
 class RotationSeen(NamedTuple):
-    """What it takes besides to finish a cycle.
+    """Further data that the rotation filter needs to finish a cycle.
 
     Attributes:
         noise, angular_impulse, linear_impulse: see `RotationSample`; `acting` is its `firing`.
@@ -163,7 +163,7 @@ class RotationSeen(NamedTuple):
 
 
 class Rotating(NamedTuple):
-    """The rotation filter.
+    """Rotation filter with its templates.
 
     Attributes:
         params: see `RotationParams`.
@@ -179,7 +179,7 @@ class Rotating(NamedTuple):
 
 
 def rotating(params: RotationParams, state: RotationVector) -> Rotating:
-    """The rotation filter with some parameters, and its state at the start."""
+    """Makes the rotation filter with some parameters, and its state at the start."""
     return Rotating(params, state, _turned(), _rotation_seen(state.rates), heard())
 
 
@@ -196,7 +196,7 @@ def _turned() -> Turned:
 
 @kernel
 def turning(vector: Array, rates: Array, told: Array, force: Array, held: Any) -> Array:
-    """What the rotation filter says of a sample, packed as `Turned`, then `RotationSeen`.
+    """Runs the rotation filter's measurement of a sample, packed as `Turned`, then `RotationSeen`.
 
     Args:
         vector: state, packed as `thesis.ROTATION_STATE`.
@@ -239,7 +239,7 @@ def turning(vector: Array, rates: Array, told: Array, force: Array, held: Any) -
 
 @kernel
 def rotated(measured: Array, adaptation: Array, held: Any) -> Array:
-    """The rotation filter's report, packed as `ROTATION_REPORT`, and its state, after a cycle.
+    """Finishes the rotation filter's cycle: its report, packed as `ROTATION_REPORT`, and its state.
 
     Args:
         measured: what `turning` gave.
@@ -286,7 +286,7 @@ class MassVector(NamedTuple):
 
 
 class MassSeen(NamedTuple):
-    """What it takes to finish a cycle.
+    """Data that the mass filter needs to finish a cycle.
 
     Attributes:
         innovation, information, nis, covariance: see `MassInnovation`; `spread` is its `noise`.
@@ -313,7 +313,7 @@ class MassSeen(NamedTuple):
 
 
 class Weighing(NamedTuple):
-    """The mass filter.
+    """Mass filter with its templates.
 
     Attributes:
         params: see `MassParams`.
@@ -329,7 +329,7 @@ class Weighing(NamedTuple):
 
 
 def weighing(params: MassParams, state: MassVector) -> Weighing:
-    """The mass filter with some parameters, and its state at the start."""
+    """Makes the mass filter with some parameters, and its state at the start."""
     return Weighing(params, state, _turned(), _mass_seen(state.window, state.velocities), heard())
 
 
@@ -339,7 +339,7 @@ def _mass_seen(window: Array, velocities: Array) -> MassSeen:
 
 
 def _size(bundle: tuple[Any, ...]) -> int:
-    """How many numbers a bundle has."""
+    """Counts the numbers in a bundle."""
     return sum(np.size(field) for field in bundle)
 
 
@@ -349,7 +349,7 @@ _ROTATION_SEEN, _MASS_SEEN = _size(_rotation_seen(np.empty(0))), _size(_mass_see
 
 @kernel
 def evidence(vector: Array, velocities: Array, turned: Array, told: Array, force: Array, held: Any) -> Array:
-    """What the detector sees, packed as `filter.JOINT`, then `MassSeen`.
+    """Computes the detector's evidence, packed as `filter.JOINT`, then `MassSeen`.
 
     Args:
         vector: state, packed as `thesis.MASS_STATE`.
@@ -407,7 +407,7 @@ def evidence(vector: Array, velocities: Array, turned: Array, told: Array, force
 
 @kernel
 def weighed(measured: Array, adaptation: Array, held: Any) -> Array:
-    """The mass filter's report, packed as `MASS_REPORT`, and its state, after a cycle.
+    """Finishes the mass filter's cycle: its report, packed as `MASS_REPORT`, and its state.
 
     Args:
         measured: what `evidence` gave.
@@ -430,7 +430,7 @@ def weighed(measured: Array, adaptation: Array, held: Any) -> Array:
 
 
 class Judging(NamedTuple):
-    """The detector.
+    """Detector with its templates.
 
     Attributes:
         params: see `CglrParams`.
@@ -445,13 +445,13 @@ class Judging(NamedTuple):
 
 
 def judging(params: CglrParams) -> Judging:
-    """The detector with some parameters."""
+    """Makes the detector with some parameters."""
     return Judging(params, cglr.DETECTOR.initial(params), NOT_MEASURED, heard().acted)
 
 
 @kernel
 def known_force(vector: Array, predicted: Array, command: Array, held: Any) -> Array:
-    """What known forces do, packed as `detector.KNOWN_FORCE`, where there are any.
+    """Computes the effect of known forces, packed as `detector.KNOWN_FORCE`, where there are any.
 
     Args:
         vector: state, packed as `cglr.LAYOUT`.
@@ -467,7 +467,7 @@ def known_force(vector: Array, predicted: Array, command: Array, held: Any) -> A
 
 @kernel
 def judged(vector: Array, time_s: float, command: Array, told: Array, seen: Array, held: Any) -> Array:
-    """What the detector makes of a sample.
+    """Runs the detector on a sample.
 
     Args:
         vector: state, packed as `cglr.LAYOUT`.

@@ -1,4 +1,4 @@
-r"""One measurement from several packages of the same sensor (sections 2.4.6 and 3.4 of the thesis).
+r"""Combination of several packages of the same sensor into one measurement (sections 2.4.6 and 3.4 of the thesis).
 
 With z_j the measurement of package j and R_j its covariance:
 
@@ -29,7 +29,7 @@ from massprop_drake.maths.linear_algebra import Array, inverse, symmetrized
 
 
 class Rule(IntEnum):
-    """How several packages make one measurement."""
+    """Rule by which several packages make one measurement."""
 
     SINGLE = 0
     MOST_ACCURATE = 1
@@ -40,7 +40,7 @@ class Rule(IntEnum):
 
 
 def combined(measurements: Array, covariances: Array, rule: int, *, correlated: bool = False) -> tuple[Array, Array]:
-    """One measurement, shape (3,), and its covariance, shape (3, 3).
+    """Combines packages into one measurement, shape (3,), and its covariance, shape (3, 3).
 
     Args:
         measurements: of the packages that are there, at least one, in order of preference, shape (s, 3).

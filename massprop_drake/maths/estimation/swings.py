@@ -58,7 +58,7 @@ Step = Callable[[Array, Moved, Array, tuple[float, Array], float, SwingParams], 
 
 
 def with_modes(locked: Locked, properties: Array, errors: Array, modes: ModeParams, step: Step = swung) -> Swings:
-    """A stretch with its modes, which are at rest at its beginning.
+    """Computes a stretch with its modes, which are at rest at its beginning.
 
     Args:
         locked: see `Locked`.
@@ -116,5 +116,5 @@ def can_swing(properties: Array, errors: Array, modes: ModeParams) -> bool:
 
 
 def of_start(modes: ModeParams) -> Array:
-    """Variances of eta and eta' at the beginning of a stretch, positive, shape (2 n,)."""
+    """Computes variances of eta and eta' at the beginning of a stretch, positive, shape (2 n,)."""
     return np.maximum(spread_of(modes.start, modes), 1e-9) ** 2

@@ -1,4 +1,4 @@
-r"""Whitening of readings with noise that gathers: walks, and disturbances that change slowly.
+r"""Whitening of readings whose noise accumulates: walks, and disturbances that change slowly.
 
 Of one component y_k = r_k + v_k is read, v_k of variance one, and what nobody commands has added to r
 
@@ -26,7 +26,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 
 class Gathering(NamedTuple):
-    """Noise that gathers in a component, in units of a reading's variance.
+    """Noise that accumulates in a component, in units of a reading's variance.
 
     Attributes:
         walk: q, 1/s.
@@ -40,7 +40,7 @@ class Gathering(NamedTuple):
 
 
 class Whitener(NamedTuple):
-    """Makes the noise of a component's readings white.
+    """Whitener of the noise of a component's readings.
 
     Attributes:
         factor: lower Cholesky factor of the combinations' covariance, by its diagonals, shape (3, r - 1).
@@ -53,7 +53,7 @@ class Whitener(NamedTuple):
     kept: Array
 
     def __call__(self, x: Array) -> Array:
-        """Whitens what is linear in the readings, shape (..., r); a zero stands in the place of the initial value."""
+        """Whitens quantities linear in the readings, shape (..., r); zeros stand in place of the initial values."""
         differences = np.diff(x, axis=-1) * self.scale
         differences[..., 1:] -= self.kept * differences[..., :-1]
         rows = np.ascontiguousarray(np.moveaxis(differences, -1, 0)).reshape(differences.shape[-1], -1)
@@ -80,7 +80,7 @@ def substituted(factor: Array, rows: Array) -> None:
 
 
 def factored(bands: Array) -> Array:
-    """The lower Cholesky factor of a matrix of bandwidth two, both by their diagonals, shape (3, n).
+    """Computes the lower Cholesky factor of a matrix of bandwidth two, both by their diagonals, shape (3, n).
 
     Args:
         bands: the main diagonal and those below it, each from its first row on.
@@ -95,7 +95,7 @@ def factored(bands: Array) -> Array:
 
 
 def whitener(time_s: Array, noise: Gathering) -> Whitener:
-    """The whitener of a component that is read at some times.
+    """Makes the whitener of a component that is read at some times.
 
     Args:
         time_s: increasing, shape (r,), r > 1.

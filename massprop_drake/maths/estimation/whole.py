@@ -33,7 +33,7 @@ _OF_JETS = STATUS.size  # where the part with an element per jet begins in what 
 
 
 class WholeParams(NamedTuple):
-    """What shapes a cycle.
+    """Parameters of a whole cycle.
 
     Attributes:
         period_s, impulse_per_level, lag: see `cycle.EstimationParams`.
@@ -50,7 +50,7 @@ class WholeParams(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """What is logged, a row per cycle, as the layouts of the same names have it; one row of no cycle is empty."""
+    """Log rows, one per cycle, as the layouts of the same names have them; one row of no cycle is empty."""
 
     impulses: Array
     rotation_report: Array
@@ -76,13 +76,13 @@ class Samples(NamedTuple):
 
 
 def one_sample(gyros: int, accelerometers: int, n_jets: int) -> Samples:
-    """Room for a sample; arguments are numbers of each."""
+    """Makes room for a sample; arguments are numbers of each."""
     velocities = np.zeros((1, accelerometers, 3))
     return Samples(np.zeros(1), np.zeros((1, gyros, 3)), velocities, np.zeros((1, n_jets)), np.zeros((1, 6)))
 
 
 class Asked(NamedTuple):
-    """What the detector has the autopilot and the jets do, written in place; zeros without one.
+    """Requests of the detector to the autopilot and the jets, written in place; zeros without one.
 
     Attributes:
         declared: 1 when a failure was declared in the last cycle, shape (1,).
@@ -96,7 +96,7 @@ class Asked(NamedTuple):
 
 
 def nothing_asked(n_jets: int) -> Asked:
-    """Nothing, and where it will be written."""
+    """Returns empty requests, and room for later ones."""
     return Asked(np.zeros(1), np.zeros(n_jets), np.zeros(n_jets), np.zeros(n_jets))
 
 
@@ -115,7 +115,7 @@ class Block(NamedTuple):
 
 
 def covers(params: EstimationParams) -> bool:
-    """Whether the kernel does what a cycle is to do."""
+    """Tests whether the kernel can make a cycle of these parameters."""
     made = params.filter_params
     return (
         params.filter is thesis.FILTER
@@ -126,7 +126,7 @@ def covers(params: EstimationParams) -> bool:
 
 
 def params_of(params: EstimationParams) -> WholeParams:
-    """The kernel's parameters from those of a cycle that it covers."""
+    """Makes the kernel's parameters from those of a cycle that it covers."""
     made = params.filter_params
     return WholeParams(
         params.period_s, params.impulse_per_level, params.lag, made.rotation, made.mass, params.detector_params
@@ -135,7 +135,7 @@ def params_of(params: EstimationParams) -> WholeParams:
 
 @kernel
 def advance(holder: Any, rows: Any, reached: NDArray[np.int_], params: Any) -> None:
-    """Some cycles.
+    """Runs some cycles.
 
     Args:
         holder: of the state, see `cycle.EstimationState`.
@@ -156,7 +156,7 @@ def advance(holder: Any, rows: Any, reached: NDArray[np.int_], params: Any) -> N
 
 @kernel
 def cycled(state: EstimationState, block: Block, row: int, params: WholeParams) -> EstimationState:
-    """A single cycle, and what is asked after it; the row that is made.
+    """Runs a single cycle, and returns the requests after it, and the row that is made.
 
     Raises:
         NotPositiveDefiniteError: when a covariance loses definiteness.
@@ -170,7 +170,7 @@ def cycled(state: EstimationState, block: Block, row: int, params: WholeParams) 
 def one(
     state: EstimationState, samples: Samples, index: int, logged: tuple[Rows, int], params: WholeParams
 ) -> EstimationState:
-    """One cycle.
+    """Runs one cycle.
 
     Args:
         state: of the cycle before.
@@ -238,7 +238,7 @@ def _evidence(usable: bool, told: Any, moved: Any, moving: Any, mass: Any) -> An
 
 @kernel
 def _known_force(state: Any, filters: Any, command: Array, params: CglrParams | None) -> tuple[bool, KnownForce]:
-    """Whether forces of failed jets are known and act, and what they do."""
+    """Computes the effect of known forces of failed jets, and whether any acts."""
     if params is None:
         return False, _no_force()
     return _acting(state, filters, command, params)
@@ -260,7 +260,7 @@ def _acting(state: DetectorState, filters: Any, command: Array, params: CglrPara
 
 @kernel
 def _judged(state: Any, seen: Evidence, rows: Array, row: int, params: CglrParams | None) -> tuple[Any, Adaptation]:
-    """The detector's state after a cycle, and what the filters are to do; its row is filled in."""
+    """Computes the detector's state after a cycle and the filters' adaptation; fills in its row."""
     if params is None:
         return state, left_alone(0, False)
     done = cglr.judged(state, seen, params)

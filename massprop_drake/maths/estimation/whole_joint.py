@@ -1,4 +1,4 @@
-"""A whole cycle of the joint filter and of its detector as one kernel, as long as nothing happens that is to be judged.
+"""A whole cycle of the joint filter and of its detector as one kernel, while there is nothing to be judged.
 
 Nothing happens in most cycles: the filter goes on, the bank of onsets is carried with it, and the test finds nothing.
 What such a cycle keeps stays within a `kernels.Holder` and in arrays that are written in place, and what is logged of
@@ -90,7 +90,7 @@ _TESTED, _LIKELIHOOD = (STATUS.slice(name).start for name in ("tested", "suspect
 
 
 class Memory(NamedTuple):
-    """What a cycle leaves for the next.
+    """Memory between two cycles.
 
     Attributes:
         joint: see `JointState`.
@@ -133,7 +133,7 @@ class Past(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """What is logged, a row per cycle, as the layouts of the same names have it."""
+    """Log rows, one per cycle, as the layouts of the same names have them; one row of no cycle is empty."""
 
     impulses: Array
     rotation_report: Array
@@ -165,7 +165,7 @@ class Besides(NamedTuple):
 
 
 def besides(count: int, places: Places, tracked: Array | None = None, onsets_s: Array | None = None) -> Besides:
-    """Quantities that rows hold besides.
+    """Returns the layout of quantities that rows hold besides.
 
     Args:
         count: number of rows.
@@ -187,7 +187,7 @@ def besides(count: int, places: Places, tracked: Array | None = None, onsets_s: 
 
 
 class Rules(NamedTuple):
-    """What shapes a cycle besides the filter's parameters.
+    """Parameters of a cycle besides the filter's.
 
     Attributes:
         period_s, impulse_per_level, lag: see `cycle.EstimationParams`.
@@ -202,7 +202,7 @@ class Rules(NamedTuple):
 
 
 class Desk(NamedTuple):
-    """What cycles are made from, and where they write.
+    """Inputs of cycles, and the rows that they write.
 
     Attributes:
         samples: one a row.
@@ -224,7 +224,7 @@ class Desk(NamedTuple):
 
 
 class Asked(NamedTuple):
-    """What parts take one by one.
+    """Arguments that parts take one by one.
 
     Attributes:
         cycling: see `cycle.Cycling`.
@@ -237,7 +237,7 @@ class Asked(NamedTuple):
 
 @kernel
 def work(part: int, asked: Any, following: Any, memory: Any, desk: Any, holder: Any) -> Any:
-    """A part of the joint filter's work.
+    """Runs a part of the joint filter's work.
 
     Args:
         part: GO_ON: see `watch`; CYCLE: see `cycle.cycled`; FOLLOW: see `bank.followed`; GO_OVER: see
@@ -268,7 +268,7 @@ def work(part: int, asked: Any, following: Any, memory: Any, desk: Any, holder: 
 
 @kernel
 def watch(memory: Any, desk: Desk, params: JointParams) -> None:
-    """Cycles up to a row, or to the first that is not one in which nothing happens; that one has changed nothing.
+    """Runs cycles up to a row, or to the first in which something happens; that one has changed nothing.
 
     Args:
         memory: holder of a `Memory`.
@@ -286,7 +286,7 @@ def watch(memory: Any, desk: Desk, params: JointParams) -> None:
 
 @kernel
 def _watched(kept: Memory, desk: Desk, row: int, params: JointParams) -> tuple[Memory, bool]:
-    """What is remembered after a cycle, and whether nothing has happened in it."""
+    """Runs a cycle; returns the memory after it, and whether nothing has happened in it."""
     samples, rules = desk.samples, desk.rules
     stamp_s, command = desk.stamps_s[row], samples.commands[row].copy()  # rows may be written to again
     duration_s = _passed(kept.clock, stamp_s, rules.period_s, params)
@@ -327,7 +327,7 @@ def _watched(kept: Memory, desk: Desk, row: int, params: JointParams) -> tuple[M
 
 @kernel
 def _passed(clock: Clock, stamp_s: float, period_s: float, params: JointParams) -> float:
-    """Length of the interval that ends with a stamp, s; 0: it is not as usual."""
+    """Returns the length of the interval that ends with a stamp, s; 0: it is not as usual."""
     if params.rates.period_s == 0.0:
         return period_s if on_time(clock, stamp_s, period_s) else 0.0
     passed_s = stamp_s - clock.stamp_s
@@ -336,13 +336,13 @@ def _passed(clock: Clock, stamp_s: float, period_s: float, params: JointParams) 
 
 @kernel
 def _shut(places: Places) -> Burn:
-    """Burn of engines that are shut."""
+    """Returns the burn of engines that are shut."""
     return Burn(np.zeros((places.engines, 3, N_CHANNELS)), np.zeros((places.engines, N_CHANNELS)))
 
 
 @kernel
 def _sample(kept: Memory, desk: Desk, row: int, duration_s: float, params: JointParams) -> Sample:
-    """The sample of a row; what `Quiet` cannot tell from the row again is kept beside it."""
+    """Makes the sample of a row; what `Quiet` cannot tell from the row again is kept beside it."""
     samples, beside = desk.samples, desk.besides
     onset_s, command = beside.onsets_s[row].copy(), samples.commands[row].copy()
     durations, commands = pieces(command, onset_s, desk.rules.period_s, (0.0, duration_s))
@@ -375,7 +375,7 @@ def _sample(kept: Memory, desk: Desk, row: int, duration_s: float, params: Joint
 
 @kernel
 def _remember(past: Past, after: JointState, found: Followed, cycle: float) -> None:
-    """Puts the newest onset where none is any more, and its cycle beside it."""
+    """Stores the newest onset in a free place, and its cycle beside it."""
     stay = found.keep.shape[0]
     past.places[:stay] = past.places[found.keep]
     free = np.ones(ONSETS)
@@ -391,7 +391,7 @@ def _remember(past: Past, after: JointState, found: Followed, cycle: float) -> N
 
 @kernel
 def _usual(excess: Array, oldest: float, cycle: float, newest: float) -> float:
-    """The mean of what cycles between the oldest onset and the newest added; of none, the newest's."""
+    """Computes the mean of what cycles between the oldest onset and the newest added; without any, the newest's."""
     total, count = 0.0, 0
     for number in range(int(oldest) + 1, int(cycle)):
         total += excess[number % excess.shape[0]]
@@ -401,7 +401,7 @@ def _usual(excess: Array, oldest: float, cycle: float, newest: float) -> float:
 
 @kernel
 def _log(rows: Rows, row: int, impulses: Impulses, done: Cycled, params: JointParams) -> None:
-    """Fills in what is logged of the filter."""
+    """Fills in the filter's log rows."""
     expected, gyros = done.expected, 3 * params.places.gyros
     accelerometers = 3 * params.places.accelerometers
     seen = Seen(
@@ -428,7 +428,7 @@ def _log(rows: Rows, row: int, impulses: Impulses, done: Cycled, params: JointPa
 
 
 class Work:
-    """The compiled `work`, or the plain one, for some parameters; now, and not in the midst of a flight.
+    """Compiled `work`, or the plain one, for some parameters; compiled now, and not in the midst of a flight.
 
     Args:
         params: of the filter.
@@ -448,16 +448,16 @@ class Work:
             self.watch(self._no_memory, self._no_desk)
 
     def watch(self, memory: Any, desk: Any) -> None:
-        """See `watch`; both are holders."""
+        """Runs `watch`, see there; both are holders."""
         self._work(GO_ON, self._no_asked, self._no_following, memory, desk, self._params)
 
     def cycled(self, cycling: Cycling) -> Cycled:
-        """See `cycle.cycled`."""
+        """Runs `cycle.cycled`, see there."""
         one, _, _ = self._asked(CYCLE, Asked(cycling, cycling.state.mean))
         return one
 
     def gone_over(self, state: JointState, sample: Sample, about: Array) -> tuple[JointState, float, float]:
-        """See `cycle.gone_over`."""
+        """Runs `cycle.gone_over`, see there."""
         _, _, over = self._asked(GO_OVER, Asked(Cycling(state, sample, state.mean, OWN_CHOICE), about))
         return over
 
@@ -466,14 +466,14 @@ class Work:
         return self._work(part, given, self._no_following, self._no_memory, self._no_desk, self._params)
 
     def followed(self, following: Following) -> Followed:
-        """See `bank.followed`."""
+        """Runs `bank.followed`, see there."""
         given = shared(following, self._compiled)
         _, found, _ = self._work(FOLLOW, self._no_asked, given, self._no_memory, self._no_desk, self._params)
         return found
 
 
 def with_compiled(params: JointParams) -> JointParams:
-    """Parameters of a filter whose work is compiled."""
+    """Returns parameters of a filter whose work is compiled."""
     return params._replace(compiled=Work(params))
 
 
@@ -538,7 +538,7 @@ def _link_layout(places: Places) -> Layout:
 
 
 class Quiet:
-    """Cycles in which nothing happens, between such as are left to `cycle.step`.
+    """Cycles in which nothing happens, between those that are left to `cycle.step`.
 
     Args:
         made: parameters of the cycle, see `covers`.
@@ -611,7 +611,7 @@ class Quiet:
         self._memory = held(memory, self._compiled)
 
     def advance(self, row: int, until: int) -> int:
-        """Goes on from a row as far as nothing happens, or to another that is not taken any more; returns which."""
+        """Advances from a row as long as nothing happens, or to another that is not taken any more; returns which."""
         self._reached[:] = row, until
         with suppress(NotPositiveDefiniteError, np.linalg.LinAlgError):  # the parts will say what it is
             self._work.watch(self._memory, self._desk)
@@ -621,7 +621,7 @@ class Quiet:
         return reached
 
     def state(self) -> EstimationState:
-        """What the next cycle begins with."""
+        """Returns the state with which the next cycle begins."""
         kept: Memory = released(self._memory)
         since, places, cycle = kept.since, self._past.places.tolist(), int(kept.cycle)
         states = self._past.states.copy()
@@ -640,7 +640,7 @@ class Quiet:
         return EstimationState(kept.command, kept.level, filtered, before._replace(tree=tree))
 
     def _records(self, cycle: int) -> tuple[Record, ...]:
-        """The last cycles; scores count from the first of them."""
+        """Returns records of the last cycles; scores count from the first of them."""
         layout, links, score = _link_layout(self._places), self._past.links.copy(), NO_SCORE
         seen, found = list(self._cycles), []
         for number, each in enumerate(seen, start=cycle - len(seen) + 1):
@@ -675,7 +675,7 @@ class Quiet:
 
 
 def covers(made: EstimationParams) -> bool:
-    """Whether the kernel does what most cycles are to do."""
+    """Tests whether the kernel can make most cycles of these parameters."""
     return (
         made.filter is joint.FILTER
         and made.detector is faults.DETECTOR
@@ -692,7 +692,7 @@ def _is_plain(made: JointFilterParams) -> bool:
 
 
 def _is_quiet(filtered: JointFilterState, tree: Tree) -> bool:
-    """Whether the next cycle may be one in which nothing happens: no start, no event, and no alarm."""
+    """Tests whether the next cycle may be one in which nothing happens: no start, no event, and no alarm."""
     clock = filtered.clock
     if len(tree.hypotheses) != 1 or tree.births or not filtered.joint.guarded or filtered.start.under_way:
         return False

@@ -1,4 +1,4 @@
-"""Short firings of which a maneuver is made: candidates for a vehicle, and what each of them shows."""
+"""Short firings of which a maneuver is made: candidates for a vehicle, and their information."""
 
 from __future__ import annotations
 
@@ -71,12 +71,12 @@ class FiringAction(NamedTuple):
 
 
 def coasting(samples: int, craft: Craft) -> FiringAction:
-    """An action in which nothing fires."""
+    """Makes an action in which nothing fires."""
     return FiringAction((), (0.0,) * craft.torques.size, 0, samples, 0.0)
 
 
 def candidates(sets: Sequence[tuple[int, ...]], craft: Craft, lengths: Sequence[int] = _LENGTHS) -> list[FiringAction]:
-    """Actions of a vehicle: sets of jets, and wheels, of several lengths.
+    """Lists actions of a vehicle: sets of jets, and wheels, of several lengths.
 
     Args:
         sets: of jets that fire together, integers.
@@ -137,7 +137,7 @@ def fly(
 def stepped(
     before: FlownAction, action: FiringAction, craft: Craft, known: Known | None = None, *, fires: bool
 ) -> FlownAction:
-    """One sample more of an action, in which it fires or coasts; arguments as `fly`."""
+    """Follows a course for one more sample of an action, firing or coasting; arguments as `fly`."""
     places, row = craft.params.places, before.row + 1
     command, torques = np.zeros(places.jets), np.zeros(places.wheels)
     if fires:

@@ -1,4 +1,4 @@
-r"""Aims of a maneuver, and how far from them a course of commands is.
+r"""Aims of a maneuver, and the distance of a course of commands from them.
 
 With M what is known of the parameters before, G what the course shows (`information`), C = (M + G)^-1 without forces,
 and e a combination of parameters, its 1-sigma is (e^T C e)^1/2. A force f of a jet j that leaks is told from what jet k
@@ -90,7 +90,7 @@ class Reached(NamedTuple):
 
 
 def reached(shown: Array, known: Known, aims: Aims) -> Reached:
-    """Compares what a course shows with aims.
+    """Compares the information of a course with aims.
 
     Args:
         shown: G with forces, see `information.FollowedCourse`, shape (k, k).
@@ -118,7 +118,7 @@ def reached(shown: Array, known: Known, aims: Aims) -> Reached:
 
 
 def from_another(own: Array, cross: Array, other: Array, force: Array | float) -> Array:
-    """Expected log likelihood ratio of a force and of the one of another jet that suits best, nats.
+    """Computes the expected log likelihood ratio of a force and of the one of another jet that suits best, nats.
 
     No jet gives less than nothing: where the other would have to, no force at all suits best.
 
@@ -130,12 +130,12 @@ def from_another(own: Array, cross: Array, other: Array, force: Array | float) -
 
 
 def from_nothing(own: Array, force: Array | float, most: Array | float) -> Array:
-    """Expected log likelihood ratio of a force that might have been any, and of none, nats; arguments as above."""
+    """Computes the expected log likelihood ratio of an unknown force against none, nats; arguments as above."""
     return 0.5 * force**2 * own - 0.5 * np.log1p(most**2 * np.maximum(own, 0.0))
 
 
 def of_jump(left: Array, own: np.ndarray, force: Array) -> Array:
-    """Expected lead over nothing, where a jet fails, of jumps of each size together, nats, shape (p,).
+    """Computes the expected log likelihood ratio of jumps over nothing, where a jet fails, nats, shape (p,).
 
     Args:
         left: S, jumps last, see `hypotheses.jump_units`, shape (f, f).

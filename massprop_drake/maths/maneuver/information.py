@@ -49,7 +49,7 @@ _SELDOM = 1e-6  # share of the samples: a reading that never changes says nothin
 
 
 class Step(NamedTuple):
-    """One sample interval of a course.
+    """Sample interval of a course.
 
     Attributes:
         command: fraction commanded of each jet, shape (n_jets,).
@@ -86,12 +86,12 @@ class FollowedCourse(NamedTuple):
 
 
 def n_known(params: JointParams) -> int:
-    """Number of parameters without the forces of jets: 10 and what the state has from thrust errors on."""
+    """Counts the parameters without the forces of jets: 10 and those of the state from thrust errors on."""
     return N_PROPERTIES + params.places.force - params.places.thrust
 
 
 def start(properties: Array, rate: Array, speeds: Array, params: JointParams) -> FollowedCourse:
-    """The course before its first step: nothing is known of the motion.
+    """Returns the course before its first step: nothing is known of the motion.
 
     Args:
         properties: the ten parameters, shape (10,).
@@ -119,7 +119,7 @@ def start(properties: Array, rate: Array, speeds: Array, params: JointParams) ->
 
 
 def failing_from_now(course: FollowedCourse, params: JointParams) -> FollowedCourse:
-    """The course with jets that fail, or mass properties that jump, at its end: nothing has shown that yet."""
+    """Returns the course with failures or jumps of mass properties at its end, of which nothing is known yet."""
     first, units = n_known(params), jump_units(params)
     carried, shown = course.carried.copy(), course.shown.copy()
     carried[:, first:], shown[first:], shown[:, first:] = 0.0, 0.0, 0.0
@@ -128,7 +128,7 @@ def failing_from_now(course: FollowedCourse, params: JointParams) -> FollowedCou
 
 
 def followed(course: FollowedCourse, step: Step, params: JointParams, before_it: Known | None = None) -> FollowedCourse:
-    """The course after one more interval.
+    """Advances the course by one interval.
 
     Args:
         course: up to then.
@@ -168,7 +168,7 @@ def followed(course: FollowedCourse, step: Step, params: JointParams, before_it:
 
 
 def _doubt(course: FollowedCourse, before_it: Known, params: JointParams) -> Array:
-    """Root of the covariance of all the state, motion and parameters taken as independent, shape (size, size)."""
+    """Computes a root of the whole state's covariance, motion and parameters independent, shape (size, size)."""
     of, root = before_it.of, course.joint.root.copy()
     lower, size = scaled_root(before_it.information + course.shown[np.ix_(of, of)])
     half = np.linalg.inv(lower).T * size.reshape(-1, 1)
@@ -179,7 +179,7 @@ def _doubt(course: FollowedCourse, before_it: Known, params: JointParams) -> Arr
 
 
 def _variances(before: JointState, end: bound.IntervalEnd, params: JointParams) -> Array:
-    """Variances of the readings, shape (m,): a rounded one without noise is news as often as it changes."""
+    """Computes variances of the readings, shape (m,): a rounded one without noise is new only when it changes."""
     moved = outputs(end.mean, before.reference, end.spin, params)[0]
     moved -= outputs(before.mean, before.reference, before.spin, params)[0]
     changes = np.where(params.dithered > 0.0, 1.0, np.abs(moved) / np.maximum(params.cells, _TINY))
@@ -189,7 +189,7 @@ def _variances(before: JointState, end: bound.IntervalEnd, params: JointParams) 
 def _sample(
     state: JointState, step: Step, frames: tuple[Array, Array], speeds: tuple[Array, Array], params: JointParams
 ) -> Sample:
-    """A sample whose readings are all there but for those that are missing; of those only that counts."""
+    """Makes a sample in which only the missing readings matter; all others are zero."""
     places = params.places
     read = np.where(step.missing, np.nan, 0.0)
     counts = 3 * np.cumsum([places.gyros, places.accelerometers])
@@ -211,7 +211,7 @@ def _sample(
 
 
 def prior_information(state: JointState, params: JointParams) -> tuple[Array, np.ndarray]:
-    """Information of a state about the parameters, shape (n, n), and the places of these, shape (n,).
+    """Computes the information of a state about the parameters, shape (n, n), and their places, shape (n,).
 
     The common scale is back in inertia, mass and thrusts (`thrust_scale`); what the state knows exactly is left out.
 

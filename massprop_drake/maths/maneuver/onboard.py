@@ -1,4 +1,4 @@
-"""Test firings that are designed in flight, from what the estimators say by then."""
+"""Test firings that are designed in flight, from the estimates by then."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class FiringTest(NamedTuple):
 
 
 def suspects(probability: Array, settings: FiringTest) -> tuple[int, ...]:
-    """Jets of which it is open which one has failed, or whether; none: no question.
+    """Returns jets of which it is open which one has failed, or whether any has; none: no question.
 
     Args:
         probability: of each jet, then of nothing and of something unknown, shape (n_jets + 2,).
@@ -98,7 +98,7 @@ def commands(
     among: tuple[int, ...],
     settings: FiringTest,
 ) -> Array:
-    """Commands of a test firing, a row per sample, shape (n_samples, n_jets); no row: no firing helps.
+    """Designs the commands of a test firing, a row per sample, shape (n_samples, n_jets); no row: no firing helps.
 
     Args:
         sets: of jets that fire together.
@@ -126,7 +126,7 @@ def commands(
 
 
 def _apart(among: tuple[int, ...], settings: FiringTest) -> Aims:
-    """Aims that tell suspects apart, and from nothing, whether they leak or miss."""
+    """Makes aims that tell suspects apart, and from no failure, whether they leak or lack thrust."""
     n = settings.craft.params.places.jets
     pairs = [
         (one + kind, other + kind if other >= 0 else -1)
@@ -142,7 +142,7 @@ def _apart(among: tuple[int, ...], settings: FiringTest) -> Aims:
 
 
 def _known(covariance: Array, craft: Craft) -> Known:
-    """Knowledge of the ten parameters by the estimators, and of the rest as it is stated."""
+    """Returns the estimators' knowledge of the ten parameters, and of the rest as it is stated."""
     information, of = prior_information(initial(craft.params), craft.params)
     ten = of[of < N_PROPERTIES]
     ten = ten[np.isfinite(np.diagonal(covariance)[ten])]

@@ -1,4 +1,4 @@
-"""Search for the maneuver of least cost: actions one after the other by the true recursion, then fewer and shorter."""
+"""Search for the maneuver of least cost: actions added one by one by the true recursion, then fewer and shorter."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class Task(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """Actions in their order, what they show, and the way there.
+    """Actions in their order, their information, and the course.
 
     Attributes:
         actions: in their order, the lead first.
@@ -101,7 +101,7 @@ class Plan(NamedTuple):
 
 
 def begun(task: Task) -> Plan:
-    """A plan with nothing but its lead, at whose end suspects fail."""
+    """Begins a plan with nothing but its lead, at whose end suspects fail."""
     craft = task.craft
     course = start(craft.properties, craft.rate, craft.speeds, craft.params)
     lead = coasting(LEAD, craft)
@@ -111,7 +111,7 @@ def begun(task: Task) -> Plan:
 
 
 def cost_of(plan: Plan, task: Task) -> float:
-    """Cost of a plan."""
+    """Computes the cost of a plan."""
     return task.cost.propellant * plan.propellant + task.cost.second * plan.samples * task.craft.period_s
 
 
@@ -120,7 +120,7 @@ def _price(action: FiringAction, task: Task) -> float:
 
 
 def with_action(plan: Plan, action: FiringAction, task: Task) -> Plan | None:
-    """The plan with one more action; None: that exceeds a limit."""
+    """Adds an action to the plan; None: that exceeds a limit."""
     if not _affords(plan, action, task):
         return None
     last = plan.flown[-1]
@@ -143,7 +143,7 @@ def _keeps(flown: FlownAction, limits: ManeuverLimits) -> bool:
 
 
 def characterized(actions: Sequence[FiringAction], task: Task) -> Choice:
-    """Actions that keep the limits when they start at rest, and what each shows, shape (k, k).
+    """Selects actions that keep the limits from rest, and computes the information of each, shape (k, k).
 
     Those of the same jets are followed together: a longer one goes on where a shorter one ends.
     """
@@ -163,7 +163,7 @@ def characterized(actions: Sequence[FiringAction], task: Task) -> Choice:
 def _together(
     known: dict[tuple[int, int], FlownAction], at: tuple[int, int], action: FiringAction, craft: Craft
 ) -> FlownAction:
-    """The course after so many samples of firing and of coasting, by what is known of fewer."""
+    """Follows a course through so many samples of firing and of coasting, reusing shorter ones."""
     if at not in known:
         firing, coasting_for = at
         fewer = (firing, coasting_for - 1) if coasting_for else (firing - 1, 0)
@@ -172,7 +172,7 @@ def _together(
 
 
 def extended(plan: Plan, choice: Choice, thrift: float, task: Task) -> Plan:
-    """A plan with actions until its aims are reached, or none adds to it.
+    """Extends a plan by actions until its aims are reached, or none adds to it.
 
     Those that add most for their cost, as if what they show added up, are flown, and the best of these is taken.
 
@@ -205,7 +205,7 @@ def extended(plan: Plan, choice: Choice, thrift: float, task: Task) -> Plan:
 
 
 def rebuilt(actions: Sequence[FiringAction], upto: int, plan: Plan, task: Task) -> Plan | None:
-    """A plan of these actions, of which so many are those of another; None: that exceeds a limit."""
+    """Builds a plan of these actions, reusing the first ones of another; None: that exceeds a limit."""
     made: Plan | None = Plan(plan.actions[:upto], plan.flown[:upto], plan.reached[:upto])
     for action in actions[upto:]:
         if made is None:
@@ -215,7 +215,7 @@ def rebuilt(actions: Sequence[FiringAction], upto: int, plan: Plan, task: Task) 
 
 
 def trimmed(plan: Plan, task: Task) -> Plan:
-    """The plan with actions left out or shortened while its aims are still reached."""
+    """Trims a plan: leaves out or shortens actions while its aims are still reached."""
     better = True
     while better:
         better = False
@@ -230,7 +230,7 @@ def trimmed(plan: Plan, task: Task) -> Plan:
 
 
 def _lesser(actions: tuple[FiringAction, ...], place: int) -> list[tuple[FiringAction, ...]]:
-    """The actions without one, with it half as long, and with it without its coast."""
+    """Returns the actions without one, with it half as long, and with it without its coast."""
     before, one, after = actions[:place], actions[place], actions[place + 1 :]
     found = [before + after]
     if one.samples > 1:
@@ -255,7 +255,7 @@ class SearchResult(NamedTuple):
 
 
 def best(choice: Choice, task: Task) -> SearchResult:
-    """The plan of least cost among several searches.
+    """Returns the plan of least cost among several searches.
 
     Args:
         choice: see `extended`.
@@ -269,7 +269,7 @@ def best(choice: Choice, task: Task) -> SearchResult:
 
 
 def floor_of(shown: Sequence[Array], task: Task) -> Reached:
-    """Floors of all aims: everything that can be fired is fired for ever.
+    """Computes floors of all aims: everything that can be fired is fired for ever.
 
     Args:
         shown: what each action shows, shape (k, k) each.
@@ -279,7 +279,7 @@ def floor_of(shown: Sequence[Array], task: Task) -> Reached:
 
 
 def unseen(shown: Sequence[Array], task: Task, row: int) -> Array:
-    """Direction that no firing shows, along a combination's error, of all parameters, shape (n_known,).
+    """Computes the direction that no firing shows, along a combination's error, of all parameters, shape (n_known,).
 
     Args:
         shown: what each action shows, shape (k, k) each.
@@ -294,5 +294,5 @@ def unseen(shown: Sequence[Array], task: Task, row: int) -> Array:
 
 
 def _for_ever(shown: Sequence[Array]) -> Array:
-    """What is shown when everything is fired for ever, shape (k, k)."""
+    """Computes the information when everything is fired for ever, shape (k, k)."""
     return _FOREVER * np.sum(shown, axis=0)

@@ -1,4 +1,4 @@
-"""One sample of the true vehicle: what its sensors read, then what its jets make of it.
+"""One sample of the true vehicle: readings of its sensors, then its motion under its jets.
 
 The parts are those that the systems of the `vehicle` diagram call one by one; a plain loop calls `sense` and `step`.
 What is drawn by chance, and what is a function of time alone, is made for many samples ahead, see `Ahead`.
@@ -75,7 +75,7 @@ class Packages(NamedTuple):
 
 
 def packed_packages(packages: tuple[Package, ...]) -> Packages:
-    """The arrays of some packages."""
+    """Packs some packages into arrays."""
     models = [package.model for package in packages]
     nowhere = np.zeros(3)
 
@@ -107,7 +107,7 @@ def packed_packages(packages: tuple[Package, ...]) -> Packages:
 
 
 class Truth(NamedTuple):
-    """The true vehicle, as the arithmetic of a sample takes it.
+    """True vehicle as arrays, for the arithmetic of a sample.
 
     Attributes:
         period_s: sample period, s, and step of the body.
@@ -133,7 +133,7 @@ class Truth(NamedTuple):
 
 
 class VehicleParams(NamedTuple):
-    """The true vehicle.
+    """Parameters of the true vehicle.
 
     Attributes:
         period_s: sample period, s, and step of the body.
@@ -162,7 +162,7 @@ class VehicleParams(NamedTuple):
 
 
 def truth(params: VehicleParams) -> Truth:
-    """The arrays of a vehicle."""
+    """Packs a vehicle into arrays."""
     push = DisturbanceModel(_QUIET, _QUIET, 0.0, _QUIET) if params.disturbance is None else params.disturbance
     return Truth(
         params.period_s,
@@ -178,7 +178,7 @@ def truth(params: VehicleParams) -> Truth:
 
 
 class Ahead(NamedTuple):
-    """What chance and time bring to some samples, a row each.
+    """Random draws and scheduled events of some samples, a row each.
 
     Attributes:
         noise: of the packages, standard normal, shape (n, n_packages, 6).
@@ -196,7 +196,7 @@ class Ahead(NamedTuple):
 
 
 def ahead(first: int, count: int, params: VehicleParams) -> Ahead:
-    """What is to come.
+    """Draws the random numbers and events of coming samples.
 
     Args:
         first: sample.
@@ -224,7 +224,7 @@ def ahead(first: int, count: int, params: VehicleParams) -> Ahead:
 
 
 class VehicleState(NamedTuple):
-    """The vehicle at a sample.
+    """State of the vehicle at a sample.
 
     Attributes:
         body: see `rigid_body`, shape (23,).
@@ -248,7 +248,7 @@ class VehicleState(NamedTuple):
 
 
 def initial_state(params: VehicleParams) -> VehicleState:
-    """Before the first sample: jets off."""
+    """Returns the state before the first sample: jets off."""
     off = np.zeros(params.jets.forces.size)
     longest = max((package.model.delay for package in params.packages), default=0)
     return VehicleState(
@@ -265,7 +265,7 @@ def initial_state(params: VehicleParams) -> VehicleState:
 
 @kernel
 def sense(state: VehicleState, row: int, coming: Ahead, params: Truth) -> tuple[Array, Array]:
-    """Readings of every package, shape (n_packages, 3), and what they remember.
+    """Computes readings of every package, shape (n_packages, 3), and their memory.
 
     Args:
         state: at the sample.
@@ -300,7 +300,7 @@ def sense(state: VehicleState, row: int, coming: Ahead, params: Truth) -> tuple[
 
 @kernel
 def _signals(body: Array, packages: Packages) -> Array:
-    """What each package would read if it had no errors, shape (n_packages, 3)."""
+    """Computes the error-free reading of each package, shape (n_packages, 3)."""
     rate, origin, spin = body[RATE], body[ORIGIN_VELOCITY], body[SPIN_INTEGRAL]
     signals = np.empty(packages.positions.shape)
     for index in range(packages.quanta.size):
@@ -311,7 +311,7 @@ def _signals(body: Array, packages: Packages) -> Array:
 
 @kernel
 def _errors(index: int, params: Truth) -> SensorErrors:
-    """Of a package."""
+    """Returns the errors of a package."""
     packages = params.packages
     return SensorErrors(
         params.period_s,
@@ -332,7 +332,7 @@ def _errors(index: int, params: Truth) -> SensorErrors:
 def step(
     state: VehicleState, told: tuple[Array, Array, Array], sample: int, luck: tuple[Ahead, int], params: Truth
 ) -> tuple[VehicleState, Array]:
-    """The vehicle from one sample to the next, with the memories given, and the mean force of each jet over it.
+    """Advances the vehicle by one sample with the memories given; also returns the mean force of each jet over it.
 
     Args:
         state: at the sample.
@@ -372,7 +372,7 @@ def step(
 
 @kernel
 def _drawn(state: VehicleState, force: Array, params: Truth) -> tuple[Array, Array, Body]:
-    """Structure and tanks' propellant after a sample, and constants of motion of its middle.
+    """Computes structure and tanks' propellant after a sample, and constants of motion of its middle.
 
     Args:
         state: before it.
@@ -389,7 +389,7 @@ def _drawn(state: VehicleState, force: Array, params: Truth) -> tuple[Array, Arr
 
 @kernel
 def _settled(body: Array, structure: Array, before: VehicleState, params: Truth) -> tuple[Array, Array, Body]:
-    """Body, structure and constants of motion after a step.
+    """Computes body, structure and constants of motion after a step.
 
     Args:
         body: as the step leaves it.
@@ -411,7 +411,7 @@ def _settled(body: Array, structure: Array, before: VehicleState, params: Truth)
 def _step_by_pieces(
     state: VehicleState, told: tuple[Array, Array, Array], sample: int, luck: tuple[Ahead, int], params: Truth
 ) -> tuple[VehicleState, Array]:
-    """`step` over a sample in which jets open or close; levels are kept as they are at its end."""
+    """Runs `step` over a sample in which jets open or close; levels are kept as they are at its end."""
     jets, (coming, row) = params.jets, luck
     level = state.level if jets.lag.instantaneous else reaction_jets.level_now(state.level, state.target, jets)
     when, failing = (sample * params.period_s, params.period_s), (params.failures, coming.strikes[row])
@@ -432,7 +432,7 @@ def _step_by_pieces(
 
 @kernel
 def _pushed(state: VehicleState, luck: tuple[Ahead, int], params: Truth) -> tuple[Array, Array]:
-    """Deviation of the disturbance over a sample, and torque about the vehicle origin and force, shape (6,) each."""
+    """Computes the disturbance's deviation over a sample, and torque about the origin and force, shape (6,) each."""
     if not params.pushed:
         return state.deviation, np.zeros(6)
     coming, row = luck
@@ -441,7 +441,7 @@ def _pushed(state: VehicleState, luck: tuple[Ahead, int], params: Truth) -> tupl
 
 
 def jumped(state: VehicleState, sample: int, params: VehicleParams) -> VehicleState:
-    """The vehicle after the jumps of its mass properties at a sample."""
+    """Returns the vehicle after the jumps of its mass properties at a sample."""
     body, structure = rigid_body.jumped(state.body, state.structure, params.jumps[sample])
     body[MASS] = since_start(body[MASS], float(params.body[MASS]))
     structure = since_start(structure, params.structure)
@@ -449,7 +449,7 @@ def jumped(state: VehicleState, sample: int, params: VehicleParams) -> VehicleSt
 
 
 def on_floor(truth: Truth, structure: Array, params: VehicleParams) -> Truth:
-    """The arrays of a vehicle after a jump: a floor carries it about its new center of mass."""
+    """Returns the arrays of a vehicle after a jump: a floor carries it about its new center of mass."""
     jets = params.jets
     wrenches = reaction_jets.true_wrenches(jets.wrenches, np.ones(jets.forces.size), structure[_CENTER])
     classes = reaction_jets.lag_classes(wrenches, jets.time_constants_s)

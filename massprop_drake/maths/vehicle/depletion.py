@@ -1,4 +1,4 @@
-r"""Tanks that jets empty: how mass, center of mass and inertia move as propellant is used up.
+r"""Tanks that jets empty: mass, center of mass and inertia as propellant is used up.
 
 Propellant stands in a tank as a column from the outlet on, along c for each unit of its mass: its surface is at
 outlet + c p with a mass p in it. What jets use of it is a slice q at the surface, with its middle at the arm rho from
@@ -42,7 +42,7 @@ NO_TANKS = Tanks(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zer
 
 
 class OutOfPropellantError(ArithmeticError):
-    """Jets draw more from a tank than is in it.
+    """Error of jets that draw more from a tank than is in it.
 
     Args:
         tank: its index.
@@ -54,13 +54,13 @@ class OutOfPropellantError(ArithmeticError):
         super().__init__(f"at {time_s} s jets draw more from tank {tank} than is in it")
 
     def at(self, time_s: float) -> OutOfPropellantError:
-        """The same, with the time."""
+        """Returns the same error, with the time."""
         return OutOfPropellantError(self.tank, time_s)
 
 
 @kernel
 def emptied(structure: Array, mass: float, fill: Array, used: Array, tanks: Tanks) -> Array:
-    """Inertia, six elements about the center of mass, and center of mass after propellant has been used, shape (9,).
+    """Computes inertia (six, about the center of mass) and center of mass after propellant has been used, shape (9,).
 
     Args:
         structure: the same before, packed as `rigid_body.STRUCTURE`.
@@ -90,7 +90,7 @@ def emptied(structure: Array, mass: float, fill: Array, used: Array, tanks: Tank
 
 @kernel
 def draining(fill: Array, used: Array) -> Array:
-    """Propellant left in tanks after some of it has been used, slug or kg, shape (n,).
+    """Computes propellant left in tanks after some of it has been used, slug or kg, shape (n,).
 
     Args:
         fill: before, slug or kg, shape (n,).

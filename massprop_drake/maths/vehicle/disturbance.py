@@ -1,4 +1,4 @@
-"""A torque and a force that nobody commands and that change slowly: drag, gravity gradient, venting.
+"""Uncommanded torque and force that change slowly: drag, gravity gradient, venting.
 
 A mean, and a first-order Gauss-Markov process about it, as a shaping filter gives it in a Kalman filter's model: its
 autocorrelation is std^2 exp(-|lag| / correlation time). It is held over each sample, so that a stepped and a
@@ -18,7 +18,7 @@ from massprop_drake.maths.noise import Seed, normal_sample
 
 
 class DisturbanceModel(NamedTuple):
-    """A disturbance: torque about the center of mass (3), force (3), body axes.
+    """Model of a disturbance: torque about the center of mass (3), force (3), body axes.
 
     Attributes:
         mean: ft-lbf and lbf, or N-m and N, shape (6,).
@@ -34,18 +34,18 @@ class DisturbanceModel(NamedTuple):
 
 
 def kept_share(correlation_time_s: float, period_s: float) -> float:
-    """Share of a deviation that is left after a period."""
+    """Computes the share of a deviation that is left after a period."""
     return math.exp(-period_s / correlation_time_s)
 
 
 def deviation_before(seed: Seed, std: Array) -> Array:
-    """Deviation in the sample before the first, as a seed draws it, shape (6,)."""
+    """Draws the deviation in the sample before the first, by a seed, shape (6,)."""
     return std * normal_sample(seed, "disturbance before the start", 0, 6)
 
 
 @kernel
 def next_deviation(deviation: Array, noise: Array, model: DisturbanceModel) -> Array:
-    """The deviation in the next sample; its 1-sigma stays what it is.
+    """Computes the deviation in the next sample; its 1-sigma stays.
 
     Args:
         deviation: in this sample, shape (6,).
@@ -57,7 +57,7 @@ def next_deviation(deviation: Array, noise: Array, model: DisturbanceModel) -> A
 
 @kernel
 def about_origin(disturbance: Array, center_of_mass: Array) -> Array:
-    """The same with the torque about the vehicle origin, shape (6,).
+    """Moves the torque of a wrench to the vehicle origin, shape (6,).
 
     Args:
         disturbance: torque about the center of mass, force, shape (6,).
@@ -68,7 +68,7 @@ def about_origin(disturbance: Array, center_of_mass: Array) -> Array:
 
 
 def disturbed(wrench: Array, disturbance: Array, center_of_mass: Array, pieces: int = 1) -> Array:
-    """A wrench, or a profile, and a disturbance with it.
+    """Adds a disturbance to a wrench, or a profile.
 
     Args:
         wrench: torque about the vehicle origin, force, and what follows, shape (6 + any,); or the profile of a sample
@@ -81,7 +81,7 @@ def disturbed(wrench: Array, disturbance: Array, center_of_mass: Array, pieces: 
 
 
 def pushed_by(wrench: Array, other: Array, pieces: int = 1) -> Array:
-    """A wrench, or a profile, with another wrench that acts all the time.
+    """Adds a wrench that acts all the time to a wrench, or a profile.
 
     Args:
         wrench: see `disturbed`.

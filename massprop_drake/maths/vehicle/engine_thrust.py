@@ -1,4 +1,4 @@
-r"""Engines with a throttle and a gimbal: how they follow a command, and what force they give where.
+r"""Engines with a throttle and a gimbal: their response to a command, and their force and its place.
 
 An engine at p with the force F at the level 1, along d where its gimbal is at zero, whose gimbal turns about the axis
 a_1 of the vehicle and then about a_2, which turns along with it, gives at the level l and the angles t_1, t_2
@@ -75,13 +75,13 @@ NO_ENGINES = EngineParams(
 
 
 def channels(engines: EngineParams) -> np.ndarray:
-    """Channels that each engine has: one that is fixed has no angles, shape (n, 3)."""
+    """Returns the channels that each engine has: one that is fixed has no angles, shape (n, 3)."""
     turns = engines.stops[:, 1:] > 0.0
     return np.hstack((np.ones((turns.shape[0], 1), dtype=np.bool_), turns))
 
 
 def reading_std(at: Array, engines: EngineParams) -> Array:
-    """1-sigma of readings of levels and angles, shape (n, 3): of an engine that is shut the level is read exactly.
+    """Computes 1-sigma of readings of levels and angles, shape (n, 3): of a shut engine the level is read exactly.
 
     Args:
         at: levels and angles, shape (n, 3).
@@ -93,7 +93,7 @@ def reading_std(at: Array, engines: EngineParams) -> Array:
 
 
 def follow(now: Array, told: Array, during_s: float, engines: EngineParams) -> tuple[Array, Array]:
-    """Levels and angles that have followed a command for some time, with a lag, and at most at some rate.
+    """Computes levels and angles after following a command for some time, with a lag, and at most at some rate.
 
     Args:
         now: at the start, shape (n, 3).
@@ -119,7 +119,7 @@ def follow(now: Array, told: Array, during_s: float, engines: EngineParams) -> t
 
 
 class Thrust(NamedTuple):
-    """Force of an engine at some levels and angles, and how it depends on these.
+    """Force of an engine at some levels and angles, and its derivatives.
 
     Attributes:
         place: where it acts, vehicle frame, ft or m, shape (3,).
@@ -136,7 +136,7 @@ class Thrust(NamedTuple):
 
 @kernel
 def thrust(which: int, at: Array, errors: Array, engines: EngineParams) -> Thrust:
-    """Force of one engine.
+    """Computes the force of one engine.
 
     Args:
         which: index of the engine.
@@ -160,7 +160,7 @@ def thrust(which: int, at: Array, errors: Array, engines: EngineParams) -> Thrus
 
 @kernel
 def turned_about(axis: Array, angles: Array, vectors: Array) -> Array:
-    """Vectors turned about an axis of length 1 by an angle each, rad (Rodrigues' formula), shape (m, 3)."""
+    """Turns vectors about an axis of length 1 by an angle each, rad (Rodrigues' formula), shape (m, 3)."""
     cosines, sines = np.cos(angles).reshape(-1, 1), np.sin(angles).reshape(-1, 1)
     along = (vectors @ axis).reshape(-1, 1) * axis
     return along + (vectors - along) * cosines + (vectors @ skew(axis).T) * sines
@@ -168,11 +168,11 @@ def turned_about(axis: Array, angles: Array, vectors: Array) -> Array:
 
 @kernel
 def wrenches_of(place: Array, forces: Array) -> Array:
-    """Torques about the vehicle origin, and forces at a place, shape (m, 6)."""
+    """Computes torques about the vehicle origin, and forces at a place, shape (m, 6)."""
     return np.hstack((forces @ skew(place).T, forces))
 
 
 @kernel
 def flow_at(levels: Array, known: Array, flows: Array) -> Array:
-    """Flows at some levels, linear between those that are known, slug/s or kg/s, shape (m,)."""
+    """Interpolates flows at some levels, linearly between those that are known, slug/s or kg/s, shape (m,)."""
     return np.interp(levels, known, flows)

@@ -12,7 +12,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 
 class Move(NamedTuple):
-    """A move of one joint to a position, along a polynomial of least jerk.
+    """Move of one joint to a position, along a polynomial of least jerk.
 
     Attributes:
         start_s, end_s: when, s.
@@ -25,7 +25,7 @@ class Move(NamedTuple):
 
 
 class JointReference(NamedTuple):
-    """A joint's prescribed position, rate and acceleration."""
+    """Prescribed position, rate and acceleration of a joint."""
 
     position: float
     rate: float
@@ -33,7 +33,7 @@ class JointReference(NamedTuple):
 
 
 def reference(start: float, moves: Sequence[Move], time_s: float) -> JointReference:
-    r"""Prescribed motion at a time: with s = (t - t0) / T, q = q0 + (q1 - q0) (10 s^3 - 15 s^4 + 6 s^5).
+    r"""Computes prescribed motion at a time: with s = (t - t0) / T, q = q0 + (q1 - q0) (10 s^3 - 15 s^4 + 6 s^5).
 
     **Source**: Flash and Hogan, 1985.
 
@@ -59,7 +59,7 @@ def reference(start: float, moves: Sequence[Move], time_s: float) -> JointRefere
 
 
 def peak_rate(way: float, span_s: float) -> float:
-    """Largest rate of a move, in its middle, per s.
+    """Computes the largest rate of a move, in its middle, per s.
 
     Args:
         way: from position to position, rad, ft or m.
@@ -71,7 +71,7 @@ def peak_rate(way: float, span_s: float) -> float:
 def drive_forces(
     wanted: Sequence[JointReference], positions: Array, rates: Array, inertia: Array, frequency_hz: float
 ) -> Array:
-    """Generalized forces of critically damped proportional-derivative drives with feedforward, shape (n,).
+    """Computes forces of critically damped proportional-derivative drives with feedforward, shape (n,).
 
     Args:
         wanted: of each driven joint, see `reference`.
@@ -85,7 +85,7 @@ def drive_forces(
 
 
 def driven_inertia(mass_matrix: Array, places: Sequence[int]) -> Array:
-    """Inertia that driven joints move, with all else free: (S M^-1 S^T)^-1, shape (n, n).
+    """Computes inertia that driven joints move, with all else free: (S M^-1 S^T)^-1, shape (n, n).
 
     Args:
         mass_matrix: M, of all generalized velocities.

@@ -1,4 +1,4 @@
-r"""Mounting of the jets: where their forces act and point, and by how much that may be off.
+r"""Mounting of the jets: places and directions of their forces, and the errors of these.
 
 A jet's force F at p, off by two small angles and by two lengths across its direction d, is
 
@@ -36,7 +36,7 @@ EXACT = Mounting(np.zeros(0, dtype=np.intp), np.zeros((0, 6)))
 
 
 def mounting(wrenches: Array, positions: Array, sigmas: Array) -> Mounting:
-    """The errors of some jets' mounting, jet by jet.
+    """Lists the errors of some jets' mounting, jet by jet.
 
     Args:
         wrenches: torque about the vehicle origin and force of each jet at full thrust, shape (n_jets, 6).
@@ -57,7 +57,7 @@ def mounting(wrenches: Array, positions: Array, sigmas: Array) -> Mounting:
 
 @kernel
 def displaced(wrenches: Array, errors: Array, errors_of: Mounting) -> Array:
-    """Wrenches of jets whose mounting is off, to first order, shape (n_jets, 6).
+    """Computes wrenches of jets whose mounting is off, to first order, shape (n_jets, 6).
 
     Args:
         wrenches: as stated, shape (n_jets, 6).
@@ -73,7 +73,7 @@ def displaced(wrenches: Array, errors: Array, errors_of: Mounting) -> Array:
 
 
 def true_mounting(wrenches: Array, positions: Array, errors: Array) -> Array:
-    """Wrenches of jets that are mounted with errors, exact, shape (n_jets, 6 or more).
+    """Computes wrenches of jets that are mounted with errors, exact, shape (n_jets, 6 or more).
 
     Args:
         wrenches: torque about the vehicle origin and force as stated, and anything more, shape (n_jets, 6 or more).

@@ -28,18 +28,18 @@ PLACES: dict[Place, float] = {"start": 0.0, "center": 0.5, "end": 1.0}  # share 
 
 
 def onsets(fractions: Array, place: Place, period_s: float) -> Array:
-    """Onsets of jets that open at the start of a sample, about its middle, or until its end, s, in the shape given."""
+    """Computes onsets of jets that open at a sample's start, about its middle, or until its end, s, shape as given."""
     return PLACES[place] * period_s * (1.0 - fractions)
 
 
 @kernel
 def levels_alone(shape: int | tuple[int, ...]) -> Array:
-    """Onsets of commands that are levels, in the shape given."""
+    """Returns onsets of commands that are levels, in the shape given."""
     return np.full(shape, np.nan)
 
 
 def told_onsets(command: Array, told_s: Array | None, place: Place | None, period_s: float) -> Array:
-    """Onsets of a command, s, shape (n_jets,).
+    """Returns onsets of a command, s, shape (n_jets,).
 
     Args:
         command: fraction of each jet, shape (n_jets,).
@@ -53,7 +53,7 @@ def told_onsets(command: Array, told_s: Array | None, place: Place | None, perio
 
 
 def samples_of(start_s: float, end_s: float, period_s: float) -> tuple[int, int]:
-    """The first sample in which a pulse is on, and the one after the last; within a billionth of a sample it is not."""
+    """Returns the first sample in which a pulse is on, and the one after the last; within a billionth it is not."""
     return int(start_s / period_s + _SAME), math.ceil(end_s / period_s - _SAME)
 
 
@@ -73,7 +73,7 @@ def shares(start_s: float, end_s: float, period_s: float, count: int) -> Iterato
 
 
 def continued(command: Array, onset_s: Array, since_s: Array, period_s: float) -> tuple[Array, Array]:
-    """Commands and onsets as seen from times after their sample began, for what is left of it, shape (n, n_jets) each.
+    """Returns commands and onsets for the rest of a sample after some times, shape (n, n_jets) each.
 
     Args:
         command: f, NaN where not known, shape (n, n_jets).
@@ -104,7 +104,7 @@ def opens_within(command: Array, onset_s: Array) -> bool:
 
 @kernel
 def pieces(command: Array, onset_s: Array, period_s: float, span_s: tuple[float, float]) -> tuple[Array, Array]:
-    """Lengths of the pieces of a sample, s, shape (k,), and the level that is commanded in each, shape (k, n_jets).
+    """Computes lengths of the pieces of a sample, s, shape (k,), and the level commanded in each, shape (k, n_jets).
 
     Args:
         command: f of each jet, NaN where not known, shape (n_jets,).
@@ -139,7 +139,7 @@ def pieces(command: Array, onset_s: Array, period_s: float, span_s: tuple[float,
 
 
 def most_pieces(command: Array, onset_s: Array, period_s: float) -> int:
-    """The largest number of pieces of any sample of a table, a row each, shape (n, n_jets) both."""
+    """Returns the largest number of pieces of any sample of a table, a row each, shape (n, n_jets) both."""
     rows = np.flatnonzero(within(command, onset_s).any(axis=1)).tolist()
     whole = 0.0, period_s
     return max((pieces(command[row], onset_s[row], period_s, whole)[0].size for row in rows), default=1)

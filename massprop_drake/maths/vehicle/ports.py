@@ -1,4 +1,4 @@
-"""The vehicle's systems as kernels: the vectors of their ports and states in, such vectors out.
+"""Kernels of the vehicle's systems: from vectors of their ports and states to such vectors.
 
 Each is called by one system of a diagram, with what does not change in a `kernels.Holder`. They pack and unpack; what
 they do with it stands in the other files here.
@@ -28,7 +28,7 @@ from massprop_drake.maths.vehicle.true_failures import FailureTable
 
 
 class Sensing(NamedTuple):
-    """A package of sensors.
+    """Package of sensors.
 
     Attributes:
         errors: see `SensorErrors`.
@@ -43,7 +43,7 @@ class Sensing(NamedTuple):
 
 @kernel
 def _signal(body: Array, sensing: Sensing) -> Array:
-    """The true quantity, shape (3,)."""
+    """Computes the true quantity, shape (3,)."""
     if sensing.gathers:
         return point_velocity(body[ORIGIN_VELOCITY], body[RATE], body[SPIN_INTEGRAL], sensing.position)
     return body[RATE]
@@ -51,7 +51,7 @@ def _signal(body: Array, sensing: Sensing) -> Array:
 
 @kernel
 def exact_reading(body: Array, held: Any) -> Array:
-    """The reading, shape (3,), of a package that does no more than quantize, within its range.
+    """Computes the reading, shape (3,), of a package that only quantizes, within its range.
 
     Args:
         body: see `rigid_body`, shape (23,).
@@ -64,7 +64,7 @@ def exact_reading(body: Array, held: Any) -> Array:
 
 @kernel
 def reading(body: Array, noise: Array, shaking: Array, held: Any) -> Array:
-    """The reading, shape (3,), of a package that remembers nothing.
+    """Computes the reading, shape (3,), of a package without memory.
 
     Args:
         body, held: as in `exact_reading`.
@@ -77,7 +77,7 @@ def reading(body: Array, noise: Array, shaking: Array, held: Any) -> Array:
 
 @kernel
 def remembered_reading(body: Array, memory: Array, noise: Array, shaking: Array, held: Any) -> Array:
-    """The reading (3), then what is remembered, shape (3 + memory,); other arguments as `reading`.
+    """Computes the reading (3), then the memory, shape (3 + memory,); other arguments as `reading`.
 
     Args:
         memory: see `sensing.sense`.
@@ -89,7 +89,7 @@ def remembered_reading(body: Array, memory: Array, noise: Array, shaking: Array,
 
 
 class Jets(NamedTuple):
-    """The true jets.
+    """True jets of a vehicle.
 
     Attributes:
         thrusters: see `Thrusters`.
@@ -104,7 +104,7 @@ class Jets(NamedTuple):
 
 @kernel
 def failed_target(command: Array, closed: Array, begins_s: float, strikes: NDArray[np.bool_], held: Any) -> Array:
-    """What each jet's level tends to over a sample where jets fail, shape (n_jets,).
+    """Computes the target of each jet's level over a sample where jets fail, shape (n_jets,).
 
     Args:
         command: fraction commanded over it, shape (n_jets,).
@@ -120,7 +120,7 @@ def failed_target(command: Array, closed: Array, begins_s: float, strikes: NDArr
 
 @kernel
 def thrust(level: Array, coming: Array, held: Any) -> Array:
-    """Mean force of each jet, then the wrench profile row by row; arguments as `reaction_jets.mean_force`.
+    """Computes mean force of each jet, then the wrench profile row by row; arguments as `reaction_jets.mean_force`.
 
     Args:
         level, coming: levels now, and what they tend to, shape (n_jets,) each.
@@ -134,7 +134,7 @@ def thrust(level: Array, coming: Array, held: Any) -> Array:
 
 
 class Motion(NamedTuple):
-    """A step of the body.
+    """Parameters of a step of the body.
 
     Attributes:
         constants_s: time constants of the profile's dying parts, s, shape (n,).
@@ -149,7 +149,7 @@ class Motion(NamedTuple):
 
 @kernel
 def stepped(body: Array, profile: Array, wheels: Array, constants: Any, held: Any) -> Array:
-    """The body after a step, shape (23,).
+    """Computes the body after a step, shape (23,).
 
     Args:
         body: before it.

@@ -1,4 +1,4 @@
-"""The true jets over a sample: from commands to levels of thrust, mean forces and a wrench profile.
+"""True jets over a sample: levels of thrust from commands, mean forces and a wrench profile.
 
 Within a sample each jet's level goes from where it was toward its target with its time constant, in closed form; see
 `maths.vehicle.thrust`. What a failed jet's target is: `maths.vehicle.true_failures`.
@@ -25,7 +25,7 @@ _LEAST_FACTOR = 0.01  # above zero: a failed jet's force is a multiple of its th
 
 
 def drawn_factors(seed: Seed, spread: Any, count: int) -> Array:
-    """True over nominal thrust of each jet as a seed draws it, shape (count,); ones where nothing is spread.
+    """Draws true over nominal thrust of each jet by a seed, shape (count,); ones where nothing is spread.
 
     Args:
         seed: of the run.
@@ -42,7 +42,7 @@ def drawn_factors(seed: Seed, spread: Any, count: int) -> Array:
 
 
 def true_wrenches(nominal: Array, factors: Array, floor: Array | None = None) -> Array:
-    """Wrench of each jet at its true thrust, shape (n_jets, 7).
+    """Computes the wrench of each jet at its true thrust, shape (n_jets, 7).
 
     Args:
         nominal: torque about the vehicle origin, force, mass flow at nominal thrust, shape (n_jets, 7).
@@ -70,7 +70,7 @@ class LagClasses(NamedTuple):
 
 
 def lag_classes(wrenches: Array, time_constants_s: Array) -> LagClasses:
-    """The classes of a set of jets.
+    """Groups a set of jets into classes of equal lag.
 
     Args:
         wrenches: torque about the vehicle origin, force, mass flow of each jet, shape (n_jets, 7).
@@ -82,7 +82,7 @@ def lag_classes(wrenches: Array, time_constants_s: Array) -> LagClasses:
 
 
 class JetsParams(NamedTuple):
-    """The true jets.
+    """Parameters of the true jets.
 
     Attributes:
         wrenches: torque about the vehicle origin, force, mass flow at full thrust, shape (n_jets, 7).
@@ -108,7 +108,7 @@ class JetsParams(NamedTuple):
 def jets_params(
     wrenches: Array, time_constants_s: Array, period_s: float, failures: tuple[Failure, ...] = (), seed: int = 0
 ) -> JetsParams:
-    """The true jets; arguments as the attributes of `JetsParams`, time constants in s, shape (n_jets,)."""
+    """Makes the true jets; arguments as the attributes of `JetsParams`, time constants in s, shape (n_jets,)."""
     return JetsParams(
         wrenches,
         np.sqrt((wrenches[:, _FORCE] * wrenches[:, _FORCE]).sum(axis=1)),
@@ -122,7 +122,7 @@ def jets_params(
 
 
 def target(command: Array, closed: Array | None, sample: int, params: JetsParams) -> Array:
-    """What each jet's level tends to over a sample, shape (n_jets,).
+    """Computes the target of each jet's level over a sample, shape (n_jets,).
 
     Args:
         command: fraction commanded over it, 0 to 1, shape (n_jets,).
@@ -135,7 +135,7 @@ def target(command: Array, closed: Array | None, sample: int, params: JetsParams
 
 
 class Thrusters(NamedTuple):
-    """What the arithmetic of the jets takes: arrays alone.
+    """True jets as arrays, for the arithmetic of a sample.
 
     Attributes:
         wrenches, forces: see `JetsParams`.
@@ -154,7 +154,7 @@ class Thrusters(NamedTuple):
 
 
 def thrusters(params: JetsParams) -> Thrusters:
-    """The arrays of the jets."""
+    """Packs the jets into arrays."""
     constants, wrenches = params.classes
     constants_s = np.array(constants, dtype=float)
     return Thrusters(params.wrenches, params.forces, params.time_constants_s, params.lag, wrenches, constants_s)
@@ -162,13 +162,13 @@ def thrusters(params: JetsParams) -> Thrusters:
 
 @kernel
 def level_now(level: Array, held_target: Array, jets: Thrusters) -> Array:
-    """Level a sample after `level`, under the target of the sample between, shape (n_jets,)."""
+    """Computes the level a sample after `level`, under the target of the sample between, shape (n_jets,)."""
     return level_after(level, held_target, jets.lag.remaining)
 
 
 @kernel
 def mean_force(level: Array, coming: Array, jets: Thrusters) -> Array:
-    """Mean force of each jet over the coming sample, lbf or N, shape (n_jets,).
+    """Computes the mean force of each jet over the coming sample, lbf or N, shape (n_jets,).
 
     Args:
         level: now, which does not matter where no jet lags, shape (n_jets,).
@@ -182,7 +182,7 @@ def mean_force(level: Array, coming: Array, jets: Thrusters) -> Array:
 
 @kernel
 def wrench_profile(level: Array, coming: Array, jets: Thrusters) -> Array:
-    """The wrench that the coming sample tends to, then for each time constant the part that dies away with it.
+    """Computes the wrench that the coming sample tends to, then for each time constant the decaying part.
 
     Arguments as `mean_force`; shape (1 + n_classes, 7), see `maths.vehicle.rigid_body.step`.
     """
@@ -197,7 +197,7 @@ def wrench_profile(level: Array, coming: Array, jets: Thrusters) -> Array:
 
 @kernel
 def drained(force: Array, period_s: float, feeds: Array, jets: Thrusters) -> Array:
-    """Propellant that jets draw from each tank over a sample, slug or kg, shape (n_tanks,).
+    """Computes propellant that jets draw from each tank over a sample, slug or kg, shape (n_tanks,).
 
     Args:
         force: mean force of each jet over it, lbf or N, shape (n_jets,).
@@ -234,7 +234,7 @@ def level_course(
     failing: tuple[FailureTable, NDArray[np.bool_]],
     time_constants_s: Array,
 ) -> LevelCourse:
-    """The course of each level over a sample.
+    """Computes the course of each level over a sample.
 
     Args:
         level: at its beginning, shape (n_jets,).
@@ -264,12 +264,12 @@ def level_course(
 
 
 def profile_size(n_lags: int, pieces: int = 1) -> int:
-    """Size of a wrench profile: 7 (1 + n_lags), of a sample of several pieces one more for each piece."""
+    """Returns the size of a wrench profile: 7 (1 + n_lags), of a sample of several pieces one more for each piece."""
     return N_WRENCH * (1 + n_lags) if pieces == 1 else pieces * (1 + N_WRENCH * (1 + n_lags))
 
 
 def profile_by_pieces(course: LevelCourse, jets: Thrusters, pieces: int) -> Array:
-    """The wrench profile of a sample of several pieces, of each its length and its profile, shape (pieces, any).
+    """Makes the wrench profile of a sample of several pieces: each piece's length and profile, shape (pieces, any).
 
     Args:
         course: of the levels.

@@ -1,4 +1,4 @@
-r"""A rigid body pushed by jets: its equations of motion and a step of high order.
+r"""Rigid body pushed by jets: its equations of motion and a step of high order.
 
 Frames: N inertial; B body axes at the center of mass; V vehicle frame, axes of B, origin O fixed in
 the structure. No gravity: positions and velocities are relative to free fall.
@@ -61,7 +61,7 @@ _MOST_TURNS = 1.0  # in a step: beyond, no sensor shows which way a vehicle turn
 
 
 class SpunUpError(ArithmeticError):
-    """The jets have spun the vehicle up beyond all that can be followed.
+    """Error of jets that have spun the vehicle up beyond all that can be followed.
 
     Args:
         turns: that it makes in the step.
@@ -73,12 +73,12 @@ class SpunUpError(ArithmeticError):
         super().__init__(f"at t = {moment(time_s)} s the vehicle makes {turns:.3g} turns in a step")
 
     def at(self, time_s: float) -> SpunUpError:
-        """The same, with the time."""
+        """Returns the same error, with the time."""
         return SpunUpError(self.turns, time_s)
 
 
 class OutOfMassError(ArithmeticError):
-    """The jets use up the vehicle's whole mass.
+    """Error of jets that use up the vehicle's whole mass.
 
     Args:
         left: mass at the beginning of the step, slug or kg.
@@ -91,13 +91,13 @@ class OutOfMassError(ArithmeticError):
         super().__init__(f"at t = {moment(time_s)} s the vehicle has a mass of {left:g} and its jets use {wanted:g}")
 
     def at(self, time_s: float) -> OutOfMassError:
-        """The same, with the time."""
+        """Returns the same error, with the time."""
         return OutOfMassError(self.left, self.wanted, time_s)
 
 
 @kernel
 def require_mass(left: float, wanted: float) -> None:
-    """Raises OutOfMassError when the jets are to use up all that the vehicle has.
+    """Raises OutOfMassError when the jets are to use up all mass of the vehicle.
 
     Args:
         left: mass of the vehicle, slug or kg; below zero at a trial step beyond the end.
@@ -114,7 +114,7 @@ _NOTHING = np.empty(0)
 
 
 class Body(NamedTuple):
-    """The constants of a rigid body's motion, as plain numbers for the inner loop.
+    """Constants of a rigid body's motion, as plain numbers for the inner loop.
 
     Attributes:
         inertia, inverse: six elements each, in the order 11, 22, 33, 23, 13, 12.
@@ -130,7 +130,7 @@ class Body(NamedTuple):
 
 
 def body_of(properties: MassProperties) -> Body:
-    """The constants of motion of a body with these mass properties."""
+    """Computes the constants of motion of a body with these mass properties."""
     return Body(
         tuple(six_elements(properties.inertia).tolist()),
         tuple(six_elements(inverse(properties.inertia)).tolist()),
@@ -142,7 +142,7 @@ def body_of(properties: MassProperties) -> Body:
 
 @kernel
 def carrying(body: Body, wheels: Array, since_s: float = 0.0) -> Body:
-    """The constants of a body whose wheels have some momentum.
+    """Computes the constants of a body whose wheels have some momentum.
 
     Args:
         body: without them.
@@ -155,19 +155,19 @@ def carrying(body: Body, wheels: Array, since_s: float = 0.0) -> Body:
 
 
 def packed_structure(properties: MassProperties) -> Array:
-    """Inertia and center of mass as `STRUCTURE`."""
+    """Packs inertia and center of mass as `STRUCTURE`."""
     return STRUCTURE.pack((six_elements(properties.inertia), properties.center_of_mass))
 
 
 def body_of_structure(structure: Array) -> Body:
-    """The constants of motion for a `STRUCTURE`."""
+    """Computes the constants of motion for a `STRUCTURE`."""
     read = STRUCTURE.read(structure)
     return body_of(MassProperties(math.nan, read.center_of_mass, symmetric(read.inertia)))
 
 
 @kernel
 def body_with(structure: Array) -> Body:
-    """`body_of_structure` of numbers alone."""
+    """Runs `body_of_structure` on numbers alone."""
     inverted = np.linalg.inv(symmetric(structure[:6]))
     jxx, jyy, jzz = inverted[0, 0], inverted[1, 1], inverted[2, 2]
     off = inverted[1, 2], inverted[0, 2], inverted[0, 1]
@@ -176,12 +176,12 @@ def body_with(structure: Array) -> Body:
 
 
 def seeded_body(seed: Seed, body: MassProperties, spread: Spread) -> MassProperties:
-    """True mass properties at the start as a seed draws them."""
+    """Draws true mass properties at the start by a seed."""
     return drawn_body(body, spread, normal_sample(seed, "mass properties", 0, 10))
 
 
 class Jump(NamedTuple):
-    """Something that is fixed to the vehicle, or leaves it, at once.
+    """Sudden change of mass: something is fixed to the vehicle, or leaves it, at once.
 
     Attributes:
         time_s: when, s; it happens at the first sample not before this.
@@ -197,7 +197,7 @@ class Jump(NamedTuple):
 
 
 def jumps_by_sample(jumps: tuple[Jump, ...], period_s: float) -> dict[int, tuple[Jump, ...]]:
-    """The jumps of each sample at which there are any, in their order."""
+    """Groups jumps by sample, in their order."""
     found: dict[int, tuple[Jump, ...]] = {}
     for jump in jumps:
         sample = math.ceil(jump.time_s / period_s - 1e-9)
@@ -206,7 +206,7 @@ def jumps_by_sample(jumps: tuple[Jump, ...], period_s: float) -> dict[int, tuple
 
 
 def jumped(state: Array, structure: Array, jumps: tuple[Jump, ...]) -> tuple[Array, Array]:
-    """State and structure after some jumps at one sample.
+    """Computes state and structure after some jumps at one sample.
 
     Args:
         state: shape (23,).
@@ -229,7 +229,7 @@ def since_start(value: Any, start: Any) -> Any:
 
 
 def initial_state(mass: float) -> Array:
-    """At rest at the origin of N, body axes along N's, nothing gathered."""
+    """Returns the state at rest at the origin of N, body axes along N's, no velocity gathered."""
     state = np.zeros(N_STATE)
     state[0] = 1.0
     state[MASS] = mass
@@ -238,12 +238,12 @@ def initial_state(mass: float) -> Array:
 
 @kernel
 def torque_about_center(wrench: Array, center_of_mass: Array) -> Array:
-    """Torque about the center of mass of a wrench about the vehicle origin, shape (3,)."""
+    """Computes the torque about the center of mass of a wrench about the vehicle origin, shape (3,)."""
     return wrench[:3] - cross(center_of_mass, wrench[3:6])
 
 
 def derivative(state: Array, wrench: Array, body: Body) -> Array:
-    """Time derivative of the state under a wrench about the vehicle origin, shape (23,).
+    """Computes the time derivative of the state under a wrench about the vehicle origin, shape (23,).
 
     Args:
         state: shape (23,).
@@ -255,7 +255,7 @@ def derivative(state: Array, wrench: Array, body: Body) -> Array:
 
 @kernel
 def _derivative(state: Array, wrench: Array, gathered: Array, body: Body, since_s: float) -> Array:
-    """Derivative of the state less its transient part, so long after the wheels have had their momentum.
+    """Computes the derivative of the state less its transient part, so long after the wheels' momentum was set.
 
     ``gathered`` is the impulse (torque about the vehicle origin, force, mass) that decaying thrust has
     given since the step began, and its mass flow now, shape (8,); empty: there is none. Its effect on rate,
@@ -346,7 +346,7 @@ def step(
     duration_s: float,
     body: Body,
 ) -> Array:
-    r"""The state after a step during which each jet's target is constant.
+    r"""Computes the state after a step during which each jet's target is constant.
 
     The wrench is ``steady + sum_c transient[c] exp(-s / tau_c)``, s the time since the step began. The
     decaying part is integrated in closed form and only its small effect through rotation by the
@@ -396,7 +396,7 @@ def step(
 
 @kernel
 def _longest_substep(state: Array, steady: Array, lagging: list[_Decay], duration_s: float, body: Body) -> float:
-    """Longest substep, s, that keeps the angle turned in it small."""
+    """Computes the longest substep, s, that keeps the angle turned in it small."""
     wrench = steady
     if len(lagging) > 0:
         wrench = np.abs(steady)
@@ -421,7 +421,7 @@ def _substep(
     during_s: tuple[float, float],
     body: Body,
 ) -> Array:
-    """The state after a substep, of which is given how long after the step's beginning it begins, and its length."""
+    """Computes the state after a substep, given its begin after the step's beginning, and its length."""
     since, length = during_s
     start = middle = end = _NOTHING
     if len(amplitudes) > 0:
@@ -443,7 +443,7 @@ def _substep(
 
 @kernel
 def _gathered(amplitudes: list[_Decay], elapsed_s: float) -> Array:
-    """Impulse of the decaying wrenches since the substep began, and their mass flow now, shape (8,)."""
+    """Computes the impulse of the decaying wrenches since the substep began, and their mass flow now, shape (8,)."""
     gathered = np.zeros(N_WRENCH + 1, dtype=amplitudes[0][0].dtype)
     for row, tau in amplitudes:
         gathered[:N_WRENCH] += row * decay_integral(tau, elapsed_s)
@@ -453,7 +453,7 @@ def _gathered(amplitudes: list[_Decay], elapsed_s: float) -> Array:
 
 @kernel
 def _add_transient(state: Array, gathered: Array, body: Body) -> None:
-    """Adds the closed-form part of what decaying thrust gave; see `_derivative`."""
+    """Adds the closed-form part of decaying thrust; see `_derivative`."""
     center = np.array(body.center)
     rate_change = symmetric(np.array(body.inverse)) @ torque_about_center(gathered, center)
     state[MASS] -= gathered[6]
@@ -465,7 +465,7 @@ def _add_transient(state: Array, gathered: Array, body: Body) -> None:
 
 
 def with_properties(state: Array, before: MassProperties, after: MassProperties) -> Array:
-    """The state when the mass properties change at once, by a payload that moves with the structure.
+    """Returns the state when the mass properties change at once, by a payload that moves with the structure.
 
     Rate, attitude and the motion of every point of the structure go on as they were; the new center of
     mass has that structure's motion where it lies, so what leaves takes its momentum along.
@@ -485,7 +485,7 @@ def with_properties(state: Array, before: MassProperties, after: MassProperties)
 
 @kernel
 def shifted(state: Array, rate: Array, shift: Array) -> Array:
-    """Change of the state by that of the center of mass within a structure that moves on as it did, shape (23,).
+    """Computes the state's change when the center of mass shifts in a structure whose motion goes on, shape (23,).
 
     Args:
         state: shape (23,).
@@ -499,5 +499,5 @@ def shifted(state: Array, rate: Array, shift: Array) -> Array:
 
 
 def angular_momentum(state: Array, properties: MassProperties) -> Array:
-    """Angular momentum about the center of mass in N, shape (3,)."""
+    """Computes angular momentum about the center of mass in N, shape (3,)."""
     return rotation_matrix(state[QUATERNION]) @ (properties.inertia @ state[RATE])

@@ -23,7 +23,7 @@ from massprop_drake.maths.noise import Seed, uniform_phase
 
 
 def increment_noise(reading_variance: float) -> Array:
-    """Covariance of the difference of two readings (2-64b), (3-36b), without disturbance, shape (3, 3).
+    """Computes the covariance of the difference of two readings (2-64b), (3-36b), without disturbance, shape (3, 3).
 
     Args:
         reading_variance: of the error of one reading per component.
@@ -33,7 +33,7 @@ def increment_noise(reading_variance: float) -> Array:
 
 @kernel
 def unsaturated(reading: Array, limit: float) -> Array:
-    """A reading, or NaN throughout where a component has reached the sensor's range.
+    """Returns a reading, or NaN throughout where a component has reached the sensor's range.
 
     Args:
         reading: shape (3,).
@@ -46,7 +46,7 @@ def unsaturated(reading: Array, limit: float) -> Array:
 
 @kernel
 def marked(value: Array, quantum: Any, phase: Array) -> Array:
-    """The nearest mark of a quantizer, its marks ``phase`` quanta (within 1/2) off the multiples.
+    """Computes the nearest mark of a quantizer, its marks ``phase`` quanta (within 1/2) off the multiples.
 
     The error lies within half a quantum either way, with a mean of zero over random phases.
 
@@ -60,12 +60,12 @@ def marked(value: Array, quantum: Any, phase: Array) -> Array:
 
 @kernel
 def quantized(value: Array, quantum: float, phase: Array) -> Array:
-    """The nearest mark of a quantizer, see `marked`; a quantum of zero leaves the value as it is."""
+    """Quantizes a value to the nearest mark, see `marked`; a quantum of zero leaves it as it is."""
     return value if quantum == 0.0 else marked(value, quantum, phase)
 
 
 def smoothing_factor(bandwidth_hz: float | None, period_s: float) -> float:
-    """Share of the old value that a first-order low-pass keeps over one period; 0: unlimited.
+    """Computes the share of the old value that a first-order low-pass keeps over one period; 0: unlimited.
 
     Args:
         bandwidth_hz: corner frequency, Hz; None: unlimited.
@@ -76,7 +76,7 @@ def smoothing_factor(bandwidth_hz: float | None, period_s: float) -> float:
 
 @kernel
 def low_passed(value: Array, before: Array, started: bool, smoothing: float) -> tuple[Array, Array]:
-    """What a first-order low-pass gives of a signal that is linear between samples, and its memory after it.
+    """Computes the output of a first-order low-pass for a signal linear between samples, and its memory.
 
     Exact for such a signal: at a corner of w rad/s and a period T the answer to a ramp is late by 1 / w.
 
@@ -94,7 +94,7 @@ def low_passed(value: Array, before: Array, started: bool, smoothing: float) -> 
 
 
 class Tone(NamedTuple):
-    """A vibration of one frequency at a package of sensors.
+    """Vibration of one frequency at a package of sensors.
 
     Attributes:
         frequency_hz: Hz.
@@ -108,7 +108,7 @@ class Tone(NamedTuple):
 
 
 class Vibration(NamedTuple):
-    """What a package of sensors makes of vibration, before bias and noise.
+    """Vibration in the readings of a package, before bias and noise.
 
     Attributes:
         frequency: of each tone, rad/s, shape (n,).
@@ -121,13 +121,13 @@ class Vibration(NamedTuple):
     phase: Array
 
     def at(self, time_s: float) -> Array:
-        """Their sum at a time, shape (3,)."""
+        """Computes the sum of the tones at a time, shape (3,)."""
         angles = (self.frequency * time_s)[:, None] + self.phase
         return (self.amplitude * np.sin(angles)).sum(axis=0)
 
 
 def vibration(tones: Sequence[Tone], scale: Array, bandwidth_hz: float | None, *, integrates: bool) -> Vibration:
-    """What sensors make of tones that have lasted for long: scale, integral and low-pass at each one's frequency.
+    """Computes the readings of steady tones: scale, integral and low-pass at each one's frequency.
 
     Args:
         tones: at the sensors.
@@ -184,23 +184,23 @@ class SensorModel(NamedTuple):
 
     @property
     def remembers(self) -> bool:
-        """Whether a reading depends on anything but the signal, the noise and the time now."""
+        """True if a reading depends on anything but the signal, the noise and the time now."""
         drifts = self.walk_std > 0.0 or (self.integrates and bool(self.bias.any()))
         return self.smoothing > 0.0 or drifts or self.delay > 0
 
     @property
     def noisy(self) -> bool:
-        """Whether noise is drawn."""
+        """True if noise is drawn."""
         return self.noise_std > 0.0 or self.walk_std > 0.0
 
     @property
     def exact(self) -> bool:
-        """Whether a reading is the signal itself, quantized and within the range, where nothing is remembered."""
+        """True if a reading without memory is the signal itself, quantized and within the range."""
         return not (self.scale_factor.any() or self.bias.any() or self.noisy or self.vibration)
 
     @property
     def errors(self) -> SensorErrors:
-        """The numbers that make a reading."""
+        """Errors that make a reading."""
         return SensorErrors._make(getattr(self, name) for name in SensorErrors._fields)
 
 
@@ -221,7 +221,7 @@ class SensorErrors(NamedTuple):
 
 
 class Draws(NamedTuple):
-    """Draws of a package, made by the seed before its first sample.
+    """Random draws of a package, made by the seed before its first sample.
 
     Attributes:
         name: of the package.
@@ -261,12 +261,12 @@ _STILL = np.empty(0)  # vibration where there is none
 
 @kernel
 def held_within(reading: Array, limit: float) -> Array:
-    """A reading within a sensor's range."""
+    """Limits a reading to a sensor's range."""
     return reading if limit == math.inf else np.minimum(np.maximum(reading, -limit), limit)
 
 
 def sense(signal: Array, memory: Array, noise: Array, model: SensorModel, time_s: float = 0.0) -> tuple[Array, Array]:
-    """One reading, and what to remember for the next.
+    """Computes one reading, and the memory for the next.
 
     Args:
         signal: the true quantity, shape (3,).
@@ -280,7 +280,7 @@ def sense(signal: Array, memory: Array, noise: Array, model: SensorModel, time_s
 
 
 def vibrating(model: SensorModel, time_s: float) -> Array:
-    """Vibration in a reading at a time, shape (3,); empty where there is none."""
+    """Computes vibration in a reading at a time, shape (3,); empty where there is none."""
     return _STILL if model.vibration is None else model.vibration.at(time_s)
 
 
@@ -288,7 +288,7 @@ def vibrating(model: SensorModel, time_s: float) -> Array:
 def remembering(
     signal: Array, memory: Array, noise: Array, shaking: Array, errors: SensorErrors
 ) -> tuple[Array, Array]:
-    """`sense` where vibration, ``shaking``, is known, shape (3,), or empty."""
+    """Runs `sense` where vibration, ``shaking``, is known, shape (3,), or empty."""
     started = memory[0] != 0.0
     value = (1.0 + errors.scale_factor) * signal
     after = memory.copy()
@@ -316,7 +316,7 @@ def remembering(
 
 @kernel
 def at_once(signal: Array, noise: Array, shaking: Array, errors: SensorErrors) -> Array:
-    """One reading of a package that remembers nothing; ``shaking``: vibration in it, shape (3,), or empty."""
+    """Computes one reading of a package without memory; ``shaking``: vibration in it, shape (3,), or empty."""
     value = (1.0 + errors.scale_factor) * signal
     if shaking.size:
         value = value + shaking
@@ -332,7 +332,7 @@ def _read(value: Array, errors: SensorErrors) -> Array:
 
 
 class Package(NamedTuple):
-    """A package of sensors as it is in truth.
+    """True package of sensors.
 
     Attributes:
         name: of it, and of its noise.
@@ -350,13 +350,13 @@ class Package(NamedTuple):
 
 
 def package(name: str, model: SensorModel, position: Array | None) -> Package:
-    """A package; arguments as the attributes of `Package`."""
+    """Makes a package; arguments as the attributes of `Package`."""
     return Package(name, model, position, model.exact, model.remembers)
 
 
 @kernel
 def point_velocity(origin_velocity: Array, rate: Array, spin_integral: Array, position: Array) -> Array:
-    r"""What an ideal integrating accelerometer has gathered at a point fixed in the body.
+    r"""Computes the velocity that an ideal integrating accelerometer gathers at a point fixed in the body.
 
     The time integral, in body axes, of the specific force at the point (3-17):
 

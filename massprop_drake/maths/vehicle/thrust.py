@@ -22,7 +22,7 @@ _Level = TypeVar("_Level", float, Array)  # of one jet, or of all
 
 
 class LagFactors(NamedTuple):
-    """What one sample period does to the lag, arrays of shape (n_jets,).
+    """Factors of the lag over one sample period, arrays of shape (n_jets,).
 
     Attributes:
         remaining: exp(-T / tau), the share of an initial difference left at the end of the period.
@@ -36,7 +36,7 @@ class LagFactors(NamedTuple):
 
 
 def lag_factors(time_constants_s: Array, period_s: float) -> LagFactors:
-    """The lag's factors over one period.
+    """Computes the lag's factors over one period.
 
     Args:
         time_constants_s: time constant of each jet, s, zero or positive, shape (n_jets,).
@@ -52,18 +52,18 @@ def lag_factors(time_constants_s: Array, period_s: float) -> LagFactors:
 
 @kernel
 def level_after(level: _Level, target: _Level, remaining: _Level) -> _Level:
-    """Level at the end of a period that began at ``level`` with a constant ``target``."""
+    """Computes the level at the end of a period that began at ``level`` with a constant ``target``."""
     return target + (level - target) * remaining
 
 
 @kernel
 def mean_level(level: _Level, target: _Level, mean: _Level) -> _Level:
-    """Level averaged over a period that began at ``level`` with a constant ``target``."""
+    """Computes the level averaged over a period that began at ``level`` with a constant ``target``."""
     return target + (level - target) * mean
 
 
 def level_at(level: Array, target: Array, time_constants_s: Array, elapsed_s: float) -> Array:
-    """Level at a time, s, after the period began; the target itself where there is no lag."""
+    """Computes the level at a time, s, after the period began; the target itself where there is no lag."""
     if value_of(elapsed_s) <= 0.0:
         return np.where(time_constants_s > 0.0, level, target)
     return level_after(level, target, lag_factors(time_constants_s, elapsed_s).remaining)
@@ -71,12 +71,12 @@ def level_at(level: Array, target: Array, time_constants_s: Array, elapsed_s: fl
 
 @kernel
 def decay_integral(time_constant_s: float, elapsed_s: float) -> float:
-    """The integral of exp(-s / tau) from 0 to the elapsed time, s."""
+    """Computes the integral of exp(-s / tau) from 0 to the elapsed time, s."""
     return -time_constant_s * math.expm1(-elapsed_s / time_constant_s)
 
 
 def thrust_wrenches(positions: Array, thrusts: Array) -> Array:
-    """Torque about the vehicle origin and force of each jet at full thrust, shape (n_jets, 6).
+    """Computes torque about the vehicle origin and force of each jet at full thrust, shape (n_jets, 6).
 
     Args:
         positions: of the jets in the vehicle frame, ft or m, shape (n_jets, 3).

@@ -1,4 +1,4 @@
-"""What sensors in a fixed frame read of the true vehicle: poses and velocities of points fixed in it."""
+"""Readings of sensors in a fixed frame of the true vehicle: poses and velocities of points fixed in it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _ROUNDING = 1e-9  # of an interval between readings
 
 
 class PoseModel(NamedTuple):
-    """A sensor of position and attitude.
+    """Sensor of position and attitude.
 
     Attributes:
         point: that is tracked, vehicle frame, ft or m, shape (3,).
@@ -41,7 +41,7 @@ class PoseModel(NamedTuple):
 
 
 def is_due(time_s: float, model: PoseModel) -> bool:
-    """Tests whether a sensor is read at a sample: at the first at which another of its own times has come."""
+    """Tests whether a sensor is read at a sample: the first one after another of its own times has come."""
     if not model.rate_hz * model.period_s < 1.0:
         return True
     sample = round(time_s / model.period_s)
@@ -50,7 +50,7 @@ def is_due(time_s: float, model: PoseModel) -> bool:
 
 
 def pose_read(body: Array, center: Array, noise: Array, model: PoseModel) -> Array:
-    """Position of the tracked point and quaternion from body to fixed frame, NaN where not measured, shape (7,).
+    """Computes position of the tracked point and quaternion to the fixed frame, NaN where not measured, shape (7,).
 
     Args:
         body: state, see `rigid_body`, shape (23,).
@@ -79,7 +79,7 @@ def pose_read(body: Array, center: Array, noise: Array, model: PoseModel) -> Arr
 
 
 def velocity_read(body: Array, center: Array, noise: Array, position: Array, noise_std: float) -> Array:
-    """Velocity of a point in the fixed frame, shape (3,).
+    """Computes the velocity of a point in the fixed frame, shape (3,).
 
     Args:
         body: state, see `rigid_body`, shape (23,).

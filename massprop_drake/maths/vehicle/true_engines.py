@@ -1,4 +1,4 @@
-"""The true engines of a vehicle: what they make of their commands, failures included, and what is read of them."""
+"""True engines of a vehicle: their response to commands, failures included, and their readings."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _PARTS = 50  # compute budget: of an interval, at whose middles the force is tak
 
 
 class EngineFailure(NamedTuple):
-    """A failure of an engine.
+    """Failure of an engine.
 
     Attributes:
         engine: index of it.
@@ -40,7 +40,7 @@ class EngineFailure(NamedTuple):
 
 
 class EnginesModel(NamedTuple):
-    """The engines.
+    """True engines of a vehicle.
 
     Attributes:
         engines: as stated.
@@ -56,26 +56,26 @@ class EnginesModel(NamedTuple):
 
 
 def true_errors(model: EnginesModel, seed: Seed) -> Array:
-    """The errors of the engines as a seed draws them, shape (6 n,)."""
+    """Draws the errors of the engines by a seed, shape (6 n,)."""
     if not model.spread.any():
         return model.errors
     return np.asarray(model.errors + model.spread * normal_sample(seed, "engines", 0, model.errors.size))
 
 
 def within_stops(told: Array, engines: EngineParams) -> Array:
-    """A command as far as throttle and gimbal go, shape (n, 3)."""
+    """Limits a command to the range of throttle and gimbal, shape (n, 3)."""
     least = -engines.stops
     least[:, 0] = 0.0
     return np.asarray(np.clip(told, least, engines.stops))
 
 
 def _lasts(failure: EngineFailure, time_s: float) -> bool:
-    """Tests whether a failure holds at a sample, whose time may be off by its digits."""
+    """Tests whether a failure holds at a sample, whose time may be off by rounding."""
     return failure.start_s - _DIGITS_S <= time_s < failure.end_s - _DIGITS_S
 
 
 def told_to(now: Array, told: Array, time_s: float, model: EnginesModel) -> Array:
-    """The command that the engines follow: of one that is stuck its present place, shape (n, 3).
+    """Returns the command that the engines follow: of one that is stuck its present place, shape (n, 3).
 
     Args:
         now: levels and angles, shape (n, 3).
@@ -91,7 +91,7 @@ def told_to(now: Array, told: Array, time_s: float, model: EnginesModel) -> Arra
 
 
 def wrench(at: Array, errors: Array, time_s: float, model: EnginesModel) -> Array:
-    """Torque about the vehicle origin, force and propellant flow of the engines, their means, shape (7,).
+    """Computes mean torque about the vehicle origin, force and propellant flow of the engines, shape (7,).
 
     Args:
         at: levels and angles at some instants, shape (m, n, 3).
@@ -110,7 +110,7 @@ def wrench(at: Array, errors: Array, time_s: float, model: EnginesModel) -> Arra
 
 
 def mean_wrench(now: Array, told: Array, errors: Array, during: tuple[float, float], model: EnginesModel) -> Array:
-    """Mean of the wrench over an interval in which the engines follow a command, shape (7,).
+    """Computes the mean of the wrench over an interval in which the engines follow a command, shape (7,).
 
     Args:
         now: levels and angles at its start, shape (n, 3).
@@ -126,7 +126,7 @@ def mean_wrench(now: Array, told: Array, errors: Array, during: tuple[float, flo
 
 
 def read(now: Array, told: Array, noise: Any, engines: EngineParams) -> Array:
-    """Levels and angles as telemetry has them, shape (n, 3).
+    """Returns levels and angles as telemetry has them, shape (n, 3).
 
     Args:
         now: as they are, shape (n, 3).
@@ -139,5 +139,5 @@ def read(now: Array, told: Array, noise: Any, engines: EngineParams) -> Array:
 
 
 def settings(vector: Array) -> Array:
-    """Levels and angles by engine, shape (n, 3)."""
+    """Returns levels and angles by engine, shape (n, 3)."""
     return np.asarray(vector).reshape(-1, N_CHANNELS)

@@ -1,4 +1,4 @@
-"""Failures of jets as they happen: what a jet delivers in place of what it was told.
+"""Failures of true jets: the level that a jet delivers in place of the commanded one.
 
 The truth's side of a failure; how one is found stands in `maths.estimation.detectors`.
 """
@@ -19,7 +19,7 @@ _LEAST_SHARE = 1e-9  # of a sample that a failure covers
 
 
 class FailureKind(IntEnum):
-    """What becomes of a jet."""
+    """Kind of failure of a jet."""
 
     STUCK_ON = 0
     STUCK_OFF = 1
@@ -30,7 +30,7 @@ class FailureKind(IntEnum):
 
 
 class Failure(NamedTuple):
-    """One failure of one jet.
+    """Failure of one jet.
 
     Attributes:
         jet: index of the jet.
@@ -64,7 +64,7 @@ class FailureTable(NamedTuple):
 
 
 def as_levels(failures: tuple[Failure, ...], thrusts: Array) -> tuple[Failure, ...]:
-    """Failures with the force of a leak, lbf or N, as a level of its jet.
+    """Returns failures with the force of a leak, lbf or N, as a level of its jet.
 
     Args:
         failures: amount of a leak: its force.
@@ -76,7 +76,7 @@ def as_levels(failures: tuple[Failure, ...], thrusts: Array) -> tuple[Failure, .
 
 
 def failure_table(failures: tuple[Failure, ...]) -> FailureTable:
-    """The arrays of some failures."""
+    """Packs some failures into arrays."""
     return FailureTable(
         np.array([failure.jet for failure in failures], dtype=np.int_),
         np.array([int(failure.kind) for failure in failures], dtype=np.int_),
@@ -87,7 +87,7 @@ def failure_table(failures: tuple[Failure, ...]) -> FailureTable:
 
 
 def delivered(command: Array, sample: int, period_s: float, failures: tuple[Failure, ...], seed: int) -> Array:
-    """What each jet's level tends to over a sample, 1: full thrust; the command itself without failures.
+    """Computes the target of each jet's level over a sample, 1: full thrust; the command itself without failures.
 
     A failure that begins or ends within the sample acts with the share of the sample it covers.
 
@@ -105,7 +105,7 @@ def delivered(command: Array, sample: int, period_s: float, failures: tuple[Fail
 
 
 def struck(failures: tuple[Failure, ...], sample: int, period_s: float, seed: Seed) -> NDArray[np.bool_]:
-    """Which intermittent failures strike in a sample, shape (n,); arguments as `delivered`."""
+    """Draws which intermittent failures strike in a sample, shape (n,); arguments as `delivered`."""
     result = np.zeros(len(failures), dtype=np.bool_)
     begins = sample * period_s
     for index, failure in enumerate(failures):
@@ -120,7 +120,7 @@ def struck(failures: tuple[Failure, ...], sample: int, period_s: float, seed: Se
 def failed(
     command: Array, begins_s: float, period_s: float, strikes: NDArray[np.bool_], failures: FailureTable
 ) -> Array:
-    """`delivered` by failures of which is known whether they strike.
+    """Computes `delivered` by failures of which is known whether they strike.
 
     Args:
         command: fraction commanded over the sample, 0 to 1, shape (n_jets,).
@@ -143,7 +143,7 @@ def failed(
 
 @kernel
 def _failed_level(told: float, kind: int, amount: float, strikes: bool, late_s: float) -> float:
-    """The level that a failed jet shows; ``late_s``: time since the failure began."""
+    """Computes the level of a failed jet; ``late_s``: time since the failure began."""
     if kind == FailureKind.STUCK_ON:
         return 1.0
     if kind == FailureKind.STUCK_OFF:

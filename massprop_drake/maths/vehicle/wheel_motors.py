@@ -1,4 +1,4 @@
-"""The true reaction wheels of a vehicle: what their motors make of their speeds, and what is read of these.
+"""True reaction wheels of a vehicle: torques of their motors by speed, and the readings of the speeds.
 
 A motor's torque u turns its wheel about its axis, J dW/dt = u, and the vehicle the other way. W is the speed relative
 to the vehicle; what the vehicle's own turning takes of u is left out, as a loop that controls the speed would have it.
@@ -15,7 +15,7 @@ from massprop_drake.maths.noise import Seed, normal_sample
 
 
 class WheelsModel(NamedTuple):
-    """The wheels.
+    """True wheels of a vehicle.
 
     Attributes:
         axes: about which they turn, unit vectors, body axes, shape (n, 3).
@@ -38,7 +38,7 @@ class WheelsModel(NamedTuple):
 
 
 def true_inertias(model: WheelsModel, seed: Seed) -> Array:
-    """Inertias as a seed draws them, shape (n,)."""
+    """Draws inertias by a seed, shape (n,)."""
     if model.dispersion == 0.0:
         return model.inertias
     drawn = normal_sample(seed, "reaction wheels", 0, model.inertias.size)
@@ -46,7 +46,7 @@ def true_inertias(model: WheelsModel, seed: Seed) -> Array:
 
 
 def acceleration(torque: Any, inertias: Array, speeds: Any, model: WheelsModel, period_s: float) -> Any:
-    """Angular accelerations that the motors give the wheels over a sample, rad/s^2, shape (n,).
+    """Computes angular accelerations that the motors give the wheels over a sample, rad/s^2, shape (n,).
 
     Motors are limited by their torques, and leave a wheel at its largest speed.
 
@@ -62,13 +62,13 @@ def acceleration(torque: Any, inertias: Array, speeds: Any, model: WheelsModel, 
 
 
 def momentum(speeds: Any, accelerations: Any, inertias: Array, model: WheelsModel) -> Any:
-    """Angular momentum of the wheels, body axes, and its time derivative, shape (6,)."""
+    """Computes angular momentum of the wheels, body axes, and its time derivative, shape (6,)."""
     arms = inertias[:, None] * model.axes
     return np.concatenate((speeds @ arms, accelerations @ arms))
 
 
 def speed_read(speed: Any, noise: Any, place: int, model: WheelsModel) -> Any:
-    """Speed of one wheel as its tachometer reads it.
+    """Returns the speed of one wheel as its tachometer reads it.
 
     Args:
         speed: rad/s.

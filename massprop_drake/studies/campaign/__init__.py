@@ -1,4 +1,4 @@
-"""Campaigns: many cases of one scenario, flown on one machine or many, and what they say together."""
+"""Campaigns: many cases of one scenario, flown on one machine or many, and their statistics."""
 
 from importlib.util import find_spec
 
@@ -8,7 +8,7 @@ TO_FLY = ("dask", "distributed", "psutil", "threadpoolctl")  # packages that pla
 
 
 def require(what: str, *packages: str) -> None:
-    """Makes sure that packages are installed.
+    """Checks that packages are installed.
 
     Args:
         what: needs them, in the plural.

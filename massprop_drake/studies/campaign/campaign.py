@@ -1,4 +1,4 @@
-"""A campaign from Python: load, plan, run, read."""
+"""Campaign from Python: load, plan, run, read."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _KIND = "campaign"  # of work, as folders are marked
 
 
 class _Flight(NamedTuple):
-    """The state of a campaign's folder while cases are flown.
+    """State of a campaign's folder while cases are flown.
 
     Attributes:
         folder: the campaign's.
@@ -46,7 +46,7 @@ class _Flight(NamedTuple):
 
 
 class Campaign:
-    """Many cases of one scenario, and what came of them.
+    """Many cases of one scenario, and their results.
 
     Attributes:
         spec: the file, and all that it refers to.
@@ -84,23 +84,23 @@ class Campaign:
         return Campaign(spec, files=files)
 
     def planned(self) -> list[PlannedCase]:
-        """Every case, fully resolved."""
+        """Returns every case, fully resolved."""
         if self.folder is not None:
             return store.read_plan(self.folder)[0]
         return planned(self.spec)
 
     def advice(self) -> list[str]:
-        """What is not wrong, but could be better."""
+        """Lists advice on entries that are valid, but could be better."""
         return self.spec.doubts
 
     def reason(self, case_id: int) -> str | None:
-        """Why a case failed to run; None where it did not, or has not been flown."""
+        """Returns why a case failed to run; None where it did not, or has not been flown."""
         rows = store.read_rows(self._need_folder(), ["case_id", "reason"])
         found = dict(zip(rows["case_id"].to_pylist(), rows["reason"].to_pylist(), strict=True)) if rows else {}
         return found.get(case_id)
 
     def case_folder(self, case_id: int) -> Path:
-        """Where the whole run of a case is kept, if it is."""
+        """Returns the folder of the whole run of a case, if it is kept."""
         return self._need_folder() / store.CASES / case_name(case_id)
 
     def plan(self, folder: str | Path, *, force: bool = False) -> Campaign:
@@ -123,7 +123,7 @@ class Campaign:
         return [*self.files, *(case.record for case in cases if case.record is not None)]
 
     def _plan(self, target: Path, path: Path, cases: Sequence[PlannedCase]) -> dict[str, str]:
-        """Writes file and plan, unless a plan is there that these cases do not extend; the facts of the plan."""
+        """Writes file and plan, unless a plan exists that these cases do not extend; returns the facts of the plan."""
         facts = {"digest": _digest(self.spec), "campaign": self.spec.file.name}
         earlier: list[PlannedCase] = []
         if exists(path / store.PLAN):
@@ -249,13 +249,13 @@ class Campaign:
                     progress(len(done), flight.total)
 
     def status(self) -> Status:
-        """Progress and outcomes of its cases, from the folder alone."""
+        """Returns progress and outcomes of its cases, from the folder alone."""
         from massprop_drake.studies.campaign import reading  # noqa: PLC0415 (it needs this module)
 
         return reading.status(self._need_folder(), self.spec)
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Every case that has been flown: what was drawn and what came of it, indexed by `case_id`.
+        """Returns every case that has been flown: draws and results, indexed by `case_id`.
 
         Raises:
             ImportError: when pandas is not installed.
@@ -269,7 +269,7 @@ class Campaign:
         return rows.to_pandas().set_index("case_id").join(drawn)
 
     def _repr_html_(self) -> str | None:
-        """Shows in a notebook what the report says first; nothing of its own before any case has been flown."""
+        """Shows in a notebook the beginning of the report; nothing of its own before any case has been flown."""
         if self.folder is None or not store.flown_ids(self.folder):
             return None
         from massprop_drake.studies.campaign import reading, report  # noqa: PLC0415 (they need this module)
@@ -283,7 +283,7 @@ class Campaign:
 
 
 def _kept(folder: Path) -> CampaignSpec:
-    """The campaign that a folder was planned for, independent of where its file was."""
+    """Returns the campaign that a folder was planned for, independent of where its file was."""
     text = read_text(folder / store.FILE)
     document = Document(text, str(folder / store.FILE))
     document.data["base"] = str((folder / store.BASE).resolve())
@@ -292,7 +292,7 @@ def _kept(folder: Path) -> CampaignSpec:
 
 
 def _digest(spec: CampaignSpec) -> str:
-    """What makes a plan, but for the number of cases."""
+    """Computes a digest of all that makes a plan, but for the number of cases."""
     file = spec.file
     content = file.model_dump(mode="json", exclude={"cases", "gates", "keep", "limits", "description", "base", "set"})
     return hashlib.sha256(json.dumps([content, spec.base.model_dump(mode="json")]).encode()).hexdigest()

@@ -1,4 +1,4 @@
-"""The plots of a campaign's pages, as plotly takes them.
+"""Plots of a campaign's pages, as plotly takes them.
 
 Black is the color of the page's text, which the page's script puts in. All texts are plain.
 """
@@ -39,7 +39,7 @@ _DIVERGING = [[0.0, FAILED_COLOR], [0.5, "#f4f6f9"], [1.0, ESTIMATE_COLOR]]
 
 
 def _style(number: int) -> tuple[str, str]:
-    """Color and dash of the n-th series; black is left to what is expected."""
+    """Returns color and dash of the n-th series; black is left to expected values."""
     colors = [color for color in COLORS if color != TRUTH_COLOR]
     return colors[number % len(colors)], _DASHES[number // len(colors) % len(_DASHES)]
 
@@ -49,7 +49,7 @@ def _axis(title: str, **more: Any) -> Json:
 
 
 def _log_axis(title: str, low: float, high: float, **more: Any) -> Json:
-    """A logarithmic axis over a range, with few round numbers at its ticks."""
+    """Makes a logarithmic axis over a range, with few round numbers at its ticks."""
     ends = [math.log10(low), math.log10(high)]
     decades = range(math.floor(ends[0]), math.ceil(ends[1]) + 1)
     steps = (1.0,) if ends[1] - ends[0] > 2.5 else (1.0, 2.0, 5.0) if ends[1] - ends[0] > 0.6 else (1, 1.5, 2, 3, 5, 7)
@@ -73,7 +73,7 @@ _KEY = {"orientation": "h", "x": 0.0, "y": 1.02, "yanchor": "bottom", "font": {"
 
 
 def _errors(figures: Sequence[Figure]) -> Json:
-    """Error bars of figures; a bound that there is not, or that is open, has none."""
+    """Makes error bars of figures; a bound that is missing or open has none."""
 
     def size(of: float, to: float) -> float | None:
         return abs(to - of) if math.isfinite(of) and math.isfinite(to) else None
@@ -113,7 +113,7 @@ def _band(x: Array, low: Array, high: Array, color: str, **more: Any) -> list[Js
 
 
 def delays(curves: Mapping[str, Detections], name: str = "delays", what: str = "by kind of failure") -> Json:
-    """Kaplan-Meier curves, a color for each group; delays below 50 ms stand there."""
+    """Plots Kaplan-Meier curves, a color for each group; delays below 50 ms stand there."""
     traces: list[Json] = []
     longest = max([curve.followed_s for curve in curves.values()], default=0.0)
     for number, (label, curve) in enumerate(curves.items()):
@@ -140,7 +140,7 @@ def delays(curves: Mapping[str, Detections], name: str = "delays", what: str = "
 def operating(
     curve: Sequence[OperatingPoint], cells: Sequence[OperatingPoint], flown: OperatingPoint, swept: str
 ) -> Json:
-    """Share found, and delay, against false declarations per hour: by threshold, by cell of the sweep, and as flown.
+    """Plots share found, and delay, against false declarations per hour: by threshold, by cell, and as flown.
 
     Args:
         curve: by threshold.
@@ -210,7 +210,7 @@ def operating(
 
 
 def _drawn_rate(point: OperatingPoint) -> float:
-    """Where a rate stands on a logarithmic axis: none at half a declaration."""
+    """Returns the place of a rate on a logarithmic axis: none at half a declaration."""
     figure = point.false_per_hour
     return figure.value or 0.5 / figure.n
 
@@ -219,7 +219,7 @@ def _drawn_rate(point: OperatingPoint) -> float:
 
 
 def confusion(counts: Mapping[tuple[str, str], int], order: Sequence[str], name: str, title: str) -> Json:
-    """A heat map of what was taken for what: blue right, red wrong, gray not found.
+    """Plots a heat map of declarations against truth: blue right, red wrong, gray not found.
 
     Args:
         counts: by true and declared name.
@@ -275,7 +275,7 @@ def _ordered(names: set[str], order: Sequence[str]) -> list[str]:
 
 
 def sizes(kind: str, found: Sequence[Event], curve: SizeCurve | None, bins: Sequence[Any], unit: str) -> Json:
-    """Probability of detection over the size of failures: shares by size, and the fitted curve."""
+    """Plots the probability of detection over the size of failures: shares by size, and the fitted curve."""
     traces: list[Json] = []
     if curve is not None:
         x = np.geomspace(curve.smallest, curve.largest, 80)
@@ -323,7 +323,7 @@ def _level(y: float, x_axis: str, y_axis: str, color: str = TRUTH_COLOR) -> Json
 
 
 def magnitudes(groups: Mapping[str, Sequence[Event]], unit: str) -> Json:
-    """Declared against true force."""
+    """Plots declared against true force."""
     traces: list[Json] = []
     everything: list[float] = []
     for number, (kind, found) in enumerate(groups.items()):
@@ -357,7 +357,7 @@ def magnitudes(groups: Mapping[str, Sequence[Event]], unit: str) -> Json:
 
 
 def normal_histogram(values: Sequence[float], name: str, title: str, axis: str) -> Json:
-    """A histogram of errors over sigma, beside the numbers that a normal distribution gives."""
+    """Plots a histogram of errors over sigma, beside the expected numbers of a normal distribution."""
     traces, outside = _normal_bars(np.asarray(values, dtype=float), "", first=True)
     layout = {"xaxis": _axis(axis), "yaxis": _axis("number"), "bargap": 0.06}
     return _figure(name, title, traces, layout, _outside_words(outside, len(values)))
@@ -367,7 +367,7 @@ _EDGES = np.linspace(-6.0, 6.0, 25)
 
 
 def _normal_bars(z: Array, axis: str, *, first: bool) -> tuple[list[Json], int]:
-    """Bars of z, what lies outside in the outermost ones, and expected numbers; and how many lie outside."""
+    """Makes bars of z, outliers in the outermost ones, and expected numbers; also counts the outliers."""
     centers = 0.5 * (_EDGES[1:] + _EDGES[:-1])
     counts, _ = np.histogram(np.clip(z, -5.99, 5.99), _EDGES)
     expected = z.size * np.diff(stats.norm.cdf(_EDGES))
@@ -387,7 +387,7 @@ def _outside_words(outside: int, n: int) -> str:
 
 
 def parameter_histograms(sigmas: Mapping[str, Sequence[float]]) -> Json:
-    """Errors over claimed sigma, a panel for each parameter."""
+    """Plots errors over claimed sigma, a panel for each parameter."""
     traces: list[Json] = []
     layout: Json = {"height": 420, "bargap": 0.06, "annotations": [], "legend": {**_KEY, "x": 1.0, "xanchor": "right"}}
     outside = total = 0
@@ -414,7 +414,7 @@ def parameter_histograms(sigmas: Mapping[str, Sequence[float]]) -> Json:
 
 
 def chi_square(values: Sequence[float], degrees: int, what: tuple[str, str, str], n: int = 1) -> Json:
-    """A histogram of a statistic on a logarithmic axis, with its band and the numbers expected.
+    """Plots a histogram of a statistic on a logarithmic axis, with its band and the numbers expected.
 
     Args:
         values: means of n chi-square statistics each.
@@ -449,7 +449,7 @@ def chi_square(values: Sequence[float], degrees: int, what: tuple[str, str, str]
 
 
 def coverage(found: Mapping[str, Mapping[float, Figure]]) -> Json:
-    """Shares within 1, 2 and 3 sigma, by parameter, beside what is expected."""
+    """Plots shares within 1, 2 and 3 sigma, by parameter, beside the expected ones."""
     traces: list[Json] = []
     layout: Json = {
         "xaxis": _axis("", tickvals=list(range(len(found))), ticktext=[PARAMETERS[name] for name in found]),
@@ -470,7 +470,7 @@ def coverage(found: Mapping[str, Mapping[float, Figure]]) -> Json:
 
 
 def coverage_over_time(found: Mapping[float, Mapping[str, Figure]]) -> Json:
-    """The share of estimates within 3 sigma at some times, of rotational parameters and of 1/m."""
+    """Plots the share of estimates within 3 sigma at some times, of rotational parameters and of 1/m."""
     traces: list[Json] = []
     for number, label in enumerate(next(iter(found.values()))):
         color, _ = _style(number)
@@ -491,7 +491,7 @@ def coverage_over_time(found: Mapping[float, Mapping[str, Figure]]) -> Json:
 
 
 def correlations(found: Mapping[str, Mapping[str, Figure]], name: str, title: str) -> Json:
-    """Rank correlations of errors with draws; in bold those whose interval leaves out zero."""
+    """Plots rank correlations of errors with draws; in bold those whose interval leaves out zero."""
     draws = list(dict.fromkeys(draw for by_draw in found.values() for draw in by_draw))
     cells = [[by_draw.get(draw) for by_draw in found.values()] for draw in draws]
     sure = sum(cell is not None and cell.low * cell.high > 0.0 for line in cells for cell in line)
@@ -510,7 +510,7 @@ def _bold(cell: Figure) -> str:
 
 
 def sobol(found: Sequence[Sequence[Figure]], names: Sequence[str], draws: Sequence[str], order: str) -> Json:
-    """Sobol indices of each parameter's error."""
+    """Plots Sobol indices of each parameter's error."""
     cells = [[by_draw[number] for by_draw in found] for number in range(len(draws))]
     text = [[f"{cell.value:.2f}" for cell in line] for line in cells]
     note = f"Share of the variance of the error that is due to a draw {order}; point at a cell for its 95 % interval."
@@ -525,7 +525,7 @@ def _heat(
     cells: Sequence[Sequence[Figure | None]],
     text: Sequence[Sequence[str]],
 ) -> Json:
-    """A heat map of figures from -1 to 1; `what` are name, title and note of the plot."""
+    """Plots a heat map of figures from -1 to 1; `what` are name, title and note of the plot."""
     interval = [
         ["" if cell is None else f"{cell.low:.2f} to {cell.high:.2f} (n = {cell.n:g})" for cell in line]
         for line in cells

@@ -1,4 +1,4 @@
-"""The process that flies cases, one after the other: reads requests and writes results, a JSON line each.
+"""Process that flies cases, one after the other: reads requests and writes results, a JSON line each.
 
 It is a process of its own because a run can crash or hang in compiled code, and because memory of Drake grows with
 every simulation; whoever started it replaces it. It ends with the one that started it, and when nobody asks anything
@@ -51,7 +51,7 @@ def main() -> None:
 
 
 def _flights(setup: Mapping[str, Any]) -> Any:
-    """Loads and makes what flies the cases, see `worker.fly_chunk`."""
+    """Loads the module that flies the cases, and makes its flights, see `worker.fly_chunk`."""
     if "program" not in setup:
         from massprop_drake.studies.campaign.flight import Flights  # noqa: PLC0415 (loads Drake)
 
@@ -81,7 +81,7 @@ def _reply(replies: TextIO, content: dict[str, Any]) -> None:
 
 
 def _end_with_the_parent() -> None:
-    """Makes sure that no flight goes on alone when whoever asked for it has been killed."""
+    """Ends this process when the one that asked for flights has been killed."""
     parent = os.getppid()
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(_PARENT_DEATH_SIGNAL, signal.SIGKILL)

@@ -1,4 +1,4 @@
-"""Campaigns compared case by case: what the same draws became with other settings.
+"""Comparison of campaigns case by case: the same draws with other settings.
 
 Each column is a campaign, or a cell of its sweep. Columns are compared in pairs of cases with the same draws, so that
 the draws themselves do not blur the difference.
@@ -29,7 +29,7 @@ _HOUR_S = 3600.0
 
 
 class Column(NamedTuple):
-    """One of the things compared.
+    """Column of the comparison.
 
     Attributes:
         label: the campaign's folder, and the settings of the cell where there are several.
@@ -45,7 +45,7 @@ class Column(NamedTuple):
 
 
 class Measure(NamedTuple):
-    """How two columns differ in one respect.
+    """Difference between two columns in one respect.
 
     Attributes:
         words: that name it.
@@ -66,7 +66,7 @@ class Measure(NamedTuple):
 
 
 def columns(studies: Sequence[Study]) -> list[Column]:
-    """The cells of all campaigns, each with its baseline, once it is certain that they can be compared.
+    """Returns the cells of all campaigns, each with its baseline, after checking that they can be compared.
 
     A cell is compared with the first campaign's cell of the same settings of the sweep, or with its reference; a cell
     of the first campaign with its reference.
@@ -92,7 +92,7 @@ def columns(studies: Sequence[Study]) -> list[Column]:
 
 
 def _require_same_draws(baseline: Column, column: Column) -> None:
-    """Makes sure that two columns have cases with the same draws, and differ in settings alone."""
+    """Checks that two columns have cases with the same draws, and differ in settings alone."""
     here, there = column.study.folder, baseline.study.folder
     file, other = column.study.spec.file, baseline.study.spec.file
     refused = "cases cannot be compared in pairs"
@@ -122,13 +122,13 @@ def _require_same_draws(baseline: Column, column: Column) -> None:
 
 
 def pairs(baseline: Column, column: Column) -> list[tuple[Row, Row]]:
-    """Cases with the same draws that both have flown, by sample."""
+    """Pairs cases with the same draws that both have flown, by sample."""
     rows = {row["sample"]: row for row in flown(baseline.cell.rows)}
     return [(rows[row["sample"]], row) for row in flown(column.cell.rows) if row["sample"] in rows]
 
 
 def event_pairs(paired: Sequence[tuple[Row, Row]]) -> list[tuple[Event, Event]]:
-    """The same failures of jets in pairs of cases, where they acted in both."""
+    """Pairs the same failures of jets in pairs of cases, where they acted in both."""
     found = []
     for first, second in paired:
         events = [{event.injected["jet"]: event for event in merit.events([row])} for row in (first, second)]
@@ -140,7 +140,7 @@ def event_pairs(paired: Sequence[tuple[Row, Row]]) -> list[tuple[Event, Event]]:
 
 
 def measures(paired: Sequence[tuple[Row, Row]]) -> list[Measure]:
-    """How the second cases of some pairs differ from the first ones."""
+    """Computes differences of the second cases of some pairs from the first ones."""
     events = event_pairs(paired)
     known = [pair for pair in paired if None not in (pair[0]["largest_sigmas"], pair[1]["largest_sigmas"])]
     nees = [pair for pair in paired if None not in (pair[0]["nees.rotation"], pair[1]["nees.rotation"])]
@@ -184,7 +184,7 @@ def _median(
 
 
 def _false_rate(of: Sequence[tuple[Row, Row]]) -> Measure:
-    """False declarations per hour: the mean of differences, for most cases have none."""
+    """Computes false declarations per hour: the mean of differences, for most cases have none."""
     hours = [sum(pair[which]["duration_s"] for pair in of) / _HOUR_S for which in (0, 1)]
     counts = [sum(pair[which]["n_false"] for pair in of) for which in (0, 1)]
     differences = [second["n_false"] - first["n_false"] for first, second in of]
@@ -197,7 +197,7 @@ def _false_rate(of: Sequence[tuple[Row, Row]]) -> Measure:
 
 
 def summary(folders: Sequence[str | Path]) -> dict[str, Any]:
-    """How campaigns, or the cells of one, differ, as plain data.
+    """Returns differences between campaigns, or the cells of one, as plain data.
 
     Args:
         folders: of campaigns; the first is what the others are compared with.
@@ -244,7 +244,7 @@ def _measured(found: Sequence[Column], number: int) -> list[Measure]:
 
 
 def _settings(found: Sequence[Column]) -> list[dict[str, Any]]:
-    """Settings of the scenario, and versions, that are not the same in all columns."""
+    """Returns settings of the scenario, and versions, that are not the same in all columns."""
     flat = []
     for column in found:
         one = _flat(column.study.spec.base, "")
@@ -257,7 +257,7 @@ def _settings(found: Sequence[Column]) -> list[dict[str, Any]]:
 
 
 def _flat(value: Any, path: str) -> dict[str, Any]:
-    """Plain values by dotted key."""
+    """Returns plain values by dotted key."""
     if isinstance(value, Model):
         value = value.model_dump(mode="json")
     if isinstance(value, Mapping):
@@ -273,7 +273,7 @@ def _flat(value: Any, path: str) -> dict[str, Any]:
 
 
 def page(folders: Sequence[str | Path]) -> str:
-    """The comparison as the text of one HTML file that needs no network.
+    """Returns the comparison as the text of one HTML file that needs no network.
 
     Args:
         folders: of campaigns; the first is what the others are compared with.
@@ -285,7 +285,7 @@ def page(folders: Sequence[str | Path]) -> str:
 
 
 def contents(found: Sequence[Column]) -> dict[str, Any]:
-    """All that the page shows, as plain values."""
+    """Returns all that the page shows, as plain values."""
     figures = [merit.figures(column.cell.rows) for column in found]
     labels = [column.label for column in found]
     plots = []
@@ -353,7 +353,7 @@ def _bound(value: float, number: Callable[[float], str]) -> str:
 
 
 def _changed(baseline: Column, column: Column) -> dict[str, Any]:
-    """Cases that became something else: the first ones, and how many there are."""
+    """Returns cases with another outcome: the first ones, and how many there are."""
     found = []
     for first, second in pairs(baseline, column):
         became = [_became(row) for row in (first, second)]
@@ -363,7 +363,7 @@ def _changed(baseline: Column, column: Column) -> dict[str, Any]:
 
 
 def _became(row: Row) -> str:
-    """What became of a case, without its numbers."""
+    """Describes the outcome of a case, without its numbers."""
     parts = [f"{one['jet'] or one['kind']} {one['outcome'].replace('_', ' ')}" for one in row["injected"]]
     parts += [f"taken for {one['taken_for']}" for one in row["injected"] if one["taken_for"]]
     if row["n_false"]:

@@ -1,4 +1,4 @@
-"""Everything that is said of a campaign, made without loading here what makes it."""
+"""Conclusion of a campaign, made in another process without loading its modules here."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 
 class Concluded(NamedTuple):
-    """Everything that is said of a campaign.
+    """Summary, verdict and page of a campaign.
 
     Attributes:
         summary: see `report.summarized`.
@@ -21,7 +21,7 @@ class Concluded(NamedTuple):
 
 
 def concluded(folder: str | Path, *, with_page: bool) -> Concluded:
-    """What is said of the campaign in a folder, which is read once for all of it.
+    """Makes the conclusion of the campaign in a folder, which is read once for all of it.
 
     Raises:
         InputError: when the folder holds no campaign that has been run.

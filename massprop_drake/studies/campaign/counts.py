@@ -1,4 +1,4 @@
-"""Counts of cases by how they ended: the one place that counts, for status, report and summary alike."""
+"""Counts of cases by outcome: the one place that counts, for status, report and summary alike."""
 
 from __future__ import annotations
 
@@ -50,17 +50,17 @@ class Status(NamedTuple):
 
 
 def flown(rows: Iterable[Row]) -> list[Row]:
-    """Cases that could be run."""
+    """Selects the cases that could be run."""
     return [row for row in rows if row["status"] == FLOWN]
 
 
 def judgeable(rows: Iterable[Row]) -> list[Row]:
-    """Cases whose failures are known: those flown here, and none of a telemetry record."""
+    """Selects the cases whose failures are known: those flown here, and none of a telemetry record."""
     return [row for row in flown(rows) if row["n_false"] is not None]
 
 
 def ends_wrong(row: Row) -> bool:
-    """Tells whether a parameter of a case ends farther from the truth than `WRONG_SIGMAS`."""
+    """Tests whether a parameter of a case ends farther from the truth than `WRONG_SIGMAS`."""
     return row["largest_sigmas"] is not None and bool(row["largest_sigmas"] > WRONG_SIGMAS)
 
 
@@ -96,19 +96,19 @@ WRONG = f"a parameter more than {WRONG_SIGMAS:g} sigma off"
 
 
 def progress(counts: Counts) -> str:
-    """Says how many cases have been flown."""
+    """Describes how many cases have been flown."""
     if counts.tried < counts.planned:
         return f"{counts.tried} of {counts.planned} planned cases have been flown so far."
     return f"All {counts.planned} planned cases have been flown."
 
 
 def not_run(counts: Counts) -> str:
-    """Says how many cases failed to run; empty: none."""
+    """Describes how many cases failed to run; empty: none."""
     return f"{counts.failed_to_run} of {counts.tried} cases failed to run." if counts.failed_to_run else ""
 
 
 def endings(found: Status) -> list[str]:
-    """Says how many cases are failing, and how many end wrong, in all and in each cell; empty where nobody knows."""
+    """Describes how many cases are failing, and how many end wrong, in all and in each cell; empty if unknown."""
     kinds = (("failing", "judged", f"are failing ({FAILING})"), ("ended_wrong", "measured", f"end wrong ({WRONG})"))
     sentences = []
     for name, of, words in kinds:

@@ -1,4 +1,4 @@
-"""Flies the cases of a campaign on Dask: on this machine's processors, or on any scheduler's.
+"""Engine that flies the cases of a campaign on Dask: on this machine's processors, or on any scheduler's.
 
 Rows come back to the driver, which alone writes results. A task is a chunk of cases that takes some seconds; each
 worker flies its cases in a child process, so that a case that crashes, hangs or outgrows its memory is a row with
@@ -39,7 +39,7 @@ _LOST_ERRORS = (OSError, CancelledError)  # of a connection to Dask, those of ti
 
 
 class Case(Protocol):
-    """A named tuple that says what is to be flown, such as `plan.PlannedCase`."""
+    """Interface of a case to fly, such as `plan.PlannedCase`."""
 
     @property
     def case_id(self) -> int:
@@ -49,7 +49,7 @@ class Case(Protocol):
 
 
 class Work(NamedTuple):
-    """What is to be flown, and how.
+    """Cases to fly, and how.
 
     Attributes:
         setup: what all cases share, as of `flight.Flights`, without `key` and `token`.
@@ -66,7 +66,7 @@ class Work(NamedTuple):
 
 
 class Flown(NamedTuple):
-    """A chunk that has been flown.
+    """Chunk that has been flown.
 
     Attributes:
         rows: of its cases.
@@ -79,7 +79,7 @@ class Flown(NamedTuple):
 
 @contextlib.contextmanager
 def local_client(workers: int) -> Iterator[Client]:
-    """A client of a cluster on this machine, which ends with the block.
+    """Yields a client of a cluster on this machine, which ends with the block.
 
     Args:
         workers: processes, each with one thread.
@@ -111,7 +111,7 @@ def local_client(workers: int) -> Iterator[Client]:
 
 @contextlib.contextmanager
 def remote_client(address: str) -> Iterator[Client]:
-    """A client of a scheduler that is there.
+    """Yields a client of an existing scheduler.
 
     Raises:
         InputError: when none answers.
@@ -138,7 +138,7 @@ def remote_client(address: str) -> Iterator[Client]:
 
 
 def dashboard(client: Client) -> str | None:
-    """The address of Dask's dashboard; None where the scheduler has none."""
+    """Returns the address of Dask's dashboard; None where the scheduler has none."""
     if client.run_on_scheduler(importlib.util.find_spec, "bokeh") is None:  # an extra of Dask's
         return None
     return client.dashboard_link if "dashboard" in client.scheduler_info()["services"] else None
@@ -187,7 +187,7 @@ def _in_time(tidy: Callable[..., Any], *arguments: Any, **options: Any) -> None:
 
 @contextlib.contextmanager
 def _token(folder: Path, *, wanted: bool) -> Iterator[str | None]:
-    """A file by which workers know the campaign's folder; None where they need not see it."""
+    """Makes a file by which workers know the campaign's folder; None where they need not see it."""
     if not wanted:
         yield None
         return
@@ -200,7 +200,7 @@ def _token(folder: Path, *, wanted: bool) -> Iterator[str | None]:
 
 
 def _require_workers(client: Client, setup: Mapping[str, Any]) -> None:
-    """Makes sure that there are workers, and that each can do what is asked of it."""
+    """Checks that there are workers, and that each can do the work."""
     try:
         client.wait_for_workers(1, timeout=_WORKERS_S)
     except TimeoutError:
@@ -255,7 +255,7 @@ class _Chunks:
             done.update(self._hand_out())
 
     def cancel(self) -> None:
-        """Takes back what is under way."""
+        """Cancels the work in progress."""
         self._client.cancel(list(self._under_way), force=True)
 
     def _hand_out(self) -> list[Future[Any]]:
@@ -278,7 +278,7 @@ class _Chunks:
         return submitted
 
     def _wanted(self, threads: int) -> int:
-        """The number of cases of the next chunk."""
+        """Returns the number of cases of the next chunk."""
         share = len(self._waiting) // (_WAITING * threads)
         if self._per_case_s is None:
             return max(1, min(_FIRST, share))

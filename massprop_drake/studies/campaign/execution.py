@@ -1,4 +1,4 @@
-"""What the bits of a result may depend on: versions and processor of whoever computes it."""
+"""Execution of a case, on which the bits of its result may depend: versions and processor."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _PACKAGES = ("massprop-drake", "drake", "numpy", "scipy")
 
 
 def execution(*, compiled: bool = False) -> dict[str, str]:
-    """How this process executes a case, with compiled kernels or without.
+    """Describes how this process executes a case, with compiled kernels or without.
 
     Two processes for which this is equal give the same bits.
     """
@@ -35,7 +35,7 @@ def execution(*, compiled: bool = False) -> dict[str, str]:
 
 
 def differences(here: Mapping[str, str], there: Mapping[str, str]) -> list[str]:
-    """What is not equal in two of them, in words."""
+    """Lists the differences between two executions, in words."""
     return [
         f"{name} {here.get(name, 'unknown')} instead of {there.get(name, 'unknown')}"
         for name in dict.fromkeys([*there, *here])

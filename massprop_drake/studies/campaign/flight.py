@@ -1,4 +1,4 @@
-"""Flies one case after the other, in the process that is there for it."""
+"""Flights of cases one after the other, in the process that is there for it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from massprop_drake.studies.campaign.worker import require_shared
 
 
 class Flights:
-    """What all cases of a campaign share, loaded once.
+    """Data that all cases of a campaign share, loaded once.
 
     Args:
         setup: `base` (the scenario in full), `campaign` (its name), `times_s`, `keep`, `folder` (the campaign's) and
@@ -33,11 +33,11 @@ class Flights:
 
     @property
     def compiled(self) -> bool:
-        """Whether cases use compiled kernels."""
+        """True if cases use compiled kernels."""
         return self._base.execution.compiled
 
     def fly(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """The row of one case; its folder is written where it is to be kept.
+        """Flies one case and returns its row; its folder is written where it is to be kept.
 
         Args:
             request: the fields of a `PlannedCase`, and `keep`: whether to keep it whatever becomes of it.
@@ -55,7 +55,7 @@ class Flights:
 
 
 def flown(case: PlannedCase, base: Scenario, campaign: str) -> Run:
-    """One case, simulated or estimated from its record: the run that `massprop run` makes of it, less hindsight."""
+    """Flies one case, simulated or estimated from its record: as `massprop run` does, less the batch analysis."""
     scenario = case.scenario(base, campaign)
     if case.record is not None:
         from massprop_drake.runners.recorded import estimate  # noqa: PLC0415 (the other cases need it not)

@@ -1,4 +1,4 @@
-"""What a campaign keeps of each case: errors, consistency, failures and how they were found, and what it cost."""
+"""Results that a campaign keeps of each case: errors, consistency, failures and their detection, and cost."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 def measured(run: Run, times_s: Sequence[float]) -> dict[str, Any]:
-    """The row of one case.
+    """Makes the row of one case.
 
     Args:
         run: of the case, simulated or estimated from telemetry.
@@ -46,7 +46,7 @@ def measured(run: Run, times_s: Sequence[float]) -> dict[str, Any]:
 
 
 def failing_reasons(row: dict[str, Any]) -> list[str]:
-    """Lists why a case counts as failing; empty: it does not."""
+    """Lists reasons for which a case counts as failing; empty: it does not."""
     reasons = []
     if ends_wrong(row):
         reasons.append(f"{row['worst_parameter']} {row['largest_sigmas']:.3g} sigma off")
@@ -84,7 +84,7 @@ def _errors(suffix: str, estimate: Array, sigma: Array, truth: Array) -> dict[st
 
 
 def _nees(error: Array, covariance: Array) -> dict[str, Any]:
-    """Normalized estimation error squared of the rotational state and of 1/m."""
+    """Computes normalized estimation error squared of the rotational state and of 1/m."""
     row: dict[str, Any] = {}
     for name, part in (("rotation", slice(0, N_ROTATION)), ("mass", slice(N_ROTATION, 10))):
         e, p = error[part], covariance[part, part]
@@ -110,7 +110,7 @@ def _consistency(run: Run) -> dict[str, Any]:
 
 
 def _found(run: Run) -> dict[str, Any]:
-    """What was injected and what was declared; of a record nobody knows what is false."""
+    """Returns injected failures and declarations; of a record nobody knows what is false."""
     results = run.results
     known = results.injected is not None
     injected = results.injected or ()

@@ -1,4 +1,4 @@
-"""Figures of merit of a campaign: what a gate can ask for, and what the report shows."""
+"""Figures of merit of a campaign, for gates and the report."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _HOUR_S = 3600.0
 
 
 class Event(NamedTuple):
-    """One injected failure in one case.
+    """Injected failure in one case.
 
     Attributes:
         row: of the case.
@@ -41,7 +41,7 @@ class Event(NamedTuple):
 
     @property
     def right(self) -> bool:
-        """Whether it was declared as what it is."""
+        """True if it was declared as what it is."""
         return self.injected["outcome"] in ("named", "group")
 
     @property
@@ -55,7 +55,7 @@ class Event(NamedTuple):
 
 
 def events(rows: Iterable[Row], *, payloads: bool = False) -> list[Event]:
-    """Injected failures of jets that acted, or payloads that came or left."""
+    """Returns injected failures of jets that acted, or payloads that came or left."""
     found = []
     for row in flown(rows):
         for one in row["injected"]:
@@ -68,7 +68,7 @@ def events(rows: Iterable[Row], *, payloads: bool = False) -> list[Event]:
 
 
 def outcomes(rows: Iterable[Row]) -> dict[str, Counter[str]]:
-    """How many injected failures and payloads ended how, by kind in the order in which kinds appear."""
+    """Counts outcomes of injected failures and payloads, by kind in the order in which kinds appear."""
     found: dict[str, Counter[str]] = {}
     for row in flown(rows):
         for one in row["injected"]:
@@ -77,7 +77,7 @@ def outcomes(rows: Iterable[Row]) -> dict[str, Counter[str]]:
 
 
 def detection_curve(found: Sequence[Event]) -> Detections:
-    """Kaplan-Meier curve of the delay to the right declaration."""
+    """Computes the Kaplan-Meier curve of the delay to the right declaration."""
     return statistics.detection_curve(
         [max(0.0, event.delay_s) for event in found if event.right],
         [max(0.0, event.present_s) for event in found if not event.right],
@@ -85,7 +85,7 @@ def detection_curve(found: Sequence[Event]) -> Detections:
 
 
 def found_share(found: Sequence[Event], holds: Callable[[Event], bool]) -> Figure:
-    """The share of failures for which something holds; failures of one case are not independent."""
+    """Computes the share of failures for which something holds; failures of one case are not independent."""
     by_case: dict[int, list[bool]] = {}
     for event in found:
         by_case.setdefault(event.row["case_id"], []).append(holds(event))
@@ -98,12 +98,12 @@ def found_share(found: Sequence[Event], holds: Callable[[Event], bool]) -> Figur
 
 
 def hours(rows: Iterable[Row], cause: str | None = None) -> float:
-    """Time flown by all cases together, h; or the part of it in which that had acted last."""
+    """Computes the time flown by all cases, h; or the part of it in which a given cause had acted last."""
     return sum(_at_risk_s(row)[cause] if cause else row["duration_s"] for row in flown(rows)) / _HOUR_S
 
 
 def _at_risk_s(row: Row) -> dict[str, float]:
-    """The time of a case in which nothing had acted yet, a failure had acted last, or a payload had moved last, s."""
+    """Splits the time of a case, s: nothing had acted yet, a failure had acted last, or a payload had moved last."""
     acted = sorted(
         (one["first_acted_s"], "jump" if one["kind"] in PAYLOADS else "failure")
         for one in row["injected"]
@@ -117,7 +117,7 @@ def _at_risk_s(row: Row) -> dict[str, float]:
 
 
 def false_declarations(rows: Iterable[Row], cause: str | None = None) -> list[Mapping[str, Any]]:
-    """Declarations that nothing explains; of one cause, or all."""
+    """Returns declarations that nothing explains; of one cause, or all."""
     return [
         entry
         for row in flown(rows)
@@ -127,7 +127,7 @@ def false_declarations(rows: Iterable[Row], cause: str | None = None) -> list[Ma
 
 
 def false_rate(rows: Sequence[Row], cause: str | None = None) -> Figure:
-    """False declarations per hour; of all time, or of one cause in the hours in which it could be the cause."""
+    """Computes false declarations per hour; of all time, or of one cause in the hours in which it could act."""
     return statistics.rate(len(false_declarations(rows, cause)), hours(judgeable(rows), cause))
 
 
@@ -135,7 +135,7 @@ def false_rate(rows: Sequence[Row], cause: str | None = None) -> Figure:
 
 
 def sigmas(rows: Iterable[Row], name: str, suffix: str = "") -> list[float]:
-    """Error over claimed 1-sigma of one parameter in every case where both are known."""
+    """Returns error over claimed 1-sigma of one parameter in every case where both are known."""
     found = []
     for row in flown(rows):
         error, sigma = row[f"error{suffix}.{name}"], row[f"sigma{suffix}.{name}"]
@@ -145,7 +145,7 @@ def sigmas(rows: Iterable[Row], name: str, suffix: str = "") -> list[float]:
 
 
 def coverage(rows: Sequence[Row], names: Sequence[str] = NAMES, sigma: float = 3.0, suffix: str = "") -> Figure:
-    """Share of estimates within some sigma of the truth, over some parameters, which are not independent in a case."""
+    """Computes the share of estimates within some sigma of the truth, over some parameters, clustered by case."""
     inside, sizes = [], []
     for row in flown(rows):
         ratios = [abs(z) for name in names for z in sigmas([row], name, suffix)]
@@ -155,12 +155,12 @@ def coverage(rows: Sequence[Row], names: Sequence[str] = NAMES, sigma: float = 3
 
 
 def known(rows: Iterable[Row], column: str) -> list[float]:
-    """The values of a column where there are some."""
+    """Returns the values of a column where there are some."""
     return [row[column] for row in rows if row[column] is not None]
 
 
 def ended_wrong(rows: Sequence[Row]) -> Figure:
-    """Share of the cases in which a parameter ends farther from the truth than it can claim."""
+    """Computes the share of cases in which a parameter ends farther from the truth than it can claim."""
     counts = counted(rows, len(rows))
     return statistics.share(counts.ended_wrong, counts.measured)
 
@@ -169,7 +169,7 @@ def ended_wrong(rows: Sequence[Row]) -> Figure:
 
 
 class Meaning(NamedTuple):
-    """What a figure is.
+    """Meaning of a figure.
 
     Attributes:
         words: that name it.
@@ -217,7 +217,7 @@ MEANINGS: dict[str, Meaning] = {
 
 
 def figures(rows: Sequence[Row]) -> dict[str, Figure]:
-    """Everything that a gate can ask for, by name, in the order of `MEANINGS`."""
+    """Computes all figures that a gate can ask for, by name, in the order of `MEANINGS`."""
     good, acted, jumps = flown(rows), events(rows), events(rows, payloads=True)
     judged = judgeable(rows)
     curve = detection_curve(acted)
@@ -256,7 +256,7 @@ def figures(rows: Sequence[Row]) -> dict[str, Figure]:
 
 
 class Passed(NamedTuple):
-    """A gate, and whether it holds.
+    """Gate, and whether it holds.
 
     Attributes:
         name: of the figure.
@@ -274,7 +274,7 @@ class Passed(NamedTuple):
 
 
 def require_known(gates: Mapping[str, Gate], source: str) -> None:
-    """Makes sure that each gate asks for a figure that there is.
+    """Checks that each gate asks for an existing figure.
 
     Raises:
         InputError: when one does not.
@@ -285,7 +285,7 @@ def require_known(gates: Mapping[str, Gate], source: str) -> None:
 
 
 def judged(gates: Mapping[str, Gate], found: Mapping[str, Figure]) -> list[Passed]:
-    """Holds figures against gates."""
+    """Compares figures with gates."""
     results = []
     for name, gate in gates.items():
         figure = found[name]
@@ -302,7 +302,7 @@ NOT_FOUND, NOT_TESTED, OWN_CLUSTER, JUMP_COLUMN = "not found", "not tested", "it
 
 
 def confusion(found: Sequence[Event]) -> Counter[tuple[str, str]]:
-    """How often each jet, or a jump, was taken for what: a designation, a cluster, or one of the words above."""
+    """Counts declarations by the true jet, or a jump, and the declared one: jet, cluster, or one of the words above."""
     counts: Counter[tuple[str, str]] = Counter()
     for event in found:
         one = event.injected
@@ -325,7 +325,7 @@ def _taken_for(one: Mapping[str, Any]) -> str:
 
 
 def by_cluster(counts: Mapping[tuple[str, str], int], clusters: Mapping[str, int]) -> Counter[tuple[str, str]]:
-    """The same by cluster of the jets.
+    """Sums the counts by cluster of the jets.
 
     Args:
         counts: of a confusion.
@@ -340,7 +340,7 @@ def by_cluster(counts: Mapping[tuple[str, str], int], clusters: Mapping[str, int
 
 
 def by_kind(found: Sequence[Event]) -> dict[str, list[Event]]:
-    """Failures by their kind, in the order in which kinds appear."""
+    """Groups failures by their kind, in the order in which kinds appear."""
     groups: dict[str, list[Event]] = {}
     for event in found:
         groups.setdefault(event.injected["kind"], []).append(event)
@@ -348,7 +348,7 @@ def by_kind(found: Sequence[Event]) -> dict[str, list[Event]]:
 
 
 def by_jet(found: Sequence[Event]) -> dict[str, list[Event]]:
-    """Failures by their jet, in the order in which jets appear."""
+    """Groups failures by their jet, in the order in which jets appear."""
     groups: dict[str, list[Event]] = {}
     for event in found:
         groups.setdefault(event.injected["jet"], []).append(event)
@@ -356,12 +356,12 @@ def by_jet(found: Sequence[Event]) -> dict[str, list[Event]]:
 
 
 def size_of(event: Event) -> float:
-    """How large a failure truly is: the mean force that the jet gives too much or too little, lbf or N."""
+    """Returns the true size of a failure: the mean force that the jet gives too much or too little, lbf or N."""
     return abs(event.injected["force"])
 
 
 def magnitude_errors(found: Sequence[Event]) -> list[tuple[float, float]]:
-    """Declared less true force, lbf or N, and the same over the claimed 1-sigma, of all that was found right."""
+    """Returns declared minus true force, lbf or N, and that over the claimed 1-sigma, of all that was found right."""
     pairs = []
     for event in found:
         one = event.injected
@@ -372,7 +372,7 @@ def magnitude_errors(found: Sequence[Event]) -> list[tuple[float, float]]:
 
 
 class OperatingPoint(NamedTuple):
-    """What a detector finds, and what it finds where there is nothing.
+    """Operating point of a detector: its detections and false declarations.
 
     Attributes:
         setting: the threshold, or what else makes the point.
@@ -388,7 +388,7 @@ class OperatingPoint(NamedTuple):
 
 
 def operating_point(rows: Sequence[Row], setting: Any, threshold: float = -math.inf) -> OperatingPoint:
-    """What is left of what was declared of jets with at least some likelihood argument.
+    """Computes the operating point if only declarations with at least some likelihood argument count.
 
     A declaration below the threshold is struck out; the flight itself is not flown again, so that what would have been
     declared later, with more evidence, is not counted: the share found is a lower bound of the detector's.
@@ -410,7 +410,7 @@ def _struck(event: Event) -> Event:
 
 
 def operating_curve(rows: Sequence[Row], most: int = 40) -> list[OperatingPoint]:
-    """The points of thresholds from the least likelihood argument declared to the largest."""
+    """Computes the points of thresholds from the least likelihood argument declared to the largest."""
     declared = [entry["statistic"] for entry in false_declarations(rows) if entry["kind"] != JUMP]
     declared += [event.statistic for event in events(rows) if event.right and not math.isnan(event.statistic)]
     levels = np.unique([level for level in declared if level > 0.0])
@@ -423,7 +423,7 @@ def operating_curve(rows: Sequence[Row], most: int = 40) -> list[OperatingPoint]
 
 
 def sensitivity(rows: Sequence[Row], labels: Sequence[str], *, size: bool) -> dict[str, dict[str, Figure]]:
-    """Rank correlation of each parameter's error with each draw, by parameter and draw.
+    """Computes the rank correlation of each parameter's error with each draw, by parameter and draw.
 
     Args:
         rows: with the draws in columns `draw.<label>`.
@@ -446,7 +446,7 @@ def sensitivity(rows: Sequence[Row], labels: Sequence[str], *, size: bool) -> di
 
 
 def sobol(rows: Sequence[Row], draws: int) -> tuple[tuple[str, ...], statistics.SobolIndices] | None:
-    """Sobol indices of each parameter's error, for a plan by `method: saltelli`.
+    """Computes Sobol indices of each parameter's error, for a plan by `method: saltelli`.
 
     Args:
         rows: of one cell, every sample in its order.
@@ -469,7 +469,7 @@ def sobol(rows: Sequence[Row], draws: int) -> tuple[tuple[str, ...], statistics.
 
 
 def worst(rows: Sequence[Row], count: int = 10) -> list[Row]:
-    """The cases that ended worst: failing ones, by how many reasons there are and by the largest error in sigma."""
+    """Returns the cases that ended worst: failing ones, by number of reasons and by the largest error in sigma."""
 
     def badness(row: Row) -> tuple[int, float]:
         size = row["largest_sigmas"]

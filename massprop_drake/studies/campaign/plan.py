@@ -1,4 +1,4 @@
-"""The plan of a campaign: every drawn value of every case, before any is flown.
+"""Plan of a campaign: every drawn value of every case, before any is flown.
 
 What is drawn for a sample depends on the campaign's seed and the sample's number alone, never on workers, order or
 the number of cases, so that a campaign can grow and one case can be flown by itself.
@@ -29,7 +29,7 @@ _DRAWS, _DESIGN = 0, 1  # streams of chance beside the cases' own: independent d
 
 
 class PlannedCase(NamedTuple):
-    """One case, fully resolved.
+    """Fully resolved case.
 
     Attributes:
         case_id: its number; the samples of all cells come one after the other.
@@ -53,12 +53,12 @@ class PlannedCase(NamedTuple):
 
     @property
     def digest(self) -> str:
-        """SHA-256 of what makes the case, hexadecimal."""
+        """SHA-256 of the content of the case, hexadecimal."""
         content = [self.seed, self.settings, self.record]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     def scenario(self, base: Scenario, campaign: str) -> Scenario:
-        """The case as a scenario that can be run by itself.
+        """Makes the case a scenario that can be run by itself.
 
         Args:
             base: the campaign's.
@@ -72,12 +72,12 @@ class PlannedCase(NamedTuple):
 
 
 def case_name(case_id: int) -> str:
-    """The name of a case's folder."""
+    """Returns the name of a case's folder."""
     return f"{case_id:04d}"
 
 
 def planned(campaign: CampaignSpec) -> list[PlannedCase]:
-    """Plans every case, and makes sure that each can be flown.
+    """Plans every case, and checks that each can be flown.
 
     Raises:
         InputError: when a draw is impossible, naming the case.
@@ -108,7 +108,7 @@ def planned(campaign: CampaignSpec) -> list[PlannedCase]:
 
 
 def _told(problem: str, drawn: Mapping[str, Any]) -> str:
-    """A problem of a case, with what was drawn in the block of fields that it names."""
+    """Describes a problem of a case, with the draws in the block of fields that it names."""
     problem = problem.removeprefix("scenario: ")
     block = re.split(r"[.\[:]", problem, maxsplit=1)[0]
     what = [f"{label} = {value}" for label, value in drawn.items() if re.split(r"[.\[]", label, maxsplit=1)[0] == block]
@@ -138,7 +138,7 @@ def _records(campaign: CampaignSpec) -> list[str]:
 
 
 def design(campaign: CampaignSpec, n_records: int = 0) -> Array:
-    """Coordinates of every sample in the unit cube, shape (n_samples, n_quantities).
+    """Computes coordinates of every sample in the unit cube, shape (n_samples, n_quantities).
 
     Args:
         campaign: for method, seed, number of cases and quantities.
@@ -183,7 +183,7 @@ def _sobol(generator: np.random.Generator, dimensions: int, count: int) -> Array
 
 
 def _saltelli(campaign: CampaignSpec, generator: np.random.Generator, count: int) -> Array:
-    """Sobol points A and B, and A with each column of B in turn: n (d + 2) rows."""
+    """Computes Sobol points A and B, and A with each column of B in turn: n (d + 2) rows."""
     dimensions = len(campaign.quantities)
     points, left = divmod(count, dimensions + 2)
     if left or points & (points - 1) or not points:
@@ -202,7 +202,7 @@ def _saltelli(campaign: CampaignSpec, generator: np.random.Generator, count: int
 
 
 def _grid(campaign: CampaignSpec) -> Array:
-    """Every combination, the last quantity running fastest; coordinates are the numbers of the values."""
+    """Lists every combination, the last quantity running fastest; coordinates are the numbers of the values."""
     sizes = []
     for quantity in campaign.quantities:
         values = quantity.distribution.grid()
@@ -222,7 +222,7 @@ def _grid(campaign: CampaignSpec) -> Array:
 
 
 def _columns(campaign: CampaignSpec, coordinates: Array) -> Iterator[list[Any]]:
-    """The values of each quantity in every sample."""
+    """Computes the values of each quantity in every sample."""
     for quantity, column in zip(campaign.quantities, coordinates.T, strict=True):
         values = quantity.distribution.grid() if campaign.file.method == "grid" else None
         if values is None:

@@ -1,4 +1,4 @@
-"""A campaign's folder, read for its report: rows and draws together, by cell of the sweep."""
+"""Folder of a campaign, read for its report: rows and draws together, by cell of the sweep."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _NOT_SHOWN = ("estimate", "truth")  # columns that no figure needs, by the first
 
 
 class Cell(NamedTuple):
-    """The cases that have the same settings of the sweep.
+    """Cases that have the same settings of the sweep.
 
     Attributes:
         settings: what the cell has, by dotted key; empty without a sweep.
@@ -37,12 +37,12 @@ class Cell(NamedTuple):
 
     @property
     def numbers(self) -> Counts:
-        """Numbers of its cases by how they ended."""
+        """Numbers of its cases by outcome."""
         return counted(self.rows, self.planned)
 
 
 class _InColumns(Mapping[str, Any]):
-    """A row of columns that all rows share, which takes a fraction of the memory of a mapping of its own."""
+    """Row of columns that all rows share, which takes a fraction of the memory of a mapping of its own."""
 
     __slots__ = ("_columns", "_index")
 
@@ -60,7 +60,7 @@ class _InColumns(Mapping[str, Any]):
 
 
 class Study(NamedTuple):
-    """What a campaign's folder holds.
+    """Content of a campaign's folder.
 
     Attributes:
         folder: as it was given.
@@ -82,7 +82,7 @@ class Study(NamedTuple):
 
     @property
     def rows(self) -> list[Row]:
-        """Of all cells."""
+        """Rows of all cells."""
         return [row for cell in self.cells for row in cell.rows]
 
     @property
@@ -123,7 +123,7 @@ def _status(cells: Sequence[Cell]) -> Status:
 
 
 def _labels(drawn: Any) -> list[str]:
-    """Labels of what is drawn."""
+    """Returns labels of what is drawn."""
     return [name.removeprefix("draw.") for name in drawn.column_names if name.startswith("draw.")]
 
 
@@ -158,7 +158,7 @@ def _cells(path: Path, spec: CampaignSpec, drawn: Any, wanted: Sequence[str]) ->
 
 
 def told_apart(settings: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[tuple[str, ...]]]:
-    """What tells the cells of a sweep apart: dotted keys of plain values, and these in words, a row for each cell.
+    """Finds keys that differ between the cells of a sweep, and their values in words, a row for each cell.
 
     A key that only follows from those before it is left out, and so is what all cells share.
 
@@ -177,7 +177,7 @@ def told_apart(settings: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[t
 
 
 def _leaves(value: Any, path: str = "") -> dict[str, Any]:
-    """All plain values in nested data, by dotted path; vectors count as plain."""
+    """Returns all plain values in nested data, by dotted path; vectors count as plain."""
     if isinstance(value, Mapping):
         parts = {f"{path}.{name}" if path else name: part for name, part in value.items()}
     elif isinstance(value, (list, tuple)) and any(isinstance(part, (Mapping, list, tuple)) for part in value):
@@ -202,7 +202,7 @@ def _drawn(labels: Sequence[str]) -> list[str]:
 
 
 def _reference(spec: CampaignSpec, settings: Sequence[Mapping[str, Any]]) -> int:
-    """The cell that changes nothing about the base scenario, or the first."""
+    """Returns the cell that changes nothing about the base scenario, or the first."""
     base = spec.base.model_dump(mode="json")
     for number, one in enumerate(settings):
         if all(_same(_at(base, key), value) for key, value in one.items()):
@@ -211,7 +211,7 @@ def _reference(spec: CampaignSpec, settings: Sequence[Mapping[str, Any]]) -> int
 
 
 def _at(data: Any, key: str) -> Any:
-    """The value at a dotted key; None where there is none."""
+    """Returns the value at a dotted key; None where there is none."""
     for part in parsed_key(key, key):
         try:
             data = data[part]

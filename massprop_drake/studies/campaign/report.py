@@ -1,4 +1,4 @@
-"""The report of a campaign: as data for `summary.json`, and as one self-contained HTML page with the verdict first."""
+"""Report of a campaign: as data for `summary.json`, and as one self-contained HTML page with the verdict first."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _MAIN = (  # of a cell, side by side
 
 
 def summary(folder: str | Path) -> dict[str, Any]:
-    """The content of a campaign's `summary.json`.
+    """Returns the content of a campaign's `summary.json`.
 
     Raises:
         InputError: when the folder holds no campaign that has been run.
@@ -46,7 +46,7 @@ def summary(folder: str | Path) -> dict[str, Any]:
 
 
 def summarized(study: Study) -> dict[str, Any]:
-    """The same of a campaign that has been read: counts, figures by cell of the sweep, and gates with their verdicts.
+    """Returns the summary of a campaign that has been read: counts, figures by cell, and gates with their verdicts.
 
     Gates hold for every cell. The figures at the top are those of the reference: the cell with the base scenario's own
     settings, or the first.
@@ -88,7 +88,7 @@ def summarized(study: Study) -> dict[str, Any]:
 
 
 def figure_data(figure: Figure) -> dict[str, float | None]:
-    """A figure as JSON has it: null for what is not known or not bounded."""
+    """Returns a figure as JSON has it: null for what is not known or not bounded."""
     return {name: value if math.isfinite(value) else None for name, value in figure._asdict().items()}
 
 
@@ -98,7 +98,7 @@ def _gate_data(passed: Passed) -> dict[str, Any]:
 
 
 def _reasons(rows: Sequence[Row]) -> dict[str, int]:
-    """Why cases failed to run, the most frequent reason first."""
+    """Counts reasons for which cases failed to run, the most frequent first."""
     return dict(Counter(str(row["reason"]) for row in rows if row["status"] != "flown").most_common())
 
 
@@ -106,7 +106,7 @@ def _reasons(rows: Sequence[Row]) -> dict[str, int]:
 
 
 def shown(figure: Figure, unit: str, *, interval: bool = True) -> str:
-    """A figure as text, such as '12.5 % (8.1 to 18.4)'."""
+    """Formats a figure, such as '12.5 % (8.1 to 18.4)'."""
     if math.isnan(figure.value):
         bounded = figure.n and math.isfinite(figure.low)
         return f"at least {_number(figure.low, unit)}{_unit(unit)}" if bounded else "-"
@@ -115,7 +115,7 @@ def shown(figure: Figure, unit: str, *, interval: bool = True) -> str:
 
 
 def between(figure: Figure, unit: str) -> str:
-    """The interval of a figure as text."""
+    """Formats the interval of a figure."""
     if math.isnan(figure.low) or math.isnan(figure.high):
         return ""
     if math.isinf(figure.high):
@@ -134,7 +134,7 @@ def _unit(unit: str) -> str:
 
 
 def row_of(name: str, figure: Figure) -> dict[str, str]:
-    """A figure as a row of a table."""
+    """Formats a figure as a row of a table."""
     words, unit, measured_on = MEANINGS[name]
     text = shown(figure, unit, interval=False)
     return {
@@ -144,7 +144,7 @@ def row_of(name: str, figure: Figure) -> dict[str, str]:
 
 
 def verdict(study: Study) -> list[dict[str, Any]]:
-    """The sentences that a reader wants first, each a `text` and whether it is `good`: None where nothing was asked."""
+    """Returns the sentences of the verdict, each a `text` and whether it is `good`: None where nothing was asked."""
     sentences: list[dict[str, Any]] = []
 
     def say(good: bool | None, text: str) -> None:
@@ -194,7 +194,7 @@ def _why_reference(study: Study) -> str:
 
 
 def _gate_words(of_gate: Sequence[Passed], cells: Sequence[Cell]) -> str:
-    """A gate in words, with the value of each cell."""
+    """Formats a gate, with the value of each cell."""
     gate, (words, unit, _) = of_gate[0].gate, MEANINGS[of_gate[0].name]
     asked = " and ".join(
         f"{word} {_number(bound, unit)}{_unit(unit)}"
@@ -216,7 +216,7 @@ def _gate_words(of_gate: Sequence[Passed], cells: Sequence[Cell]) -> str:
 
 
 def page(folder: str | Path) -> str:
-    """The report of a campaign as the text of one HTML file that needs no network.
+    """Returns the report of a campaign as the text of one HTML file that needs no network.
 
     Raises:
         InputError: when the folder holds no campaign that has been run.
@@ -225,18 +225,18 @@ def page(folder: str | Path) -> str:
 
 
 def page_of(study: Study) -> str:
-    """The same of a campaign that has been read."""
+    """Returns the report of a campaign that has been read."""
     return plotted.page(_HERE / "campaign.html", contents(study))
 
 
 def notebook(study: Study) -> str:
-    """What a notebook shows of a campaign, as HTML."""
+    """Returns the HTML that a notebook shows of a campaign."""
     title = f"{study.spec.file.name}: {study.spec.base.name}"
     return templates.fragment(_DISPLAY / "summary.html", {"title": title, "verdict": verdict(study)})
 
 
 def contents(study: Study) -> dict[str, Any]:
-    """All that the page shows, as plain values: texts, tables and plots."""
+    """Returns all that the page shows, as plain values: texts, tables and plots."""
     spec = study.spec
     cell = study.cells[study.reference]
     rows = cell.rows
@@ -311,7 +311,7 @@ def _delay_plots(study: Study, acted: Sequence[Event]) -> list[charts.Json]:
 
 
 def _names(study: Study) -> list[str]:
-    """What is swept, in short."""
+    """Returns the names of swept keys, in short."""
     return [key.rpartition(".")[2] for key in study.spec.file.sweep]
 
 
@@ -418,7 +418,7 @@ def _sensitivity_plots(study: Study, cell: Cell) -> list[charts.Json]:
 
 
 def _sweep(study: Study) -> dict[str, Any] | None:
-    """The main figures of each cell, side by side."""
+    """Returns the main figures of each cell, side by side."""
     if len(study.cells) < 2:
         return None
     found = [merit.figures(cell.rows) for cell in study.cells]
@@ -460,7 +460,7 @@ def _false(rows: Sequence[Row]) -> list[dict[str, str]]:
 
 
 def _false_of(rows: Sequence[Row]) -> list[tuple[str, int]]:
-    """What was declared falsely, the most frequent first."""
+    """Counts false declarations by jet, the most frequent first."""
     names = (
         entry["jet"] or ("a jump of the mass properties" if entry["cluster"] is None else f"cluster {entry['cluster']}")
         for entry in merit.false_declarations(rows)
@@ -469,7 +469,7 @@ def _false_of(rows: Sequence[Row]) -> list[tuple[str, int]]:
 
 
 def _healthy_out(rows: Sequence[Row], clusters: Mapping[str, int]) -> dict[str, Any]:
-    """Healthy jets out of use at the end: beside a jet that failed, in its cluster, or elsewhere.
+    """Counts healthy jets out of use at the end: beside a jet that failed, in its cluster, or elsewhere.
 
     Args:
         rows: of a cell.
@@ -521,7 +521,7 @@ def _delays(acted: Sequence[Event]) -> list[dict[str, Any]]:
 
 
 def _jumps(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Failed jets and payloads that moved, and as what they were declared."""
+    """Counts failed jets and payloads that moved, by the declaration of each."""
     table = []
     for payloads, what in ((False, "a failed jet"), (True, "a payload that moved")):
         found = merit.events(rows, payloads=payloads)
@@ -545,7 +545,7 @@ def _declared_as(event: Event) -> str:
 
 
 def _smallest(found: Sequence[Event], force: str) -> list[dict[str, str]]:
-    """By jet: what was found and missed, and the size found with a probability of 0.9."""
+    """Returns, by jet, failures found and missed, and the size found with a probability of 0.9."""
     table = []
     for jet, group in merit.by_jet(found).items():
         right = [merit.size_of(event) for event in group if event.right]
@@ -591,7 +591,7 @@ def _magnitudes(acted: Sequence[Event], force: str) -> list[dict[str, Any]]:
 
 
 def _groups(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Consistency by what happened in a case."""
+    """Returns consistency by the kind of events in a case."""
     groups: dict[str, list[Row]] = {"nothing failed": [], "all failures found": [], "a failure not found": []}
     for row in flown(rows):
         happened = [one["outcome"] for one in row["injected"] if one["outcome"] != "never_acted"]
@@ -630,7 +630,7 @@ def _coverage(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def _worst(study: Study) -> list[dict[str, str]]:
-    """The worst cases of all cells, with commands to fly them again."""
+    """Returns the worst cases of all cells, with commands to fly them again."""
     cell_of = {row["case_id"]: f", {cell.label}" for cell in study.cells for row in cell.rows if len(study.cells) > 1}
     folder = shlex.quote(str(study.folder))
     table = []

@@ -46,7 +46,7 @@ _NOTHING = Figure(math.nan, math.nan, math.nan, 0)
 
 
 def rate(events: int, exposure: float) -> Figure:
-    """Events per unit of exposure, with exact Poisson bounds; without events the upper one is 3.0 / exposure.
+    """Computes events per unit of exposure, with exact Poisson bounds; without events the upper is 3.0 / exposure.
 
     The bounds are one-sided where there is no event (so that 'none in T hours' gives the usual 3 / T), two-sided
     otherwise.
@@ -65,7 +65,7 @@ def rate(events: int, exposure: float) -> Figure:
 
 
 def share(successes: int, n: int) -> Figure:
-    """A share of n independent cases, with its Clopper-Pearson interval."""
+    """Computes a share of n independent cases, with its Clopper-Pearson interval."""
     if n == 0:
         return _NOTHING
     low, high = _clopper_pearson(np.array([float(successes)]), n)
@@ -73,7 +73,7 @@ def share(successes: int, n: int) -> Figure:
 
 
 def _clopper_pearson(successes: Array, n: float) -> tuple[Array, Array]:
-    """Bounds for numbers of successes, shape (k,); neither these nor n need be whole."""
+    """Computes bounds for numbers of successes, shape (k,); neither these nor n need be whole."""
     missed = n - successes
     inner = successes > 0.0
     low = np.where(inner, stats.beta.ppf(_TAIL, np.where(inner, successes, 1.0), missed + 1.0), 0.0)
@@ -83,7 +83,7 @@ def _clopper_pearson(successes: Array, n: float) -> tuple[Array, Array]:
 
 
 def clustered_share(successes: Sequence[int], sizes: Sequence[int]) -> Figure:
-    """A share of values that come in clusters, such as the ten parameters of each case.
+    """Computes a share of values that come in clusters, such as the ten parameters of each case.
 
     With one value in each it is `share`. Otherwise the Clopper-Pearson interval is that of as many independent values
     as have the variance that the clusters show (Korn and Graubard 1998); where all or none succeed, which shows
@@ -109,7 +109,7 @@ def clustered_share(successes: Sequence[int], sizes: Sequence[int]) -> Figure:
 
 
 def mean(values: Sequence[float]) -> Figure:
-    """A mean, with its interval by Student's t."""
+    """Computes a mean, with its interval by Student's t."""
     x = np.asarray(values, dtype=float)
     if x.size < 2:
         return Figure(float(x.mean()), math.nan, math.nan, x.size) if x.size else _NOTHING
@@ -118,7 +118,7 @@ def mean(values: Sequence[float]) -> Figure:
 
 
 def median(values: Sequence[float]) -> Figure:
-    """A median, with the interval between two of the values that holds it with 95 % or more; open for less than six."""
+    """Computes a median, with the interval between two values that holds it with 95 %; open for less than six."""
     x = np.sort(np.asarray(values, dtype=float))
     n = x.size
     if n == 0:
@@ -132,7 +132,7 @@ def median(values: Sequence[float]) -> Figure:
 
 
 class Detections(NamedTuple):
-    """A Kaplan-Meier curve of the probability to be found within a time.
+    """Kaplan-Meier curve of the probability of detection within a time.
 
     Attributes:
         delay_s: at which the curve steps, ascending, shape (k,).
@@ -152,7 +152,7 @@ class Detections(NamedTuple):
     followed_s: float
 
     def at(self, delay_s: float) -> Figure:
-        """Probability of detection within a delay.
+        """Returns the probability of detection within a delay.
 
         Its value is NaN for a delay for which no failure was followed; the lower bound then is the last one known.
         """
@@ -166,7 +166,7 @@ class Detections(NamedTuple):
         return Figure(value, low, high, self.n)
 
     def quantile(self, probability: float) -> Figure:
-        """The delay within which a share of the failures is found; NaN where fewer are.
+        """Returns the delay within which a share of the failures is found; NaN where fewer are.
 
         The interval holds the delays at which the band around the curve holds that share; it is open where the band's
         lower edge stays below.
@@ -179,13 +179,13 @@ _SAME_S = 1e-9  # times that differ by less are equal
 
 
 def _first(x: Array, curve: Array, level: float) -> float:
-    """Where a rising curve first reaches a level; NaN where it does not."""
+    """Returns where a rising curve first reaches a level; NaN where it does not."""
     reached = np.flatnonzero(curve >= level - 1e-12)
     return float(x[reached[0]]) if reached.size else math.nan
 
 
 def detection_curve(delay_s: Sequence[float], censored_s: Sequence[float]) -> Detections:
-    """Delays of what was found, and how long the rest was there without being found.
+    """Computes the curve from delays of the failures found, and durations of the others.
 
     As long as nothing has been censored the curve is a share of all, with its Clopper-Pearson interval; from then on
     the interval is that of Greenwood's variance of log(-log), and the lower bound stays where it was once all that
@@ -220,7 +220,7 @@ def detection_curve(delay_s: Sequence[float], censored_s: Sequence[float]) -> De
 
 
 def in_band(values: Sequence[float], degrees: int) -> Figure:
-    """The share of chi-square statistics that lie in the central 95 % of their distribution.
+    """Computes the share of chi-square statistics that lie in the central 95 % of their distribution.
 
     Args:
         values: of NEES or another statistic that is chi-square for a consistent filter.
@@ -232,7 +232,7 @@ def in_band(values: Sequence[float], degrees: int) -> Figure:
 
 
 def mean_band(degrees: int, n: int) -> tuple[float, float]:
-    """Central 95 % of the mean of n such statistics, if they are independent."""
+    """Computes the central 95 % of the mean of n such statistics, if they are independent."""
     low, high = stats.chi2.ppf([_TAIL, 1.0 - _TAIL], degrees * n) / n
     return float(low), float(high)
 
@@ -241,7 +241,7 @@ def mean_band(degrees: int, n: int) -> tuple[float, float]:
 
 
 class SizeCurve(NamedTuple):
-    """The probability that a failure is found, over the logarithm of its size: 1 / (1 + exp(-(a + b ln(size)))).
+    """Probability that a failure is found, over the logarithm of its size: 1 / (1 + exp(-(a + b ln(size)))).
 
     Attributes:
         intercept, slope: a and b.
@@ -261,11 +261,11 @@ class SizeCurve(NamedTuple):
 
     @property
     def finds_all(self) -> bool:
-        """Whether even the smallest is found with probability 0.9 or more."""
+        """True if even the smallest failure is found with probability 0.9 or more."""
         return math.isnan(self.size_90.value) and self.intercept + self.slope * math.log(self.largest) > math.log(9.0)
 
     def at(self, sizes: Array) -> tuple[Array, Array, Array]:
-        """Probability of detection of some sizes, and its 95 % bounds, shape (k,) each."""
+        """Computes the probability of detection of some sizes, and its 95 % bounds, shape (k,) each."""
         terms = np.stack([np.ones(sizes.size), np.log(sizes)])
         eta = np.array([self.intercept, self.slope]) @ terms
         half = stats.norm.ppf(1.0 - _TAIL) * np.sqrt(np.einsum("ik,ij,jk->k", terms, self.covariance, terms))
@@ -315,14 +315,14 @@ def size_curve(sizes: Sequence[float], found: Sequence[bool], wanted: float = 0.
 
 
 def _information(intercept: float, slope: float, z: Array) -> Array:
-    """Fisher information of both coefficients, shape (2, 2)."""
+    """Computes the Fisher information of both coefficients, shape (2, 2)."""
     p = special.expit(intercept + slope * z)
     weight = p * (1.0 - p)
     return np.array([[weight.sum(), weight @ z], [weight @ z, weight @ z**2]])
 
 
 def _penalized_loss(intercept: float, slope: float, z: Array, y: Array) -> float:
-    """Negative logarithm of the likelihood times Jeffreys's prior."""
+    """Computes the negative logarithm of the likelihood times Jeffreys's prior."""
     eta = intercept + slope * z
     information = _information(intercept, slope, z)
     determinant = float(information[0, 0] * information[1, 1] - information[0, 1] ** 2)
@@ -332,7 +332,7 @@ def _penalized_loss(intercept: float, slope: float, z: Array, y: Array) -> float
 
 
 def _size_found(z: Array, y: Array, fitted: tuple[float, float], wanted: float, beyond: float) -> Figure:
-    """The standardized size found with a probability, with its profile-likelihood interval.
+    """Computes the standardized size found with a probability, with its profile-likelihood interval.
 
     A bound that lies farther from all sizes than `beyond` is infinite.
     """
@@ -345,7 +345,7 @@ def _size_found(z: Array, y: Array, fitted: tuple[float, float], wanted: float, 
     steep_bounds = (math.log(1e-3 * slope), math.log(10.0 * slope + 10.0))
 
     def excess(size: float) -> float:
-        """How much worse the best curve through this size is than is allowed."""
+        """Computes by how much the best curve through this size is worse than allowed."""
 
         def loss(logarithm: float) -> float:
             steep = math.exp(logarithm)
@@ -363,7 +363,7 @@ def _size_found(z: Array, y: Array, fitted: tuple[float, float], wanted: float, 
 
 
 def binned(sizes: Sequence[float], found: Sequence[bool], most: int = 8) -> list[tuple[float, float, Figure]]:
-    """Shares found by size: lower and upper edge of each bin, and the share in it.
+    """Computes shares found by size: lower and upper edge of each bin, and the share in it.
 
     Few sizes have a bin each; many are put into bins that are equally wide in the logarithm.
     """
@@ -382,7 +382,7 @@ def binned(sizes: Sequence[float], found: Sequence[bool], most: int = 8) -> list
 
 
 def rank_correlation(x: Sequence[float], y: Sequence[float]) -> Figure:
-    """Spearman's rank correlation, with the interval of Bonett and Wright (2000); NaN where either does not vary."""
+    """Computes Spearman's rank correlation, with Bonett and Wright's interval (2000); NaN if either is constant."""
     a, b = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     both = np.isfinite(a) & np.isfinite(b)
     a, b, n = a[both], b[both], int(both.sum())
@@ -408,7 +408,7 @@ class SobolIndices(NamedTuple):
 
 
 def sobol_indices(values: Array, draws: int) -> SobolIndices:
-    """First-order and total Sobol indices (Saltelli 2010), with bootstrapped intervals.
+    """Computes first-order and total Sobol indices (Saltelli 2010), with bootstrapped intervals.
 
     Args:
         values: of some outputs, shape (outputs, n (draws + 2)): the n points A, the n points B, and A with each draw
@@ -438,7 +438,7 @@ def sobol_indices(values: Array, draws: int) -> SobolIndices:
 
 
 class Paired(NamedTuple):
-    """A difference between two sets of the same cases.
+    """Difference between two sets of the same cases.
 
     Attributes:
         difference: second less first, with its interval.
@@ -457,7 +457,7 @@ def _split(up: int, down: int) -> float:
 
 
 def paired_share(first: Sequence[bool], second: Sequence[bool]) -> Paired:
-    """The difference of two shares of the same cases: McNemar's exact test, and Tango's score interval (1998)."""
+    """Computes the difference of two shares of the same cases: McNemar's exact test, and Tango's interval (1998)."""
     a, b = np.asarray(first, dtype=bool), np.asarray(second, dtype=bool)
     up, down, n = int((b & ~a).sum()), int((a & ~b).sum()), a.size
     if n == 0:
@@ -467,7 +467,7 @@ def paired_share(first: Sequence[bool], second: Sequence[bool]) -> Paired:
 
 
 def _tango(up: int, down: int, n: int, side: float) -> float:
-    """The difference beyond the one found, on a side, at which the score statistic is as large as is allowed."""
+    """Computes the difference beyond the one found, on a side, at which the score statistic reaches its limit."""
     from scipy.optimize import brentq  # noqa: PLC0415 (slow to load)
 
     z = float(stats.norm.ppf(1.0 - _TAIL))
@@ -488,14 +488,14 @@ def _tango(up: int, down: int, n: int, side: float) -> float:
 
 
 def paired_median(differences: Sequence[float]) -> Paired:
-    """The median of differences, with the interval of the order statistics, and the sign test."""
+    """Computes the median of differences, with the interval of the order statistics, and the sign test."""
     d = np.asarray(differences, dtype=float)
     up, down = int((d > 0.0).sum()), int((d < 0.0).sum())
     return Paired(median(differences), up, down, _split(up, down))
 
 
 def paired_mean(differences: Sequence[float], scale: float = 1.0) -> Paired:
-    """The mean of differences, with a bootstrapped interval (bias-corrected and accelerated), and the sign test.
+    """Computes the mean of differences, with a bias-corrected and accelerated bootstrap interval, and the sign test.
 
     Args:
         differences: of each pair.
@@ -512,6 +512,6 @@ def paired_mean(differences: Sequence[float], scale: float = 1.0) -> Paired:
 
 
 def rank_correlations(columns: Mapping[str, Sequence[float]], error: Sequence[float]) -> dict[str, Figure]:
-    """Spearman's rank correlation of an error with each draw that varies."""
+    """Computes Spearman's rank correlation of an error with each draw that varies."""
     found = {name: rank_correlation(values, error) for name, values in columns.items()}
     return {name: figure for name, figure in found.items() if not math.isnan(figure.value)}

@@ -1,4 +1,4 @@
-"""A campaign's folder: its file, its plan and its results, a Parquet file for each of them and for each chunk.
+"""Storage of a campaign: its file, its plan and its results, a Parquet file for each of them and for each chunk.
 
 The folder is the truth: what is in it has been flown, and nothing else needs to be remembered to go on.
 """
@@ -46,7 +46,7 @@ _INJECTED = pa.struct(
 
 
 def schema(times_s: Sequence[float]) -> pa.Schema:
-    """Columns of the results of a campaign that keeps errors at some times besides the end."""
+    """Returns columns of the results of a campaign that keeps errors at some times besides the end."""
     number, text = pa.float64(), pa.string()
     columns: list[tuple[str, pa.DataType]] = [
         ("case_id", pa.int64()),
@@ -155,7 +155,7 @@ def note(folder: Path, facts: Mapping[str, str]) -> None:
 
 
 def _column(values: Sequence[Any]) -> pa.Array:
-    """Numbers, words or truths as they are, anything else and any mixture as JSON."""
+    """Returns numbers, words or booleans as they are, anything else and any mixture as JSON."""
     kinds = {type(value) for value in values if value is not None}
     if kinds == {int} and all(value is None or abs(value) <= 2**53 for value in values):
         return pa.array(values, pa.int64())
@@ -177,7 +177,7 @@ def read_plan(folder: Path) -> tuple[list[PlannedCase], dict[str, str]]:
 
 
 def read_facts(folder: Path) -> dict[str, str]:
-    """The facts alone.
+    """Reads the facts alone.
 
     Raises:
         InputError: when there is no plan that can be read.
@@ -190,7 +190,7 @@ def _facts(table: pa.Table) -> dict[str, str]:
 
 
 def read_draws(folder: Path) -> pa.Table:
-    """The plan as a table: sample, cell, seed, and what was drawn and swept, without the cases as such."""
+    """Reads the plan as a table: sample, cell, seed, draws and swept values, without the cases as such."""
     return _plan(folder, None).drop_columns(["case", "digest"])
 
 
@@ -214,7 +214,7 @@ def write_rows(folder: Path, rows: Sequence[Mapping[str, Any]], columns: pa.Sche
 
 
 def flown_ids(folder: Path) -> set[int]:
-    """Numbers of the cases that have a row."""
+    """Returns numbers of the cases that have a row."""
     found: set[int] = set()
     for path in _chunks(folder):
         found.update(_rows(path, ["case_id"])["case_id"].to_pylist())
@@ -234,7 +234,7 @@ def forget_failed(folder: Path, ids: Collection[int]) -> None:
 
 
 def read_rows(folder: Path, columns: Sequence[str] | None = None) -> pa.Table | None:
-    """All rows in the order of their cases; None where there are none.
+    """Reads all rows in the order of their cases; None where there are none.
 
     Args:
         folder: the campaign's.

@@ -1,4 +1,4 @@
-"""Flies chunks of cases in a child process that can crash, hang or grow without harm.
+"""Workers that fly chunks of cases in a child process that can crash, hang or grow without harm.
 
 What runs here, in a worker of Dask or anywhere else, never loads Drake.
 """
@@ -33,15 +33,15 @@ _TAIL = 2000  # bytes of what a child said last
 
 
 class CannotFlyError(RuntimeError):
-    """A worker that cannot fly any case."""
+    """Error of a worker that cannot fly any case."""
 
 
 class _LostError(RuntimeError):
-    """A child that has ended, or been ended, before it answered."""
+    """Error of a child that has ended, or been ended, before it answered."""
 
 
 class Child:
-    """A process that flies cases, replaced when its time has come.
+    """Process that flies cases, replaced after a while.
 
     Args:
         setup: as of `flight.Flights`.
@@ -57,7 +57,7 @@ class Child:
         self.execution: dict[str, str] = {}
 
     def fly(self, case: Mapping[str, Any], time_s: float, memory_mb: float) -> dict[str, Any]:
-        """The answer to one case: `row` or `failed`, with `wall_s` and `cpu_s`; never an exception of the case.
+        """Flies one case: returns `row` or `failed`, with `wall_s` and `cpu_s`; never raises an exception of the case.
 
         Args:
             case: the request.
@@ -98,7 +98,7 @@ class Child:
             process.kill()
 
     def _ready(self) -> None:
-        """Starts a process where there is none, or the one that there is has flown enough."""
+        """Starts a process where there is none, or the present one has flown enough."""
         if self._process is not None and (self._flown >= _LIFE or self._process.poll() is not None):
             self.close()
         problem = ""
@@ -130,7 +130,7 @@ class Child:
         self.execution = self._ask(self._setup, _START_S, float("inf"))["execution"]
 
     def _ask(self, request: Mapping[str, Any], time_s: float, memory_mb: float) -> dict[str, Any]:
-        """The answer of the process, which is ended where there is none."""
+        """Returns the answer of the process, which is ended where there is none."""
         try:
             line = self._answer(json.dumps(request), time_s, memory_mb)
         except (_LostError, TimeoutError):
@@ -166,7 +166,7 @@ class Child:
         return line
 
     def _end_of(self, process: subprocess.Popen[bytes]) -> str:
-        """How a process ended, in words, with the last that it said."""
+        """Describes how a process ended, with its last output."""
         status = process.wait()
         assert self._said is not None
         self._said.seek(max(0, self._said.seek(0, os.SEEK_END) - _TAIL))
@@ -217,7 +217,7 @@ def fly_chunk(
 
 
 def end(key: str) -> None:
-    """Ends all that a worker does for a campaign."""
+    """Ends all work of a worker for a campaign."""
     for child in _children.pop(key, []):
         child.end()
 
@@ -229,7 +229,7 @@ def _end_all() -> None:
 
 
 def require_shared(setup: Mapping[str, Any]) -> None:
-    """Makes sure that the campaign's folder is here the one that the driver sees, where run folders may be kept.
+    """Checks that this folder of the campaign is the one that the driver sees, where run folders may be kept.
 
     Args:
         setup: `folder`, and `token`: the name of a file that the driver has put into it; None where none are kept.

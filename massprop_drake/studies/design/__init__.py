@@ -1,1 +1,1 @@
-"""Designs of maneuvers: from what a user asks to a scenario, a page and a verdict."""
+"""Designs of maneuvers: from a user's request to a scenario, a page and a verdict."""

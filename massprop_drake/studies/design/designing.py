@@ -1,4 +1,4 @@
-"""Design of a maneuver: what is asked, the search, the scenario that flies it, and what flights of it show."""
+"""Design of a maneuver: the request, the search, the scenario that flies it, and the results of its flights."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def design(
 
 
 def _best(choice: Choice, task: Task, converging: Aims, n: int) -> tuple[SearchResult, Task]:
-    """The plan of least cost, and the task that it is the answer to.
+    """Finds the plan of least cost, and the task that it solves.
 
     Where estimates converge, a start is gone over until products of errors do not matter. Where they would not, by a
     filter to which these are noise, the plan is that of such a filter.
@@ -131,12 +131,12 @@ def _best(choice: Choice, task: Task, converging: Aims, n: int) -> tuple[SearchR
 
 
 def _usual(vehicle: Vehicle) -> Scenario:
-    """A scenario of a vehicle whose thrusts are off as its file says, with the usual settings."""
+    """Makes a scenario of a vehicle whose thrusts are off as its file says, with the usual settings."""
     return Scenario(vehicle=vehicle, plant=PlantBlock(thrust_dispersion=float(vehicle.thrust_uncertainties.max())))
 
 
 def _joint(scenario: Scenario) -> Scenario:
-    """The scenario with the joint filter, and nothing that happens."""
+    """Returns the scenario with the joint filter, and without events."""
     if scenario.vehicle_data.needs_pose_filter:
         raise InputError(
             f"design: vehicle '{scenario.vehicle_data.name}' is estimated in a fixed frame, by estimation.filter: "
@@ -150,7 +150,7 @@ def _joint(scenario: Scenario) -> Scenario:
 
 
 def _start(scenario: Scenario, run: Run | None, without: Sequence[str]) -> tuple[Craft, JointFilterState]:
-    """The vehicle as a maneuver commands it, and the filter's state before."""
+    """Returns the vehicle as a maneuver commands it, and the filter's state before."""
     vehicle = scenario.vehicle_data
     for name in without:
         if name not in vehicle.designations:

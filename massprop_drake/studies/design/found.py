@@ -42,7 +42,7 @@ class TargetFound(NamedTuple):
 
 
 class PairFound(NamedTuple):
-    """Two suspects, and when they are told apart.
+    """Two suspects, and when they are separable.
 
     Attributes:
         jet: that fails.

@@ -1,4 +1,4 @@
-"""Plots of a design: what is known for how much propellant, and what fires when."""
+"""Plots of a design: knowledge over propellant, and firings over time."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from massprop_drake.studies.design.found import Design
 
 
 def plots(made: Design, vehicle: Vehicle) -> list[Plot]:
-    """The plots of a design."""
+    """Makes the plots of a design."""
     return [*([front(made, vehicle)] if made.targets else []), firings(made, vehicle)]
 
 
 def front(made: Design, vehicle: Vehicle) -> Plot:
-    """1-sigma of each target, as a share of what is asked, against propellant: of plans for looser aims, and flown."""
+    """Plots 1-sigma of each target over the asked one against propellant: of plans for looser aims, and flown."""
     most = 1.05 * max(float(made.front.propellant[-1]), made.propellant) or 1.0
     ends = np.array([0.0, most])
     marks: list[Mark] = [Line(ends, np.ones(2), TRUTH_COLOR, "asked", dashed=True)]
@@ -36,7 +36,7 @@ def front(made: Design, vehicle: Vehicle) -> Plot:
 
 
 def firings(made: Design, vehicle: Vehicle) -> Plot:
-    """Firings of jets and torques of wheels over time, and how well targets are known by then."""
+    """Plots firings of jets and torques of wheels over time, and how well targets are known by then."""
     begins, commanded = made.begins_s, made.commanded
     names = (*vehicle.designations, *(wheel.name for wheel in vehicle.wheels))
     rows = [name for name in names if any(name == one.name for one in commanded)]

@@ -1,4 +1,4 @@
-"""Limits of what can be known: aims that no firing reaches, and rules that forbid all, in words."""
+"""Limits of designs: aims that no firing reaches, and rules that forbid all firings, in words."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _UNKNOWN = "the vehicle is not known well enough for failures to be looked for"
 def require_within_reach(
     sets: Sequence[tuple[int, ...]], task: Task, asks: tuple[Sequence[Target], Suspicion], vehicle: Vehicle
 ) -> Reached:
-    """Floors of all aims.
+    """Checks that firings can reach the aims, and returns the floors of all aims.
 
     Raises:
         InputError: when that is more than an aim leaves, with the direction that nothing shows.
@@ -60,7 +60,7 @@ def require_within_reach(
 
 
 def _unseen(shown: Sequence[Array], task: Task, worst: int, vehicle: Vehicle) -> str:
-    """The direction that no firing shows, in words, for a target that cannot be reached."""
+    """Describes the direction that no firing shows, for a target that cannot be reached."""
     places, sigma = task.craft.params.places, thrust_sigmas(task.craft.params)
     direction = unseen(shown, task, worst)
     thrusts = direction[N_PROPERTIES : N_PROPERTIES + places.n_thrust]
@@ -86,7 +86,7 @@ def _with_unit(value: float, target: Target) -> str:
 
 
 def require_room(sets: Sequence[tuple[int, ...]], task: Task, limits: Mapping[str, str]) -> None:
-    """Makes sure that limits leave anything to fire.
+    """Checks that limits leave anything to fire.
 
     Args:
         sets: of jets that fire together.
@@ -107,7 +107,7 @@ def _in_words(limits: Mapping[str, str]) -> str:
 def require_reached(
     plan: Plan, task: Task, asks: tuple[Sequence[Target], Suspicion], vehicle: Vehicle, limits: Mapping[str, str]
 ) -> None:
-    """Makes sure that a plan reaches all aims.
+    """Checks that a plan reaches all aims.
 
     Raises:
         InputError: when it does not, with how far it comes and the limits that are set.

@@ -1,4 +1,4 @@
-"""A design as data, as words, as a page and as a folder."""
+"""Output of a design as data, as words, as a page and as a folder."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _END = "...\n"  # closes a YAML document
 
 
 def as_data(made: Design) -> dict[str, Any]:
-    """The content of `design.json`."""
+    """Returns the content of `design.json`."""
     vehicle = made.scenario.vehicle_data
     return {
         "vehicle": vehicle.name,
@@ -40,7 +40,7 @@ def as_data(made: Design) -> dict[str, Any]:
 
 
 def verdict(made: Design) -> list[dict[str, Any]]:
-    """Verdict on a design in sentences, each with whether it is good; None: neither."""
+    """Returns the verdict on a design in sentences, each with whether it is good; None: neither."""
     vehicle = made.scenario.vehicle_data
     unit = vehicle.unit_names["mass"]
     lines: list[dict[str, Any]] = [
@@ -92,14 +92,14 @@ def _by_jet(pairs: Sequence[PairFound]) -> dict[str, list[PairFound]]:
 
 
 def firings(made: Design) -> list[tuple[str, float, float]]:
-    """Commands in order of time: jet, or wheel with its torque, start and end, s."""
+    """Lists commands in order of time: jet, or wheel with its torque, start and end, s."""
     return [
         (f"{one.name} {one.torque:+.3g}" if one.torque else one.name, one.start_s, one.end_s) for one in made.commanded
     ]
 
 
 def page(made: Design) -> str:
-    """The page of a design as the text of one HTML file that needs no network."""
+    """Returns the page of a design as the text of one HTML file that needs no network."""
     vehicle = made.scenario.vehicle_data
     content = {
         "title": f"Maneuver for {vehicle.name}",

@@ -1,4 +1,4 @@
-"""Flights of a design, against what it foretells."""
+"""Verification of a design by flights, against its forecast."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from massprop_drake.studies.design.found import LISTENING_S, Design
 
 
 def flown(made: Design, wanted: Sequence[Target], vehicle: Vehicle, flights: int) -> Design:
-    """The design with what flights of it show."""
+    """Adds the results of flights to a design."""
     quiet = made.scenario.model_copy(update={"detector": CglrBlock(kind="off")})
     results = [_one_flight(quiet, seed, wanted) for seed in range(flights)] if wanted else []
     targets = tuple(
@@ -34,7 +34,7 @@ def flown(made: Design, wanted: Sequence[Target], vehicle: Vehicle, flights: int
 
 
 def _one_flight(scenario: Scenario, seed: int, wanted: Sequence[Target]) -> tuple[list[float], list[float]]:
-    """1-sigma and error of each target at the end of a flight's maneuver."""
+    """Computes 1-sigma and error of each target at the end of a flight's maneuver."""
     run = simulate(scenario.model_copy(update={"seed": seed}), look_back=False)
     estimate, covariance, truth = run.results.estimates, run.covariance, run["truth"][-1]
     deviations, errors = [], []
@@ -47,7 +47,7 @@ def _one_flight(scenario: Scenario, seed: int, wanted: Sequence[Target]) -> tupl
 
 
 def named_s(made: Design, jet: str, force: float, seed: int, vehicle: Vehicle) -> float | None:
-    """Time from a suspect's failure, as the maneuver begins, until it is named in a flight, s; None: it is not."""
+    """Computes the time from a suspect's failure, as the maneuver begins, until it is named, s; None: it is not."""
     at_s = made.begins_s + LEAD * vehicle.sample_period_s
     thrust = float(np.linalg.norm(vehicle.thrusts[vehicle.designations.index(jet)]))
     failure = (

@@ -1,4 +1,4 @@
-"""The scenario that flies a plan, and the design that says what it shows."""
+"""Output of a plan as a scenario that flies it, and as a design with its forecast."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class DesignRequest(NamedTuple):
 
 
 def made(found: SearchResult, task: Task, asks: DesignRequest, base: Scenario, run: Run | None) -> Design:
-    """The design of a plan."""
+    """Makes the design of a plan."""
     (plan, trace), (wanted, suspected, floors, hold) = found, asks
     craft, vehicle = task.craft, base.vehicle_data
     begins_s = 0.0 if run is None else base.duration_s
@@ -87,7 +87,7 @@ def made(found: SearchResult, task: Task, asks: DesignRequest, base: Scenario, r
 
 
 def _by_sample(plan: Plan, task: Task) -> tuple[list[FlownAction], list[float]]:
-    """The course of a plan sample by sample from the end of its lead, and the propellant used by then."""
+    """Computes the course of a plan sample by sample from the end of its lead, and the propellant used by then."""
     (flown,), used = begun(task).flown, [0.0]
     rows = [flown]
     for action in plan.actions[1:]:
@@ -99,7 +99,7 @@ def _by_sample(plan: Plan, task: Task) -> tuple[list[FlownAction], list[float]]:
 
 
 def _told_s(rows: Sequence[FlownAction], task: Task, aims: Aims, n: int) -> tuple[Array, list[float | None]]:
-    """1-sigma of each combination by sample, and when each pair is told apart, s after the lead.
+    """Computes 1-sigma of each combination by sample, and when each pair is separable, s after the lead.
 
     Args:
         rows: see `_by_sample`.
@@ -116,7 +116,7 @@ def _told_s(rows: Sequence[FlownAction], task: Task, aims: Aims, n: int) -> tupl
 
 
 def _named_s(rows: list[FlownAction], task: Task, n: int) -> dict[int, float | None]:
-    """When each suspect is named, told from every other jet whether it leaks or misses, s after the lead.
+    """Computes when each suspect is named, separable from every other jet whether it leaks or misses, s after the lead.
 
     Nothing fires after the maneuver, for as long as flights are listened to.
     """
@@ -142,7 +142,7 @@ def _named_s(rows: list[FlownAction], task: Task, n: int) -> dict[int, float | N
 
 
 def _scenario(plan: Plan, task: Task, base: Scenario, begins_s: float, *, hold: bool) -> Scenario:
-    """A scenario that flies a plan; after another one's end, if it goes on from there."""
+    """Makes a scenario that flies a plan; after another one's end, if it goes on from there."""
     period_s, vehicle = task.craft.period_s, base.vehicle_data
     pulses, turns, row = list[JetPulse](), list[WheelPulse](), 0
     for action, flown in zip(plan.actions, plan.flown, strict=True):

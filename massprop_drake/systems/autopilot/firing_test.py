@@ -31,12 +31,12 @@ class FiringTestMemory(NamedTuple):
     tests: int
 
     def __deepcopy__(self, _memo: Any) -> FiringTestMemory:
-        """Itself: a clone of a context shares what is never changed."""
+        """Returns itself: a clone of a context shares what is never changed."""
         return self
 
 
 class FiringTestSystem(LeafSystem):
-    """Asks for the firings that tell which jet of a group fails, or that make mass properties known.
+    """Requests the firings that show which jet of a group fails, or that make mass properties known.
 
     Dual control in its simplest form: when a question has stood for a while, a maneuver is designed from what the
     estimators say, as `massprop design` does before a flight, and flown until the question is answered; if it stands
@@ -91,7 +91,7 @@ class FiringTestSystem(LeafSystem):
         return EventStatus.Succeeded()
 
     def _next(self, context: Any, memory: FiringTestMemory) -> FiringTestMemory:
-        """The state after a sample."""
+        """Computes the state after a sample."""
         settings, time_s = self._settings, context.get_time()
         covariance = self._covariance.Eval(context).reshape(10, 10)
         among = suspects(self._probability.Eval(context), settings) if settings.groups else ()

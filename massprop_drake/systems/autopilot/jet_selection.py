@@ -132,7 +132,7 @@ class JetSelection(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
 
     def _properties(self, context: Any) -> Array | None:
-        """The estimated mass properties where they may be used; None: the nominal ones are in use."""
+        """Returns the estimated mass properties where they may be used; None: the nominal ones are in use."""
         if self._converged.HasValue(context) and self._converged.Eval(context)[0] != 0.0:
             return self._estimate.Eval(context)
         return None
@@ -141,7 +141,7 @@ class JetSelection(LeafSystem):
         return SelectionState._make(_group(context, group) for group in self._groups)
 
     def _compute(self, context: Any) -> tuple[Array, tuple[Array, ...]]:
-        """Jets of the coming sample, as `ports.fired` has them, and states that change besides."""
+        """Computes jets of the coming sample, as `ports.fired` has them, and further states that change."""
         row, changed = self._decided(context)
         prescribed = self._prescribed.Eval(context) if self._prescribed.HasValue(context) else None
         if prescribed is None or not prescribed.any():
@@ -152,7 +152,7 @@ class JetSelection(LeafSystem):
         return np.concatenate((np.zeros(prescribed.size), prescribed, delivered)), changed
 
     def _decided(self, context: Any) -> tuple[Array, tuple[Array, ...]]:
-        """The sample of the burst, and states that change besides."""
+        """Decides the sample of the burst, and further states that change."""
         remaining, refused = _group(context, self._groups.remaining), _group(context, self._groups.refused)
         request, properties = self._request.Eval(context), self._properties(context)
         there = self._reconfiguration.HasValue(context)
@@ -186,6 +186,6 @@ class JetSelection(LeafSystem):
 
 
 def _group(context: Any, group: Any) -> Array:
-    """A group of the discrete state; of none, nothing."""
+    """Returns a group of the discrete state, empty where there is none."""
     vector: Array = np.zeros(0) if group is None else context.get_discrete_state(group).CopyToVector()
     return vector

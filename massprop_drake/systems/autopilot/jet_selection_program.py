@@ -1,4 +1,4 @@
-r"""The linear program of jet selection, by Drake's MathematicalProgram and the simplex solver Clp.
+r"""Linear program of jet selection, by Drake's MathematicalProgram and the simplex solver Clp.
 
     minimize  sum_j c_j t_j   subject to   A t = b,   0 <= t <= limit          (1-1) to (1-4)
 
@@ -37,7 +37,7 @@ _TINY = 1e-9  # share of a relaxed request given up so that rounding cannot make
 
 
 class Outcome(IntEnum):
-    """What became of a request."""
+    """Outcome of a request."""
 
     EXACT = 0  # met in full
     REDUCED = 1  # all of the rate change, part of the velocity change
@@ -69,7 +69,7 @@ class _Program(NamedTuple):
 
 
 def _made(most: Array, cost: Array) -> _Program:
-    """A program of least cost with six rows, and variables from zero on.
+    """Makes a program of least cost with six rows, and variables from zero on.
 
     Args:
         most: of each variable, shape (n,).
@@ -84,7 +84,7 @@ def _made(most: Array, cost: Array) -> _Program:
 
 
 class JetSelectionProgram:
-    """Chooses on-times of least propellant for a six-dimensional rate-change request: a workspace.
+    """Chooser of on-times of least propellant for a six-dimensional rate-change request: a workspace.
 
     Every call sets all numbers that the solver reads, or finds them as they are to be, and the solver begins each time
     anew: an answer depends on the arguments alone. It is not for several threads at once.
@@ -110,18 +110,18 @@ class JetSelectionProgram:
 
     @cached_property
     def _share(self) -> _Program:
-        """On-times and the share s, for a request that cannot be met."""
+        """Program for on-times and the share s, for a request that cannot be met."""
         return _made(np.ones(self._n + 1), -np.eye(self._n + 1)[self._n])
 
     @cached_property
     def _near(self) -> _Program:
-        """On-times, shortfall and excess of each row, where even the rate change cannot be met."""
+        """Program for on-times, shortfall and excess of each row, where even the rate change cannot be met."""
         weights = np.array([_ROTATION_WEIGHT] * 3 + [1.0] * 3)
         cost = np.concatenate([np.zeros(self._n), weights, weights])
         return _made(np.full(self._n + 12, np.inf), cost)
 
     def solve(self, activity: Array, request: Array, limits_s: Array) -> Selection:
-        """On-times for a request; arrays that cannot be written to, and are those of the last, are not looked at again.
+        """Solves for on-times of a request; read-only arrays that are those of the last call are not processed again.
 
         Args:
             activity: activity vectors as columns, shape (6, n_jets).
@@ -192,7 +192,7 @@ class JetSelectionProgram:
         self._rows = activity / self._sizes[:, None]
 
     def _scaled(self, request: Array) -> tuple[Array, Array, float]:
-        """Rows of a largest element 1 on both sides, and what to multiply the on-times by."""
+        """Scales rows to a largest element 1 on both sides; also returns the factor of the on-times."""
         return self._rows, *_target(request, self._sizes)
 
     def _check(self, activity: Array, request: Array, limits_s: Array) -> None:
@@ -228,7 +228,7 @@ class JetSelectionProgram:
         return _within(result.get_x_val() * scale, limits_s)
 
     def _largest_share(self, request: Array, limits_s: Array) -> tuple[Array, Array] | None:
-        """The largest part [dw; s dv] of a request, and on-times that give it; None without dw."""
+        """Computes the largest part [dw; s dv] of a request, and on-times that give it; None without dw."""
         rows, target, scale = self._scaled(request)
         column = np.concatenate([np.zeros(3), -target[VELOCITY]])
         self._share.rows.UpdateCoefficients(
@@ -244,7 +244,7 @@ class JetSelectionProgram:
         return np.concatenate([request[RATE], share * request[VELOCITY]]), on_times
 
     def _closest(self, activity: Array, request: Array, limits_s: Array) -> tuple[Array, Array]:
-        """The closest request that can be reached, and on-times that give it."""
+        """Computes the closest request that can be reached, and on-times that give it."""
         rows, target, scale = self._scaled(request)
         self._near.rows.UpdateCoefficients(np.hstack([rows, np.eye(6), -np.eye(6)]), target)
         limits = np.concatenate([limits_s / scale, np.full(12, np.inf)])
@@ -256,26 +256,26 @@ class JetSelectionProgram:
         return activity @ on_times, on_times
 
     def _solve(self, program: MathematicalProgram) -> MathematicalProgramResult | None:
-        """The result; None when the program is infeasible, or Clp gives up on it as it then may."""
+        """Solves the program; None when it is infeasible, or Clp gives up on it as it then may."""
         self.solves += 1
         result = self._solver.Solve(program, None, None)
         return result if result.is_success() else None
 
 
 def _row_sizes(activity: Array) -> Array:
-    """The largest element of each row, 1 for a row of zeros."""
+    """Computes the largest element of each row, 1 for a row of zeros."""
     size: Array = np.abs(activity).max(axis=1)
     size[size == 0.0] = 1.0
     return size
 
 
 def _target(request: Array, size: Array) -> tuple[Array, float]:
-    """A request by scaled rows with a largest element 1, and what to multiply the on-times by."""
+    """Scales a request by scaled rows to a largest element 1; also returns the factor of the on-times."""
     target = request / size
     scale = max(map(abs, target.tolist()))
     return target / scale if scale > 0.0 else target, scale
 
 
 def _within(on_times_s: Array, limits_s: Array) -> Array:
-    """On-times between zero and their limits."""
+    """Limits on-times to between zero and their limits."""
     return np.minimum(np.maximum(on_times_s, 0.0), limits_s)

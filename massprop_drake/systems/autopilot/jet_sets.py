@@ -18,7 +18,7 @@ _SHARE = 0.3  # of the longest on-time of a selection: jets with less stay shut,
 
 
 def jet_sets(craft: Craft) -> list[tuple[int, ...]]:
-    """Each jet alone, then for each axis and way those of least propellant that turn or push along it.
+    """Lists each jet alone, then for each axis and sign the jets of least propellant that turn or push along it.
 
     Args:
         craft: see `Craft`.

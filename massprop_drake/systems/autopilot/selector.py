@@ -1,4 +1,4 @@
-"""From requests for a change of rate and velocity to bursts of jets: when to ask, and what to do with the answer."""
+"""Bursts of jets from requests for a change of rate and velocity: when to solve, and the use of the answer."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _LEAST_CONTROL = 0.01  # share of the reach about an axis that must be left when
 
 
 class Burst(NamedTuple):
-    """The burst in force from a sample on, and what has been remembered with it, see `SelectionState`.
+    """Burst in force from a sample on, and the state remembered with it, see `SelectionState`.
 
     Attributes:
         remaining: cycles that each jet has still to fire, this one included, shape (n_jets,).
@@ -50,7 +50,7 @@ class Burst(NamedTuple):
 
 
 class SelectionState(NamedTuple):
-    """What jet selection remembers.
+    """State of jet selection.
 
     Attributes:
         remaining: cycles that each jet has still to fire, shape (n_jets,).
@@ -71,7 +71,7 @@ class SelectionState(NamedTuple):
 
 
 class Reconfiguration(NamedTuple):
-    """What the detector has jet selection do, as `layouts.RECONFIGURATION` has it.
+    """Requests of the detector to jet selection, as `layouts.RECONFIGURATION` has them.
 
     Attributes:
         declared: whether a failure was declared in this cycle.
@@ -85,7 +85,7 @@ class Reconfiguration(NamedTuple):
 
 
 class Selector:
-    """Decides which jets fire: a workspace, which keeps the linear program and what was reckoned last to save time.
+    """Decider of which jets fire: a workspace that keeps the linear program and its last results to save time.
 
     An answer depends on the arguments of `decide` alone, never on earlier calls: what is kept is used again only for
     the same numbers. It is not for several threads at once; a diagram has one in each context.
@@ -130,7 +130,7 @@ class Selector:
         self.initial = SelectionState(off, off, np.zeros(3), counts, np.zeros(REFUSED.size), off, owed)
 
     def decide(self, state: SelectionState, request: Any, properties: Array | None, asked_for: Any) -> Burst:
-        """The burst in force from a sample on at which `must_select` says that there is something to solve.
+        """Decides the burst in force from a sample on at which `must_select` finds something to solve.
 
         Args:
             state: before the sample.
@@ -164,7 +164,7 @@ class Selector:
         return Burst(remaining, SELECTION_COUNTS.pack(counts), refused, out_of_use, owed)
 
     def _flown(self, on_times_s: Array, owed: Array) -> tuple[Array, Array, Array | float]:
-        """On-times as they are flown and what is owed then, cycles, and the shortest that are flown, s."""
+        """Computes on-times as flown and the remainders owed then, cycles, and the shortest that are flown, s."""
         period_s, pulses = self._period_s, self._pulses
         if not pulses.within:
             return burst_cycles(on_times_s, period_s, self._least), owed, 0.5 * period_s
@@ -172,13 +172,13 @@ class Selector:
         return *burst_pulses(on_times_s / period_s, owed, pulses), shortest * period_s
 
     def _activity(self, properties: Array | None) -> Array:
-        """Activity vectors by the mass properties in use."""
+        """Computes activity vectors by the mass properties in use."""
         return self._nominal_activity if properties is None else activity_vectors(self._wrenches, properties)
 
     def _selected(
         self, properties: Array | None, request: Any, wrench: Array | None, out_of_use: Array
     ) -> tuple[Array, Selection]:
-        """The change of rate and velocity asked for, and the answer.
+        """Computes the requested change of rate and velocity, and the answer.
 
         A force that acts all along is undone over the time that the burst takes: that of the change alone,
         in whole cycles, and twice that as often as it takes until on-times within it are enough.
@@ -206,7 +206,7 @@ class Selector:
             duration *= 2.0
 
     def _longest(self, out_of_use: Array, longest_s: float) -> Array:
-        """Longest on-times, zero of jets that may not be selected, s, shape (n_jets,)."""
+        """Computes longest on-times, zero of jets that may not be selected, s, shape (n_jets,)."""
         limited = out_of_use.tobytes(), longest_s
         if limited != self._limited:
             available = self._selectable & (out_of_use <= 0.0)
@@ -214,7 +214,7 @@ class Selector:
         return self._limits
 
     def _effect(self, properties: Array | None, wrench: Array) -> Array:
-        """Rates of change of rate and velocity by a wrench about the vehicle origin, shape (6,)."""
+        """Computes rates of change of rate and velocity by a wrench about the vehicle origin, shape (6,)."""
         if properties is not None:
             return activity_vectors(wrench[None, :], properties)[:, 0]
         if not np.array_equal(wrench, self._undone):
@@ -222,7 +222,7 @@ class Selector:
         return self._by_nominal
 
     def _reduced(self, properties: Array | None, out_of_use: Array, proposed: Array) -> Array:
-        """The state `out_of_use` when jets are proposed: those that control about every axis can spare go."""
+        """Updates `out_of_use` when jets are proposed: those that control about every axis can spare go."""
         activity = self._activity(properties)
         needed = [_LEAST_CONTROL * reach for reach in self._reaches(activity, np.zeros_like(proposed))]
 
@@ -235,17 +235,17 @@ class Selector:
         return np.where(group, 1.0 if spared else -1.0, out_of_use)
 
     def _reaches(self, activity: Array, out_of_use: Array) -> list[float]:
-        """Largest rate change per second of firing about each axis, both ways, without some jets."""
+        """Computes the largest rate change per second of firing about each axis, both ways, without some jets."""
         limits = self._longest(out_of_use, 1.0)
         return [self._program.reach(activity, row, sign, limits) for row in range(3) for sign in (1.0, -1.0)]
 
 
 def _constant(array: Array) -> Array:
-    """An array that nobody writes to from now on."""
+    """Makes an array read-only."""
     array.flags.writeable = False
     return array
 
 
 def _length(vector: Array) -> float:
-    """Of a short vector."""
+    """Computes the length of a short vector."""
     return math.sqrt(float(vector @ vector))

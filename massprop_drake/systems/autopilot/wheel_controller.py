@@ -21,7 +21,7 @@ _ROTATION = HAND_CONTROLLERS.slice("rotation")
 
 
 class WheelController(LeafSystem):
-    """Has reaction wheels follow the rate that the phase-space controller commands, and jets take their momentum.
+    """Makes reaction wheels follow the rate that the phase-space controller commands, and jets unload them.
 
     See `massprop_drake.maths.autopilot.wheel_control`.
 

@@ -39,7 +39,7 @@ class Measured(NamedTuple):
 
 
 class FilterSystem(LeafSystem):
-    """A filter that measures, is judged by the detector, and finishes its cycle as the detector says.
+    """System of a filter that measures, is judged by the detector, and finishes its cycle as the detector asks.
 
     A system that derives from it calls `_declare_cycle` once its ports and state are declared, and gives
     `_measure(context) -> Measured` and `_finish(measured, adaptation) -> cycle`.
@@ -61,20 +61,20 @@ class FilterSystem(LeafSystem):
         return readings
 
     def _declare_input(self, name: str, size: int) -> Any:
-        """An input port that the measurement depends on."""
+        """Declares an input port that the measurement depends on."""
         port = self.DeclareVectorInputPort(name, size)
         self._inputs.append(port)
         return port
 
     def _declare_interval(self) -> None:
-        """Ports of what is known of the interval, and of what the detector says."""
+        """Declares ports of the interval's known inputs, and of the detector's adaptation."""
         self._impulses = self._declare_input("impulses", IMPULSES.size)
         self._known_force = self._declare_input("known_force", KNOWN_FORCE.size)
         self._adaptation = self.DeclareVectorInputPort("adaptation", ADAPTATION.size)
         self._mean_level = self._declare_input("mean_level", self._n_levels) if self._n_levels else None
 
     def _declare_cycle(self, outputs: Ports, reports: Ports) -> None:
-        """Cache entries and output ports: of the measurement alone, and of the whole cycle."""
+        """Declares cache entries and output ports: of the measurement alone, and of the whole cycle."""
         # the innovation must not depend on the adaptation: the detector makes the one from the other
         measured = {self.xd_ticket(), *(self.input_port_ticket(port.get_index()) for port in self._inputs)}
         self._measurement = Cached(self, "measurement", self._measure, measured)
@@ -85,7 +85,7 @@ class FilterSystem(LeafSystem):
                 self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={entry.ticket})
 
     def _interval(self, context: Any) -> Interval:
-        """What is known of the interval; mean levels only where they are read."""
+        """Reads the known inputs of the interval; mean levels only where they are used."""
         known = NO_KNOWN_FORCE
         if self._known_force.HasValue(context):
             known = known_force_of(self._known_force.Eval(context))
@@ -95,16 +95,16 @@ class FilterSystem(LeafSystem):
         return Interval(impulses, known)
 
     def _adapted(self, context: Any) -> Adaptation:
-        """What the detector asks for; nothing where there is none."""
+        """Reads the adaptation that the detector asks for; none without a detector."""
         return unpacked(self._adaptation.Eval(context)) if self._adaptation.HasValue(context) else NO_ADAPTATION
 
     def _told(self, context: Any) -> tuple[Array, Array]:
-        """Impulses and known force as they are packed, for compiled kernels."""
+        """Reads impulses and known force as they are packed, for compiled kernels."""
         known = self._known_force.Eval(context) if self._known_force.HasValue(context) else _NO_FORCE
         return self._impulses.Eval(context), known
 
     def _asked(self, context: Any) -> Array:
-        """What the detector asks for as it is packed, for compiled kernels."""
+        """Reads the adaptation that the detector asks for as it is packed, for compiled kernels."""
         asked: Array = self._adaptation.Eval(context) if self._adaptation.HasValue(context) else _NOTHING_ASKED
         return asked
 
@@ -113,7 +113,7 @@ class FilterSystem(LeafSystem):
         return measured
 
     def _cycled(self, context: Any) -> tuple[Measured, Any]:
-        """The measurement, and what became of it."""
+        """Computes the measurement, and the finished cycle."""
         cycled: tuple[Measured, Any] = self._cycle.get(context)
         return cycled
 
@@ -121,7 +121,7 @@ class FilterSystem(LeafSystem):
         raise NotImplementedError
 
     def _compute_cycle(self, context: Any) -> Any:
-        """The measurement, and what became of it; what a system wants that has ports of its own for it."""
+        """Computes the measurement and the finished cycle; systems with more ports extend it."""
         adaptation = self._adapted(context)
         measured = self._measured(context)
         return measured, self._finish(measured, adaptation)

@@ -1,4 +1,4 @@
-"""The sensor packages of one kind that a filter reads."""
+"""Sensor packages of one kind that a filter reads."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 class Package(NamedTuple):
-    """A sensor package as a filter knows it.
+    """Sensor package as a filter knows it.
 
     Attributes:
         name: of its input port.
@@ -39,7 +39,7 @@ class Readings:
         self.ports = [system.DeclareVectorInputPort(package.name, 3) for package in packages]
 
     def eval(self, context: Any) -> Array:
-        """Readings of all packages, NaN where missing or saturated, shape (s, 3).
+        """Reads all packages, NaN where missing or saturated, shape (s, 3).
 
         The first package's port must be connected; another that is not counts as missing.
         """

@@ -1,4 +1,4 @@
-"""The ten estimates side by side, and whether they may be acted on."""
+"""The ten estimates side by side, and the test whether they may be acted on."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Estimates all ten mass properties and finds failures, whole cycles in one system."""
+"""Estimation of all ten mass properties and detection of failures, whole cycles in one system."""
 
 from __future__ import annotations
 
@@ -45,11 +45,11 @@ class Memory(NamedTuple):
 
     @property
     def state(self) -> EstimationState:
-        """After it."""
+        """State after the cycle."""
         return self.before if self.step is None else self.step.state
 
     def __deepcopy__(self, _memo: Any) -> Memory:
-        """Itself: a clone of a context shares what is never changed."""
+        """Returns itself: a clone of a context shares what is never changed."""
         return self
 
 
@@ -164,7 +164,7 @@ class CycleEstimator(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(period_sec=params.period_s, offset_sec=0.0, update=self._update)
 
     def kept(self, context: Any) -> dict[str, Array]:
-        """The state as vectors, see `maths.estimation.cycle.saved`."""
+        """Packs the state into vectors, see `maths.estimation.cycle.saved`."""
         return dict(cycle.saved(self._remembered(context).state, self._params))
 
     # ------------------------------------------------------------------------------------------- the cycle
@@ -197,7 +197,7 @@ class CycleEstimator(LeafSystem):
         )
 
     def _cycled(self, context: Any) -> Memory:
-        """The newest cycle, that of this time."""
+        """Computes the cycle of the present time."""
         memory, time_s = self._remembered(context), context.get_time()
         if memory.step is not None and memory.time_s == time_s:
             return memory
@@ -219,7 +219,7 @@ class CycleEstimator(LeafSystem):
     # ------------------------------------------------------------------------------------------- outputs
 
     def _known_now(self, context: Any) -> tuple[Array, Array]:
-        """Estimate and covariance of the ten parameters after the cycle."""
+        """Returns estimate and covariance of the ten parameters after the cycle."""
         step = self._step(context)
         return step.filtered.known or cycle.known(step.state, self._params)
 

@@ -1,4 +1,4 @@
-"""Detects and isolates failed jets."""
+"""Detection and isolation of failed jets."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _NO_ADAPTATION = adaptation.packed(adaptation.NO_ADAPTATION)
 
 
 class FailureDetector(LeafSystem):
-    r"""Finds failed jets from the innovations of the filters, and what the filters are to do about them.
+    r"""Finds failed jets from the innovations of the filters, and the adaptation that the filters need.
 
     Whatever the method: see `massprop_drake.maths.estimation.detectors`, `cglr` for the thesis's constrained
     generalized likelihood ratio.
@@ -122,7 +122,7 @@ class FailureDetector(LeafSystem):
         return self._state_of._make(self._layout.read(vector))
 
     def _judge(self, context: Any) -> Array:
-        """What the method makes of the sample, as `ports.judged` has it."""
+        """Judges the sample by the detector's method, as `ports.judged` has it."""
         vector, command, told = state_of(context), self._command.Eval(context), self._impulses.Eval(context)
         # a sample that is not steady is not looked at, so that nothing need be gathered
         seen = self._evidence.Eval(context) if told[_USABLE] else _NOT_MEASURED

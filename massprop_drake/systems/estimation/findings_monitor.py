@@ -1,4 +1,4 @@
-"""Says what a flight has shown so far: failed jets, detections and the verdict on the filters."""
+"""Findings of a flight so far: failed jets, detections and the verdict on the filters."""
 
 from __future__ import annotations
 
@@ -27,26 +27,26 @@ class Monitor(Protocol):
     said: Any
 
     def has_event(self, detector_report: Array) -> bool:
-        """Tests whether a detector says something at a sample."""
+        """Tests whether a detector declares something at a sample."""
 
     def counted(self, counts: Array, time_s: float, reports: Mapping[str, Array]) -> Array:
-        """The vector after a sample."""
+        """Computes the vector of findings after a sample."""
 
     def told(self, said_before: Any, counts: Array, time_s: float, reports: Mapping[str, Array]) -> Any:
-        """The value after a sample at which a detector says something."""
+        """Computes the value of findings after a sample at which a detector declares something."""
 
     def detections(self, said_now: Any, counts: Array) -> tuple[Any, ...]:
-        """Detections so far."""
+        """Returns the detections so far."""
 
     def failed_jets(self, said_now: Any) -> Array:
-        """Marks of failed jets, shape (n_jets,)."""
+        """Returns marks of failed jets, shape (n_jets,)."""
 
     def verdict(self, counts: Array) -> Any:
-        """The verdict so far."""
+        """Returns the verdict so far."""
 
 
 class FindingsMonitor(LeafSystem):
-    """Follows the reports of filters and detector, so that an autopilot can act on what they have shown.
+    """Follows the reports of filters and detector, so that an autopilot can act on their findings.
 
     Ports:
         rotation_report (in, 28), mass_report (in, 11), joint_report (in, 3), detector_report (in, 14 + 4 n_jets),

@@ -1,4 +1,4 @@
-"""What the commanded jets should have done over the last sample."""
+"""Impulses that the commanded jets should have given over the last sample."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class ImpulseModel(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
 
     def _compute(self, context: Any) -> Array:
-        """As `ports.impulses` has it."""
+        """Computes the impulses, as `ports.impulses` has them."""
         outside = self._outside.Eval(context) if self._outside.HasValue(context) else _NOTHING_OUTSIDE
         given = state_of(context), self._command.Eval(context), outside, self._held
         row: Array = timed(ESTIMATORS, self._kernel, *given)

@@ -1,4 +1,4 @@
-"""The linear programs of guaranteed intervals, by Drake's MathematicalProgram and the simplex solver Clp."""
+"""Linear programs of guaranteed intervals, by Drake's MathematicalProgram and the simplex solver Clp."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Estimates the mass reciprocal."""
+"""Estimation of the mass reciprocal."""
 
 from __future__ import annotations
 
@@ -114,12 +114,12 @@ class MassEstimator(FilterSystem):
         return thesis.read_mass(state_of(context), self._layout)
 
     def _seen(self, context: Any) -> Turning:
-        """What the rotation filter says of the sample."""
+        """Reads the rotation filter's measurement of the sample."""
         turning = Turning._make(self._turning_layout.read(self._turning.Eval(context)))
         return turning if self._linear_errors is not None else turning._replace(effects=None, sensitivity=None)
 
     def _measure(self, context: Any) -> Any:
-        """What it makes of the sample: `Measured`, or as `ports.evidence` has it, where that is compiled."""
+        """Measures the sample: `Measured`, or the vector of `ports.evidence` where that is compiled."""
         if self._compiled:
             given = state_of(context), self._accelerometers.eval(context), self._turning.Eval(context)
             return timed(ESTIMATORS, self._move, *given, *self._told(context), self._held)
@@ -153,7 +153,7 @@ class MassEstimator(FilterSystem):
         return cycle
 
     def _compute_cycle(self, context: Any) -> Any:
-        """The report and the state after it, one after the other."""
+        """Computes the report and the state after the cycle, one after the other."""
         measured: Any = self._measurement.get(context)
         if self._compiled:
             return timed(ESTIMATORS, self._weigh, measured, self._asked(context), self._held)
@@ -178,7 +178,7 @@ class MassEstimator(FilterSystem):
             output.SetFromVector(_NOT_MEASURED)
 
     def _innovation(self, context: Any) -> Array:
-        """The innovation (3) and its covariance (9)."""
+        """Returns the innovation (3) and its covariance (9)."""
         measured: Any = self._measurement.get(context)
         if self._compiled:
             row: Array = measured[EVIDENCE.size :]
@@ -193,7 +193,7 @@ class MassEstimator(FilterSystem):
         output.SetFromVector(self._innovation(context)[_COVARIANCE])
 
     def _after(self, context: Any) -> Array:
-        """The state after the sample."""
+        """Returns the state after the sample."""
         row: Array = self._cycle.get(context)
         return row[MASS_REPORT.size :]
 

@@ -1,4 +1,4 @@
-"""Estimates inverse inertia and center of mass."""
+"""Estimation of inverse inertia and center of mass."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ class RotationEstimator(FilterSystem):
         return thesis.read_rotation(state_of(context), self._layout)
 
     def _measure(self, context: Any) -> Any:
-        """What it makes of the sample: `Measured`, or as `ports.turning` has it, where that is compiled."""
+        """Measures the sample: `Measured`, or the vector of `ports.turning` where that is compiled."""
         if self._compiled:
             given = state_of(context), self._gyros.eval(context), *self._told(context), self._held
             return timed(ESTIMATORS, self._turn, *given)
@@ -140,7 +140,7 @@ class RotationEstimator(FilterSystem):
         return cycle
 
     def _compute_cycle(self, context: Any) -> Any:
-        """The report and the state after it, one after the other."""
+        """Computes the report and the state after the cycle, one after the other."""
         measured: Any = self._measurement.get(context)
         if self._compiled:
             return timed(ESTIMATORS, self._rotate, measured, self._asked(context), self._held)
@@ -154,7 +154,7 @@ class RotationEstimator(FilterSystem):
         output.SetFromVector(state.estimate)
 
     def _turned(self, context: Any) -> Array:
-        """What it says of the sample, packed as `TURNING`."""
+        """Returns the measurement for the mass filter and the detector, packed as `TURNING`."""
         measured: Any = self._measurement.get(context)
         if self._compiled:
             row: Array = measured[: self._turning.size]
@@ -175,7 +175,7 @@ class RotationEstimator(FilterSystem):
         output.SetFromVector(self._turned(context)[self._turning.slice("innovation_covariance")])
 
     def _after(self, context: Any) -> Array:
-        """The state after the sample."""
+        """Returns the state after the sample."""
         row: Array = self._cycle.get(context)
         return row[ROTATION_REPORT.size :]
 

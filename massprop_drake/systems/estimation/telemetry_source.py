@@ -1,4 +1,4 @@
-"""Plays back recorded telemetry."""
+"""Playback of recorded telemetry."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 
 class ServedRows(NamedTuple):
-    """Rows that a source serves, and the one before them, of which command and outside wrench alone count.
+    """Rows that a source serves, and the row before them, whose command and outside wrench alone are used.
 
     Never changed; other rows are another one.
 
@@ -42,7 +42,7 @@ class ServedRows(NamedTuple):
         return self.first + self.time_s.size - 1
 
     def __deepcopy__(self, _memo: Any) -> ServedRows:
-        """Itself: a clone of a context shares what is never changed."""
+        """Returns itself: a clone of a context shares what is never changed."""
         return self
 
 
@@ -129,7 +129,7 @@ class TelemetrySource(LeafSystem):
         context.get_mutable_abstract_parameter(self._rows).set_value(rows)
 
     def begin(self, context: Any, command: Array, outside_wrench: Array, onset_s: Array | None = None) -> None:
-        """Sets what the row before the first one commanded; before any row has been given.
+        """Sets the command of the row before the first one; before any row has been given.
 
         Args:
             context: of the source.
@@ -151,7 +151,7 @@ class TelemetrySource(LeafSystem):
         outside_wrench: Array | None,
         onsets_s: Array | None = None,
     ) -> int:
-        """Gives a context the next rows, in place of those before them but for the last.
+        """Gives a context the next rows; of those before them only the last stays.
 
         Args:
             context: of the source.
@@ -181,7 +181,7 @@ class TelemetrySource(LeafSystem):
         return rows.next - 1
 
     def _place(self, context: Any) -> tuple[ServedRows, int]:
-        """The rows of a context, and where the row of its time stands in their arrays."""
+        """Returns the rows of a context, and the place of the row of its time in their arrays."""
         rows, row = self._held(context), round(context.get_time() / self._period_s)
         if not rows.first <= row < rows.next:
             raise IndexError(

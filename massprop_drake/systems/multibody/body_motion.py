@@ -29,7 +29,7 @@ from massprop_drake.systems.multibody.plants import attached, body_of, inertias,
 
 
 class _Configuration(NamedTuple):
-    """Configuration of the bodies: pose of the carrier, places of all in its frame, and them all as one."""
+    """Configuration of the bodies: pose of the carrier, places of all in its frame, and the composite body."""
 
     carrier: RigidTransform
     places: BodyPlaces
@@ -116,7 +116,7 @@ class BodyMotion(LeafSystem):
         output.SetFromVector(self._standing.get(context).properties.vector())
 
     def DoCalcTimeDerivatives(self, context: Any, derivatives: Any) -> None:  # noqa: N802 (overrides Drake's)
-        """The rates of the integrals."""
+        """Computes the time derivatives of the integrals."""
         index = self._carrier
         rotation = self._poses.Eval(context)[index].rotation().matrix()
         rate = self._velocities.Eval(context)[index].rotational()

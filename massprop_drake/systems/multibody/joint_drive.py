@@ -15,7 +15,7 @@ from massprop_drake.systems.multibody.plants import joint_named
 
 
 class JointDrive(LeafSystem):
-    """Holds joints where they start, and moves them when told.
+    """Holds joints where they start, and moves them when commanded.
 
     The drives are critically damped, with feedforward; see `maths.vehicle.joint_moves`. They are told the inertia that
     the joints move at the start, so that the frequency of the closed loop changes as an arm unfolds.

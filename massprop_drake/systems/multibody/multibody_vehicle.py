@@ -1,4 +1,4 @@
-"""A MultibodyPlant with the ports of `RigidBodyPlant`: on its own, or as the bridge to one that stands elsewhere."""
+"""A MultibodyPlant with the ports of `RigidBodyPlant`: on its own, or as the bridge to one of another diagram."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ class MultibodyVehicle(Diagram):
 
 
 class _StartCheck(LeafSystem):
-    """Refuses to start at rest where a vehicle moves at the start.
+    """System that refuses to start at rest where a vehicle moves at the start.
 
     Ports: state (in, n_positions + n_velocities): of the plant. Required.
 

@@ -1,4 +1,4 @@
-"""MultibodyPlants: made from SDF or URDF, checked, and asked for the bodies of a vehicle."""
+"""MultibodyPlants: made from SDF or URDF, checked, and searched for the bodies of a vehicle."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def parsed_plant(text: str, kind: Literal["sdf", "urdf"]) -> MultibodyPlant:
 
 
 def require_motion(plant: MultibodyPlant) -> None:
-    """Makes sure that Drake can tell how a finalized plant moves.
+    """Checks that Drake can tell how a finalized plant moves.
 
     Raises:
         ValueError: when inertias are too small for that.
@@ -61,12 +61,12 @@ def require_motion(plant: MultibodyPlant) -> None:
 
 
 def _line(text: str) -> str:
-    """A message of Drake's in one line, without the places in Drake and in the text that it begins with."""
+    """Puts a message of Drake into one line, without the places in Drake and in the text that it begins with."""
     return textwrap.shorten(_PLACE.sub("", text), _MOST_LETTERS, placeholder=" ...")
 
 
 def require_continuous(plant: MultibodyPlant) -> None:
-    """Makes sure that a plant can be the truth.
+    """Checks that a plant is continuous, as the truth must be.
 
     Raises:
         ValueError: when it is discrete, whose steps are of first order only, or not finalized.
@@ -81,7 +81,7 @@ def require_continuous(plant: MultibodyPlant) -> None:
 
 
 def body_of(plant: MultibodyPlant, body: str | RigidBody | BodyIndex) -> RigidBody:
-    """The body of a plant that a name, an index or the body itself means.
+    """Returns the body of a plant that a name, an index or the body itself means.
 
     Raises:
         ValueError: when there is none, or more than one, of that name; or the body is of another plant, or the world.
@@ -108,7 +108,7 @@ def body_of(plant: MultibodyPlant, body: str | RigidBody | BodyIndex) -> RigidBo
 
 
 def _bodies(plant: MultibodyPlant) -> list[RigidBody]:
-    """All bodies but the world."""
+    """Returns all bodies but the world."""
     return [plant.get_body(BodyIndex(number)) for number in range(1, plant.num_bodies())]
 
 
@@ -117,7 +117,7 @@ def _joints(plant: MultibodyPlant) -> list[Joint]:
 
 
 def attached(plant: MultibodyPlant, body: RigidBody) -> tuple[RigidBody, ...]:
-    """The bodies that joints hold together with a body, which comes first; the world holds nothing together."""
+    """Returns the bodies that joints connect with a body, which comes first; the world connects nothing."""
     world = plant.world_body().index()
     neighbors: dict[BodyIndex, list[RigidBody]] = {}
     for joint in _joints(plant):
@@ -135,7 +135,7 @@ def attached(plant: MultibodyPlant, body: RigidBody) -> tuple[RigidBody, ...]:
 
 
 def inertias(bodies: tuple[RigidBody, ...]) -> Bodies:
-    """The mass properties of bodies as their plant has them by default.
+    """Returns the mass properties of bodies as their plant has them by default.
 
     Raises:
         ValueError: when together they have no mass.
@@ -151,7 +151,7 @@ def inertias(bodies: tuple[RigidBody, ...]) -> Bodies:
 
 
 def floating_base(plant: MultibodyPlant, body: RigidBody) -> RigidBody:
-    """The body of a vehicle that the world leaves free.
+    """Returns the body of a vehicle that floats freely in the world.
 
     Raises:
         ValueError: when a joint or a weld holds the vehicle to the world.
@@ -163,7 +163,7 @@ def floating_base(plant: MultibodyPlant, body: RigidBody) -> RigidBody:
 
 
 def joint_named(plant: MultibodyPlant, name: str) -> Joint:
-    """The joint of a name, of one degree of freedom.
+    """Returns the joint of a name, of one degree of freedom.
 
     Raises:
         ValueError: when there is none such.
@@ -178,7 +178,7 @@ def joint_named(plant: MultibodyPlant, name: str) -> Joint:
 
 
 def require_within(joint: Joint, position: float) -> None:
-    """Makes sure that a joint of one degree of freedom may stand at a position.
+    """Checks that a joint of one degree of freedom may stand at a position.
 
     Raises:
         ValueError: when the position is beyond the joint's limits.
@@ -191,7 +191,7 @@ def require_within(joint: Joint, position: float) -> None:
 def start_state(
     plant: MultibodyPlant, body: RigidBody, positions: Mapping[str, float], rates: Mapping[str, float], rate: Array
 ) -> tuple[Array, Array]:
-    """State in which the vehicle's frame is along the inertial one, its center of mass at rest at the origin.
+    """Computes the state with the vehicle's frame along the inertial one, its center of mass at rest at the origin.
 
     Args:
         plant: finalized.
@@ -229,7 +229,7 @@ def start_state(
 
 
 def _moving(plant: MultibodyPlant, context: Any, bodies: tuple[RigidBody, ...]) -> tuple[Array, Array]:
-    """Angular velocities and velocities of bodies in the world, shape (n, 3) each."""
+    """Computes angular velocities and velocities of bodies in the world, shape (n, 3) each."""
     moves = [plant.EvalBodySpatialVelocityInWorld(context, one) for one in bodies]
     return np.array([one.rotational() for one in moves]), np.array([one.translational() for one in moves])
 
@@ -239,7 +239,7 @@ def _places(plant: MultibodyPlant, context: Any, bodies: tuple[RigidBody, ...]) 
 
 
 def places(poses: Sequence[RigidTransform]) -> BodyPlaces:
-    """Poses as arrays."""
+    """Returns poses as arrays."""
     return BodyPlaces(
         np.array([pose.rotation().matrix() for pose in poses]), np.array([pose.translation() for pose in poses])
     )

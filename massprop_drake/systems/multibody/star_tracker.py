@@ -1,4 +1,4 @@
-"""A sensor of the attitude against the stars."""
+"""Sensor of the attitude against the stars."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from massprop_drake.systems.vehicle.trackers import Tracker_
 
 @template
 def StarTracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
-    """The tracker of stars for a scalar type T, see `StarTracker`."""
+    """Makes the class of star trackers for a scalar type T, see `StarTracker`."""
 
     class StarsSeen(Tracker_[T]):  # type: ignore[misc, valid-type]
         """Measures the attitude: a unit quaternion, scalar first, from vehicle to inertial axes; ports as `Tracker`.

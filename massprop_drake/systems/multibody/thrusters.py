@@ -17,7 +17,7 @@ from massprop_drake.systems.vehicle.reaction_jets import ReactionJets
 
 
 class _StatedJets(Protocol):
-    """The jets of a vehicle, see `inputs.vehicle.Vehicle`."""
+    """Jets of a vehicle as stated, see `inputs.vehicle.Vehicle`."""
 
     @property
     def wrenches(self) -> Array:
@@ -29,7 +29,7 @@ class _StatedJets(Protocol):
 
     @property
     def mass_flows(self) -> Array:
-        """At full thrust, shape (n_jets,)."""
+        """Mass flows at full thrust, shape (n_jets,)."""
 
     @property
     def sample_period_s(self) -> float:
@@ -37,7 +37,7 @@ class _StatedJets(Protocol):
 
 
 class Thrusters(Diagram):
-    """The jets of a vehicle as one force on a body of a MultibodyPlant.
+    """Applies the jets of a vehicle as one force on a body of a MultibodyPlant.
 
     Ports:
         command (in, n_jets), held_command (in, n_jets), closed (in, n_jets), held_closed (in, n_jets), seed (in, 1):

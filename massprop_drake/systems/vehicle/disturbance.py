@@ -26,10 +26,10 @@ _AXES = ("torque_x", "torque_y", "torque_z", "force_x", "force_y", "force_z")
 
 @template
 def Disturbance_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
-    """The disturbance for a scalar type T, see `Disturbance`."""
+    """Makes the class of disturbances for a scalar type T, see `Disturbance`."""
 
     class Push(LeafSystem_[T]):
-        """A slowly changing torque and force, added to the wrench of the jets on its way to the body.
+        """Adds a slowly changing torque and force to the wrench of the jets on its way to the body.
 
         Ports:
             jets (in, 7 (1 + n_lags)): `wrench` or `wrench_profile` of `ReactionJets`.
@@ -92,7 +92,7 @@ def Disturbance_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             Push._construct(self, other._model, converter=converter, **other._made)
 
         def _held(self, context: Any) -> Any:
-            """Deviation over the running sample, shape (6,)."""
+            """Returns the deviation over the running sample, shape (6,)."""
             state = state_of(context)
             if value_of(state[_BEGUN]):
                 return state[_DEVIATION]

@@ -92,20 +92,20 @@ class Engines(LeafSystem):
 
     @property
     def n_noise(self) -> int:
-        """Count of the numbers that it takes at each sample."""
+        """Number of random numbers that it takes at each sample."""
         return self._size
 
     def _compute_errors(self, context: Any) -> Any:
         return true_errors(self._model, seed_in(context, self._varied, self._seed))
 
     def _now(self, context: Any) -> Any:
-        """Levels and angles at this instant, shape (n, 3)."""
+        """Computes levels and angles at this instant, shape (n, 3)."""
         state, n = context.get_discrete_state(self._state).CopyToVector(), self._size
         now, told = settings(state[:n]), settings(state[n : 2 * n])
         return follow(now, told, context.get_time() - state[-1], self._model.engines)[0]
 
     def _coming(self, context: Any) -> Any:
-        """Commands that they follow over the coming sample, shape (n, 3)."""
+        """Computes commands that the engines follow over the coming sample, shape (n, 3)."""
         return told_to(self._now(context), settings(self._command.Eval(context)), context.get_time(), self._model)
 
     def _calc_state(self, context: Any, output: Any) -> None:

@@ -1,4 +1,4 @@
-"""The one source of chance in a diagram."""
+"""Single source of random numbers in a diagram."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from massprop_drake.systems.scalars import float_class, template
 
 @template
 def SeedLatch_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
-    """A latch for a scalar type T, from whose input to its output a number passes when parameters change.
+    """Makes the class of latches for a scalar type T, which pass a number when parameters change.
 
     A perceptron's output counts as new at every time, and would make anew at every sample all that is drawn before a
     run. To draw a context tells all of its systems that parameters have changed, so the latch waits for that.
     """
 
     class Latch(LeafSystem_[T]):
-        """Passes a number on when parameters of the context change; its own is there to be told of that."""
+        """Passes a number on when parameters of the context change; its own parameter serves to notice that."""
 
         def _construct(self, converter: Any = None) -> None:
             LeafSystem_[T].__init__(self, converter)
@@ -49,7 +49,7 @@ def SeedLatch_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
 
 
 def noise_seed() -> Diagram:
-    """A number in the context that varies the seed of all chance: zero, until `SetRandomContext` draws it.
+    """Returns a number in the context that varies the seed of all draws: zero, until `SetRandomContext` draws it.
 
     It is the parameter of a perceptron with one weight. Of a system made in Python, Drake draws neither state nor
     parameters, and a perceptron is its one system that draws a parameter, so that no state is added to a diagram.
@@ -70,7 +70,7 @@ def noise_seed() -> Diagram:
 
 
 def seed_in(context: Any, port: InputPort, seed: int) -> Seed:
-    """Seed of a run as a context has it.
+    """Returns the seed of a run as a context has it.
 
     Args:
         context: of the system that has the port.
@@ -82,10 +82,10 @@ def seed_in(context: Any, port: InputPort, seed: int) -> Seed:
 
 @template
 def NoiseSource_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
-    """The source for a scalar type T, see `NoiseSource`."""
+    """Makes the class of noise sources for a scalar type T, see `NoiseSource`."""
 
     class Streams(LeafSystem_[T]):
-        """Serves independent standard normal numbers, the same ones however often they are asked for.
+        """Serves independent standard normal numbers, the same ones however often they are read.
 
         Sample k of a stream is a pure function of the seed, the stream's name and k (see
         `massprop_drake.maths.noise`), so a log and a filter that read a port at the same time see the same

@@ -1,4 +1,4 @@
-"""The true reaction-control jets: from commands to forces, torques and propellant flow."""
+"""True reaction-control jets: forces, torques and propellant flow from commands."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ _NONE = np.zeros(0)
 
 @template
 def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
-    """The jets for a scalar type T, see `ReactionJets`."""
+    """Makes the class of jets for a scalar type T, see `ReactionJets`."""
 
     class Nozzles(LeafSystem_[T]):
-        r"""Thrust of all jets, with an optional first-order build-up and tail-off.
+        r"""Computes thrust of all jets, with an optional first-order build-up and tail-off.
 
         Within a sample each jet's level goes from where it was toward its command with its time constant,
         in closed form; see `massprop_drake.maths.vehicle.thrust`. A time constant of zero is instantaneous thrust.
@@ -205,11 +205,11 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
 
         @property
         def lag_time_constants_s(self) -> tuple[float, ...]:
-            """The distinct positive time constants, s, in the order of `wrench_profile`."""
+            """Distinct positive time constants, s, in the order of `wrench_profile`."""
             return self._nominal.classes.time_constants_s
 
         def _compute_jets(self, context: Any) -> tuple[Thrusters, Any]:
-            """The jets by their thrusts in the context, and a holder of them with their failures."""
+            """Makes the jets by their thrusts in the context, and a holder of them with their failures."""
             factor, dispersion = self.parameters.get(context)
             factors = factor * drawn_factors(self._seed_in(context), dispersion, self._n_jets)
             floor = None
@@ -224,7 +224,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return seed_in(context, self._varied, self._seed)
 
         def _shown(self, command: Any, closed: Any, began_s: Any, context: Any) -> Any:
-            """Target of each jet's level over a sample, by when it began and the ports of what is told and closed."""
+            """Computes the target of each jet's level over a sample, by its beginning and the ports' values."""
             told, shut = command.Eval(context), closed.Eval(context) if closed.HasValue(context) else None
             if not self._failures:
                 return told if shut is None else told * (1.0 - shut)
@@ -235,12 +235,12 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return self._failed(told, shut, sample * self._period_s, strikes, jets)
 
         def _held_target(self, context: Any) -> Any:
-            """Target of the levels over the sample that the last update began."""
+            """Computes the target of the levels over the sample that the last update began."""
             began_s = state_of(context)[-1] if self._failures else 0.0
             return self._shown(self._held, self._held_closed, began_s, context)
 
         def _course(self, told: tuple[Any, Any, Any], since_s: float, level: Any, context: Any) -> LevelCourse:
-            """Levels over a sample of pieces, by the ports of command, onset and closed, and when it began."""
+            """Computes levels over a sample of pieces, by its beginning and the ports of command, onset and closed."""
             command, onset, shut = (port.Eval(context) if port.HasValue(context) else _NONE for port in told)
             shut = np.zeros(self._n_jets) if shut is _NONE else shut
             sample = round(since_s / self._period_s)
@@ -252,21 +252,21 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             )
 
         def _held_course(self, context: Any) -> LevelCourse:
-            """Levels over the sample that the last update began."""
+            """Computes levels over the sample that the last update began."""
             state = state_of(context)
             level = np.zeros(self._n_jets) if self._instantaneous else state[:-1]
             told = (self._held, self._held_onset, self._held_closed)
             return self._course(told, float(state[-1]), level, context)
 
         def _level_now(self, context: Any) -> Any:
-            """Level at this sample, before the update: a period after the level in the state."""
+            """Computes the level at this sample, before the update: a period after the level in the state."""
             if self._pieces > 1:
                 return self._held_course(context).end
             jets, _ = self._jets.get(context)
             return level_now(state_of(context)[:-1], self._held_target(context), jets)
 
         def _compute(self, context: Any) -> Any:
-            """Mean forces, then the wrench profile, over the coming sample."""
+            """Computes mean forces, then the wrench profile, over the coming sample."""
             if self._pieces > 1:
                 told, thrusters_now = (self._command, self._onset, self._closed), self._jets.get(context)[0]
                 over = self._course(told, context.get_time(), self._level_now(context), context)
@@ -298,7 +298,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             output.SetFromVector(reached @ jets.wrenches)
 
         def _level_within(self, context: Any) -> Any:
-            """Level at an instant of a sample of pieces; at an edge, the one before it."""
+            """Computes the level at an instant of a sample of pieces; at an edge, the one before it."""
             over, elapsed_s = self._held_course(context), context.get_time() - state_of(context)[-1]
             ends_s = np.cumsum(over.lengths_s)
             piece = min(int(np.searchsorted(ends_s, elapsed_s)), ends_s.size - 1)

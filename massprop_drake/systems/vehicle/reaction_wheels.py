@@ -69,14 +69,14 @@ class ReactionWheels(LeafSystem):
 
     @property
     def n_noise(self) -> int:
-        """Count of the numbers that it takes at each sample."""
+        """Number of random numbers that it takes at each sample."""
         return self._n
 
     def _compute_inertias(self, context: Any) -> Any:
         return true_inertias(self._model, seed_in(context, self._varied, self._seed))
 
     def _speeds(self, context: Any) -> Any:
-        """Speeds at this instant, rad/s; at the first sample those of the start."""
+        """Computes speeds at this instant, rad/s; at the first sample those of the start."""
         state, n = context.get_discrete_state(self._state).CopyToVector(), self._n
         return state[:n] + (context.get_time() - state[-1]) * state[n : 2 * n]
 

@@ -41,10 +41,10 @@ _LEAST_TIME_S = 1e-9  # that the mass must last in a continuous plant, whose ste
 
 @template
 def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
-    """The plant for a scalar type T, see `RigidBodyPlant`."""
+    """Makes the class of plants for a scalar type T, see `RigidBodyPlant`."""
 
     class Plant(LeafSystem_[T]):
-        """A free rigid body under the wrench of its jets, without gravity.
+        """Moves a free rigid body under the wrench of its jets, without gravity.
 
         Equations, frames and the order of the state: `massprop_drake.maths.vehicle.rigid_body`.
 
@@ -174,7 +174,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             )
 
         def _declare_tanks(self, fill: Array) -> set[Any]:
-            """Declares what tanks need, for propellant at the start; returns what the structure depends on besides."""
+            """Declares state and events for tanks with initial propellant; returns the structure's dependencies."""
             self._drained = self.DeclareVectorInputPort("drained", fill.size)
             begun = np.concatenate((np.zeros(STRUCTURE.size), fill, [0.0]))
             self._running = self.DeclareDiscreteState(begun)
@@ -199,7 +199,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             Plant._construct(self, properties, converter=converter, **made)
 
         def _compute_start(self, context: Any) -> Any:
-            """Mass properties at the start, by name as `parameters` has them."""
+            """Computes mass properties at the start, by name as `parameters` has them."""
             values = self.parameters.get(context)
             if self._spread is None:
                 return values
@@ -220,12 +220,12 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return structure + (context.get_time() - since_s) / self._period_s * change
 
         def _over_sample(self, context: Any) -> tuple[Any, Any, float]:
-            """Change of the structure over the running sample, shape (9,), propellant at its start, and its time, s."""
+            """Computes the structure's change over the running sample, shape (9,), initial propellant, and time, s."""
             running = context.get_discrete_state(self._running).CopyToVector()
             return running[: STRUCTURE.size], running[STRUCTURE.size : -1], running[-1]
 
         def _compute_constants(self, context: Any) -> Any:
-            """The constants of motion, a holder of them, and the mass at the start."""
+            """Computes the constants of motion, a holder of them, and the mass at the start."""
             structure = self._structure(context)
             if T is float and not is_positive_definite(symmetric(STRUCTURE.read(structure).inertia)):
                 raise InputError(
@@ -236,7 +236,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return constants, held(constants, self._compiled), self._start.get(context).mass
 
         def _body(self, context: Any) -> Any:
-            """State of the body with its whole mass, shape (23,)."""
+            """Returns the state of the body with its whole mass, shape (23,)."""
             if self._time_step == 0.0:
                 body = context.get_continuous_state_vector().CopyToVector()
             else:
@@ -255,7 +255,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             output.SetFromVector(np.array([*constants.inverse, *constants.center, 1.0 / self._body(context)[MASS]]))
 
         def DoCalcTimeDerivatives(self, context: Any, derivatives: Any) -> None:  # noqa: N802 (overrides Drake's)
-            """The continuous plant's equations of motion."""
+            """Computes the continuous plant's equations of motion."""
             if self._time_step == 0.0:
                 wrench = self._wrench.Eval(context)
                 (constants, *_), body = self._constants.get(context), self._body(context)
@@ -270,7 +270,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 derivatives.get_mutable_vector().SetFromVector(changing)
 
         def _drawn(self, context: Any, mass: float, structure: Array) -> tuple[Array, Array]:
-            """Structure after the coming sample, and propellant left in the tanks."""
+            """Computes the structure after the coming sample, and propellant left in the tanks."""
             assert self._tanks is not None, "the plant has tanks"
             (tanks, _), used = self._tanks, self._drained.Eval(context)
             _, fill, _ = self._over_sample(context)

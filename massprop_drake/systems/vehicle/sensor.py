@@ -1,4 +1,4 @@
-"""The package of three sensors, common to rate gyros and integrating accelerometers."""
+"""Package of three sensors, common to rate gyros and integrating accelerometers."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ _READING, _AFTER = slice(0, 3), slice(3, None)  # of what the kernel gives of a 
 
 
 class StatedPackage(Protocol):
-    """A package of three sensors as a vehicle has it, see `inputs.vehicle.SensorPackage`."""
+    """Package of three sensors as a vehicle states it, see `inputs.vehicle.SensorPackage`."""
 
     @property
     def name(self) -> str:
-        """Of the package."""
+        """Name of the package."""
 
     @property
     def quantum(self) -> float:
-        """Step of a reading."""
+        """Quantum of a reading."""
 
     @property
     def noise_std(self) -> float:
@@ -53,7 +53,7 @@ class StatedPackage(Protocol):
 
 
 def stated(package: StatedPackage) -> SensorModel:
-    """The errors of a package that its vehicle states, and no others."""
+    """Returns the errors of a package that its vehicle states, and no others."""
     nothing, limit = np.zeros(3), math.inf if package.range is None else package.range
     return SensorModel(
         period_s=1.0,  # of no effect without memory
@@ -72,10 +72,10 @@ def stated(package: StatedPackage) -> SensorModel:
 
 @template
 def Sensor_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
-    """The package for a scalar type T, see `Sensor`."""
+    """Makes the class of packages for a scalar type T, see `Sensor`."""
 
     class Triad(LeafSystem_[T]):
-        """A package of three sensors along the body axes, with the errors of `maths.sensing.SensorModel`.
+        """Reads three sensors along the body axes, with the errors of `maths.sensing.SensorModel`.
 
         Ports:
             body_state (in, 23): see `RigidBodyPlant`. Required.
@@ -176,7 +176,7 @@ def Sensor_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             Triad._construct(self, other.get_name(), converter=converter, **other._made)
 
         def _errors_in(self, context: Any) -> SensorModel:
-            """Errors by the parameters in a context, before the draw."""
+            """Returns errors by the parameters in a context, before the draw."""
             values = self.parameters.get(context)
             scalars = ("quantum", "limit", "noise_std", "walk_std")
             numbers: dict[str, Any] = {name: value_of(getattr(values, name)) for name in scalars}
@@ -194,7 +194,7 @@ def Sensor_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return model._replace(scale_factor=values.scale_factor, bias=values.bias)
 
         def _compute_sensing(self, context: Any) -> tuple[Any, Any, SensorModel | None]:
-            """The kernel of a reading, a holder for it, and the errors; None where it takes neither noise nor time."""
+            """Makes the kernel of a reading, its holder, and the errors; None where it takes neither noise nor time."""
             model = self._errors_in(context)
             if self._draws is not None:
                 model = with_draws(model, self._draws, seed_in(context, self._varied, self._seed))
@@ -205,7 +205,7 @@ def Sensor_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             return kernel, holder, None if exact else model
 
         def _chance(self, context: Any, model: SensorModel) -> tuple[Array, Array]:
-            """Noise and vibration at a sample."""
+            """Returns noise and vibration at a sample."""
             noise = self._noise.Eval(context) if self._model.noisy else _QUIET
             return noise, vibrating(model, context.get_time())
 

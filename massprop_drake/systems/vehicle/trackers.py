@@ -18,10 +18,10 @@ from massprop_drake.systems.scalars import float_class, refuse, template
 
 @template
 def Tracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
-    """The base of trackers for a scalar type T, see `Tracker`."""
+    """Makes the base class of trackers for a scalar type T, see `Tracker`."""
 
     class Sighting(LeafSystem_[T]):
-        """The base of all trackers.
+        """Base class of all trackers.
 
         Ports:
             body_state (in, 23), structure (in, 9): see `RigidBodyPlant`. Required.
@@ -52,7 +52,7 @@ def Tracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             Sighting._construct(self, *other._sizes, converter=converter)
 
         def _times(self) -> set[Any]:
-            """Tickets of the time, where it decides whether anything is read."""
+            """Returns tickets of the time, where it decides whether anything is read."""
             return set()
 
         def _is_due(self, _context: Any) -> bool:
@@ -73,7 +73,7 @@ def Tracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
 
 @template
 def PoseTracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
-    """The tracker of poses for a scalar type T, see `PoseTracker`."""
+    """Makes the class of pose trackers for a scalar type T, see `PoseTracker`."""
 
     class PoseSeen(Tracker_[T]):  # type: ignore[misc, valid-type]
         """Measures position and attitude, see `maths.vehicle.tracking`; ports, state and timing as `Tracker`.
@@ -116,7 +116,7 @@ def PoseTracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
 
 @template
 def VelocityTracker_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
-    """The tracker of velocities for a scalar type T, see `VelocityTracker`."""
+    """Makes the class of velocity trackers for a scalar type T, see `VelocityTracker`."""
 
     class VelocitySeen(Tracker_[T]):  # type: ignore[misc, valid-type]
         """Measures the velocity of a point, ft/s or m/s, fixed frame; ports, state and timing as `Tracker`.

@@ -67,7 +67,7 @@ _REJECT = int(Action.REJECT)
 
 
 class CglrParams(NamedTuple):
-    """What shapes the detector.
+    """Parameters of the detector.
 
     Attributes:
         period_s: sample period, s.
@@ -112,7 +112,7 @@ class CglrParams(NamedTuple):
 
 
 def make_params(jets: Jets, options: Any) -> CglrParams:
-    """Parameters from a scenario's block `detector`.
+    """Makes the parameters from a scenario's block `detector`.
 
     Args:
         jets: see `Jets`.
@@ -141,7 +141,7 @@ def make_params(jets: Jets, options: Any) -> CglrParams:
 
 
 class DetectorState(NamedTuple):
-    """What the detector remembers.
+    """State of the detector between samples.
 
     Attributes:
         cluster: index of the cluster under suspicion, -1: none.
@@ -181,12 +181,12 @@ LAYOUT = Layout(
 
 
 def initial_state(n_jets: int) -> DetectorState:
-    """Nothing suspected, nothing known."""
+    """Returns the state with nothing suspected and nothing known."""
     return DetectorState(_QUIET, 0.0, 0.0, 0.0, np.zeros(6), *np.zeros((4, n_jets)))
 
 
 class DetectorSample(NamedTuple):
-    """What one sample brings to the detector.
+    """Sample as the detector takes it.
 
     Attributes:
         time_s: of the sample, s.
@@ -214,7 +214,7 @@ class DetectorSample(NamedTuple):
 
 
 class Finding(NamedTuple):
-    """What the detector makes of one sample.
+    """Finding of the detector about one sample.
 
     Attributes:
         tested: whether the sample was tested.
@@ -259,7 +259,7 @@ class DetectorCycle(NamedTuple):
 
 @kernel
 def cycle(state: DetectorState, sample: DetectorSample, params: CglrParams) -> DetectorCycle:
-    """One cycle of the detector, with a sample that can be tested.
+    """Runs one cycle of the detector, with a sample that can be tested.
 
     Args:
         state: of the cycle before.
@@ -334,7 +334,7 @@ def _alarmed(
     sample: DetectorSample,
     params: CglrParams,
 ) -> DetectorCycle:
-    """The end of a cycle whose alarm has passed as a jet's."""
+    """Ends a cycle whose alarm has passed as a jet's."""
     jet = finding.isolation.jet
     adaptation = _correction(coefficients[jet], tests, jet, params)
     if state.variance[jet] > 0.0:
@@ -347,13 +347,13 @@ def _alarmed(
 
 @kernel
 def _of_event(finding: Finding, event: int, sample: DetectorSample, params: CglrParams) -> Finding:
-    """A finding with an event that began with the sample."""
+    """Makes the finding for an event that began with the sample."""
     return _retold(finding, event, sample.time_s - params.period_s, 1.0)
 
 
 @kernel
 def _retold(finding: Finding, event: int, onset_s: float, alarms: float) -> Finding:
-    """A finding with another event."""
+    """Returns a finding with its event replaced."""
     return Finding(
         finding.tested,
         finding.alarm,
@@ -383,7 +383,7 @@ def _rotation_nis(sample: DetectorSample) -> float:
 
 @kernel
 def _suspecting(state: DetectorState, cluster: float, alarms: float, since: float) -> DetectorState:
-    """The state with another suspicion."""
+    """Returns the state with another suspicion."""
     return DetectorState(
         cluster,
         alarms,
@@ -399,7 +399,7 @@ def _suspecting(state: DetectorState, cluster: float, alarms: float, since: floa
 
 @kernel
 def _knowing(state: DetectorState, force: Array, variance: Array) -> DetectorState:
-    """The state with other known forces."""
+    """Returns the state with other known forces."""
     return DetectorState(
         state.cluster,
         state.alarms,
@@ -415,7 +415,7 @@ def _knowing(state: DetectorState, force: Array, variance: Array) -> DetectorSta
 
 @kernel
 def _aged(state: DetectorState) -> DetectorState:
-    """A cycle later; a suspicion is dropped when no sample has borne on it for long."""
+    """Ages the state by a cycle; a suspicion is dropped when no sample has borne on it for long."""
     if state.cluster == _QUIET:
         return state
     if state.since >= _LONGEST_GATE:
@@ -425,7 +425,7 @@ def _aged(state: DetectorState) -> DetectorState:
 
 @kernel
 def _unconfirmed(state: DetectorState, params: CglrParams) -> DetectorState:
-    """After a tested sample without an alarm; when any further one would come too late, the row is broken."""
+    """Ends a tested sample without an alarm; when any further alarm would come too late, the row is broken."""
     if state.cluster != _QUIET and state.since >= params.alarm_gap:
         return _suspecting(state, _QUIET, 0.0, 0.0)
     return state
@@ -513,7 +513,7 @@ def _corrected_force(state: DetectorState, tests: JetTests, jet: int, params: Cg
 
 @kernel
 def _followed(state: DetectorState, coefficients: Array, sample: DetectorSample, params: CglrParams) -> DetectorState:
-    """One step of the filter of each known force on a sample without an alarm."""
+    """Updates the filter of each known force with a sample without an alarm."""
     if not nonzero(state.variance):
         return state
     jets = np.flatnonzero(state.variance)
@@ -539,7 +539,7 @@ def _followed(state: DetectorState, coefficients: Array, sample: DetectorSample,
 
 @kernel
 def judged(state: DetectorState, evidence: Evidence, params: CglrParams) -> DetectorCycle:
-    """One cycle of the detector from the filters' predictions and innovations.
+    """Runs one cycle of the detector on the filters' predictions and innovations.
 
     Args:
         state: of the cycle before.
@@ -568,7 +568,7 @@ def judged(state: DetectorState, evidence: Evidence, params: CglrParams) -> Dete
 
 @kernel
 def status_values(result: DetectorCycle) -> tuple[Any, ...]:
-    """A cycle's finding in the order of `detector.STATUS`."""
+    """Returns a cycle's finding in the order of `detector.STATUS`."""
     finding, isolation = result.finding, result.finding.isolation
     return (
         finding.tested,
@@ -589,7 +589,7 @@ def status_values(result: DetectorCycle) -> tuple[Any, ...]:
 
 
 def status(result: DetectorCycle) -> Any:
-    """A cycle's finding as it is logged, see `detector.STATUS`."""
+    """Returns a cycle's finding as it is logged, see `detector.STATUS`."""
     return STATUS.make(**dict(zip(STATUS, status_values(result), strict=True)))
 
 

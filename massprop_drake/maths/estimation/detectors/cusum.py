@@ -33,7 +33,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 
 class CusumParams(NamedTuple):
-    """What shapes the detector.
+    """Parameters of the detector.
 
     Attributes:
         period_s, clusters, unit_wrenches, thrusts, limits: see `detector.Jets`.
@@ -51,7 +51,7 @@ class CusumParams(NamedTuple):
 
 
 class CusumState(NamedTuple):
-    """What the detector remembers; the first axis is the side, too much thrust and too little.
+    """State of the detector between samples; the first axis is the side, too much thrust and too little.
 
     Attributes:
         sums: g, shape (2, n_jets).
@@ -84,7 +84,7 @@ LAYOUT = Layout(
 
 
 def make_params(jets: Jets, options: Any) -> CusumParams:
-    """Parameters from a scenario's block `detector` of kind `cusum`."""
+    """Makes the parameters from a scenario's block `detector` of kind `cusum`."""
     return CusumParams(
         jets.period_s,
         jets.clusters,
@@ -97,12 +97,12 @@ def make_params(jets: Jets, options: Any) -> CusumParams:
 
 
 def initial_state(n_jets: int) -> CusumState:
-    """Nothing gathered, nothing known."""
+    """Returns the state with sums of zero and no known forces."""
     return CusumState(*np.zeros((4, 2, n_jets)), *np.zeros((4, n_jets)))
 
 
 def judge(state: CusumState, evidence: Evidence, params: CusumParams) -> Judgment:
-    """One cycle: gathers a sample that can be tested, and declares the jet of the largest sum above the threshold.
+    """Runs one cycle: adds a sample that can be tested, and declares the jet of the largest sum above the threshold.
 
     Args:
         state: of the cycle before.
@@ -149,7 +149,7 @@ def judge(state: CusumState, evidence: Evidence, params: CusumParams) -> Judgmen
 
 
 def gathered(state: CusumState, evidence: Evidence, information: Array, params: CusumParams) -> CusumState:
-    """The sums with one more sample; those that fall to zero begin anew at its end."""
+    """Adds one more sample to the sums; those that fall to zero begin again at its end."""
     never = np.zeros(params.clusters.size, dtype=bool)
     coefficients = signatures(params.unit_wrenches, evidence.estimate, params.period_s)
     tests = jet_tests(coefficients, evidence.innovation, information, never, never)
@@ -170,7 +170,7 @@ def gathered(state: CusumState, evidence: Evidence, information: Array, params: 
 
 
 def _declared(state: CusumState, alike: NDArray[np.bool_], jet: int, force: float, variance: float) -> CusumState:
-    """All sums begin anew; the jets in question are out of use, and too much thrust is a known force."""
+    """Declares a failure: all sums begin again, the suspected jets go out of use; too much thrust is a known force."""
     anew = initial_state(alike.size)
     known, spread = state.force.copy(), state.variance.copy()
     if force > 0.0:

@@ -76,7 +76,7 @@ class JetTests(NamedTuple):
 
 
 def information_of(evidence: Evidence, limits: Array) -> Array | None:
-    """Inverse of the innovations' covariance, shape (6, 6); None for a sample that cannot be tested.
+    """Computes the inverse of the innovations' covariance, shape (6, 6); None for a sample that cannot be tested.
 
     A sample can be tested when the combination of jets was steady, both innovations are there, and the estimates
     have converged.
@@ -95,7 +95,7 @@ def information_of(evidence: Evidence, limits: Array) -> Array | None:
 
 @kernel
 def testable(evidence: Evidence, limits: Array) -> bool:
-    """Whether a sample can be tested; arguments as `information_of`."""
+    """Tests whether a sample can be tested for failed jets; arguments as `information_of`."""
     innovation = evidence.innovation
     if not (evidence.usable and math.isfinite(innovation[0]) and math.isfinite(innovation[3])):
         return False
@@ -104,7 +104,7 @@ def testable(evidence: Evidence, limits: Array) -> bool:
 
 @kernel
 def information(covariance: Array, coupled: bool) -> Array:
-    """Inverse of the innovations' covariance, shape (6, 6).
+    """Computes the inverse of the innovations' covariance, shape (6, 6).
 
     Args:
         covariance: Y, shape (6, 6).
@@ -127,7 +127,7 @@ def _inverted(covariance):  # type: ignore[no-untyped-def] # compiled alone
 
 @idiom(_inverted)
 def _inverse(covariance: Array) -> Array:
-    """Inverse of a covariance of any size, scaled to a unit diagonal on the way."""
+    """Inverts a covariance of any size, scaled to a unit diagonal on the way."""
     scale = np.sqrt(covariance.diagonal())
     try:
         factor = np.linalg.cholesky(covariance / (scale[:, None] * scale))
@@ -140,7 +140,7 @@ def _inverse(covariance: Array) -> Array:
 
 @kernel
 def signatures(unit_wrenches: Array, mass_properties: Array, period_s: float) -> Array:
-    """Influence coefficients c of every jet (4-12), translation first, per unit force, shape (n_jets, 6).
+    """Computes influence coefficients c of every jet (4-12), translation first, per unit force, shape (n_jets, 6).
 
     Args:
         unit_wrenches: torque about the vehicle origin and force of a unit force along each jet, shape
@@ -188,7 +188,7 @@ def jet_tests(
 
 
 class UncertainSignatures(NamedTuple):
-    """Signatures, and what makes them uncertain.
+    """Signatures of the jets, and the sources of their uncertainty.
 
     Attributes:
         coefficients: c of every jet, shape (n_jets, 6).
@@ -207,7 +207,7 @@ class UncertainSignatures(NamedTuple):
 
 
 class Signs(NamedTuple):
-    """Which failures are ruled out by what a jet was told.
+    """Signs of failures that the commands rule out, jet by jet.
 
     Attributes:
         impossible_negative: jets that cannot have lost thrust, boolean, shape (n_jets,).
@@ -254,7 +254,7 @@ def uncertain_jet_tests(
 
 @kernel
 def failed_covariance(force: Array, covariance: Array, signatures: UncertainSignatures) -> Array:
-    """Y_j, the innovations' covariance under each jet's hypothesis, shape (n_jets, 6, 6).
+    """Computes Y_j, the innovations' covariance under each jet's hypothesis, shape (n_jets, 6, 6).
 
     Args:
         force: f of each jet, lbf or N, shape (n_jets,).
@@ -289,7 +289,7 @@ class Isolation(NamedTuple):
 
 @kernel
 def isolate(likelihood: Array, clusters: NDArray[np.int_]) -> Isolation:
-    """The likeliest jet, and by how much it leads in its cluster and its cluster among all.
+    """Finds the likeliest jet, its margin over the others of its cluster, and that cluster's over all others.
 
     Args:
         likelihood: argument of every jet, shape (n_jets,).
@@ -306,7 +306,7 @@ def isolate(likelihood: Array, clusters: NDArray[np.int_]) -> Isolation:
 
 
 class Circumstances(NamedTuple):
-    """What bears on the tests of a sample besides its evidence.
+    """Circumstances of a sample that bear on its tests besides its evidence.
 
     Attributes:
         command: fraction commanded over the interval, shape (n_jets,).
@@ -328,7 +328,7 @@ class Circumstances(NamedTuple):
 def tested(
     innovation: Array, information: Array, mass_properties: Array, around: Circumstances
 ) -> tuple[Array, JetTests, Isolation, Signs]:
-    """Signatures, the test of every jet with them taken as certain, what that isolates, and which signs are ruled out.
+    """Tests every jet with its signature taken as certain; returns signatures, tests, isolation, and signs ruled out.
 
     Args:
         innovation, information: see `jet_tests`.

@@ -14,7 +14,7 @@ from massprop_drake.maths.linear_algebra import Array, nonzero
 
 
 def known_force(state: Any, mass_properties: Array, command: Array, params: Any) -> KnownForce:
-    """The wrench of known forces, and what their uncertainty adds to the measurements' covariance.
+    """Computes the wrench of known forces, and their part in the measurements' covariance.
 
     Args:
         state: of the detector, with `force` and `variance`; see `detector.Detector`.
@@ -29,7 +29,7 @@ def known_force(state: Any, mass_properties: Array, command: Array, params: Any)
 
 @kernel
 def acting_force(state: Any, mass_properties: Array, command: Array, params: Any) -> KnownForce:
-    """`known_force` where the force of a jet is known."""
+    """Computes `known_force` if the force of any jet is known."""
     jets = np.flatnonzero(state.variance)
     wrenches = params.unit_wrenches[jets]
     c = signatures(wrenches, mass_properties, params.period_s)
@@ -44,7 +44,7 @@ def acting_force(state: Any, mass_properties: Array, command: Array, params: Any
 
 @kernel
 def excess_share(state: Any, jets: NDArray[np.int_], command: Array, params: Any) -> Array:
-    """Share of each known force that comes on top of what is commanded, shape (k,).
+    """Computes the share of each known force that comes on top of what is commanded, shape (k,).
 
     A jet that is stuck on gives no more when it is told to fire; a leak does.
 

@@ -25,7 +25,7 @@ GROUP = "thrust_factor_detector"  # its part of a saved state
 
 
 class FactorParams(NamedTuple):
-    """What shapes the detector.
+    """Parameters of the detector.
 
     Attributes:
         pose: see `PoseParams`.
@@ -39,7 +39,7 @@ class FactorParams(NamedTuple):
 
 
 class State(NamedTuple):
-    """What is remembered.
+    """State of the detector between samples.
 
     Attributes:
         grouped: members of the group that has been named last, 1 each, shape (1 + 2 n_jets,).
@@ -56,19 +56,19 @@ class State(NamedTuple):
 
 
 def make_params(jets: Jets, options: Any, filter_params: PoseFilterParams) -> FactorParams:
-    """Parameters from those of the filter and the scenario's block."""
+    """Makes the parameters from those of the filter and the scenario's block."""
     rules = Rules(options.lead, options.lead_nothing, options.least)
     return FactorParams(filter_params.pose, jets.thrusts, rules)
 
 
 def initial(params: FactorParams) -> State:
-    """Before the first sample."""
+    """Returns the state before the first sample."""
     none = np.zeros(params.thrusts.size)
     return State(np.zeros(1 + 2 * none.size), none, none, none, none)
 
 
 def judge(state: State, evidence: PoseEvidence, params: FactorParams) -> Judgment:
-    """What is made of a cycle of the filter.
+    """Judges a cycle of the filter: which jet has failed, if any.
 
     Args:
         state: of the cycle before.
@@ -118,7 +118,7 @@ def judge(state: State, evidence: PoseEvidence, params: FactorParams) -> Judgmen
 
 
 def _silent(jets: int) -> dict[str, Array]:
-    """The rows of `HYPOTHESIS_REPORT` where nothing is said."""
+    """Returns the rows of `HYPOTHESIS_REPORT` when nothing is declared."""
     zero = {name: np.zeros(jets) for name in ("verdict", "verdict_group", "verdict_place")}
     names = ("verdict_magnitude", "verdict_std", "verdict_onset", "verdict_apart_by", "verdict_apart_after")
     unknown = {name: np.full(jets, np.nan) for name in names}
@@ -143,7 +143,7 @@ def _said(found: Found, evidence: PoseEvidence, params: FactorParams) -> dict[st
 
 
 def _in_cycles(time_s: float, evidence: PoseEvidence) -> float:
-    """A time of the record by the clock of the cycles."""
+    """Converts a time of the record to the clock of the cycles."""
     return evidence.cycle_s - (evidence.time_s - time_s)
 
 
@@ -172,12 +172,12 @@ def _status(found: Found | None, likeliest: int | None, racing: float, params: F
 
 
 def saved(state: State, _params: FactorParams) -> Array:
-    """The state as a vector."""
+    """Packs the state into a vector."""
     return np.concatenate((state.grouped, state.removed))
 
 
 def restored(vector: Array, params: FactorParams) -> State:
-    """The inverse of `saved`.
+    """Unpacks a state: the inverse of `saved`.
 
     Raises:
         ValueError: when the state holds what the detector cannot leave.

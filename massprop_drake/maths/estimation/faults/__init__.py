@@ -1,1 +1,1 @@
-"""The hypothesis filter: what has failed, as a posterior probability."""
+"""The hypothesis filter: posterior probabilities of faults."""

@@ -1,4 +1,4 @@
-"""What the hypothesis filter declares of a run."""
+"""Declarations that the hypothesis filter makes about a run."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Mode(IntEnum):
 
 
 class Word(IntEnum):
-    """What is said of jets; but for the first two of one jet, or of a group that is not told apart."""
+    """Kind of declaration about a jet; the first two also serve for a group of indistinguishable jets."""
 
     FAILED = 1
     GROUP = 2  # one of these has failed
@@ -32,7 +32,7 @@ class Word(IntEnum):
 
 
 class JetsDeclared(NamedTuple):
-    """Something said of jets.
+    """Declaration about jets.
 
     Attributes:
         word: see `Word`.
@@ -53,8 +53,10 @@ class JetsDeclared(NamedTuple):
 
 
 class JumpDeclared(NamedTuple):
-    """A jump of the mass properties; first when it is found, with its size if that is known by then, and again when
-    the filter has settled after it and knows the mass to a tenth.
+    """Declaration of a jump of the mass properties.
+
+    It is made when the jump is found, with its size if that is known by then, and again when the filter has settled
+    after it and knows the mass to a tenth.
 
     Attributes:
         measured: whether this is the second time.
@@ -73,7 +75,7 @@ class JumpDeclared(NamedTuple):
 
 
 class ReadingDeclared(NamedTuple):
-    """A reading that lies.
+    """Declaration of a false reading.
 
     Attributes:
         component: index among all, gyros first, see `joint.hypotheses.Cause`.
@@ -85,7 +87,7 @@ class ReadingDeclared(NamedTuple):
 
 
 class Unexplained(NamedTuple):
-    """Something that no hypothesis explains.
+    """Declaration that no hypothesis explains the readings.
 
     Attributes:
         onset_s: when it began.
@@ -95,7 +97,7 @@ class Unexplained(NamedTuple):
 
 
 class DisturbanceDeclared(NamedTuple):
-    """Something acts that nobody stated, and changes slowly.
+    """Declaration of a disturbance that is not stated, and changes slowly.
 
     Attributes:
         onset_s: since when.

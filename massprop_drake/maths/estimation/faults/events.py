@@ -1,4 +1,4 @@
-"""Hypotheses of what has happened: each a filter, a log weight and a list of fault events."""
+"""Hypotheses about faults: each a filter state, a log weight and a list of fault events."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ Part = tuple[Any, ...]  # of what a hypothesis has happen: a way, or a kind and 
 
 
 class Event(NamedTuple):
-    """Something that happens.
+    """Fault event: its mode, component and onset.
 
     Attributes:
         cause: see `Cause`.
@@ -48,7 +48,7 @@ class Event(NamedTuple):
 
 
 class Hypothesis(NamedTuple):
-    """A history of events, with the filter that takes it for true.
+    """History of fault events, with the filter that takes it for true.
 
     Attributes:
         run: filter, with the newest event and the log likelihood of all readings since the common origin.
@@ -88,7 +88,7 @@ class Hypothesis(NamedTuple):
 
     @property
     def parts(self) -> tuple[Part, ...]:
-        """Parts of what happens, each with how often it has happened before."""
+        """Parts of the history, each with the number of its earlier occurrences."""
         found: list[Part] = []
         for event in self.events:
             cause = event.cause
@@ -99,7 +99,7 @@ class Hypothesis(NamedTuple):
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """By which hypotheses are the same: what happens, and what it is like now."""
+        """Key that equal hypotheses share: the parts of their history, and their present forces."""
         state = self.run.state
         slots = [
             (int(jet), int(sign), int(on_top), walk)
@@ -118,24 +118,24 @@ class Hypothesis(NamedTuple):
 
     @property
     def ways(self) -> frozenset[Way]:
-        """Jets that have failed, and how."""
+        """Jets that have failed, with the sign of each failure."""
         return frozenset(way for event in self.events for way in event.cause.failures)
 
 
 def begun(state: JointState, cycle: int, params: JointParams) -> Hypothesis:
-    """The hypothesis that nothing has happened."""
+    """Returns the hypothesis that nothing has happened."""
     n = params.places.n_force
     return Hypothesis(Runner(NOTHING, cycle, (), cycle, state, NO_SCORE), (), 0.0, np.full(n, np.nan), np.zeros(n))
 
 
 def force_of(state: JointState, slot: int, params: JointParams) -> tuple[float, float]:
-    """Force in a slot, and its 1-sigma, lbf or N."""
+    """Returns the force in a slot, and its 1-sigma, lbf or N."""
     row = params.places.force + slot
     return float(state.mean[row]), float(np.sqrt(np.sum(state.root[row] ** 2)))
 
 
 def weighed(each: Hypothesis, params: Params) -> Hypothesis:
-    """The hypothesis with its log weight: likelihood, priors of its events and lags, and what its forces are worth."""
+    """Computes the log weight of a hypothesis: likelihood, priors of events and lags, and correction for its forces."""
     state = each.run.state
     total = each.run.score.likelihood + each.prior + log_mixture(state, params.joint)
     if each.run.age > 0:
@@ -157,13 +157,13 @@ def weighed(each: Hypothesis, params: Params) -> Hypothesis:
 
 
 def special(each: Hypothesis, duration_s: float, params: JointParams) -> bool:
-    """Whether its next cycle is another than that of its filter alone: an onset, or a reading that is left out."""
+    """Tests whether the next cycle needs more than the plain filter: an onset, or a reading that is left out."""
     run = each.run
     return run.lying or (run.cause.kind == Kind.JETS and kicks_at(run, duration_s, params) is not None)
 
 
 def readied(each: Hypothesis, over: Link, params: JointParams) -> JointState:
-    """Its state with what forces may change by, and unknown pushes give, over the next interval.
+    """Returns the state with the noise of walking forces and unknown pushes over the next interval.
 
     Args:
         each: the hypothesis.
@@ -175,19 +175,19 @@ def readied(each: Hypothesis, over: Link, params: JointParams) -> JointState:
 
 
 def shares(each: Hypothesis, duration_s: float) -> Array:
-    """Shares of full thrust that forces may change by over an interval, as `restless` takes them, shape (n_force,)."""
+    """Returns shares of full thrust by which forces may change over an interval, see `restless`, shape (n_force,)."""
     walks: Array = np.minimum(each.walks * duration_s, 1.0)
     return walks
 
 
 def gone_on(each: Hypothesis, run: Runner, params: JointParams) -> Hypothesis:
-    """The hypothesis with its filter a cycle further."""
+    """Returns the hypothesis with its filter one cycle further."""
     kept = OLDEST * params.rates.steps
     return each._replace(run=run, trail=(*each.trail, run.score.likelihood)[-kept:])
 
 
 def behind(each: Hypothesis, other: Hypothesis) -> float:
-    """Deficit of a hypothesis against another at its own last cycle, nats; zero where that is not known."""
+    """Computes the deficit of a hypothesis against another at its own last cycle, nats; zero where not known."""
     since = other.run.cycle - each.run.cycle
     if each.run.age <= 0 or not 0 <= since < len(other.trail):
         return 0.0
@@ -195,7 +195,7 @@ def behind(each: Hypothesis, other: Hypothesis) -> float:
 
 
 def moved(each: Hypothesis, sample: Sample, over: Link, params: JointParams, *, starting: bool) -> Hypothesis:
-    """The hypothesis after one more cycle.
+    """Advances a hypothesis by one cycle.
 
     Args:
         each: before it.
@@ -212,7 +212,7 @@ def moved(each: Hypothesis, sample: Sample, over: Link, params: JointParams, *, 
 
 
 def split(each: Hypothesis, sample: Sample) -> tuple[Hypothesis, ...]:
-    """The hypothesis, or two where a jet that gives too much is commanded for the first time since.
+    """Splits a hypothesis in two if a jet that gives too much is commanded for the first time since.
 
     In the one the force comes on top of the command, in the other it is in its place; both are as likely.
     """
@@ -233,7 +233,7 @@ def split(each: Hypothesis, sample: Sample) -> tuple[Hypothesis, ...]:
 
 
 def regained(each: Hypothesis, sample: Sample, cycle: int, params: JointParams) -> Hypothesis:
-    """The hypothesis after an interval of which nothing is known."""
+    """Restarts a hypothesis after an interval of which nothing is known."""
     after, _ = restart(each.run.state, sample, params)
     begun_anew = gone_on(each, each.run._replace(state=after, cycle=cycle), params)
     return begun_anew._replace(watch=None, origin=None, review=None)

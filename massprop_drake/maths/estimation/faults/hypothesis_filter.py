@@ -1,4 +1,4 @@
-"""The hypothesis filter as one of the detectors: what it remembers, what logs keep, which jets are put out of use.
+"""The hypothesis filter as a detector of the registry: its state, its logs, and the jets that it takes out of use.
 
 Forces of failed jets are states of the filter, so that none acts through the impulse model; those that have been
 declared stand in `force` and `variance` for the autopilot and the logs. A jet that is named alone is put out of use
@@ -31,7 +31,7 @@ GROUP = "hypothesis_detector"  # its part of a saved state
 
 
 class State(NamedTuple):
-    """All that is remembered. Never changed; a cycle makes a new one.
+    """State of the detector. Never changed; a cycle makes a new one.
 
     Attributes:
         tree: see `Tree`.
@@ -52,7 +52,7 @@ class State(NamedTuple):
 
 
 def make_params(_jets: Jets, options: Any, filter_params: JointFilterParams) -> Params:
-    """Parameters from those of the filter and the scenario's block `faults`, with an entry for each jet."""
+    """Makes the parameters from those of the filter and the scenario's block `faults`, with an entry for each jet."""
     priors, of_jets = Priors(*(getattr(options, name) for name in Priors._fields)), options.jets.values()
     allowed = [*(jet.gives_more for jet in of_jets), *(jet.gives_less for jet in of_jets)]
     rates = np.array([jet.per_hour for jet in of_jets]) / priors.jet_per_hour
@@ -60,13 +60,13 @@ def make_params(_jets: Jets, options: Any, filter_params: JointFilterParams) -> 
 
 
 def initial(params: Params) -> State:
-    """The state before the first sample."""
+    """Returns the state before the first sample."""
     none = np.zeros(params.joint.places.jets)
     return State(Tree(), Verdicts(), BEGUN, none, none, none, none)
 
 
 def judge(state: State, evidence: JointEvidence, params: Params) -> Judgment:
-    """Advances the hypotheses by a sample, and declares what is sure.
+    """Advances the hypotheses by a sample, and declares events that are certain enough.
 
     Args:
         state: of the cycle before.
@@ -100,7 +100,7 @@ def judge(state: State, evidence: JointEvidence, params: Params) -> Judgment:
 
 
 def _searched(search: StartSearch, evidence: JointEvidence, params: Params) -> tuple[StartSearch, tuple[Found, ...]]:
-    """The search for failures in the start after a cycle, and what it has found."""
+    """Advances the search for failures in the start after a cycle; returns it with the tree that it has found."""
     report = evidence.report
     if report.course is None or params.joint.places.n_force == 0:
         return BEGUN, ()
@@ -110,7 +110,7 @@ def _searched(search: StartSearch, evidence: JointEvidence, params: Params) -> t
 
 
 def _declared(verdicts: Verdicts, tree: Tree, params: JointParams) -> tuple[Array, Array]:
-    """Force and variance of each declared jet that pushes untold, shape (n_jets,) each; what is off pushes nobody."""
+    """Returns force and variance of each declared jet that fires uncommanded, shape (n_jets,) each."""
     force, variance = np.zeros(params.places.jets), np.zeros(params.places.jets)
     state = tree.leader.run.state
     for jet, sign in verdicts.ways & tree.leader.ways:
@@ -121,14 +121,14 @@ def _declared(verdicts: Verdicts, tree: Tree, params: JointParams) -> tuple[Arra
 
 
 def unremarkable(state: State) -> tuple[Any, ...]:
-    """What all detectors log of a cycle in which nothing happens: of `STATUS`, and of each jet."""
+    """Returns the detector's log rows for a cycle in which nothing happens: `STATUS`, and those of each jet."""
     n = state.force.size
     nothing = np.full(n, np.nan)
     return (*status_row((), certain(n), tested=False, statistic=0.0), nothing, nothing, state.force, state.variance)
 
 
 def _removed(removed: Array, said: tuple[Declaration, ...]) -> Array:
-    """1 for each jet that is to be out of use."""
+    """Returns 1 for each jet that is to be taken out of use."""
     for one in said:
         if isinstance(one, JetsDeclared) and len(one.jets) == 1:
             removed = removed.copy()
@@ -137,13 +137,13 @@ def _removed(removed: Array, said: tuple[Declaration, ...]) -> Array:
 
 
 def kept(state: State, params: Params) -> Array:
-    """The state as a vector, see `faults.saved`."""
+    """Packs the state into a vector, see `faults.saved`."""
     own = saved(state.tree, state.verdicts, params.joint.places)
     return np.concatenate((state.force, state.variance, state.removed, own))
 
 
 def taken_up(vector: Array, params: Params) -> State:
-    """The inverse of `kept`.
+    """Unpacks a state: the inverse of `kept`.
 
     Raises:
         ValueError: when the detector cannot have left such a state.

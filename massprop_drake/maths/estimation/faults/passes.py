@@ -28,7 +28,7 @@ _CLOSE = 3.0  # sigmas by which samples that came since may move the end of the 
 
 
 class Fit(NamedTuple):
-    """A hypothesis and its passes.
+    """Gauss-Newton iteration of one hypothesis over the start.
 
     Attributes:
         contender: cause, onset as the number of kept samples before it, and what the first order says of it.
@@ -91,7 +91,7 @@ def begin_pass(fit: Fit, entry: JointState, params: JointParams) -> Fit:
 
 
 def linearization(state: JointState, entry: JointState, params: JointParams) -> Array:
-    """A state's estimate as the next x*, shape (size,), with the forces that were known at entry.
+    """Returns a state's estimate as the next x*, shape (size,), with the forces that were known at entry.
 
     Mass properties that no body has are replaced by those of the nominal vehicle.
     """
@@ -139,7 +139,7 @@ def _stepped(fit: Fit, kept: Kept, params: JointParams) -> tuple[JointState, Sco
 
 
 def end_pass(fit: Fit, entry: JointState, params: JointParams) -> Fit:
-    """Ends a pass that has gone over all: it has arrived, or begins again."""
+    """Ends a pass that has gone over all samples: it has arrived, or begins again."""
     wanders = fit.passes > 2 and fit.scores[len(fit.earlier) - 1].likelihood < fit.reached
     stays_so = stays(fit.state, fit.about, params.places) and _cause(fit, params) == fit.contender.cause
     if wanders or fit.passes >= MOST or stays_so:
@@ -148,7 +148,7 @@ def end_pass(fit: Fit, entry: JointState, params: JointParams) -> Fit:
 
 
 def has_moved(fit: Fit, params: JointParams) -> bool:
-    """True if samples that came since the last pass have moved its end, so that another one is due."""
+    """Tests whether samples that came since the last pass have moved its end, so that another one is due."""
     return fit.passes < _LATE and not stays(fit.state, fit.about, params.places, _CLOSE)
 
 
@@ -158,7 +158,7 @@ def follow_up(fit: Fit, entry: JointState, params: JointParams) -> Fit:
 
 
 def _cause(fit: Fit, params: JointParams) -> Cause:
-    """The cause with its jet as a leak or as stuck on, as the force has it."""
+    """Returns the cause with its jet leaking or stuck on, whichever its force shows."""
     cause = fit.contender.cause
     shares = np.array(_forces(fit, params)[0]) / params.thrusts[list(cause.jets)]
     on_top = (int(sign > 0 and share < screens.LEAK) for sign, share in zip(cause.signs, shares.tolist(), strict=True))
@@ -166,7 +166,7 @@ def _cause(fit: Fit, params: JointParams) -> Cause:
 
 
 def _forces(fit: Fit, params: JointParams) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Force of the failed jet, if there is one, and its 1-sigma, lbf or N."""
+    """Returns the force of the failed jet, if there is one, and its 1-sigma, lbf or N."""
     cause = fit.contender.cause
     rows = [params.places.force + slot_of(fit.state, *way) for way in zip(cause.jets, cause.signs, strict=True)]
     mean, root = fit.state.mean[rows], fit.state.root[rows]
@@ -174,7 +174,7 @@ def _forces(fit: Fit, params: JointParams) -> tuple[tuple[float, ...], tuple[flo
 
 
 def log_weight(fit: Fit, priors: Priors, params: JointParams) -> float:
-    """Log likelihood and log prior, what the force is worth included, nats."""
+    """Computes log likelihood plus log prior, the correction for the force included, nats."""
     cause, forces = fit.contender.cause, zip(*_forces(fit, params), strict=True)
     return (
         fit.score.likelihood

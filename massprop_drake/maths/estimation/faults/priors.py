@@ -58,12 +58,12 @@ class Priors(NamedTuple):
     false_per_hour: float = 1e-6
 
     def doubt(self, per_hour: float) -> float:
-        """Probability that a declaration may be wrong with, of what happens at some rate."""
+        """Returns the probability of error with which an event of some rate may be declared."""
         return min(self.false_per_hour / per_hour, 0.5)
 
 
 class Params(NamedTuple):
-    """What shapes the hypothesis filter.
+    """Parameters of the hypothesis filter.
 
     Attributes:
         joint: of the filter, without increments.
@@ -79,12 +79,12 @@ class Params(NamedTuple):
 
 
 def log_rate(per_hour: float, seconds: float) -> float:
-    """Log probability of an event of a rate within some time, nats."""
+    """Computes the log probability of an event of a rate within some time, nats."""
     return math.log(per_hour * seconds / _HOUR_S)
 
 
 def log_surprise(force: float, thrust: float, seconds: float, priors: Priors, *, missing: bool) -> float:
-    """Log probability that a jet fails within some time by a force, once this is known fairly well, nats.
+    """Computes the log probability that a jet fails within some time by a force, once this is known fairly well, nats.
 
     It comes on top of what a force N(0, T^2) is worth.
 
@@ -99,14 +99,14 @@ def log_surprise(force: float, thrust: float, seconds: float, priors: Priors, *,
 
 
 def log_jump(seconds: float, priors: Priors) -> float:
-    """Log probability that the mass properties jump by one of the sizes within some time, nats."""
+    """Computes the log probability that the mass properties jump by one of the sizes within some time, nats."""
     return log_rate(priors.payload_per_hour, seconds) - math.log(len(JUMP_SHARES))
 
 
 def force_correction(
     force: float, sigma: float, thrust: float, priors: Priors, *, missing: bool, about: float | None = None
 ) -> float:
-    """Log of the mean of p(f) / N(f; opened, T^2) over the posterior N(force, sigma^2), nats.
+    """Computes the log of the mean of p(f) / N(f; opened, T^2) over the posterior N(force, sigma^2), nats.
 
     Args:
         force, sigma: of the posterior, lbf or N.
@@ -135,26 +135,26 @@ def force_correction(
 
 
 def log_possible(force: float, sigma: float, thrust: float) -> float:
-    """Log probability that a force N(force, sigma^2) is one that a jet can give, nats."""
+    """Computes the log probability that a force N(force, sigma^2) is one that a jet can give, nats."""
     low, high = force / sigma, (_MOST * thrust - force) / sigma
     return _log_tail(low) + _log_tail(high)
 
 
 def _log_tail(z: float) -> float:
-    """Log probability that a standard normal variable is below z."""
+    """Computes the log probability that a standard normal variable is below z."""
     if z > -_FAR:
         return math.log(0.5 * math.erfc(-z / math.sqrt(2.0)))
     return -0.5 * z**2 - _LOG_ROOT_2_PI - math.log(-z)
 
 
 def _at(at: float, opened_at: float, share: float, width: float) -> float:
-    """Mean of N(f; at, spread^2) / N(f; opened, 1) over N(share, width^2), in closed form but for the denominator."""
+    """Computes the mean of N(f; at, spread^2) / N(f; opened, 1) over N(share, width^2), but for the denominator."""
     spread = math.hypot(width, _FULL_SPREAD)
     there = (share * _FULL_SPREAD**2 + at * width**2) / spread**2
     return math.exp(-0.5 * ((share - at) / spread) ** 2 + 0.5 * (there - opened_at) ** 2) / spread
 
 
 def _mean(density: Array, opened: Array) -> float:
-    """Mean of density / exp(opened) over the posterior."""
+    """Computes the mean of density / exp(opened) over the posterior."""
     weights, possible = _WEIGHTS / _WEIGHTS.sum(), density > 0.0
     return float(np.sum(weights * density * np.exp(np.where(possible, -opened, 0.0))))

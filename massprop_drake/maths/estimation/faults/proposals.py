@@ -1,4 +1,4 @@
-"""Proposals: what may have happened, ranked to first order, where a hypothesis does not explain the readings.
+"""Proposals: fault events ranked to first order where a hypothesis does not explain the readings.
 
 Each watched hypothesis has a bank of onsets (`joint.bank`), whose test raises an alarm: a screen (`joint.screen`) then
 follows the first-order effects of every fault from a few onsets on, and is drawn from at ages of 0, 1, 2, 4, 8 ...
@@ -70,7 +70,7 @@ Leads = Mapping[tuple[Event, ...], float]
 
 
 class Record(NamedTuple):
-    """A cycle of a watched hypothesis, and its score after it."""
+    """Cycle of a watched hypothesis, and its score after it."""
 
     sample: Sample
     link: Link
@@ -78,7 +78,7 @@ class Record(NamedTuple):
 
 
 class Rest(NamedTuple):
-    """Proposals that are not followed, all together.
+    """Sum of the proposals that are not followed.
 
     Attributes:
         ahead: log weight to first order over that of the hypothesis that it is compared with, nats.
@@ -89,7 +89,7 @@ class Rest(NamedTuple):
     than: tuple[Event, ...] | None
 
     def lead(self, leads: Leads) -> float:
-        """Log weight to first order over that of the likeliest hypothesis, nats; see `Leads`."""
+        """Computes the log weight to first order over that of the likeliest hypothesis, nats; see `Leads`."""
         return self.ahead if self.than is None else self.ahead + leads.get(self.than, -math.inf)
 
 
@@ -97,7 +97,7 @@ UNTOLD = Rest(0.0, None)  # of a draw whose first orders tell nothing any more: 
 
 
 class Birth(NamedTuple):
-    """A proposal on its way from its onset to now.
+    """Proposal that is being replayed from its onset to the newest sample.
 
     Attributes:
         child: its hypothesis.
@@ -113,12 +113,12 @@ class Birth(NamedTuple):
     origin: object = None
 
     def lead(self, leads: Leads) -> float:
-        """Log weight to first order over that of the likeliest hypothesis, nats; see `Leads`."""
+        """Computes the log weight to first order over that of the likeliest hypothesis, nats; see `Leads`."""
         return Rest(self.ahead, self.than).lead(leads)
 
 
 class Alarm(NamedTuple):
-    """Something that a hypothesis does not explain.
+    """Alarm: a hypothesis does not explain its newest readings.
 
     Attributes:
         cycle: of the first alarm.
@@ -140,7 +140,7 @@ class Alarm(NamedTuple):
 
 
 class Origin(NamedTuple):
-    """Where a proposal comes from.
+    """Origin of a proposal: its parent, and the screen that proposed it.
 
     Attributes:
         parent: hypothesis that did not explain its readings.
@@ -177,7 +177,7 @@ class Watch(NamedTuple):
 
 
 def watched(each: Hypothesis, evidence: JointEvidence, cycle: int, params: JointParams, *, likely: bool) -> Hypothesis:
-    """The hypothesis after a cycle that its filter has made by itself, with its watch.
+    """Advances the watch of a hypothesis whose filter has made a plain cycle.
 
     Args:
         each: before it.
@@ -216,7 +216,7 @@ def watched(each: Hypothesis, evidence: JointEvidence, cycle: int, params: Joint
 
 
 def _is_judged(evidence: JointEvidence, params: JointParams) -> bool:
-    """Tests whether the covariance of a state says what its readings may be off by: of all, or of the rates."""
+    """Tests whether a state's covariance covers the errors of its predicted readings: of all, or of the rates."""
     after, report = evidence.after, evidence.report
     assert report.course is not None, "the first sample is no cycle"
     acting = report.course.acting.firing.amount > 0.0
@@ -224,7 +224,7 @@ def _is_judged(evidence: JointEvidence, params: JointParams) -> bool:
 
 
 def loss(each: Hypothesis) -> float:
-    """Loss of likelihood of a watched hypothesis, its newest readings against its readings before, nats.
+    """Computes the loss of likelihood of the newest readings against those before, nats.
 
     Each as it is expected, since not every sample has a reading of every sensor.
     """
@@ -237,7 +237,7 @@ def loss(each: Hypothesis) -> float:
 
 
 def surprised(each: Hypothesis, cycle: int, params: JointParams) -> Hypothesis:
-    """A watched hypothesis whose newest readings are far likelier by another, with an alarm: it may have children."""
+    """Raises an alarm for a watched hypothesis if another makes the newest readings far likelier."""
     watch = each.watch
     if watch is None or watch.alarm is not None or len(watch.bank.states) < _FEWEST:
         return each
@@ -247,7 +247,7 @@ def surprised(each: Hypothesis, cycle: int, params: JointParams) -> Hypothesis:
 
 
 def _uncertain(seen: Traces, before: JointState, walks: Array, params: JointParams) -> Traces:
-    """A link's traces with what forces that walk add to the noise of its interval."""
+    """Returns a link's traces with the noise of walking forces added to that of its interval."""
     noise = seen.noise
     for slot in np.flatnonzero(walks):
         column = params.places.force + int(slot)
@@ -258,7 +258,7 @@ def _uncertain(seen: Traces, before: JointState, walks: Array, params: JointPara
 
 
 def newest_link(evidence: JointEvidence, params: JointParams) -> Link:
-    """First-order effects of errors over the cycle that the filter has made."""
+    """Computes the first-order effects of errors over the cycle that the filter has made."""
     return linked(traces(evidence.before, evidence.report, evidence.sample), params)
 
 
@@ -280,7 +280,7 @@ def _alarm(bank: Bank, records: tuple[Record, ...], index: int, cycle: int, para
 
 
 def drawn(each: Hypothesis, cycle: int, among: Sequence[Hypothesis], params: Params) -> tuple[list[Birth], Rest | None]:
-    """Proposals of a hypothesis with an alarm, and how likely what is left of them is.
+    """Draws proposals from a hypothesis with an alarm; returns them and the probability of the rest.
 
     Args:
         each: the hypothesis.
@@ -308,7 +308,7 @@ def drawn(each: Hypothesis, cycle: int, among: Sequence[Hypothesis], params: Par
 def ranked(
     each: Hypothesis, alarm: Alarm, level: float, among: Sequence[Hypothesis], params: Params, *, off: float
 ) -> tuple[list[Birth], Rest | None]:
-    """Proposals of an alarm by their first order, and how likely what is left of them is.
+    """Ranks the proposals of an alarm to first order; returns them and the probability of the rest.
 
     Args:
         each: hypothesis of which they are children.
@@ -381,7 +381,7 @@ def ranked(
 def _known_one(
     each: Hypothesis, causes: list[Cause], since_s: float, among: Sequence[Hypothesis]
 ) -> tuple[int, Hypothesis] | None:
-    """Place of a proposal that is a likely hypothesis already, and that; the likeliest of several; None: none is.
+    """Finds a proposal that is a likely hypothesis already: its place, and the likeliest such one; None: none is.
 
     Args:
         each: hypothesis of which they are children.
@@ -405,7 +405,7 @@ def _known_one(
 
 
 def _place_of(cause: Cause, causes: list[Cause]) -> int | None:
-    """First place among causes of the same failures as one, however their forces are taken; None: there is none."""
+    """Finds the first cause with the same failures as another, however their forces are taken; None: there is none."""
     return next(
         (at for at, one in enumerate(causes) if one.kind == cause.kind and one.failures == cause.failures), None
     )
@@ -414,7 +414,7 @@ def _place_of(cause: Cause, causes: list[Cause]) -> int | None:
 def _alike(
     each: Hypothesis, causes: list[Cause], alarm: Alarm, among: Sequence[Hypothesis]
 ) -> tuple[int, Hypothesis, float] | None:
-    """Place of a proposal of which another parent has a likely child already, that, and how far it is ahead; or None.
+    """Finds a proposal of which another parent has a likely child: its place, that child, and its lead; or None.
 
     What happens next is as probable whatever has happened before: it is ahead by as much as its parent was, nats.
 
@@ -439,7 +439,7 @@ def _alike(
 
 
 def born_key(child: Hypothesis) -> object:
-    """By which proposals are the same: what happens, and what their newest event is like."""
+    """Returns the key that equal proposals share: their history, and the kind of their newest event."""
     cause = child.run.cause
     return (
         frozenset(child.parts),
@@ -454,7 +454,7 @@ def born_key(child: Hypothesis) -> object:
 
 
 def _seconds(alarm: Alarm, place: int) -> float:
-    """Time that an onset of the screen stands for, s."""
+    """Returns the time that an onset of the screen stands for, s."""
     states = alarm.states
     if place > 0:
         return states[place].time_s - states[place - 1].time_s
@@ -463,7 +463,7 @@ def _seconds(alarm: Alarm, place: int) -> float:
 
 
 def _log_prior(each: Hypothesis, one: Contender, alarm: Alarm, params: Params) -> float:
-    """Log prior of a proposed event, but for the size of its forces, nats."""
+    """Computes the log prior of a proposed event, but for the size of its forces, nats."""
     priors, cause = params.priors, one.cause
     seconds = _seconds(alarm, alarm.screen.onsets.index(one.onset))
     if cause.kind == Kind.LIES:
@@ -480,7 +480,7 @@ def _log_prior(each: Hypothesis, one: Contender, alarm: Alarm, params: Params) -
 
 
 def _log_change(way: tuple[int, int], each: Hypothesis, seconds: float, priors: Priors) -> float:
-    """Log probability that a known force changes within some time: rarely, or often if it is intermittent.
+    """Computes the log probability that a known force changes within some time: rarely, or often if it is intermittent.
 
     That it is intermittent is the likelier the more often it has changed.
     """
@@ -496,7 +496,7 @@ def _log_change(way: tuple[int, int], each: Hypothesis, seconds: float, priors: 
 def _children(
     each: Hypothesis, one: Contender, prior: float, alarm: Alarm, params: Params
 ) -> list[tuple[Hypothesis, float]]:
-    """Hypotheses of a proposal at every cycle at which it is about as likely, each with what it is worth less, nats.
+    """Makes the hypotheses of a proposal at every likely onset, each with its deficit against the likeliest, nats.
 
     An onset of the screen stands for the cycles since the one before; a filter is told them apart by single readings.
     """
@@ -516,7 +516,7 @@ def _children(
 def _child(
     each: Hypothesis, one: Contender, prior: float, alarm: Alarm, at: tuple[int, int, int], params: Params
 ) -> Hypothesis:
-    """A hypothesis of a proposal.
+    """Makes a hypothesis of a proposal.
 
     Args:
         each: its parent.
@@ -540,14 +540,14 @@ def _child(
 
 
 def origin_of(each: Hypothesis, alarm: Alarm) -> Origin:
-    """Where proposals of an alarm come from."""
+    """Makes the origin of the proposals of an alarm."""
     screen = alarm.screen
     parent = each._replace(watch=None, origin=None, review=None)
     return Origin(parent, alarm.cycle, screen.onsets, screen.gaps, alarm.states, alarm.scores, alarm.read)
 
 
 def _born(each: Hypothesis, run: Runner, prior: float, params: JointParams, origin: Origin | None = None) -> Hypothesis:
-    """A child of a hypothesis, at its onset."""
+    """Makes a child of a hypothesis, at its onset."""
     opened_at, walks, state = each.opened_at.copy(), each.walks.copy(), run.state
     slots = state.slot_jet.copy()
     for way in run.cause.failures if run.cause.kind == Kind.JETS else ():
@@ -576,7 +576,7 @@ INTERMITTENT_AFTER = 3  # changes, from which on anything is expected of a force
 
 
 def _may_drift(one: Contender, known: Array, params: Params) -> bool:
-    """Whether a single failure may be one whose force grows slowly from nothing."""
+    """Tests whether a proposal may be a single failure whose force grows slowly from nothing."""
     cause = one.cause
     if cause.kind != Kind.JETS or len(cause.jets) != 1:
         return False
@@ -585,7 +585,7 @@ def _may_drift(one: Contender, known: Array, params: Params) -> bool:
 
 
 def _drifting(each: Hypothesis, one: Contender, alarm: Alarm, params: Params) -> Hypothesis:
-    """A single failure as one whose force grows slowly from nothing."""
+    """Returns a single failure as one whose force grows slowly from nothing."""
     priors, place = params.priors, alarm.screen.onsets.index(one.onset)
     seconds = _seconds(alarm, place)
     rate = priors.jet_per_hour * float(params.rates[one.cause.jets[0]])
@@ -600,7 +600,7 @@ def _drifting(each: Hypothesis, one: Contender, alarm: Alarm, params: Params) ->
 
 
 def _pushed(each: Hypothesis, push: float, alarm: Alarm, params: Params) -> Hypothesis:
-    """The hypothesis that something unknown pushes from the screen's first onset on."""
+    """Makes the hypothesis that something unknown pushes from the screen's first onset on."""
     onset, state, score = alarm.screen.onsets[0], alarm.states[0], alarm.scores[0]
     prior = log_rate(params.priors.unknown_per_hour, _seconds(alarm, 0)) - math.log(len(_PUSHES))
     run = Runner(Cause(Kind.UNKNOWN), onset, (), onset, state, score)
@@ -608,7 +608,7 @@ def _pushed(each: Hypothesis, push: float, alarm: Alarm, params: Params) -> Hypo
 
 
 def _wandering(each: Hypothesis, alarm: Alarm, entry: float, cycle: int, params: Params) -> list[Birth]:
-    """Proposals that something acts that nobody stated, stronger than what is thought to act already.
+    """Proposes disturbances that are not stated, stronger than those that are thought to act already.
 
     What such a hypothesis spends is that of a filter that follows, beside a rate, an acceleration that walks: with s
     what the walk over a sample is in sigmas of the reading, the innovation is as good as that of the reading alone for
@@ -641,13 +641,13 @@ def _wandering(each: Hypothesis, alarm: Alarm, entry: float, cycle: int, params:
 
 
 def _followed(level: float, constant_s: float, unit: Array, seconds: float) -> float:
-    """Cost of following an acceleration that walks, nats a sample; see `_wandering`."""
+    """Computes the cost of following an acceleration that walks, nats a sample; see `_wandering`."""
     walked = level * unit * math.sqrt(2.0 * seconds / constant_s)
     return 0.5 * float(np.log1p(np.sqrt(2.0 * walked) + walked**2).sum())
 
 
 def _jumps(each: Hypothesis, alarm: Alarm, level: float, params: Params) -> list[Birth]:
-    """Proposals that the mass properties jump, by much or little, at each onset of the screen.
+    """Proposes jumps of the mass properties, by much or little, at each onset of the screen.
 
     The first order, which is of the screen's beginning alone, may miss a share of what there is to explain.
 
@@ -671,7 +671,7 @@ def _jumps(each: Hypothesis, alarm: Alarm, level: float, params: Params) -> list
 
 
 def _false(each: Hypothesis, alarm: Alarm, entry: float, cycle: int, params: Params) -> list[Birth]:
-    """Proposals that a wheel's speed is false, that the tracker's attitude has jumped, or that an engine has failed.
+    """Proposes false speeds of wheels, jumps of the tracker's attitude, and failures of engines.
 
     Of several trackers one that jumps contradicts the others, and lies.
 
@@ -706,7 +706,7 @@ def _false(each: Hypothesis, alarm: Alarm, entry: float, cycle: int, params: Par
 
 
 def _of_engines(each: Hypothesis, finest: float, params: JointParams) -> list[tuple[Cause, float]]:
-    """Failures that engines may have, of those that burn, and what each spends of the readings, nats.
+    """Proposes failures of the engines that burn, with the change of each in log likelihood, nats.
 
     Args:
         each: the hypothesis.
@@ -732,7 +732,7 @@ def _of_engines(each: Hypothesis, finest: float, params: JointParams) -> list[tu
 
 
 def released(each: Hypothesis, duration_s: float, params: JointParams) -> Hypothesis:
-    """The hypothesis that what pushed has ceased to with the newest sample."""
+    """Makes the hypothesis that an unknown push has ceased with the newest sample."""
     run = each.run
     fresh = Runner(Cause(Kind.UNKNOWN), run.cycle, (), run.cycle, run.state, run.score)
     return _born(each, fresh, math.log(_ENDS_PER_S * duration_s), params)._replace(push=0.0)

@@ -1,4 +1,4 @@
-"""What logs keep of the hypothesis filter's cycles, field by field."""
+"""Log rows of the hypothesis filter's cycles, field by field."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ _EVENTS = {Word.FAILED: Event.DECLARED, Word.GROUP: Event.DECLARED, Word.WITHDRA
 
 
 class History(NamedTuple):
-    """Readings since a fork, as a history explains them that has just become the likeliest.
+    """Samples since a fork, explained by the history that has just become the likeliest.
 
     Attributes:
         since_s: time of the fork, s.
@@ -99,13 +99,13 @@ class Odds(NamedTuple):
 
 @cache
 def certain(n_jets: int) -> Odds:
-    """Odds while nothing has happened and nothing else is considered; nobody changes its arrays."""
+    """Returns the odds while nothing has happened and no alternative is considered; shared, do not modify."""
     nothing, unknown = np.zeros(n_jets), np.full(n_jets, np.nan)
     return Odds(1, 1.0, 0.0, nothing, nothing, unknown, unknown)
 
 
 def own_row(said: tuple[Declaration, ...], odds: Odds, history: History | None = None) -> Any:
-    """Fields of `HYPOTHESIS_REPORT` after a sample.
+    """Makes the fields of `HYPOTHESIS_REPORT` after a sample.
 
     Args:
         said: declared at it.
@@ -126,17 +126,17 @@ def own_row(said: tuple[Declaration, ...], odds: Odds, history: History | None =
 
 @cache
 def _nothing_told(n_jets: int) -> Any:
-    """`_told` of most cycles; nobody changes its arrays."""
+    """Returns `_told` of cycles without declarations; its arrays are shared, do not modify."""
     return _told((), n_jets)
 
 
 def nothing_said(n_jets: int) -> Any:
-    """Fields of `HYPOTHESIS_REPORT` after a cycle in which nothing happens."""
+    """Makes the fields of `HYPOTHESIS_REPORT` after a cycle in which nothing happens."""
     return own_row((), certain(n_jets))
 
 
 def status_row(said: tuple[Declaration, ...], odds: Odds, tested: bool, statistic: float) -> Any:
-    """Fields of `STATUS` after a sample; of several declarations the first.
+    """Makes the fields of `STATUS` after a sample; of several declarations the first.
 
     Args:
         said: declared at it.
@@ -171,7 +171,7 @@ def _event(one: Declaration) -> Event:
 
 
 def _told(said: tuple[Declaration, ...], n_jets: int) -> Any:
-    """What is logged of what is said."""
+    """Makes the log row of the declarations at a sample."""
     verdict, group, place = (np.zeros(n_jets) for _ in range(3))
     magnitude, std, onset, by, after = (np.full(n_jets, np.nan) for _ in range(5))
     position, position_std = np.full(3, np.nan), np.full(3, np.nan)
@@ -205,7 +205,7 @@ def _told(said: tuple[Declaration, ...], n_jets: int) -> Any:
 
 
 def named(group: Array, place: Array) -> list[list[int]]:
-    """Indices of the jets that each thing said at a sample is about, the likeliest first.
+    """Returns the indices of the jets of each declaration at a sample, the likeliest first.
 
     Args:
         group, place: as logged at the sample, shape (n_jets,) each.

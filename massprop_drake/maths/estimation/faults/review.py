@@ -1,4 +1,4 @@
-"""Review of a likely hypothesis: what may have happened instead of its newest event, linearized about itself.
+"""Review of a likely hypothesis: alternatives to its newest event, linearized about itself.
 
 A screen beside its own filter, from the onset of that event on, with the forces of the event known to be what they were
 before: first orders are those of hypotheses near it, and stay good as long as it explains its readings, however long.
@@ -27,7 +27,7 @@ _NEAR = 10.0  # nats behind the likeliest within which a hypothesis explains its
 
 
 class Review(NamedTuple):
-    """A review under way.
+    """Review in progress.
 
     Attributes:
         run: the hypothesis's filter, from the screen's first onset on.
@@ -46,12 +46,12 @@ class Review(NamedTuple):
 
 
 def may_be(each: Hypothesis) -> bool:
-    """Whether a hypothesis can be reviewed: its newest event is of jets, with forces that stay."""
+    """Tests whether a hypothesis can be reviewed: its newest event is of jets, with forces that stay."""
     return each.origin is not None and each.run.cause.kind == Kind.JETS and each.run.age > 0 and not each.walks.any()
 
 
 def begun(each: Hypothesis, params: JointParams) -> Review:
-    """The review of a hypothesis, before its first cycle."""
+    """Begins the review of a hypothesis, before its first cycle."""
     origin: Origin = each.origin
     run = each.run
     state, first = origin.states[0], origin.onsets[0]
@@ -64,7 +64,7 @@ def begun(each: Hypothesis, params: JointParams) -> Review:
 
 
 def followed(review: Review, each: Hypothesis, sample: Sample, over: Link, params: JointParams) -> Review:
-    """The review after one more cycle.
+    """Advances the review by one cycle.
 
     Args:
         review: before it.
@@ -88,7 +88,7 @@ def followed(review: Review, each: Hypothesis, sample: Sample, over: Link, param
 
 
 def tells(review: Review, each: Hypothesis, params: JointParams) -> bool:
-    """Tests whether the forces of the newest event are told from what they were before.
+    """Tests whether the forces of the newest event differ significantly from those before it.
 
     Until then its impulses in the first two intervals explain all readings, and those of any other jet as well.
     """
@@ -99,7 +99,7 @@ def tells(review: Review, each: Hypothesis, params: JointParams) -> bool:
 def drawn(
     review: Review, each: Hypothesis, among: Sequence[Hypothesis], params: Params
 ) -> tuple[Review, list[Birth], Rest | None]:
-    """Proposals of what may have happened instead, and how likely what is left of them is; and the review after that.
+    """Draws alternatives to the newest event; returns the review, them, and the probability of the rest.
 
     Args:
         review: at the present.
@@ -120,13 +120,13 @@ def drawn(
 
 
 def _instead(review: Review, each: Hypothesis, params: JointParams) -> tuple[Screen, float]:
-    """The screen with the forces of the newest event as they were before, and what that is worth, nats."""
+    """Sets the forces of the newest event in the screen back; returns it and the change in log likelihood, nats."""
     (rows, away, covariance), posterior = _before(review, each, params)
     return screens.constrained(review.screen, rows, away, covariance), posterior
 
 
 def _before(review: Review, each: Hypothesis, params: JointParams) -> tuple[tuple[np.ndarray, Array, Array], float]:
-    """Rows of the newest event's forces, by how much they were others before, and their covariance; and its worth.
+    """Finds the newest event's forces: rows, deviation, covariance; and log posterior over prior density.
 
     By the ratio of Savage and Dickey: posterior over prior density of the forces where they were, nats.
     """

@@ -23,7 +23,7 @@ _NAME = "hypothesis_detector"
 
 
 class _Writer:
-    """Numbers in a row."""
+    """Numbers written one after the other."""
 
     def __init__(self, places: Places):
         self._places, self.numbers = places, list[Array]()
@@ -33,7 +33,7 @@ class _Writer:
         self.numbers.append(np.array(values, dtype=float))
 
     def put_all(self, values: Iterable[float]) -> None:
-        """Appends numbers and how many there are."""
+        """Appends numbers and their count."""
         values = list(values)
         self.put(len(values), *values)
 
@@ -51,7 +51,7 @@ class _Writer:
 
 
 class _Reader:
-    """The inverse of `_Writer`.
+    """Reader of what `_Writer` has written.
 
     Raises:
         ValueError: where numbers are missing, or no count is where one must be.
@@ -61,40 +61,40 @@ class _Reader:
         self._vector, self._places, self._at = vector, places, 0
 
     def take(self, count: int) -> Array:
-        """Next numbers."""
+        """Reads the next numbers."""
         if self._at + count > self._vector.size:
             raise ValueError(f"{_NAME}: ends too soon")
         self._at += count
         return self._vector[self._at - count : self._at]
 
     def number(self) -> float:
-        """Next number."""
+        """Reads the next number."""
         return float(self.take(1)[0])
 
     def count(self) -> int:
-        """Next number, a count."""
+        """Reads the next number, a count."""
         value = self.number()
         if not (0.0 <= value <= _MOST and value == round(value)):
             raise ValueError(f"{_NAME}: counts must be whole numbers, zero or positive")
         return int(value)
 
     def index(self, least: int, most: int) -> int:
-        """Next number, a whole one of a range."""
+        """Reads the next number, a whole one of a range."""
         value = self.number()
         if not (least <= value <= most and value == round(value)):
             raise ValueError(f"{_NAME}: an index is out of its range")
         return int(value)
 
     def all(self) -> tuple[float, ...]:
-        """Next list."""
+        """Reads the next list."""
         return tuple(self.take(self.count()).tolist())
 
     def whole(self, least: int, most: int) -> tuple[int, ...]:
-        """Next list of whole numbers of a range."""
+        """Reads the next list of whole numbers of a range."""
         return tuple(self.index(least, most) for _ in range(self.count()))
 
     def state(self) -> JointState | None:
-        """Next state of a filter, if there is one."""
+        """Reads the next state of a filter, if there is one."""
         if self.number() == 0.0:
             return None
         state = unpack(self.take(state_layout(self._places).size), self._places)
@@ -107,7 +107,7 @@ class _Reader:
         return state
 
     def cause(self) -> Cause:
-        """Next cause."""
+        """Reads the next cause."""
         kind, component = Kind(self.index(0, len(Kind) - 1)), self.index(-1, _MOST)
         jets, signs, on_top = self.whole(0, self._places.jets - 1), self.whole(-1, 1), self.whole(0, 1)
         if not len(jets) == len(signs) == len(on_top) or 0 in signs:
@@ -115,16 +115,16 @@ class _Reader:
         return Cause(kind, jets, signs, on_top, component)
 
     def score(self) -> Score:
-        """Next score."""
+        """Reads the next score."""
         return Score(*self.take(len(Score._fields)).tolist())
 
     def ended(self) -> bool:
-        """Whether nothing is left."""
+        """Tests whether all numbers have been read."""
         return self._at == self._vector.size
 
 
 def saved(tree: Tree, verdicts: Verdicts, places: Places) -> Array:
-    """Hypotheses and declarations as one vector, see `restored`."""
+    """Packs hypotheses and declarations into one vector, see `restored`."""
     to = _Writer(places)
     possible = [each for each in tree.hypotheses if math.isfinite(each.weight)]  # others are kept for their banks alone
     to.put(tree.cycle, len(possible))
@@ -158,7 +158,7 @@ def saved(tree: Tree, verdicts: Verdicts, places: Places) -> Array:
 
 
 def restored(vector: Array, places: Places) -> tuple[Tree, Verdicts]:
-    """The inverse of `saved`.
+    """Unpacks hypotheses and declarations: the inverse of `saved`.
 
     Raises:
         ValueError: when no run can have left such a vector.

@@ -1,4 +1,4 @@
-"""First-order comparison of all jets over a start: columns beside a filter that knows of no failure, see `screen`.
+"""First-order comparison of all jets over a start: columns beside a filter without a failure, see `screen`.
 
 The filter takes rounding for white noise. What it learns from a cell far off its prediction is not linear in its
 errors, and would favor wrong jets by a tenth of what a failure explains.
@@ -28,7 +28,7 @@ _LENIENT = 1.5  # times its thrust that a jet may be found to give where a scree
 
 
 class Screening(NamedTuple):
-    """Comparison under way.
+    """Comparison in progress.
 
     Attributes:
         entry: state before the first kept sample.
@@ -86,7 +86,7 @@ def step_screening(screening: Screening, kept: Kept, params: JointParams) -> Scr
 
 
 def refine(screening: Screening, kept: tuple[Kept, ...], params: JointParams) -> Screening | None:
-    """Begins a screening with finer onsets about the likeliest; None: they are fine, or nobody is found."""
+    """Begins a screening with finer onsets about the likeliest; None: they are fine, or no jet is found."""
     found, gap = rank_jets(screening, params), screening.screen.gaps[-1]
     if not found or gap <= _FINE:
         return None
@@ -95,7 +95,7 @@ def refine(screening: Screening, kept: tuple[Kept, ...], params: JointParams) ->
 
 
 def rank_jets(screening: Screening, params: JointParams) -> list[Contender]:
-    """Jets that may have failed, each in its likelier way, likeliest first; those not found with finer onsets last."""
+    """Ranks jets that may have failed, each in its likelier way; those not found with finer onsets come last."""
     entry = screening.entry
     known = known_forces(entry, params)
     allowed = (np.ones_like(known) if (entry.slot_jet < 0).any() else known) > 0.0
@@ -108,7 +108,7 @@ def rank_jets(screening: Screening, params: JointParams) -> list[Contender]:
 
 
 def log_prior(contender: Contender, screening: Screening, kept: tuple[Kept, ...], priors: Priors) -> float:
-    """Log prior of a jet's failure at its onset and at those that the first order does not tell from it, nats."""
+    """Computes the log prior of a jet's failure at its onset and those the first order does not tell from it, nats."""
     interval_s = (kept[-1].sample.time_s - screening.entry.time_s) / len(kept)
     gaps = dict(zip(screening.screen.onsets, screening.screen.gaps, strict=True))
     among = [(gaps.get(onset, 1), lead - contender.lead) for onset, lead in contender.at_onsets]

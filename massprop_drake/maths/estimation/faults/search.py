@@ -88,7 +88,7 @@ class StartSearch(NamedTuple):
 
     @property
     def beginning(self) -> JointState:
-        """State before the first kept sample, of which there is one."""
+        """State before the first kept sample, which must exist."""
         assert self.entry is not None, "something is kept"
         return self.entry
 
@@ -103,7 +103,7 @@ class StartSearch(NamedTuple):
 
 
 class Found(NamedTuple):
-    """A hypothesis about the start.
+    """Hypothesis about the start.
 
     Attributes:
         state: after the newest sample.
@@ -128,7 +128,7 @@ BEGUN, OVER = StartSearch(), StartSearch(under_way=False)
 def followed(
     search: StartSearch, before: JointState, report: Report, sample: Sample, priors: Priors, params: JointParams
 ) -> tuple[StartSearch, tuple[Found, ...]]:
-    """Keeps a sample of the start, and goes on with the search if something has contradicted it.
+    """Keeps a sample of the start, and advances the search if something has contradicted it.
 
     Args:
         search: before the cycle.
@@ -185,7 +185,7 @@ def _begun(search: StartSearch, priors: Priors, params: JointParams) -> StartSea
 
 
 def _disturbed(search: StartSearch, priors: Priors, params: JointParams) -> tuple[Fit, ...]:
-    """Hypotheses that something acts unstated, since before the first kept sample: slowly, level by decade.
+    """Makes the hypotheses of an unstated slow disturbance since before the first kept sample, level by decade.
 
     They have one pass, about the end of the likeliest; where that moves them, another to the newest sample.
     """
@@ -198,7 +198,7 @@ def _disturbed(search: StartSearch, priors: Priors, params: JointParams) -> tupl
 
 
 def _given_up(search: StartSearch) -> StartSearch:
-    """The search that has come to nothing: it begins again with twice as much."""
+    """Gives up a search that has found nothing: it begins again once twice as many samples are there."""
     return _anew(search, 2.0 * search.kept[-1].sample.time_s - search.beginning.time_s)
 
 
@@ -208,7 +208,7 @@ def _anew(search: StartSearch, due_s: float) -> StartSearch:
 
 
 def _gone_on(search: StartSearch, priors: Priors, params: JointParams) -> StartSearch:
-    """The search after the steps of a cycle."""
+    """Advances the search by the steps of a cycle."""
     left = STEPS
     while left > 0 and search.until > 0:
         screening = search.screening
@@ -232,7 +232,7 @@ def _gone_on(search: StartSearch, priors: Priors, params: JointParams) -> StartS
 
 
 def _proposed(search: StartSearch, screening: Screening, priors: Priors, params: JointParams) -> StartSearch:
-    """The search after a screening: with passes of jets that are near, or on to the newest sample if none is new."""
+    """Begins passes of the jets that a screening finds near, or goes on to the newest sample if none is new."""
     found, entry, about = screenings.rank_jets(screening, params), search.beginning, screening.about
     told = _near(_undisturbed(search), priors, params)
     sure = search.rounds > 1 and bool(told) and told[0].score.misfit < _MISFIT
@@ -248,17 +248,17 @@ def _proposed(search: StartSearch, screening: Screening, priors: Priors, params:
 
 
 def _tried(contender: Contender, sure: bool) -> object:
-    """Key of a contender that has had passes: its jet, and its onset if nobody explains the readings."""
+    """Returns the key of a contender that has had passes: its jet, and its onset if nothing explains the readings."""
     return contender.cause.key if sure else (contender.cause.key, contender.onset)
 
 
 def _turn(fit: Fit) -> tuple[bool, bool, float]:
-    """Order of passes: each hypothesis's first, then those that have explained most."""
+    """Orders the passes: each hypothesis's first, then those that have explained most."""
     return not fit.arrived, fit.passes > 1, -fit.reached
 
 
 def _passed(search: StartSearch, fit: Fit, params: JointParams) -> StartSearch:
-    """The search after one more step of a fit, and without it if it is far behind."""
+    """Advances the search by one step of a fit, and drops the fit if it is far behind."""
     after = passes.step_fit(fit, search.kept[fit.done], params)
     if after is not None and after.done == search.horizon and not after.arrived:
         after = passes.end_pass(after, search.beginning, params)
@@ -273,7 +273,7 @@ def _passed(search: StartSearch, fit: Fit, params: JointParams) -> StartSearch:
 
 
 def _turned(search: StartSearch, priors: Priors, params: JointParams) -> StartSearch:
-    """The search where all passes have ended: another screening about the likeliest, or on to the newest sample.
+    """Goes on once all passes have ended: another screening about the likeliest, or on to the newest sample.
 
     Where nothing that has failed explains the readings, screenings begin at the end of its passes.
     """
@@ -293,7 +293,7 @@ def _turned(search: StartSearch, priors: Priors, params: JointParams) -> StartSe
 
 
 def _brought_forward(search: StartSearch, priors: Priors, params: JointParams) -> StartSearch:
-    """The search with the hypotheses that are near, on to the newest sample; given up if none explains the readings.
+    """Advances the hypotheses that are near to the newest sample; gives up if none explains the readings.
 
     Before that it has those of what acts unstated.
     """
@@ -307,12 +307,12 @@ def _brought_forward(search: StartSearch, priors: Priors, params: JointParams) -
 
 
 def _undisturbed(search: StartSearch) -> StartSearch:
-    """The search without hypotheses of what acts unstated, which explain whatever else has happened, too."""
+    """Removes hypotheses of an unstated disturbance, which explain any other event as well."""
     return search._replace(fits=tuple(each for each in search.fits if each.contender.cause.kind != Kind.WANDER))
 
 
 def _near(search: StartSearch, priors: Priors, params: JointParams) -> tuple[Fit, ...]:
-    """Fits near the likeliest, one for each jet, likeliest first."""
+    """Returns the fits near the likeliest, one for each jet, likeliest first."""
     weighed = sorted(
         ((passes.log_weight(each, priors, params), each) for each in search.fits), key=lambda pair: -pair[0]
     )

@@ -1,4 +1,4 @@
-"""Tree of hypotheses: each sample advances it, and what is unlikely is pruned.
+"""Tree of hypotheses: each sample advances it, and unlikely ones are pruned.
 
 advance   steps every hypothesis and adds the log likelihood of what its filter takes in
 propose   opens what may have happened instead where a likely one does not explain its readings (`proposals`)
@@ -88,16 +88,16 @@ class Tree(NamedTuple):
 
     @property
     def leader(self) -> Hypothesis:
-        """The likeliest."""
+        """Likeliest hypothesis."""
         return self.hypotheses[0]
 
     def next_state(self, params: Params) -> JointState:
-        """State from which the filter makes the next cycle."""
+        """Returns the state from which the filter makes the next cycle."""
         return readied(self.leader, self.samples[-1][1], params.joint) if self.samples else self.leader.run.state
 
 
 def advance(tree: Tree, evidence: JointEvidence, params: Params) -> Tree:
-    """The tree after one more sample.
+    """Advances the tree by one sample.
 
     Args:
         tree: before it.
@@ -128,7 +128,7 @@ def advance(tree: Tree, evidence: JointEvidence, params: Params) -> Tree:
 
 
 def begun_with(found: Sequence[Found], tree: Tree, params: Params) -> Tree:
-    """The tree of hypotheses that a search over the start has found.
+    """Makes the tree of the hypotheses that a search over the start has found.
 
     Args:
         found: see `search.Found`.
@@ -150,7 +150,7 @@ def begun_with(found: Sequence[Found], tree: Tree, params: Params) -> Tree:
 def _stepped(
     hypotheses: tuple[Hypothesis, ...], evidence: JointEvidence, cycle: int, params: Params, over: Link
 ) -> list[Hypothesis]:
-    """Every hypothesis after one more sample; the leader as its filter has gone, unless its cycle is special."""
+    """Advances every hypothesis by one sample; the leader takes the filter's own cycle, unless its cycle is special."""
     joint, sample, starting, found = params.joint, evidence.sample, evidence.report.starting, []
     best = hypotheses[0].weight
     for place, whole in enumerate(hypotheses):
@@ -181,7 +181,7 @@ def _stepped(
 def _kicked(
     each: Hypothesis, evidence: JointEvidence, cycle: int, over: Link, params: JointParams, *, likely: bool
 ) -> Hypothesis:
-    """A hypothesis whose newest failure may still give an impulse besides, after one more sample, with its watch.
+    """Advances a hypothesis whose newest failure may still give a further impulse, with its watch.
 
     What else fails meanwhile is proposed from its own state.
     """
@@ -194,7 +194,7 @@ def _kicked(
 def _watched_from(
     before: JointState, each: Hypothesis, evidence: JointEvidence, cycle: int, params: JointParams, *, likely: bool
 ) -> Hypothesis:
-    """A hypothesis after a cycle that its own filter makes from some state, with its watch.
+    """Advances a hypothesis and its watch by a cycle that its own filter makes from some state.
 
     Args:
         before: that state.
@@ -211,7 +211,7 @@ def _watched_from(
 
 
 def _surprised(hypotheses: list[Hypothesis], best: float, cycle: int, params: Params) -> list[Hypothesis]:
-    """Hypotheses after a sample, those with an alarm that were likely until it and are not any more.
+    """Raises alarms for hypotheses that were likely until the newest sample and are no longer.
 
     Args:
         hypotheses: after it.
@@ -229,7 +229,7 @@ def _surprised(hypotheses: list[Hypothesis], best: float, cycle: int, params: Pa
 
 
 def _proposed(tree: Tree, params: Params) -> Tree:
-    """The tree with proposals of every alarm that is due to be drawn from, and of pushes that may have ended."""
+    """Draws proposals from every alarm that is due, and from pushes that may have ended."""
     births, hypotheses, more, left = list(tree.births), [], [], _DRAWS
     sample, over = tree.samples[-1]
     now_s, leader = sample.time_s, max(tree.hypotheses, key=lambda each: each.weight)
@@ -264,13 +264,13 @@ def _proposed(tree: Tree, params: Params) -> Tree:
 
 
 def _is_told(alarm: Alarm, leader: Hypothesis, tree: Tree) -> bool:
-    """Tests whether draws of an alarm tell no more: by first orders nothing, or a review looks further."""
+    """Tests whether further draws of an alarm tell nothing: by first orders nothing, or a review looks further."""
     untold = alarm.rest == UNTOLD and not reviews.may_be(leader)
     return alarm.drawn >= 0 and (untold or _is_calm(leader, tree))
 
 
 def _is_reviewed(each: Hypothesis, tree: Tree) -> bool:
-    """Whether reviews of what it has become look further than its own alarm."""
+    """Tests whether reviews of a hypothesis's descendants look further than its own alarm."""
     n, best = len(each.events), max(other.weight for other in tree.hypotheses)
     return any(
         other.review is not None
@@ -283,13 +283,13 @@ def _is_reviewed(each: Hypothesis, tree: Tree) -> bool:
 
 
 def _alarm_age(each: Hypothesis, tree: Tree) -> int:
-    """Cycles since its alarm; -1: there is none."""
+    """Returns the number of cycles since the alarm of a hypothesis; -1: it has none."""
     alarm = each.watch.alarm if each.watch is not None else None
     return -1 if alarm is None else tree.cycle - alarm.cycle
 
 
 def _is_calm(leader: Hypothesis, tree: Tree) -> bool:
-    """Whether the likeliest hypothesis explains its readings, and its own review says what may have been instead."""
+    """Tests whether the likeliest hypothesis explains its readings, and its own review has drawn alternatives."""
     return leader.review is not None and leader.review.drawn >= 0 and _alarm_age(leader, tree) < 0
 
 
@@ -304,7 +304,7 @@ def _due(age: int, drawn: int) -> bool:
 
 
 def draws_that_count(tree: Tree) -> tuple[Hypothesis, ...]:
-    """Hypotheses of whose draws something may be left: not those that are far behind one that has been reviewed."""
+    """Returns hypotheses whose draws may have a rest; those far behind a reviewed one do not count."""
     leader = tree.leader
     if leader.review is None or leader.review.drawn < 0:
         return tree.hypotheses
@@ -312,12 +312,12 @@ def draws_that_count(tree: Tree) -> tuple[Hypothesis, ...]:
 
 
 def is_likely(each: Hypothesis, tree: Tree) -> bool:
-    """Tests whether a hypothesis is near the likeliest: its reviews go on."""
+    """Tests whether a hypothesis is near the likeliest, so that its reviews go on."""
     return each.weight > tree.leader.weight - _LIKELY
 
 
 def leads_of(tree: Tree) -> Leads:
-    """Log weight of each hypothesis over that of the likeliest, by its events, nats."""
+    """Computes the log weight of each hypothesis over that of the likeliest, by its events, nats."""
     best = max(each.weight for each in tree.hypotheses)
     found: dict[tuple[Event, ...], float] = {}
     for each in tree.hypotheses:
@@ -326,7 +326,7 @@ def leads_of(tree: Tree) -> Leads:
 
 
 def _reviewed(tree: Tree, params: Params) -> Tree:
-    """The tree with reviews of its likeliest hypotheses a few cycles on, and what they propose."""
+    """Advances the reviews of the likeliest hypotheses, and adds what they propose."""
     births, hypotheses, left = list(tree.births), list(tree.hypotheses), _DRAWS
     best, now_s = max(each.weight for each in hypotheses), tree.samples[-1][0].time_s
     calm = _is_calm(max(hypotheses, key=lambda each: each.weight), tree)
@@ -370,7 +370,7 @@ def _is_rival(birth: Birth, each: Hypothesis) -> bool:
 
 
 def _in_turn(births: Sequence[Birth], leads: Leads) -> tuple[Birth, ...]:
-    """Proposals in the order in which they are followed: the best of each draw, the second of each, and so on.
+    """Orders proposals to be followed: the best of each draw, the second of each, and so on.
 
     What different draws neglect differs, and so what jets and jumps do; a draw that is too sure of itself must not keep
     all others waiting. Those are best that might be likeliest, by what the first order may be off: they keep
@@ -386,7 +386,7 @@ def _in_turn(births: Sequence[Birth], leads: Leads) -> tuple[Birth, ...]:
 
 
 def _there(tree: Tree, hypotheses: Sequence[Hypothesis], births: Sequence[Birth]) -> dict[object, Birth | None]:
-    """Hypotheses that there are or have been, and proposals that wait."""
+    """Maps keys of hypotheses that exist or have existed to None, and of waiting proposals to these."""
     there: dict[object, Birth | None] = {_born_as(birth.child): birth for birth in births}
     return there | dict.fromkeys(map(_born_as, hypotheses)) | dict.fromkeys(tree.tried)
 
@@ -396,14 +396,14 @@ def _born_as(child: Hypothesis) -> tuple[object, int]:
 
 
 def _without(births: Sequence[Birth], origin: object) -> list[Birth]:
-    """Proposals that are of other draws."""
+    """Returns the proposals that other draws have made."""
     return [birth for birth in births if birth.origin != origin]
 
 
 def _redrawn(
     others: Sequence[Birth], fresh: Sequence[Birth], origin: object, there: Mapping[object, Birth | None]
 ) -> list[Birth]:
-    """Proposals that wait, and those of a new draw as far as they have come already."""
+    """Joins waiting proposals with a new draw; the new ones keep the progress that equal ones have made."""
     kept = list(others)
     waiting = {_born_as(birth.child) for birth in kept}
     for birth in fresh:
@@ -417,7 +417,7 @@ def _redrawn(
 
 
 def _replayed(tree: Tree, params: Params, *, starting: bool) -> Tree:
-    """The tree with its proposals as far as the budget lets them go; those that have arrived are hypotheses.
+    """Replays the proposals within the budget; those that have arrived are hypotheses.
 
     One that falls behind the likeliest on its way is as little worth following as a hypothesis that does.
     """
@@ -451,7 +451,7 @@ def _replayed(tree: Tree, params: Params, *, starting: bool) -> Tree:
 
 
 def _pruned(tree: Tree, now_s: float, params: Params) -> Tree:
-    """The tree without those that are far behind, likeliest first; the same events merged.
+    """Prunes hypotheses that are far behind, sorts the rest, likeliest first, and merges equal ones.
 
     Those for which there is no room wait where they are, as proposals.
     """
@@ -481,7 +481,7 @@ def _pruned(tree: Tree, now_s: float, params: Params) -> Tree:
 
 
 def _left_alone(birth: Birth, tree: Tree) -> Birth | None:
-    """A proposal, by itself where readings have left behind what it was compared with; None: they have left it, too.
+    """Detaches a proposal from a reference hypothesis that is far behind; None: the leader continues that one.
 
     What something more has happened to is no longer what there are rivals of; else they may explain what it does not.
     """
@@ -496,7 +496,7 @@ def _left_alone(birth: Birth, tree: Tree) -> Birth | None:
 
 
 def _forked(tree: Tree, before: Hypothesis) -> Tree:
-    """The tree with what its likeliest history says of readings that another was reported of."""
+    """Records how the likeliest history explains readings that another one was reported for."""
     known, now = before.events, tree.leader.events
     if now == known:
         return tree
@@ -508,7 +508,7 @@ def _forked(tree: Tree, before: Hypothesis) -> Tree:
 
 
 def probabilities(tree: Tree) -> list[tuple[Hypothesis, float]]:
-    """Posterior probability of each hypothesis."""
+    """Computes the posterior probability of each hypothesis."""
     weights = np.array([each.weight for each in tree.hypotheses])
     odds = np.exp(weights - weights.max())
     return list(zip(tree.hypotheses, (odds / odds.sum()).tolist(), strict=True))

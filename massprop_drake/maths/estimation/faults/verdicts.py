@@ -41,7 +41,7 @@ _APART = 14.0  # log likelihood ratio, doubled, at which jets are told apart: a 
 
 
 class Declared(NamedTuple):
-    """A failure that has been declared: its force as declared or known better since, lbf or N, and its changes."""
+    """Declared failure: its force as declared or known better since, lbf or N, and its changes."""
 
     way: Way
     force: float
@@ -50,7 +50,7 @@ class Declared(NamedTuple):
 
 
 class Verdicts(NamedTuple):
-    """What has been declared, and what may be.
+    """Declarations so far, and those that may follow.
 
     Attributes:
         jets: failures.
@@ -68,12 +68,12 @@ class Verdicts(NamedTuple):
 
     @property
     def ways(self) -> frozenset[Way]:
-        """Jets that have been declared, and how."""
+        """Jets that have been declared, with the sign of each failure."""
         return frozenset(one.way for one in self.jets)
 
 
 def above_floor(way: Way, each: Hypothesis, params: JointParams) -> float:
-    """Probability, given a hypothesis, that a failed jet's force is large enough to be called a failure.
+    """Computes the probability, given a hypothesis, that a failed jet's force is large enough to be called a failure.
 
     One whose force comes and goes has failed, whatever it gives now.
     """
@@ -86,7 +86,7 @@ def above_floor(way: Way, each: Hypothesis, params: JointParams) -> float:
 
 
 def of_jets(tree: Tree, params: JointParams) -> dict[Way, float]:
-    """Probability of each failure of a jet."""
+    """Computes the probability of each failure of a jet."""
     found: dict[Way, float] = {}
     for each, share in probabilities(tree):
         for way in each.ways if each.run.age > 0 else ():
@@ -95,7 +95,7 @@ def of_jets(tree: Tree, params: JointParams) -> dict[Way, float]:
 
 
 def of_others(tree: Tree) -> dict[Part, float]:
-    """Probability of everything else that may have happened, each with how often it has before."""
+    """Computes the probability of every other part of a history, each with the number of its earlier occurrences."""
     found: dict[Part, float] = {}
     for each, share in probabilities(tree):
         for part in each.parts:
@@ -105,7 +105,7 @@ def of_others(tree: Tree) -> dict[Part, float]:
 
 
 def odds(tree: Tree, params: JointParams) -> Odds:
-    """Posterior probabilities of faults after a sample."""
+    """Computes posterior probabilities of faults after a sample."""
     n = params.places.jets
     if len(tree.hypotheses) == 1 and not tree.leader.events:
         return certain(n)
@@ -128,7 +128,7 @@ def odds(tree: Tree, params: JointParams) -> Odds:
 
 
 def mode_of(way: Way, each: Hypothesis, params: JointParams) -> Mode:
-    """Fault mode of a failed jet."""
+    """Returns the fault mode of a failed jet."""
     jet, sign = way
     slot = slot_of(each.run.state, jet, sign)
     walk, share = float(each.walks[slot]), reported_force(each.run.state, slot, params)[0] / float(params.thrusts[jet])
@@ -142,7 +142,7 @@ def mode_of(way: Way, each: Hypothesis, params: JointParams) -> Mode:
 
 
 def judged(verdicts: Verdicts, tree: Tree, params: Params) -> tuple[Verdicts, tuple[Declaration, ...]]:
-    """Declarations after a sample.
+    """Updates the declarations with a sample.
 
     Args:
         verdicts: before it.
@@ -170,14 +170,14 @@ def judged(verdicts: Verdicts, tree: Tree, params: Params) -> tuple[Verdicts, tu
 
 
 def _enough(part: Part, priors: Priors) -> float:
-    """Probability at which a part is declared: of what is more common than that a jet fails, a larger one."""
+    """Returns the probability at which a part is declared: larger for events more common than a failed jet."""
     rates = dict.fromkeys((Kind.LIES, Kind.SPEED, Kind.TURN), priors.reading_per_hour)
     rates |= {Kind.JUMP: priors.payload_per_hour, Kind.WANDER: priors.payload_per_hour}
     return 1.0 - priors.doubt(max(rates.get(part[0], 0.0), priors.jet_per_hour))
 
 
 def unheard(part: Part | frozenset[Way], tree: Tree) -> float:
-    """Probability, to first order, of what waits or has been left, and has no part in what may be declared.
+    """Bounds, to first order, the probability of proposals that wait or are left, without a part that may be declared.
 
     Args:
         part: a part; or jets, of which one is enough.
@@ -192,13 +192,13 @@ def unheard(part: Part | frozenset[Way], tree: Tree) -> float:
 
 
 def _waiting(tree: Tree, counts: Callable[[Hypothesis], bool]) -> float:
-    """Odds, to first order, of proposals of some kind that wait."""
+    """Computes the odds, to first order, of proposals of some kind that wait."""
     leads = leads_of(tree)
     return sum(math.exp(min(birth.lead(leads) + birth.doubt, 0.0)) for birth in tree.births if counts(birth.child))
 
 
 def _has(part: Part | frozenset[Way], each: Hypothesis) -> bool:
-    """Whether a hypothesis has a part, or one of some jets."""
+    """Tests whether a hypothesis has a part, or one of some jets."""
     if isinstance(part, frozenset):
         return bool(part & each.ways)
     return part in each.ways or part in each.parts
@@ -214,7 +214,7 @@ def _is_settled(tree: Tree, params: JointParams) -> bool:
 
 
 def _withdrawn(verdicts: Verdicts, jets: dict[Way, float], tree: Tree) -> tuple[Verdicts, list[Declaration]]:
-    """Declarations that are taken back: what was declared has become unlikely, whatever of what waits comes true."""
+    """Withdraws declarations that have become unlikely, even if all waiting proposals come true."""
     gone = [one for one in verdicts.jets if _at_most(one.way, jets.get(one.way, 0.0), tree) < 0.5]
     now_s = tree.leader.run.state.time_s
     said: list[Declaration] = [
@@ -224,7 +224,7 @@ def _withdrawn(verdicts: Verdicts, jets: dict[Way, float], tree: Tree) -> tuple[
 
 
 def _at_most(way: Way, share: float, tree: Tree) -> float:
-    """Probability that a jet has failed, if all that waits and says so comes true.
+    """Bounds the probability that a jet has failed, as if all waiting proposals that say so came true.
 
     Args:
         way: the failure.
@@ -236,7 +236,7 @@ def _at_most(way: Way, share: float, tree: Tree) -> float:
 
 
 def _declared(part: Part, verdicts: Verdicts, tree: Tree, params: JointParams) -> tuple[Verdicts, list[Declaration]]:
-    """Declaration of a part of what has happened."""
+    """Makes the declaration of a part of a history."""
     holder = next(each for each in tree.hypotheses if part in each.ways or part in each.parts)
     if not isinstance(part[0], Kind):
         way: Way = (part[0], part[1])
@@ -259,7 +259,7 @@ def _declared(part: Part, verdicts: Verdicts, tree: Tree, params: JointParams) -
 
 
 def _event_of(part: Part, holder: Hypothesis) -> Event:
-    """The event that a part is of."""
+    """Finds the event that a part belongs to."""
     same = [event for event in holder.events if event.cause.part == part[:2]]
     return same[part[2]]
 
@@ -267,7 +267,7 @@ def _event_of(part: Part, holder: Hypothesis) -> Event:
 def _grouped(
     verdicts: Verdicts, open_to: dict[Way, float], seen: tuple[Tree, float], params: Params
 ) -> tuple[Verdicts, list[Declaration]]:
-    """Declaration of the smallest set of jets of which one has failed for sure."""
+    """Declares the smallest set of jets one of which has almost surely failed."""
     tree, now_s = seen
     likely = sorted(open_to, key=lambda way: -open_to[way])[:_GROUP]
     group: frozenset[Way] = frozenset()
@@ -304,7 +304,7 @@ def _grouped(
 
 
 def _apart(ways: list[Way], forces: list[float], tree: Tree, params: JointParams) -> Apart:
-    """What would tell the jets of a group apart, by the screen of an alarm that there still is."""
+    """Finds how to separate the jets of a group, by the screen of an alarm that still exists."""
     alarm = next((each.watch.alarm for each in tree.hypotheses if each.watch and each.watch.alarm), None)
     if alarm is None:
         return Apart()
@@ -313,7 +313,7 @@ def _apart(ways: list[Way], forces: list[float], tree: Tree, params: JointParams
 
 
 def _known_now(verdicts: Verdicts, tree: Tree, params: JointParams) -> tuple[Verdicts, list[Declaration]]:
-    """Declarations of what is known only now: forces that have changed, and the size of a jump."""
+    """Declares what has become known only now: forces that have changed, and the size of a jump."""
     leader, said = tree.leader, list[Declaration]()
     now = leader.run.state
     earlier = verdicts.earlier
@@ -333,7 +333,7 @@ def _known_now(verdicts: Verdicts, tree: Tree, params: JointParams) -> tuple[Ver
 
 
 def _again(one: Declared, leader: Hypothesis, params: JointParams) -> tuple[Declared, Word | None]:
-    """A declared failure by what is known now, and the word for it if it has changed."""
+    """Updates a declared failure with the present estimate; returns it, and the declaration if it has changed."""
     if one.way not in leader.ways:
         return one, None
     now = leader.run.state
@@ -354,5 +354,5 @@ def _again(one: Declared, leader: Hypothesis, params: JointParams) -> tuple[Decl
 
 
 def is_measured(size: Payload) -> bool:
-    """Whether a mass is known well enough to be told."""
+    """Tests whether a gained mass is known well enough to be declared."""
     return size.mass_sigma < _MEASURED * abs(size.mass)

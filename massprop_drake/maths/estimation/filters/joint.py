@@ -80,7 +80,7 @@ JOINT_REPORT = Layout(
 
 
 class JointFilterParams(NamedTuple):
-    """What shapes the filter.
+    """Parameters of the filter.
 
     Attributes:
         joint: see `JointParams`.
@@ -96,7 +96,7 @@ class JointFilterParams(NamedTuple):
 
 
 class JointFilterState(NamedTuple):
-    """What the filter knows after a sample.
+    """State of the filter after a sample.
 
     Attributes:
         joint: see `JointState`.
@@ -120,7 +120,7 @@ class JointFilterState(NamedTuple):
 
 
 class Measurement(NamedTuple):
-    """A cycle, before the detector has judged it.
+    """Cycle of the filter, before the detector has judged it.
 
     Attributes:
         state: after it.
@@ -135,7 +135,7 @@ class Measurement(NamedTuple):
 
 
 def make_params(setup: Setup, options: Any) -> JointFilterParams:
-    """Parameters from what is known of the vehicle and the scenario's blocks `joint` and `faults`."""
+    """Makes the parameters from the vehicle's data and the scenario's blocks `joint` and `faults`."""
     block, thrust = options.joint, setup.thrust
     gyros, accelerometers = setup.gyros, setup.accelerometers
     n_jets, n_kinds = thrust.flows.shape[0], thrust.lag_uncertainty.shape[0]
@@ -232,23 +232,23 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
 
 
 def _chosen(one: float | None, each: Array) -> Array:
-    """One value in place of each, where it is given."""
+    """Returns one value in place of each, where it is given."""
     return each if one is None else np.full_like(each, one)
 
 
 def _scaled(sigmas: Array) -> tuple[float, Array]:
-    """The largest of some sigmas, and each in terms of it; none where all are zero."""
+    """Returns the largest of some sigmas, and each in terms of it; none where all are zero."""
     largest = float(sigmas.max(initial=0.0))
     return (largest, sigmas / largest) if largest > 0.0 else (0.0, np.empty(0))
 
 
 def _steps(packages: Instruments) -> Array:
-    """Quanta, zero where a reading dithers itself."""
+    """Returns quanta, zero where a reading dithers itself."""
     return np.where(packages.noise_std >= _DITHERED * packages.quanta, 0.0, packages.quanta)
 
 
 def _root(covariance: Array) -> Array:
-    """Lower triangular root of a covariance that may have zeros on its diagonal."""
+    """Computes the lower triangular root of a covariance that may have zeros on its diagonal."""
     sigmas = np.sqrt(np.diag(covariance))
     scale = np.where(sigmas > 0.0, sigmas, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
@@ -258,7 +258,7 @@ def _root(covariance: Array) -> Array:
 
 @cache
 def chi_square_limit(rate: float, degrees: int) -> float:
-    """The value that chi-square exceeds at a given rate.
+    """Computes the value that chi-square exceeds at a given rate.
 
     The tail is elementary for whole degrees of freedom; the value is found by bisection.
 
@@ -275,7 +275,7 @@ def chi_square_limit(rate: float, degrees: int) -> float:
 
 
 def _chi_square_tail(value: float, degrees: int) -> float:
-    """Probability that chi-square is larger."""
+    """Computes the probability that chi-square is larger."""
     half = 0.5 * value
     odd = degrees % 2
     tail = math.erfc(math.sqrt(half)) if odd else 0.0
@@ -290,14 +290,14 @@ def _chi_square_tail(value: float, degrees: int) -> float:
 
 
 def initial(params: JointFilterParams) -> JointFilterState:
-    """Before the first sample."""
+    """Returns the state before the first sample."""
     clock, unread = ticks.started(0.0, np.zeros(params.joint.places.jets)), np.full(params.joint.places.wheels, np.nan)
     begun = _reporting(cycle.initial(params.joint), clock, params)
     return begun._replace(start=starts.BEGUN, speeds=unread, setting=at_rest(params.joint.places.engines))
 
 
 def _reporting(joint: JointState, clock: Clock, params: JointFilterParams) -> JointFilterState:
-    """A state with what is reported of it."""
+    """Returns a state with its reported estimate and covariance."""
     estimate, rows = reported(joint, params.joint)
     return _with_report(joint, clock, estimate, rows @ rows.T, params)
 
@@ -313,7 +313,7 @@ def _with_report(
 
 
 def acting(state: JointFilterState, params: JointFilterParams) -> tuple[Array, Array]:
-    """Components of a disturbance in units of the 1-sigma that is stated, and their 1-sigma, shape (n,) each."""
+    """Returns the components of a disturbance in units of the stated 1-sigma, and their 1-sigma, shape (n,) each."""
     places = params.joint.places
     slow = slice(places.slow, places.unstated)
     return state.joint.mean[slow].copy(), np.sqrt(np.sum(state.joint.root[slow] ** 2, axis=1))
@@ -322,7 +322,7 @@ def acting(state: JointFilterState, params: JointFilterParams) -> tuple[Array, A
 def measure(
     state: JointFilterState, rates: Array, velocities: Array, interval: Interval, params: JointFilterParams
 ) -> Measurement:
-    """The whole cycle."""
+    """Runs the whole cycle of the filter."""
     assert interval.told is not None  # what is told is all that this filter takes of an interval
     return step(state, rates, velocities, interval.told, params)
 
@@ -330,7 +330,7 @@ def measure(
 def step(
     state: JointFilterState, rates: Array, velocities: Array, told: Told, params: JointFilterParams
 ) -> Measurement:
-    """The whole cycle.
+    """Runs the whole cycle of the filter.
 
     Args:
         state: of the cycle before.
@@ -364,7 +364,7 @@ def step(
 
 
 def _read_besides(told: Told, params: JointParams) -> tuple[Array, Array, Array]:
-    """Quaternions that trackers read, speeds of the wheels, and level and angles of the engines.
+    """Returns quaternions that trackers read, speeds of the wheels, and level and angles of the engines.
 
     Returns:
         Of shape (n_trackers, 4), (n_wheels,), rad/s, and (n_engines, 3), rad.
@@ -380,7 +380,7 @@ def _read_besides(told: Told, params: JointParams) -> tuple[Array, Array, Array]
 def _attitudes(
     state: JointFilterState, over: Elapsed, read: tuple[Array, Array], params: JointParams
 ) -> tuple[Array, Array]:
-    """Readings of the trackers, shape (n_trackers, 3), and the shared attitude before and after, shape (2, 4).
+    """Returns the trackers' readings, shape (n_trackers, 3), and the shared attitude before and after, shape (2, 4).
 
     Args:
         state: of the cycle before.
@@ -399,7 +399,7 @@ def _attitudes(
 
 
 class Sampled(NamedTuple):
-    """Sample as the filter takes it, and what it goes on with after that.
+    """Sample as the filter takes it, and the memory with which it goes on.
 
     Attributes:
         clock: after it.
@@ -415,7 +415,7 @@ class Sampled(NamedTuple):
 
 
 class Cycle(NamedTuple):
-    """Cycle: what it took, the filter's state after it, and its report."""
+    """Cycle: its sample, the filter's state after it, and its report."""
 
     taken: Sampled
     state: JointState
@@ -433,7 +433,7 @@ def _made(
 def sampled(
     state: JointFilterState, readings: tuple[np.ndarray, np.ndarray], told: Told, params: JointFilterParams
 ) -> Sampled:
-    """Makes a sample of what is read and told.
+    """Makes a sample of readings and commands.
 
     Args:
         state: of the cycle before.
@@ -491,7 +491,7 @@ def _is_likelier(bridged: Cycle, unknown: Cycle) -> bool:
 
 
 def evidence(_state: JointFilterState, measurement: Measurement, _interval: Interval) -> JointEvidence:
-    """What the detector sees."""
+    """Returns the evidence for the detector."""
     return measurement.evidence
 
 
@@ -502,12 +502,12 @@ def finish(
     _adaptation: Adaptation,
     params: JointFilterParams,
 ) -> FilterStep:
-    """The cycle as it is; what a detector knows better comes as a state, by `replaced`."""
+    """Returns the cycle as it is; a detector replaces its state by `replaced`."""
     return done(measurement, params)
 
 
 def done(measurement: Measurement, params: JointFilterParams) -> FilterStep:
-    """The cycle's state, and what logs keep of it."""
+    """Returns the cycle's state, and its log rows."""
     after, report = measurement.state, measurement.evidence.report
     gyros = 3 * params.joint.places.gyros
     seen = Seen(*(getattr(report, name) for name in Seen._fields))
@@ -525,7 +525,7 @@ def done(measurement: Measurement, params: JointFilterParams) -> FilterStep:
 
 
 class Seen(NamedTuple):
-    """What is logged of a cycle's readings, see `cycle.Report`."""
+    """Statistics of a cycle's readings for the log, see `cycle.Report`."""
 
     innovation: Array
     innovation_std: Array
@@ -540,7 +540,7 @@ class Seen(NamedTuple):
 
 @kernel
 def rotation_report(estimate: Array, covariance: Array, seen: Seen, gyros: int) -> RotationReport:
-    """What logs keep of a cycle's rotation.
+    """Makes the log row of a cycle's rotation.
 
     Args:
         estimate, covariance: see `JointFilterState`.
@@ -562,7 +562,7 @@ def rotation_report(estimate: Array, covariance: Array, seen: Seen, gyros: int) 
 
 @kernel
 def mass_report(estimate: Array, covariance: Array, seen: Seen, gyros: int, accelerometers: int) -> MassReport:
-    """Makes the row that logs keep of a cycle's translation; arguments as `rotation_report`, numbers of components."""
+    """Makes the log row of a cycle's translation; arguments as `rotation_report`, numbers of components."""
     used = seen.used[gyros : gyros + accelerometers]
     return MassReport(
         float(estimate[MASS_RECIPROCAL]),
@@ -576,7 +576,7 @@ def mass_report(estimate: Array, covariance: Array, seen: Seen, gyros: int, acce
 
 
 def replaced(step: FilterStep, joint: JointState, params: JointFilterParams) -> FilterStep:
-    """A cycle that goes on from another state: its estimates are reported; the innovations are what they were."""
+    """Makes a cycle that goes on from another state: its estimates are reported; the innovations stay."""
     before = step.state
     kept = {"frame": before.frame, "speeds": before.speeds, "setting": before.setting}
     after = _reporting(joint, before.clock, params)._replace(**kept)
@@ -588,14 +588,14 @@ def replaced(step: FilterStep, joint: JointState, params: JointFilterParams) -> 
 
 
 def published(step: FilterStep, joint: JointState, params: JointFilterParams) -> FilterStep:
-    """A cycle that publishes the estimates of another state, and goes on from its own."""
+    """Makes a cycle that publishes the estimates of another state, and goes on from its own."""
     other = _reporting(joint, step.state.clock, params)
     return telling(step, other.estimate, other.covariance)._replace(known=(other.estimate, other.covariance))
 
 
 @kernel
 def _per_three(nis: float, degrees: float) -> float:
-    """NIS on the scale of three components, as other filters have it: of mean three; NaN where none counted."""
+    """Scales a NIS to three components, as other filters have it: of mean three; NaN where none counted."""
     return 3.0 * nis / degrees if degrees > 0.0 else nis
 
 
@@ -607,7 +607,7 @@ def _settled(state: JointFilterState, params: JointFilterParams) -> float:
 
 
 def packed(state: JointFilterState, params: JointFilterParams) -> Array:
-    """A state as one vector."""
+    """Packs a state into one vector."""
     places = params.joint.places
     frame = state.frame if places.trackers > 0 else state.frame[:0]
     clock = CLOCK.sized(jets=places.jets).pack(state.clock)
@@ -616,7 +616,7 @@ def packed(state: JointFilterState, params: JointFilterParams) -> Array:
 
 
 def unpacked(vector: Array, params: JointFilterParams) -> JointFilterState:
-    """The inverse of `packed`."""
+    """Unpacks a state: the inverse of `packed`."""
     places = params.joint.places
     size, clocks = state_layout(places).size, CLOCK.sized(jets=places.jets)
     clock, rest = Clock(*clocks.read(vector[size : size + clocks.size])), vector[size + clocks.size :]
@@ -628,12 +628,12 @@ def unpacked(vector: Array, params: JointFilterParams) -> JointFilterState:
 
 
 def saved(state: JointFilterState, params: JointFilterParams) -> Groups:
-    """A state as a vector, by the system that holds it in a diagram."""
+    """Packs a state into a vector, by the system that holds it in a diagram."""
     return {GROUP: packed(state, params)}
 
 
 def restored(groups: Groups, params: JointFilterParams) -> JointFilterState:
-    """The inverse of `saved`.
+    """Unpacks a state: the inverse of `saved`.
 
     Raises:
         ValueError: when the state holds what the filter cannot leave.

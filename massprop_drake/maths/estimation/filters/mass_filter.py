@@ -41,7 +41,7 @@ from massprop_drake.maths.linear_algebra import Array, congruence, inverse_posit
 
 
 class Compensation(IntEnum):
-    """Which accelerations by rotation are taken out of a velocity increment."""
+    """Accelerations by rotation that are taken out of a velocity increment."""
 
     NONE = 0
     TRANSVERSE = 1
@@ -55,7 +55,7 @@ _NOT_MEASURED = np.full(3, np.nan)
 
 
 class MassParams(NamedTuple):
-    """What shapes the mass filter.
+    """Parameters of the mass filter.
 
     Attributes:
         period_s: sample period, s.
@@ -89,7 +89,7 @@ class MassParams(NamedTuple):
 
 
 class Rotation(NamedTuple):
-    """What the rotation filter says of a sample.
+    """Data of a sample that the mass filter takes from the rotation filter.
 
     Attributes:
         increment: measured rate increment dw, rad/s, NaN where missing, shape (3,).
@@ -110,7 +110,7 @@ class Rotation(NamedTuple):
 def compensated(
     velocity_increment: Array, velocity_noise: Array, arm: Array, rotation: Rotation, params: MassParams
 ) -> tuple[Array, Array]:
-    r"""The velocity increment freed of rotation, zeta' (3-57) or (3-77), and its covariance R' (3-80b).
+    r"""Computes the velocity increment freed of rotation, zeta' (3-57) or (3-77), and its covariance R' (3-80b).
 
     Args:
         velocity_increment: zeta, ft/s or m/s, body axes, shape (3,).
@@ -140,7 +140,7 @@ def compensated(
 
 @kernel
 def _mixing(rotation: Rotation, params: MassParams) -> Array:
-    """O + O' (3-41), (3-64): what makes a velocity increment of an arm; O alone for TRANSVERSE, shape (3, 3)."""
+    """Computes O + O' (3-41), (3-64), velocity increment per unit of an arm; O alone for TRANSVERSE, shape (3, 3)."""
     mixing = skew(rotation.increment)
     if params.compensation == Compensation.TRANSVERSE_CENTRIPETAL:
         spin = skew(rotation.rate)
@@ -149,7 +149,7 @@ def _mixing(rotation: Rotation, params: MassParams) -> Array:
 
 
 def shared_covariance(arms: tuple[Array, Array], rotation: Rotation, params: MassParams) -> Array:
-    """R'_ij - R^d of two accelerometers: what their compensated velocity increments share, shape (3, 3).
+    """Computes R'_ij - R^d of two accelerometers: their compensated increments' common covariance, shape (3, 3).
 
     Args:
         arms: r^_i and r^_j, from the estimated center of mass, ft or m, shape (3,) each.
@@ -164,7 +164,7 @@ def shared_covariance(arms: tuple[Array, Array], rotation: Rotation, params: Mas
 
 
 class MassState(NamedTuple):
-    """What the mass filter knows.
+    """State of the mass filter.
 
     Attributes:
         mass_reciprocal: 1/m, 1/slug or 1/kg.
@@ -187,14 +187,14 @@ class MassState(NamedTuple):
 
 @kernel
 def independent_of(variance: float, sensitivity: Array | None) -> float:
-    """S_0 of a state, see `MassState`."""
+    """Computes S_0 of a state, see `MassState`."""
     if sensitivity is None:
         return variance
     return variance - float(sensitivity @ sensitivity)
 
 
 class MassSample(NamedTuple):
-    """What one sample brings to the mass filter.
+    """Sample as the mass filter takes it.
 
     Attributes:
         measured: zeta', velocity increment freed of rotation, ft/s or m/s, body axes, shape (3,).
@@ -246,7 +246,7 @@ class MassUpdate(NamedTuple):
 
 @kernel
 def innovate(state: MassState, sample: MassSample) -> MassInnovation:
-    """The innovation of one sample (3-85) and its covariance (3-87).
+    """Computes the innovation of one sample (3-85) and its covariance (3-87).
 
     Args:
         state: predicted, see `MassState`.
@@ -269,7 +269,7 @@ def innovate(state: MassState, sample: MassSample) -> MassInnovation:
 def _considered(
     innovation: Array, noise: Array, variance: float, sensitivity: Array | None, thrust_errors: Array | None
 ) -> tuple[Array, Array]:
-    """Innovation and noise with the products of thrust errors and the estimate's; as they were where none is."""
+    """Adds the products of thrust errors and the estimate's to innovation and noise, where some are considered."""
     if thrust_errors is None or sensitivity is None:
         return innovation, noise
     mean = thrust_errors @ sensitivity
@@ -280,7 +280,7 @@ def _considered(
 def _effects(
     impulse: Array, sensitivity: Array | None, thrust_errors: Array | None, mass_reciprocal: float
 ) -> Array | None:
-    """L = lambda Psi + G, shape (3, n_jets), with G at a mass reciprocal; None where thrust is taken as known."""
+    """Computes L = lambda Psi + G, shape (3, n_jets), with G at a mass reciprocal; None where thrust is known."""
     if thrust_errors is None or sensitivity is None:
         return None
     return impulse[:, None] * sensitivity + thrust_errors * mass_reciprocal
@@ -288,7 +288,7 @@ def _effects(
 
 @kernel
 def _innovation_covariance(independent: float, impulse: Array, effects: Array | None, noise: Array) -> Array:
-    """Y^zeta (3-87), and what considered thrust errors add."""
+    """Computes Y^zeta (3-87), considered thrust errors included."""
     covariance = impulse[:, None] * (impulse * independent) + noise
     return _with_effects(covariance, effects)
 
@@ -308,7 +308,7 @@ def update(
     params: MassParams,
     each: tuple[MassSample, ...] = (),
 ) -> MassUpdate:
-    """Measurement update (3-83), (3-86), variance in Joseph's form of (3-84), then (3-82).
+    """Updates by a measurement (3-83), (3-86), variance in Joseph's form of (3-84), then in time (3-82).
 
     A jump of the mass reciprocal is tested for, and corrected, unless a jet's failure explains the
     sample; see `mass_jump`.
@@ -336,7 +336,7 @@ def update(
 def update_once(
     state: MassState, sample: MassSample, innovation: MassInnovation, adaptation: Adaptation, params: MassParams
 ) -> MassUpdate:
-    """`update` with one measurement."""
+    """Runs `update` with one measurement."""
     if adaptation.action == Action.REJECT:
         return MassUpdate(_later(state, params), False)
     after, gain = _updated(_begun(state, adaptation, params), sample, innovation, adaptation)
@@ -346,7 +346,7 @@ def update_once(
 
 @kernel
 def _begun(state: MassState, adaptation: Adaptation, params: MassParams) -> MassState:
-    """The state to update: the jump test's sums are of plain updates."""
+    """Returns the state to update: the jump test's sums are of plain updates."""
     if adaptation.action == Action.NONE:
         return state
     return MassState(state.mass_reciprocal, state.variance, empty_window(params.jump_window), state.sensitivity)
@@ -390,7 +390,7 @@ def _tested(
 def _updated(
     state: MassState, sample: MassSample, innovation: MassInnovation, adaptation: Adaptation
 ) -> tuple[MassState, Array]:
-    """The state after one measurement, and the gain kappa, shape (3,)."""
+    """Computes the state after one measurement, and the gain kappa, shape (3,)."""
     information, noise, error = innovation.information, innovation.noise, innovation.innovation
     enlarged = np.zeros((3, 3))
     smaller = adaptation.action == Action.CORRECT_THESIS
@@ -413,7 +413,7 @@ def _again(
     thrust_errors: Array | None,
     effects: Array | None,
 ) -> tuple[MassState, Array]:
-    """The update once more with the effects of thrust errors at the estimate that it gave, where some are considered.
+    """Repeats the update with thrust errors' effects at the estimate that it gave, where some are considered.
 
     Args:
         first: the first update.
@@ -434,7 +434,7 @@ def _again(
 def _joseph_update(
     state: MassState, impulse: Array, error: Array, information: Array, noise: Array, effects: Array | None
 ) -> tuple[MassState, Array]:
-    """(3-83), (3-86) and the variance in Joseph's form; Schmidt-Kalman with effects."""
+    """Updates estimate (3-83), (3-86) and variance in Joseph's form; Schmidt-Kalman with effects."""
     independent = independent_of(state.variance, state.sensitivity)
     gain = information @ _shared(independent * impulse, state.sensitivity, effects)
     kept = 1.0 - float(gain @ impulse)
@@ -468,12 +468,12 @@ def _with_sensitivity(variance: float, sensitivity: Array | None, effects: Array
 
 @kernel
 def _later(state: MassState, params: MassParams) -> MassState:
-    """The time update (3-82) of a random walk."""
+    """Updates the variance in time (3-82), a random walk."""
     return MassState(state.mass_reciprocal, state.variance + params.process_noise, state.window, state.sensitivity)
 
 
 class MassMeasurement(NamedTuple):
-    """A sample and its innovation.
+    """Sample of the mass filter and its innovation.
 
     Attributes:
         sample: what was measured, of all accelerometers together.
@@ -487,7 +487,7 @@ class MassMeasurement(NamedTuple):
 
 
 class MassInterval(NamedTuple):
-    """What is known of a sample interval before it is measured.
+    """Known inputs of a sample interval before it is measured.
 
     Attributes:
         linear_impulse: lambda, lbf-s or N-s, shape (3,).
@@ -501,7 +501,7 @@ class MassInterval(NamedTuple):
 
 
 def counts_one(params: MassParams) -> bool:
-    """Whether one accelerometer counts at a time."""
+    """Tests whether one accelerometer counts at a time."""
     return params.rule == Rule.SINGLE or params.variances.size == 1
 
 
@@ -513,7 +513,7 @@ def measure(
     rotation: Rotation,
     params: MassParams,
 ) -> MassMeasurement:
-    """First half of a cycle: the increment and its innovation.
+    """Runs the first half of a cycle: the increment and its innovation.
 
     Args:
         state: predicted, see `MassState`.
@@ -553,7 +553,7 @@ def measure_one(
     rotation: Rotation,
     params: MassParams,
 ) -> tuple[MassSample, MassInnovation]:
-    """`measure` by the first accelerometer that is there alone; readings before and now."""
+    """Runs `measure` with the first accelerometer that reads, alone; readings before and now."""
     increments = velocities[1] - velocities[0]
     if params.compensation == Compensation.NONE or _is_there(rotation.increment):
         for index in range(increments.shape[0]):
@@ -575,7 +575,7 @@ def _is_there(increment: Array) -> bool:
 
 @kernel
 def _freed(index: int, increments: Array, rotation: Rotation, params: MassParams) -> tuple[Array, Array]:
-    """One package's increment, freed of rotation, and its covariance."""
+    """Computes one package's increment, freed of rotation, and its covariance."""
     noise = 2.0 * params.variances[index] * _IDENTITY
     return compensated(increments[index], noise, params.positions[index] - rotation.center, rotation, params)
 
@@ -593,7 +593,7 @@ def _stacked_covariance(
     rotation: Rotation,
     params: MassParams,
 ) -> Array:
-    """R'_ij, without disturbance, of the packages that are there, shape (s, s, 3, 3)."""
+    """Computes R'_ij, without disturbance, of the packages that read, shape (s, s, 3, 3)."""
     count = len(freed)
     covariances = np.zeros((count, count, 3, 3))
     for i in range(count):
@@ -614,7 +614,7 @@ def finish(
     adaptation: Adaptation,
     params: MassParams,
 ) -> MassCycle:
-    """Second half of a cycle: the update, when the sample can be used.
+    """Runs the second half of a cycle: the update, when the sample can be used.
 
     After a jump of the mass properties beyond doubt the variance is raised, and the sample used with
     it.
@@ -661,7 +661,7 @@ def finish_one(
     adaptation: Adaptation,
     params: MassParams,
 ) -> MassCycle:
-    """`finish` with one measurement; whether the interval is usable, and firing."""
+    """Runs `finish` with one measurement; whether the interval is usable, and firing."""
     sample, innovation = measured
     usable, firing = interval
     there = not math.isnan(innovation.nis)
@@ -677,5 +677,5 @@ def finish_one(
 
 @kernel
 def _raised(state: MassState, params: MassParams) -> MassState:
-    """The state after a jump beyond doubt."""
+    """Returns the state after a jump beyond doubt, its variance raised."""
     return MassState(state.mass_reciprocal, state.variance + params.jump_variance, state.window, state.sensitivity)

@@ -36,7 +36,7 @@ from massprop_drake.maths.linear_algebra import Array, quadratic_form
 
 
 class JumpTest(NamedTuple):
-    """Outcome of one used sample.
+    """Outcome of the jump test for one used sample.
 
     Attributes:
         window: f, C, d of each theta, the newest last, shape (n, 3); C is zero where there is none yet.
@@ -54,7 +54,7 @@ class JumpTest(NamedTuple):
 
 
 def jump_threshold(false_alarm_rate: float, window: int) -> float:
-    """Likelihood argument above which there is a jump: chi-square with one degree of freedom for each sample.
+    """Computes the likelihood argument of a jump: chi-square with one degree of freedom for each sample.
 
     Args:
         false_alarm_rate: of the test, per used sample.
@@ -65,7 +65,7 @@ def jump_threshold(false_alarm_rate: float, window: int) -> float:
 
 @kernel
 def empty_window(length: int) -> Array:
-    """A window with no sample in it, shape (length, 3)."""
+    """Returns a window with no sample in it, shape (length, 3)."""
     return np.zeros((length, 3))
 
 
@@ -100,7 +100,7 @@ def jump_test(window: Array, linear_impulse: Array, information: Array, innovati
 
 @kernel
 def small_gain_growth(variance: float, linear_impulse: Array, information: Array) -> float:
-    """What the thesis adds to the variance of 1/m after a jump found in one sample (3-118), to the letter.
+    """Computes the term that the thesis adds to the variance of 1/m after a jump in one sample (3-118), to the letter.
 
     Args:
         variance: of 1/m after the ordinary update.

@@ -1,4 +1,4 @@
-"""The estimator in a fixed frame as one of the registry: commands kept as long as they act, what is reported of it.
+"""The estimator in a fixed frame as a filter of the registry: commands kept as long as they act, and its log rows.
 
 The mathematics is in `massprop_drake.maths.estimation.pose`. With a detector the filter carries the bank of
 hypotheses, of which the first is its own estimate, and the detector judges them.
@@ -61,7 +61,7 @@ POSE_REPORT = Layout(
 
 
 class PoseFilterParams(NamedTuple):
-    """What shapes the filter.
+    """Parameters of the filter.
 
     Attributes:
         pose: see `PoseParams`.
@@ -84,7 +84,7 @@ class PoseFilterParams(NamedTuple):
 
 
 class PoseFilterState(NamedTuple):
-    """What the filter knows after a sample.
+    """State of the filter after a sample.
 
     Attributes:
         tried: see `hypotheses.Tried`; without a detector of one filter.
@@ -103,7 +103,7 @@ class PoseFilterState(NamedTuple):
 
 
 class PoseEvidence(NamedTuple):
-    """What a detector of this filter sees of a cycle.
+    """Evidence of a cycle of this filter for a detector.
 
     Attributes:
         tried: after it.
@@ -121,7 +121,7 @@ class PoseEvidence(NamedTuple):
 
 
 class Measurement(NamedTuple):
-    """A cycle, before the detector has judged it."""
+    """Cycle of the filter, before the detector has judged it."""
 
     state: PoseFilterState
     done: Cycled | None
@@ -129,7 +129,7 @@ class Measurement(NamedTuple):
 
 
 def make_params(setup: Setup, options: Any) -> PoseFilterParams:
-    """Parameters from what is known of the vehicle."""
+    """Makes the parameters from the vehicle's data."""
     assert setup.tracking is not None, "made for a vehicle that is followed in a fixed frame"
     detects = options.detector.kind != "off"
     return PoseFilterParams(
@@ -145,7 +145,7 @@ def make_params(setup: Setup, options: Any) -> PoseFilterParams:
 
 
 def initial(params: PoseFilterParams) -> PoseFilterState:
-    """Before the first sample."""
+    """Returns the state before the first sample."""
     made = params.pose
     jets = made.pushes.shape[0]
     bank = Bank(
@@ -174,7 +174,7 @@ def _reporting(state: PoseFilterState, params: PoseFilterParams) -> PoseFilterSt
 def measure(
     state: PoseFilterState, rates: Array, velocities: Array, interval: Interval, params: PoseFilterParams
 ) -> Measurement:
-    """The whole cycle."""
+    """Runs the whole cycle of the filter."""
     assert interval.told is not None  # what is told is all that this filter takes of an interval
     told, made = interval.told, params.pose
     readings = readings_of(told.tracked, rates, velocities, params)
@@ -199,7 +199,7 @@ def measure(
 
 
 def _fresh(first: Bank, now_s: float, params: PoseFilterParams) -> Tried:
-    """What is followed from the first sample on: every delay that may be, with all hypotheses of a detector."""
+    """Makes the filters of the first sample: one for every possible delay, with all of a detector's hypotheses."""
     none, banks = np.zeros(1 + 2 * params.pose.pushes.shape[0]), delays.split(first, params.pose)
     if params.hypotheses:
         return delays.gathered([hypotheses.begun(bank, now_s, params.pose) for bank in banks], params.pose)
@@ -207,7 +207,7 @@ def _fresh(first: Bank, now_s: float, params: PoseFilterParams) -> Tried:
 
 
 def readings_of(tracked: Array | None, rates: Array, velocities: Array, params: PoseFilterParams) -> Readings:
-    """Readings of all sensors, those in a fixed frame from their columns; of a pose what its sensor measures alone.
+    """Collects the readings of all sensors, those in a fixed frame from their columns; of a pose what is measured.
 
     Args:
         tracked: see `Told.tracked`.
@@ -228,7 +228,7 @@ def readings_of(tracked: Array | None, rates: Array, velocities: Array, params: 
 
 
 def _before(commands: Commands, time_s: float) -> Commands:
-    """Commands up to a time, without those given at it."""
+    """Returns commands up to a time, without those given at it."""
     until = int(np.searchsorted(commands.time_s, time_s))
     return Commands(commands.time_s[:until], commands.levels[:until])
 
@@ -236,7 +236,7 @@ def _before(commands: Commands, time_s: float) -> Commands:
 def _with(
     commands: Commands, time_s: float, told: tuple[Array | None, Array | None], params: PoseFilterParams
 ) -> Commands:
-    """Commands with those given at a time; where nothing changes they go on.
+    """Returns commands with those given at a time; where nothing changes they go on.
 
     Args:
         commands: those before, and others from that time on, which fall away.
@@ -257,7 +257,7 @@ def _with(
 
 
 def _trimmed(commands: Commands, since_s: float) -> Commands:
-    """Commands that still act after a time, and the one that was in force then."""
+    """Returns commands that still act after a time, and the one that was in force then."""
     begin = max(int(np.searchsorted(commands.time_s, since_s, side="right")) - 1, 0)
     return Commands(commands.time_s[begin:], commands.levels[begin:])
 
@@ -266,7 +266,7 @@ def _trimmed(commands: Commands, since_s: float) -> Commands:
 
 
 def evidence(_state: PoseFilterState | None, measurement: Measurement, _interval: Interval | None) -> PoseEvidence:
-    """What the detector sees."""
+    """Returns the evidence for the detector."""
     state, told = measurement.state, measurement.told
     done = measurement.done
     return PoseEvidence(state.tried, state.time_s, told.time_s, told, done is not None and done.innovation.size > 0)
@@ -279,7 +279,7 @@ def finish(
     _adaptation: Adaptation,
     params: PoseFilterParams,
 ) -> FilterStep:
-    """The cycle as it is; what a detector knows better comes by `replaced`."""
+    """Returns the cycle as it is; a detector replaces its state by `replaced`."""
     state, done, nothing = measurement.state, measurement.done, np.full(3, np.nan)
     (turning, n_turning), (moving, n_moving) = np.zeros((2, 2)) if done is None else done.of_first
     deviation = np.sqrt(state.covariance.diagonal())
@@ -306,7 +306,7 @@ def finish(
 
 
 def _own(state: PoseFilterState, done: Cycled | None, params: PoseFilterParams) -> Any:
-    """What this filter logs, as `POSE_REPORT`."""
+    """Makes the log row that only this filter has, as `POSE_REPORT`."""
     made, bank = params.pose, delays.overall(state.tried, params.pose)
     jets = made.pushes.shape[0]
     deviation = np.zeros(made.parts.size)
@@ -329,13 +329,13 @@ def _own(state: PoseFilterState, done: Cycled | None, params: PoseFilterParams) 
 
 
 def replaced(step: FilterStep, tried: Tried, params: PoseFilterParams) -> FilterStep:
-    """A cycle that goes on from what the detector makes of the hypotheses."""
+    """Makes a cycle that goes on from the hypotheses as the detector has left them."""
     state = _reporting(step.state._replace(tried=tried), params)
     return telling(step, state.estimate, state.covariance)._replace(state=state)
 
 
 def published(step: FilterStep, tried: Tried, params: PoseFilterParams) -> FilterStep:
-    """A cycle that publishes the estimates of another filter, and goes on from its own."""
+    """Makes a cycle that publishes the estimates of another filter, and goes on from its own."""
     other = _reporting(step.state._replace(tried=tried), params)
     return telling(step, other.estimate, other.covariance)._replace(known=(other.estimate, other.covariance))
 
@@ -362,7 +362,7 @@ def _layout(params: PoseFilterParams) -> Layout:
 
 
 def saved(state: PoseFilterState, params: PoseFilterParams) -> Groups:
-    """What is known, and the command that is in force; then commands that still act, and all hypotheses."""
+    """Packs the state: the first filter and the command in force; then commands that still act, and all hypotheses."""
     bank = state.tried.bank
     level = state.commands.levels[-1] if state.commands.levels.size else np.zeros(params.pose.pushes.shape[0])
     parts = [bank.mean[0], bank.covariance[0], bank.rotation[0], bank.opens[:1].astype(float), bank.reference[0]]
@@ -373,7 +373,7 @@ def saved(state: PoseFilterState, params: PoseFilterParams) -> Groups:
 
 
 def restored(groups: Groups, params: PoseFilterParams) -> PoseFilterState:
-    """The inverse of `saved`.
+    """Unpacks a state: the inverse of `saved`.
 
     Raises:
         ValueError: when the state holds what the filter cannot leave.

@@ -98,14 +98,14 @@ _WHAT = "the rotation filter's innovation covariance"
 
 @kernel
 def angular_block(vector: Array) -> Array:
-    """A_6(v): the 3x6 matrix with A_6(v) x_6 = I^-1 v, the left block of (2-53)."""
+    """Computes A_6(v): the 3x6 matrix with A_6(v) x_6 = I^-1 v, the left block of (2-53)."""
     x, y, z = numbers(vector, 3)
     return np.array([[x, 0.0, 0.0, 0.0, z, y], [0.0, y, 0.0, z, 0.0, x], [0.0, 0.0, z, y, x, 0.0]])
 
 
 @kernel
 def rate_increment(estimate: Array, angular_impulse: Array, linear_impulse: Array) -> Array:
-    """h(x): the rate increment of a known impulse, rad/s, (2-47) in closed form, shape (3,)."""
+    """Computes h(x): the rate increment of a known impulse, rad/s, (2-47) in closed form, shape (3,)."""
     moment = angular_impulse + cross(linear_impulse, estimate[6:])
     increment: Array = np.dot(picked(estimate, ELEMENT), moment)
     return increment
@@ -113,7 +113,7 @@ def rate_increment(estimate: Array, angular_impulse: Array, linear_impulse: Arra
 
 @kernel
 def rate_increment_jacobian(estimate: Array, angular_impulse: Array, linear_impulse: Array) -> Array:
-    """H = dh/dx (2-102), shape (3, 9)."""
+    """Computes H = dh/dx (2-102), shape (3, 9)."""
     moment = angular_impulse + cross(linear_impulse, estimate[6:])
     jacobian = np.empty((3, N_ROTATION))
     jacobian[:, :6] = angular_block(moment)
@@ -123,7 +123,7 @@ def rate_increment_jacobian(estimate: Array, angular_impulse: Array, linear_impu
 
 @kernel
 def rate_increment_jacobians(estimate: Array, impulses: Array) -> Array:
-    """H (2-102) for several impulses at once, shape (n, 3, 9).
+    """Computes H (2-102) for several impulses at once, shape (n, 3, 9).
 
     Args:
         estimate: x, or more parameters after it, shape (9,) or longer.
@@ -144,14 +144,14 @@ def rate_increment_jacobians(estimate: Array, impulses: Array) -> Array:
 
 @kernel
 def _moments(estimate: Array, impulses: Array) -> Array:
-    """Angular impulse about the estimated center of mass, a + lambda x r_cm, of each, shape (n, 3)."""
+    """Computes the angular impulse of each about the estimated center of mass, a + lambda x r_cm, shape (n, 3)."""
     x, y, z = numbers(estimate[6:9], 3)
     arm = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # transpose of [r_cm x]
     return impulses[:, :3] - impulses[:, 3:] @ arm
 
 
 def thrust_error_effects(estimate: Array, thrust_errors: Array) -> Array:
-    """G: the rate increment of one sigma of each jet's thrust error, rad/s, shape (3, n_jets).
+    """Computes G: the rate increment of one sigma of each jet's thrust error, rad/s, shape (3, n_jets).
 
     Args:
         estimate: x, shape (9,).
@@ -164,7 +164,7 @@ def thrust_error_effects(estimate: Array, thrust_errors: Array) -> Array:
 
 @kernel
 def second_order_terms(covariance: Array, linear_impulse: Array) -> tuple[Array, Array]:
-    """Bias b, rad/s, shape (3,), and covariance D, rad^2/s^2, shape (3, 3), of the curvature of h."""
+    """Computes bias b, rad/s, shape (3,), and covariance D, rad^2/s^2, shape (3, 3), of the curvature of h."""
     arm = skew(linear_impulse)
     spread = (covariance[:6, 6:] @ arm.T).ravel()
     left = picked(spread, _LEFT)
@@ -176,7 +176,7 @@ def second_order_terms(covariance: Array, linear_impulse: Array) -> tuple[Array,
 
 @kernel
 def coupling_increment(inverse_inertia: Array, rate: Array, period_s: float) -> Array:
-    r"""Rate increment of dynamic coupling over one sample, -I^-1 (w x I w) dt, rad/s, shape (3,).
+    r"""Computes the rate increment of dynamic coupling over one sample, -I^-1 (w x I w) dt, rad/s, shape (3,).
 
     Args:
         inverse_inertia: positive definite, shape (3, 3).
@@ -190,7 +190,7 @@ def coupling_increment(inverse_inertia: Array, rate: Array, period_s: float) -> 
 
 @kernel
 def coupling_jacobian(inverse_inertia: Array, rate: Array, period_s: float) -> Array:
-    """dg/dx of dynamic coupling, shape (3, 9), zero for the center of mass; arguments as `coupling_increment`."""
+    """Computes dg/dx of dynamic coupling, shape (3, 9), zero for the center of mass; see `coupling_increment`."""
     inertia = inverse_positive_definite(inverse_inertia, "inverse inertia")
     momentum = inertia @ rate
     through_inertia = inverse_inertia @ skew(rate) @ inertia @ angular_block(momentum)
@@ -200,7 +200,7 @@ def coupling_jacobian(inverse_inertia: Array, rate: Array, period_s: float) -> A
 
 
 class RotationParams(NamedTuple):
-    """What shapes the rotation filter.
+    """Parameters of the rotation filter.
 
     Attributes:
         period_s: sample period, s.
@@ -237,7 +237,7 @@ class RotationParams(NamedTuple):
 
 
 class RotationSample(NamedTuple):
-    """What one sample brings to the rotation filter.
+    """Sample as the rotation filter takes it.
 
     Attributes:
         increment: measured rate increment z, rad/s, body axes, shape (3,).
@@ -286,7 +286,7 @@ class RotationInnovation(NamedTuple):
 
 
 class RotationState(NamedTuple):
-    """What the rotation filter knows.
+    """State of the rotation filter.
 
     Attributes:
         estimate: x, shape (9,).
@@ -307,7 +307,7 @@ class RotationState(NamedTuple):
 
 @kernel
 def independent_of(covariance: Array, sensitivity: Array | None) -> Array:
-    """S_0 of a state, see `RotationState`, shape (9, 9)."""
+    """Computes S_0 of a state, see `RotationState`, shape (9, 9)."""
     if sensitivity is None:
         return covariance
     return covariance - sensitivity @ sensitivity.T
@@ -335,7 +335,7 @@ def innovate(
     subtract_coupling_before: bool,
     params: RotationParams,
 ) -> RotationInnovation:
-    r"""The innovation of one sample, (2-117) to (2-121), with dynamic coupling subtracted if due.
+    r"""Computes the innovation of one sample, (2-117) to (2-121), with dynamic coupling subtracted if due.
 
     The hybrid rule looks at the innovation's covariance, which says something about the estimates only
     while jets fire; a coasting sample keeps the decision of the last firing one. Whatever the rule
@@ -401,7 +401,7 @@ def _considered(
     sensitivity: Array | None,
     thrust_errors: Array | None,
 ) -> tuple[Array, Array, Array | None]:
-    """Innovation and noise with what thrust errors do to them, and L; as they were, and None, where none is considered.
+    """Adds thrust errors to innovation and noise, and computes L; unchanged, and None, where none is considered.
 
     Args:
         before: innovation and noise without.
@@ -420,7 +420,7 @@ def _considered(
 
 @kernel
 def _with_effects(covariance: Array, effects: Array | None) -> Array:
-    """A covariance with that of thrust errors' effects, where some are considered."""
+    """Adds the covariance of thrust errors' effects to a covariance, where some are considered."""
     if effects is None:
         return covariance
     return covariance + effects @ effects.T
@@ -434,14 +434,14 @@ def _largest_variance(covariance: Array) -> float:
 
 @kernel
 def _knows_inertia(estimate: Array, covariance: Array) -> bool:
-    """Whether the inverse inertia is positive definite and its diagonal known to half its size."""
+    """Tests whether the inverse inertia is positive definite and its diagonal known to half its size."""
     deviation = np.sqrt(np.diag(covariance)[:3])
     known = bool((deviation < 0.5 * estimate[:3]).all())
     return known and is_positive_definite(picked(estimate, ELEMENT))
 
 
 def _thrust_error_products(state: RotationState, sensitivity: Array, thrust_errors: Array) -> tuple[Array, Array]:
-    """The products of thrust errors and errors of the estimates, sum_j beta_j H_j dx.
+    """Computes the products of thrust errors and errors of the estimates, sum_j beta_j H_j dx.
 
     Their mean, rad/s, shape (3,), and their covariance, rad^2/s^2, shape (3, 3).
     """
@@ -462,7 +462,7 @@ def joseph_update(
     noise: Array,
     effects: Array | None = None,
 ) -> RotationState:
-    """Estimate (2-115) and covariance in Joseph's form (2-126), symmetrized; Schmidt-Kalman with effects.
+    """Updates estimate (2-115) and covariance in Joseph's form (2-126), symmetrized; Schmidt-Kalman with effects.
 
     Args:
         state: predicted.
@@ -483,7 +483,7 @@ def joseph_update(
 
 @kernel
 def _shared(shared: Array, sensitivity: Array | None, effects: Array | None) -> Array:
-    """S_0 H^T + Psi L^T."""
+    """Computes S_0 H^T + Psi L^T."""
     if effects is None or sensitivity is None:
         return shared
     return shared + sensitivity @ effects.T
@@ -491,7 +491,7 @@ def _shared(shared: Array, sensitivity: Array | None, effects: Array | None) -> 
 
 @kernel
 def _less_sensitive(sensitivity: Array | None, gain: Array, effects: Array | None) -> Array | None:
-    """Psi - K L."""
+    """Computes Psi - K L."""
     if effects is None or sensitivity is None:
         return sensitivity
     return sensitivity - gain @ effects
@@ -499,7 +499,7 @@ def _less_sensitive(sensitivity: Array | None, gain: Array, effects: Array | Non
 
 @kernel
 def _with_sensitivity(covariance: Array, sensitivity: Array | None, effects: Array | None) -> Array:
-    """S_0 + Psi Psi^T."""
+    """Computes S_0 + Psi Psi^T."""
     if effects is None or sensitivity is None:
         return covariance
     return covariance + sensitivity @ sensitivity.T
@@ -513,7 +513,7 @@ def update(
     params: RotationParams,
     each: tuple[RotationSample, ...] = (),
 ) -> RotationUpdate:
-    r"""Measurement update of one usable firing sample, then the time update (2-123).
+    r"""Updates by one usable firing sample, then in time (2-123).
 
     When the innovation's NIS exceeds the jump threshold, the covariance is first incremented and the
     innovation formed again from the same measurement (2-138), unless a jet's failure explains it.
@@ -548,7 +548,7 @@ def update_once(
     adaptation: Adaptation,
     params: RotationParams,
 ) -> RotationUpdate:
-    """`update` with one measurement."""
+    """Runs `update` with one measurement."""
     if adaptation.action == Action.REJECT:
         return RotationUpdate(_later(state, params), False)
     before, innovation, jumped = _after_jump(state, sample, innovation, adaptation, params)
@@ -563,7 +563,7 @@ def _after_jump(
     adaptation: Adaptation,
     params: RotationParams,
 ) -> tuple[RotationState, RotationInnovation, bool]:
-    """State and innovation with the covariance incremented where the sample asks for it (2-138), and whether it did."""
+    """Increments the covariance where the sample asks for it (2-138); returns state, innovation, and whether it did."""
     if not (adaptation.action == Action.NONE and innovation.nis > params.jump_threshold):
         return state, innovation, False
     wider = RotationState(state.estimate, state.covariance + params.jump_covariance, state.sensitivity)
@@ -574,7 +574,7 @@ def _after_jump(
 def _updated(
     state: RotationState, sample: RotationSample, innovation: RotationInnovation, adaptation: Adaptation
 ) -> RotationState:
-    """The state after one measurement."""
+    """Computes the state after one measurement."""
     information, noise, error = innovation.information, innovation.noise, innovation.innovation
     enlarged = np.zeros((3, 3))
     smaller = adaptation.action == Action.CORRECT_THESIS
@@ -597,7 +597,7 @@ def _again(
     sensitivity: Array | None,
     thrust_errors: Array | None,
 ) -> RotationState:
-    """The update once more with the effects of thrust errors at the estimate that it gave, where some are considered.
+    """Repeats the update with thrust errors' effects at the estimate that it gave, where some are considered.
 
     Args:
         after: the first update.
@@ -616,12 +616,12 @@ def _again(
 
 @kernel
 def _later(state: RotationState, params: RotationParams) -> RotationState:
-    """The time update (2-123) of a random walk."""
+    """Updates the covariance in time (2-123), a random walk."""
     return RotationState(state.estimate, state.covariance + params.process_noise, state.sensitivity)
 
 
 class RotationMeasurement(NamedTuple):
-    """A sample and its innovation.
+    """Sample of the rotation filter and its innovation.
 
     Attributes:
         sample: what was measured, by all gyros together.
@@ -635,7 +635,7 @@ class RotationMeasurement(NamedTuple):
 
 
 class RotationMemory(NamedTuple):
-    """What the rotation filter remembers of the sample before.
+    """Memory of the rotation filter of the sample before.
 
     Attributes:
         rates: readings of the gyros, in the order of the parameters' variances, rad/s, NaN where missing,
@@ -648,7 +648,7 @@ class RotationMemory(NamedTuple):
 
 
 class RotationInterval(NamedTuple):
-    """What is known of a sample interval before it is measured.
+    """Known inputs of a sample interval before it is measured.
 
     Attributes:
         angular_impulse, linear_impulse: a and lambda, shape (3,) each.
@@ -665,14 +665,14 @@ class RotationInterval(NamedTuple):
 
 
 def counts_one(params: RotationParams) -> bool:
-    """Whether one gyro counts at a time."""
+    """Tests whether one gyro counts at a time."""
     return params.rule == Rule.SINGLE or params.gyro_variances.size == 1
 
 
 def measure(
     state: RotationState, memory: RotationMemory, rates: Array, interval: RotationInterval, params: RotationParams
 ) -> RotationMeasurement:
-    """First half of a cycle: the increment and its innovation.
+    """Runs the first half of a cycle: the increment and its innovation.
 
     Args:
         state: predicted, see `RotationState`.
@@ -711,7 +711,7 @@ def measure(
 def measure_one(
     state: RotationState, memory: RotationMemory, rates: Array, interval: RotationInterval, params: RotationParams
 ) -> tuple[RotationSample, RotationInnovation]:
-    """`measure` by the first gyro that is there alone."""
+    """Runs `measure` with the first gyro that reads, alone."""
     increments, means = rates - memory.rates, 0.5 * (rates + memory.rates)
     for index in range(rates.shape[0]):
         if _is_there(increments[index], means[index], params):
@@ -727,7 +727,7 @@ def measure_one(
 
 @kernel
 def _is_there(increment: Array, mean: Array, params: RotationParams) -> bool:
-    """Whether a gyro's two readings are there, and the vehicle does not turn too fast between them."""
+    """Tests whether a gyro has both readings, and the vehicle does not turn too fast between them."""
     x, y, z = numbers(mean, 3)
     a, b, c = numbers(increment, 3)
     # NaN compares as false
@@ -762,7 +762,7 @@ def finish(
     adaptation: Adaptation,
     params: RotationParams,
 ) -> RotationCycle:
-    """Second half of a cycle: the update, when the sample can be used.
+    """Runs the second half of a cycle: the update, when the sample can be used.
 
     A sample is used when both readings are there, the jets' combination was steady, and an impulse
     acted.
@@ -805,7 +805,7 @@ def finish_one(
     adaptation: Adaptation,
     params: RotationParams,
 ) -> RotationCycle:
-    """`finish` with one measurement."""
+    """Runs `finish` with one measurement."""
     sample, innovation = measured
     if math.isnan(innovation.nis) or not (usable and sample.firing):
         return RotationCycle(_later(state, params), False, False)

@@ -1,4 +1,4 @@
-"""The thesis's pair: a filter of inverse inertia and center of mass, and one of the mass reciprocal.
+"""The thesis's pair of filters: one of inverse inertia and center of mass, and one of the mass reciprocal.
 
 The rotation filter (`rotation_filter`) goes first; the mass filter (`mass_filter`) takes rotation out of its
 increments with what the rotation filter measured and predicted. In a diagram they are two systems; the rules of
@@ -63,7 +63,7 @@ _NO_ACCELEROMETER = np.empty((0, 3))
 
 
 class ThesisParams(NamedTuple):
-    """What shapes both filters.
+    """Parameters of both filters.
 
     Attributes:
         rotation: see `RotationParams`.
@@ -82,7 +82,7 @@ class ThesisParams(NamedTuple):
 
 
 class ThesisState(NamedTuple):
-    """What both filters know and remember.
+    """State and memory of both filters.
 
     Attributes:
         rotation: see `RotationState`.
@@ -98,7 +98,7 @@ class ThesisState(NamedTuple):
 
 
 class Turning(NamedTuple):
-    """What the rotation filter says of a sample, before it is judged.
+    """Measurement of the rotation filter for a sample, before it is judged.
 
     Attributes:
         innovation, innovation_covariance: e, rad/s, shape (3,), and Y, shape (3, 3).
@@ -177,7 +177,7 @@ class Measurement(NamedTuple):
 
 
 def rotation_interval(interval: Interval, thrust_errors: Array | None) -> RotationInterval:
-    """An interval as the rotation filter takes it; thrust errors in proportion to the jets' mean level."""
+    """Returns an interval as the rotation filter takes it; thrust errors in proportion to the jets' mean level."""
     impulses, known, _ = interval
     return RotationInterval(
         impulses.angular_impulse,
@@ -189,7 +189,7 @@ def rotation_interval(interval: Interval, thrust_errors: Array | None) -> Rotati
 
 
 def mass_interval(interval: Interval, linear_errors: Array | None) -> MassInterval:
-    """An interval as the mass filter takes it; `linear_errors` are those of the force alone, shape (3, n_jets)."""
+    """Returns an interval as the mass filter takes it; `linear_errors` are of the force alone, shape (3, n_jets)."""
     impulses, known, _ = interval
     return MassInterval(
         impulses.linear_impulse,
@@ -199,28 +199,28 @@ def mass_interval(interval: Interval, linear_errors: Array | None) -> MassInterv
 
 
 def is_learning(interval: Interval) -> bool:
-    """Whether the rotation filter learns: a known force alone is no reason, since it may have ceased."""
+    """Tests whether the rotation filter learns: a known force alone is no reason, since it may have ceased."""
     return interval.impulses.usable and interval.impulses.firing
 
 
 def rotation_memory(measurement: RotationMeasurement, rates: Array) -> RotationMemory:
-    """What the rotation filter remembers of a sample."""
+    """Makes the rotation filter's memory of a sample."""
     return RotationMemory(rates, measurement.innovation.subtract_coupling)
 
 
 def linear_errors(thrust_errors: Array | None) -> Array | None:
-    """The part of the force in thrust errors, shape (3, n_jets)."""
+    """Returns the part of the force in thrust errors, shape (3, n_jets)."""
     return None if thrust_errors is None else thrust_errors[:, 3:].T
 
 
 def turning_of(state: RotationState, measurement: RotationMeasurement) -> Turning:
-    """What the mass filter and the detector need of the rotation filter's measurement."""
+    """Collects the parts of the rotation filter's measurement that the mass filter and the detector need."""
     return turning_from(state, measurement.sample, measurement.innovation)
 
 
 @kernel
 def turning_from(state: RotationState, sample: RotationSample, innovation: RotationInnovation) -> Turning:
-    """`turning_of` from the parts of the measurement."""
+    """Computes `turning_of` from the parts of the measurement."""
     return Turning(
         innovation.innovation,
         innovation.covariance,
@@ -237,7 +237,7 @@ def turning_from(state: RotationState, sample: RotationSample, innovation: Rotat
 
 @kernel
 def _cross_covariance(jacobian: Array, covariance: Array, sensitivity: Array | None, effects: Array | None) -> Array:
-    """Of the innovation with the error of the prediction, shape (3, 9)."""
+    """Computes the covariance of the innovation with the error of the prediction, shape (3, 9)."""
     if effects is None or sensitivity is None:
         shared: Array = np.dot(jacobian, covariance)
         return shared
@@ -246,7 +246,7 @@ def _cross_covariance(jacobian: Array, covariance: Array, sensitivity: Array | N
 
 @kernel
 def rotation_of(turning: Turning) -> Rotation:
-    """What the mass filter takes of rotation; the center of mass is the prediction (3-40)."""
+    """Collects the mass filter's inputs from the rotation filter; the center of mass is the prediction (3-40)."""
     return Rotation(
         turning.increment,
         turning.rate,
@@ -257,13 +257,13 @@ def rotation_of(turning: Turning) -> Rotation:
 
 
 def joint(turning: Turning, measurement: MassMeasurement, state: MassState) -> Joint:
-    """Both filters' predictions and innovations side by side, translation first."""
+    """Puts both filters' predictions and innovations side by side, translation first."""
     return joint_of(turning, measurement.sample, measurement.innovation, state)
 
 
 @kernel
 def joint_of(turning: Turning, sample: MassSample, innovation: MassInnovation, state: MassState) -> Joint:
-    """`joint` from the parts of the measurement."""
+    """Computes `joint` from the parts of the measurement."""
     impulse = sample.linear_impulse
     covariance = np.zeros((6, 6))
     covariance[:3, :3] = innovation.covariance
@@ -292,7 +292,7 @@ def joint_of(turning: Turning, sample: MassSample, innovation: MassInnovation, s
 
 @kernel
 def _couple(covariance: Array, coupled: Array | None) -> bool:
-    """Puts what translation and rotation share into their covariance; whether there is any."""
+    """Adds the cross-covariance of translation and rotation to their covariance; returns whether there is any."""
     if coupled is None:
         return False
     covariance[:3, 3:] = coupled
@@ -308,7 +308,7 @@ def _share(
     moving: Array | None,
     turning: Array | None,
 ) -> None:
-    """Puts into the covariances of a `Joint` what both filters share by thrust errors, where these are considered.
+    """Adds the cross-covariances by thrust errors to a `Joint`, where these are considered.
 
     Args:
         covariances: of the parameters, and of innovations with them.
@@ -329,7 +329,7 @@ def _share(
 
 @kernel
 def joint_covariance(rotation: Array, variance: float) -> Array:
-    """Covariance of the ten parameters: nothing is shared between 1/m and the others, shape (10, 10)."""
+    """Computes the covariance of the ten parameters, 1/m uncorrelated with the others, shape (10, 10)."""
     covariance = np.zeros((N_ROTATION + 1, N_ROTATION + 1))
     covariance[:N_ROTATION, :N_ROTATION] = rotation
     covariance[N_ROTATION, N_ROTATION] = variance
@@ -338,7 +338,7 @@ def joint_covariance(rotation: Array, variance: float) -> Array:
 
 @kernel
 def shared_covariance(translation_effects: Array | None, rotation_effects: Array | None) -> Array | None:
-    """Covariance of the translation innovation with the rotation innovation by thrust errors, shape (3, 3).
+    """Computes the covariance of translation with rotation innovation by thrust errors, shape (3, 3).
 
     None where none is considered, or none bears on the sample.
 
@@ -354,13 +354,13 @@ def shared_covariance(translation_effects: Array | None, rotation_effects: Array
 
 
 def rotation_report(measurement: RotationMeasurement, cycle: RotationCycle) -> RotationReport:
-    """What a log keeps of the rotation filter's cycle."""
+    """Makes the log row of the rotation filter's cycle."""
     return report_of_rotation(measurement.innovation, cycle, np.sqrt(cycle.state.covariance.diagonal()))
 
 
 @kernel
 def report_of_rotation(before: RotationInnovation, cycle: RotationCycle, deviation: Array) -> RotationReport:
-    """`rotation_report` with 1-sigma of the estimate, shape (9,)."""
+    """Makes `rotation_report` with 1-sigma of the estimate, shape (9,)."""
     return RotationReport(
         cycle.state.estimate,
         deviation,
@@ -374,13 +374,13 @@ def report_of_rotation(before: RotationInnovation, cycle: RotationCycle, deviati
 
 
 def mass_report(measurement: MassMeasurement, cycle: MassCycle) -> MassReport:
-    """What a log keeps of the mass filter's cycle."""
+    """Makes the log row of the mass filter's cycle."""
     return report_of_mass(measurement.innovation, cycle)
 
 
 @kernel
 def report_of_mass(before: MassInnovation, cycle: MassCycle) -> MassReport:
-    """`mass_report` from the innovation."""
+    """Makes `mass_report` from the innovation."""
     state, deviation = cycle.state, deviations(before.covariance)
     return MassReport(
         state.mass_reciprocal, state.variance, before.innovation, deviation, before.nis, cycle.used, cycle.jumped
@@ -391,7 +391,7 @@ def report_of_mass(before: MassInnovation, cycle: MassCycle) -> MassReport:
 
 
 def make_params(setup: Setup, options: Any) -> ThesisParams:
-    """Parameters from a scenario's blocks `rotation`, `mass` and `sensors.combine`.
+    """Makes the parameters from a scenario's blocks `rotation`, `mass` and `sensors.combine`.
 
     Args:
         setup: see `Setup`.
@@ -438,7 +438,7 @@ def make_params(setup: Setup, options: Any) -> ThesisParams:
 
 
 def initial_state(params: ThesisParams) -> ThesisState:
-    """Both filters at the start, with no reading yet."""
+    """Returns both filters at the start, with no reading yet."""
     estimate, covariance, n_errors = params.estimate, params.covariance, _n_errors(params)
     turning = rotation_start(estimate[:N_ROTATION], covariance[:N_ROTATION, :N_ROTATION], params.rotation, n_errors)
     if params.mass is None:
@@ -450,7 +450,7 @@ def initial_state(params: ThesisParams) -> ThesisState:
 def rotation_start(
     estimate: Array, covariance: Array, params: RotationParams, n_errors: int
 ) -> tuple[RotationState, RotationMemory]:
-    """The rotation filter at the start, and no reading yet.
+    """Returns the rotation filter at the start, and no reading yet.
 
     Args:
         estimate, covariance: shapes (9,) and (9, 9).
@@ -463,21 +463,21 @@ def rotation_start(
 
 
 def mass_start(mass_reciprocal: float, variance: float, params: MassParams, n_errors: int) -> tuple[MassState, Array]:
-    """The mass filter at the start, and no reading yet; `n_errors` as in `rotation_start`."""
+    """Returns the mass filter at the start, and no reading yet; `n_errors` as in `rotation_start`."""
     sensitivity = np.zeros(n_errors) if n_errors else None
     readings = np.full((params.variances.size, 3), np.nan)
     return MassState(mass_reciprocal, variance, empty_window(params.jump_window), sensitivity), readings
 
 
 def predicted(state: ThesisState) -> Array:
-    """The ten parameters, NaN for the mass reciprocal where it is not observed, shape (10,)."""
+    """Returns the ten parameters, NaN for the mass reciprocal where it is not observed, shape (10,)."""
     return all_ten(state.rotation.estimate, math.nan if state.mass is None else state.mass.mass_reciprocal)
 
 
 def measure(
     state: ThesisState, rates: Array, velocities: Array, interval: Interval, params: ThesisParams
 ) -> Measurement:
-    """First half of both filters' cycle."""
+    """Runs the first half of both filters' cycle."""
     errors = params.thrust_errors
     turn, move = rotation_interval(interval, errors), mass_interval(interval, linear_errors(errors))
     if params.alone and state.mass is not None and params.mass is not None:
@@ -503,7 +503,7 @@ def measured(
     intervals: tuple[RotationInterval, MassInterval],
     params: tuple[RotationParams, MassParams],
 ) -> tuple[RotationSample, RotationInnovation, Turning, MassSample, MassInnovation]:
-    """First half of both filters' cycle, each with the first package that is there.
+    """Runs the first half of both filters' cycle, each with the first package that reads.
 
     Args:
         known: see `ThesisState`.
@@ -527,7 +527,7 @@ def finished(
     adaptation: Adaptation,
     params: tuple[RotationParams, MassParams],
 ) -> tuple[RotationCycle, MassCycle, Array]:
-    """Second half of both filters' cycle, each with one package, and 1-sigma of the rotation filter's estimate.
+    """Runs the second half of both filters' cycle, one package each; also returns 1-sigma of the rotation estimate.
 
     Args:
         known: before it.
@@ -544,7 +544,7 @@ def finished(
 
 
 def evidence(state: ThesisState, measurement: Measurement, interval: Interval) -> Joint:
-    """What the detector sees; `NOT_MEASURED` where it would not look."""
+    """Returns the evidence for the detector; `NOT_MEASURED` where it would not test."""
     if not interval.impulses.usable or measurement.moving is None or state.mass is None:
         return NOT_MEASURED
     told = measurement.told
@@ -556,7 +556,7 @@ def evidence(state: ThesisState, measurement: Measurement, interval: Interval) -
 def finish(
     state: ThesisState, measurement: Measurement, interval: Interval, adaptation: Adaptation, params: ThesisParams
 ) -> FilterStep:
-    """Second half of both filters' cycle."""
+    """Runs the second half of both filters' cycle."""
     impulses, learning = interval.impulses, is_learning(interval)
     if params.alone:
         return _finished(state, measurement, impulses, adaptation, params)
@@ -577,7 +577,7 @@ def finish(
 def _finished(
     state: ThesisState, measurement: Measurement, impulses: Impulses, adaptation: Adaptation, params: ThesisParams
 ) -> FilterStep:
-    """`finish` where each filter uses one package."""
+    """Runs `finish` where each filter uses one package."""
     turning, moving = measurement.turning, measurement.moving
     assert moving is not None
     assert state.mass is not None
@@ -596,7 +596,7 @@ def _finished(
 
 
 def covariance(state: ThesisState) -> Array:
-    """Of the ten parameters, NaN for the mass reciprocal where it is not observed, shape (10, 10)."""
+    """Returns the covariance of the ten parameters, NaN for an unobserved mass reciprocal, shape (10, 10)."""
     return joint_covariance(state.rotation.covariance, math.nan if state.mass is None else state.mass.variance)
 
 
@@ -604,47 +604,47 @@ def covariance(state: ThesisState) -> Array:
 
 
 def rotation_layout(params: RotationParams, n_errors: int) -> Layout:
-    """The rotation filter's state and memory as a vector; `n_errors` as in `rotation_start`."""
+    """Makes the layout of the rotation filter's state and memory as a vector; `n_errors` as in `rotation_start`."""
     return ROTATION_STATE.sized(gyros=params.gyro_variances.size, errors=n_errors)
 
 
 def mass_layout(params: MassParams, n_errors: int) -> Layout:
-    """The mass filter's state and readings as a vector; `n_errors` as in `rotation_start`."""
+    """Makes the layout of the mass filter's state and readings as a vector; `n_errors` as in `rotation_start`."""
     return MASS_STATE.sized(accelerometers=params.variances.size, window=params.jump_window, errors=n_errors)
 
 
 def _n_errors(params: ThesisParams) -> int:
-    """Jets whose thrust errors are considered: all or none."""
+    """Returns the number of jets whose thrust errors are considered: all or none."""
     return 0 if params.thrust_errors is None else params.thrust_errors.shape[0]
 
 
 def pack_rotation(state: RotationState, memory: RotationMemory, layout: Layout) -> Array:
-    """The rotation filter's state and memory as a vector."""
+    """Packs the rotation filter's state and memory into a vector."""
     sensitivity = _INSENSITIVE if state.sensitivity is None else state.sensitivity
     return layout.pack((state.estimate, state.covariance, memory.subtract_coupling, memory.rates, sensitivity))
 
 
 def read_rotation(vector: Array, layout: Layout) -> tuple[RotationState, RotationMemory]:
-    """The inverse of `pack_rotation`; views of the vector."""
+    """Unpacks the vector of `pack_rotation`; the result has views of it."""
     estimate, covariance, subtract_coupling, rates, sensitivity = layout.read(vector)
     state = RotationState(estimate, covariance, sensitivity if sensitivity.size else None)
     return state, RotationMemory(rates, subtract_coupling)
 
 
 def pack_mass(state: MassState, velocities: Array, layout: Layout) -> Array:
-    """The mass filter's state and readings as a vector."""
+    """Packs the mass filter's state and readings into a vector."""
     sensitivity = _INSENSITIVE[0] if state.sensitivity is None else state.sensitivity
     return layout.pack((state.mass_reciprocal, state.variance, velocities, state.window, sensitivity))
 
 
 def read_mass(vector: Array, layout: Layout) -> tuple[MassState, Array]:
-    """The inverse of `pack_mass`: state and readings, views of the vector."""
+    """Unpacks the vector of `pack_mass`: state and readings, views of it."""
     mass_reciprocal, variance, velocities, window, sensitivity = layout.read(vector)
     return MassState(mass_reciprocal, variance, window, sensitivity if sensitivity.size else None), velocities
 
 
 def saved(state: ThesisState, params: ThesisParams) -> Groups:
-    """Both filters' states as vectors, by the systems that hold them in a diagram."""
+    """Packs both filters' states into vectors, by the systems that hold them in a diagram."""
     n_errors = _n_errors(params)
     layout = rotation_layout(params.rotation, n_errors)
     groups = {"rotation_estimator": pack_rotation(state.rotation, state.memory, layout)}
@@ -655,7 +655,7 @@ def saved(state: ThesisState, params: ThesisParams) -> Groups:
 
 
 def restored(groups: Groups, params: ThesisParams) -> ThesisState:
-    """The inverse of `saved`.
+    """Unpacks states: the inverse of `saved`.
 
     Raises:
         ValueError: when the state holds what no filter leaves.

@@ -1,4 +1,4 @@
-r"""What would tell the members of a group of jets apart: one of them fired alone, or time.
+r"""Separation of the members of a group of jets: by one of them fired alone, or by time.
 
 A screen's columns go on (`screen`), with what would be commanded in place of what was: with s the innovation that a
 unit force of a member would add in the cycles to come, and A of the past,
@@ -27,7 +27,7 @@ _NOBODY = -1
 
 
 class Apart(NamedTuple):
-    """What would tell a group apart; neither: nothing would.
+    """Way to tell a group of jets apart; neither: there is none.
 
     Attributes:
         jet: index of the member that, fired alone, would; -1: none.
@@ -41,7 +41,7 @@ class Apart(NamedTuple):
 def told_apart(
     screen: Screen, over: Link, onset: int, members: list[tuple[int, int, float]], least: float, params: JointParams
 ) -> Apart:
-    """What would tell the first member from all others soonest.
+    """Finds the soonest way to tell the first member from all others.
 
     Args:
         screen: at the present.
@@ -61,7 +61,7 @@ def told_apart(
     force = members[0][2]
 
     def separations(alone: int) -> Array:
-        """Of each other member from the first, after each cycle, the least of them, shape (cycles,)."""
+        """Computes the separation of the first member from the nearest other after each cycle, shape (cycles,)."""
         return _least(information, _foreseen(columns, steps, over, alone, params), force)
 
     by_jet = {jet: separations(jet) for jet in dict.fromkeys(jet for jet, _, _ in members)}
@@ -74,7 +74,7 @@ def told_apart(
 
 
 def _foreseen(columns: Array, steps: np.ndarray, over: Link, alone: int, params: JointParams) -> Array:
-    """Information that each of the cycles to come adds with one jet firing alone, or none, shape (cycles, k, k)."""
+    """Computes the information of each cycle to come with one jet firing alone, or none, shape (cycles, k, k)."""
     jets = params.places.jets
     jet = steps % jets
     less, stuck = (jets <= steps) & (steps < 2 * jets), steps >= 4 * jets
@@ -93,7 +93,7 @@ def _foreseen(columns: Array, steps: np.ndarray, over: Link, alone: int, params:
 
 
 def _least(information: Array, gained: Array, force: float) -> Array:
-    """The least separation of the first from any other after each cycle, shape (cycles,)."""
+    """Computes the least separation of the first from any other after each cycle, shape (cycles,)."""
     total = information + np.cumsum(gained, axis=0)
     others = np.diagonal(total, axis1=1, axis2=2)[:, 1:]
     shared = np.divide(total[:, 0, 1:] ** 2, others, out=np.zeros_like(others), where=others > 0.0)
@@ -102,7 +102,7 @@ def _least(information: Array, gained: Array, force: float) -> Array:
 
 
 def _coasting_s(separation: Array, least: float, period_s: float) -> float:
-    """Seconds until the separation is large enough, going on as it grew in the later half."""
+    """Computes the seconds until the separation is large enough, if it grows as in the later half."""
     enough = np.flatnonzero(separation >= least)
     if enough.shape[0] > 0:
         return float(enough[0] + 1) * period_s

@@ -1,4 +1,4 @@
-r"""The bank of onsets, and the telescoped test of what has happened since each of them.
+r"""The bank of onsets, and the telescoped test of the readings since each of them.
 
 For an onset theta the state after it is carried on without learning. The residual e of the newest readings against
 that prediction has the covariance
@@ -49,7 +49,7 @@ _IDENTITY = np.eye(3)
 
 
 class Bank(NamedTuple):
-    """Past onsets, oldest first, and what has happened since each.
+    """Past onsets, oldest first, and the filter's recursion since each.
 
     Attributes:
         states: after the cycle of each.
@@ -76,7 +76,7 @@ class Bank(NamedTuple):
 
 
 class Since(NamedTuple):
-    """What has happened since each onset: all of a `Bank` but its states."""
+    """Recursion of the filter since each onset: all of a `Bank` but its states."""
 
     cycles: Array
     learned: Array
@@ -101,7 +101,7 @@ class Roots(NamedTuple):
 
 
 class Telescoped(NamedTuple):
-    """What the test says of each onset; zero where nothing can be found.
+    """Result of the test for each onset; zero where nothing can be found.
 
     Attributes:
         total: T, shape (k,).
@@ -115,7 +115,7 @@ class Telescoped(NamedTuple):
 
 
 def empty(places: Places) -> Bank:
-    """A bank without onsets."""
+    """Returns a bank without onsets."""
     n, jets, disturbed = places.size, places.jets, 6 + places.n_slow
     return Bank(
         states=(),
@@ -131,7 +131,7 @@ def empty(places: Places) -> Bank:
 
 
 def advanced(bank: Bank, over: Link, places: Places) -> Bank:
-    """The bank after one more interval, before what the filter learns from its readings."""
+    """Advances the bank by one interval, before the filter learns from its readings."""
     return Bank(bank.states, *_advanced(Since(*bank[1:]), over, places)) if bank.states else bank
 
 
@@ -178,7 +178,7 @@ def _advanced(since: Since, over: Link, places: Places) -> Since:
 
 @kernel
 def _noise_since(noise: Array, over: Link, places: Places) -> Array:
-    """Covariances of process noise since the onsets, one interval later, shape (k, d, d)."""
+    """Computes covariances of process noise since the onsets, one interval later, shape (k, d, d)."""
     n, slow = places.n_slow, slice(places.slow, places.slow + places.n_slow)
     if n == 0:
         return noise + over.noise
@@ -193,7 +193,7 @@ def _noise_since(noise: Array, over: Link, places: Places) -> Array:
 
 
 def taken(bank: Bank, over: Link, state: JointState, cycle: int, params: JointParams) -> Bank:
-    """The bank after the update of a cycle, with it as the youngest onset; one of the old goes if it is full."""
+    """Updates the bank with a cycle, which becomes the youngest onset; an old one is dropped if the bank is full."""
     since, keep = _taken(Since(*bank[1:]), over.correction, float(cycle), params)
     return _with_states(bank, keep, state, since)
 
@@ -204,7 +204,7 @@ def _with_states(bank: Bank, keep: np.ndarray, state: JointState, since: Since) 
 
 @kernel
 def _taken(since: Since, correction: Array, cycle: float, params: JointParams) -> tuple[Since, np.ndarray]:
-    """What has happened since each onset that stays, and since a new one; and which stay."""
+    """Adds a new onset to the recursion since each onset; also returns which onsets stay."""
     size, jets, places = since.learned.shape[1], since.given.shape[1], params.places
     ages = (cycle - since.cycles) / params.rates.steps
     keep = np.flatnonzero(ages <= OLDEST)
@@ -229,7 +229,7 @@ def _taken(since: Since, correction: Array, cycle: float, params: JointParams) -
 
 @kernel
 def _dispensable(ages: Array) -> int:
-    """Index of the entry that goes: the youngest that its neighbors can stand for, else the oldest."""
+    """Returns the index of the onset to drop: the youngest whose neighbors can stand for it, else the oldest."""
     for index in range(ages.shape[0] - 1 - _KEPT_YOUNG, 0, -1):
         if ages[index - 1] - ages[index + 1] <= max(_LEAST_GAP, _GAP * ages[index]):
             return index
@@ -237,14 +237,14 @@ def _dispensable(ages: Array) -> int:
 
 
 def averaging(read: Array, places: Places) -> Array | None:
-    """Means over the packages that read, rate first, shape (6 or 3, m); None where an axis has no rate."""
+    """Computes means over the packages that read, rate first, shape (6 or 3, m); None where an axis has no rate."""
     weights, complete = _averaging(read, places)
     return weights if complete else None
 
 
 @kernel
 def _averaging(read: Array, places: Places) -> tuple[Array, bool]:
-    """The means, and whether every axis has a rate."""
+    """Computes the means, and whether every axis has a rate."""
     weights, turns, moves = np.zeros((6, read.shape[0])), True, True
     for row, begin, packages in ((0, 0, places.gyros), (3, 3 * places.gyros, places.accelerometers)):
         for axis in range(3):
@@ -263,7 +263,7 @@ def _averaging(read: Array, places: Places) -> tuple[Array, bool]:
 
 
 def tested(bank: Bank, over: Link, least: float, params: JointParams) -> Telescoped | None:
-    """The test of every onset after `advanced`; None where a reading is missing or nothing can reach a level.
+    """Tests every onset after `advanced`; None where a reading is missing or nothing can reach a level.
 
     Args:
         bank: see `Bank`.
@@ -278,13 +278,13 @@ def tested(bank: Bank, over: Link, least: float, params: JointParams) -> Telesco
 
 
 def _roots(bank: Bank) -> Roots:
-    """As they are, without a copy."""
+    """Returns the roots of the bank's states, without a copy."""
     return Roots(tuple(state.root for state in bank.states), range(len(bank.states)))
 
 
 @kernel
 def _tested(since: Since, roots: Roots, over: Link, least: float, params: JointParams) -> tuple[Telescoped, bool]:
-    """The test, and whether there is one."""
+    """Computes the test, and whether there is one."""
     k, jets = since.missing.shape
     total, likelihood, force = np.zeros(k), np.zeros((k, jets)), np.zeros((k, jets))
     nothing = Telescoped(total, likelihood, force)
@@ -320,7 +320,7 @@ def _tested(since: Since, roots: Roots, over: Link, least: float, params: JointP
 
 @kernel
 def _resolved(looked_at: np.ndarray, covariance: Array, variances: Array) -> tuple[np.ndarray, Array]:
-    """Onsets from which the outputs are predicted so well that rounding leaves room for what the readings add.
+    """Selects onsets whose predicted outputs are accurate enough for the readings to add something despite rounding.
 
     Of others the covariance may have no root. A filter that is lost may know as little from one sample to the next.
 
@@ -337,7 +337,7 @@ def _resolved(looked_at: np.ndarray, covariance: Array, variances: Array) -> tup
 
 @kernel
 def _on_outputs(jacobian: Array, places: Places) -> Array:
-    """Derivative of the averaged outputs by w and by what all c gather, shape (r, 6)."""
+    """Computes the derivative of the averaged outputs by w and by the growth common to all c, shape (r, 6)."""
     result = np.zeros((jacobian.shape[0], 6))
     result[:, :3] = jacobian[:, RATE]
     for package in range(places.accelerometers):
@@ -346,7 +346,7 @@ def _on_outputs(jacobian: Array, places: Places) -> Array:
 
 
 def output_rows(bank: Bank, index: int, jacobian: Array, params: JointParams) -> Array:
-    """M: derivative of the averaged outputs now by the state at an onset, shape (r, size)."""
+    """Computes M: derivative of the averaged outputs now by the state at an onset, shape (r, size)."""
     return _output_rows(Since(*bank[1:]), index, jacobian, _on_outputs(jacobian, params.places), params)
 
 
@@ -372,7 +372,7 @@ def _covariances(
     derivatives: tuple[Array, Array],
     params: JointParams,
 ) -> Array:
-    """Covariance of the prediction's averaged outputs from each onset, shape (number, r, r).
+    """Computes the covariance of the predicted averaged outputs from each onset, shape (number, r, r).
 
     Args:
         since, roots: of the onsets.
@@ -391,7 +391,7 @@ def _covariances(
 
 
 class Following(NamedTuple):
-    """What `followed` takes besides the parameters, see there."""
+    """Inputs of `followed` besides the parameters, see there."""
 
     since: Since
     roots: Roots
@@ -401,7 +401,7 @@ class Following(NamedTuple):
 
 
 class Followed(NamedTuple):
-    """A bank over a whole cycle.
+    """Bank over a whole cycle.
 
     Attributes:
         link: see `Link`.
@@ -422,7 +422,7 @@ class Followed(NamedTuple):
 
 @kernel
 def followed(since: Since, roots: Roots, seen: Traces, cycle: float, least: float, params: JointParams) -> Followed:
-    """The link of a cycle, the bank over it, and the test before what the filter learns.
+    """Computes the link of a cycle, the bank over it, and the test before the filter learns from it.
 
     Args:
         since, roots: of the bank before it.
@@ -442,7 +442,7 @@ def followed(since: Since, roots: Roots, seen: Traces, cycle: float, least: floa
 def followed_on(
     bank: Bank, seen: Traces, state: JointState, cycle: int, least: float, params: JointParams
 ) -> tuple[Link, Telescoped | None, bool, Bank]:
-    """`followed`, compiled where it is to be: link, test, whether there was a rate about every axis, and the bank.
+    """Runs `followed`, compiled where asked: link, test, whether every axis had a rate, and the bank.
 
     Args:
         bank, seen, cycle, least: see `followed`.
@@ -463,7 +463,7 @@ def followed_on(
 
 
 def onset_of(total: Array, share: float) -> int:
-    """Index of the youngest onset whose statistic comes near the best one's; older ones explain as much.
+    """Returns the index of the youngest onset whose statistic comes near the best one's; older ones explain as much.
 
     Args:
         total: T of each onset, shape (k,).
@@ -474,7 +474,7 @@ def onset_of(total: Array, share: float) -> int:
 
 @kernel
 def alarming(likelihood: float, total: float) -> bool:
-    """Whether readings say that a hypothesis does not explain them.
+    """Tests whether the statistics reach the level at which a hypothesis does not explain its readings.
 
     Args:
         likelihood, total: largest GLR of a jet, and of anything.

@@ -38,7 +38,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 
 def true_mean(properties: Array, rate: Array, errors: Array, params: JointParams) -> Array:
-    """The state's mean at the truth, shape (size,); what accelerometers have gathered does not matter and is zero.
+    """Returns the state's mean at the truth, shape (size,); velocities that accelerometers have gathered are zero.
 
     Args:
         properties: the ten parameters, shape (10,).
@@ -52,7 +52,7 @@ def true_mean(properties: Array, rate: Array, errors: Array, params: JointParams
 
 
 def start(sample: Sample, mean: Array, params: JointParams) -> JointState:
-    """The bound's state after the first sample.
+    """Returns the bound's state after the first sample.
 
     Args:
         sample: the first one; what of it is missing counts.
@@ -63,13 +63,13 @@ def start(sample: Sample, mean: Array, params: JointParams) -> JointState:
 
 
 def begun_at(state: JointState, sample: Sample, mean: Array, params: JointParams) -> JointState:
-    """The bound's state after a sample before which nothing is known of the motion; arguments as `course`."""
+    """Returns the bound's state after a sample before which nothing is known of the motion; arguments as `course`."""
     begins = begun(state._replace(mean=mean), sample, params)
     return begins._replace(mean=mean, reference=mean[RATE].copy())
 
 
 class BoundStep(NamedTuple):
-    """Course of errors over an interval, and through the update by its readings.
+    """Propagation of errors over an interval, and through the update by its readings.
 
     Attributes:
         acting: see `Drive`.
@@ -98,12 +98,12 @@ class Forces(NamedTuple):
 
 
 def leaks_and_losses(n_jets: int) -> Forces:
-    """A leak of each jet, then a loss of each."""
+    """Returns a leak of each jet, then a loss of each."""
     return Forces(np.tile(np.arange(n_jets, dtype=np.float64), 2), np.repeat((1.0, 0.0), n_jets))
 
 
 class IntervalEnd(NamedTuple):
-    """The end of an interval before its readings are taken in.
+    """End of an interval before its readings are taken in.
 
     Attributes:
         acting: see `Drive`.
@@ -121,14 +121,14 @@ class IntervalEnd(NamedTuple):
 
 
 def step(state: JointState, sample: Sample, mean: Array, used: np.ndarray, params: JointParams) -> JointState:
-    """The bound's state after one more sample; arguments as `course`."""
+    """Computes the bound's state after one more sample; arguments as `course`."""
     return course(state, sample, mean, used, params)[0]
 
 
 def course(
     state: JointState, sample: Sample, mean: Array, used: np.ndarray, params: JointParams
 ) -> tuple[JointState, BoundStep]:
-    """The bound's state after one more sample, and how errors come to it.
+    """Computes the bound's state after one more sample, and the propagation of errors to it.
 
     Args:
         state: after the last one; its mean is the truth then.
@@ -143,7 +143,7 @@ def course(
 def ahead(
     state: JointState, sample: Sample, mean: Array | None, params: JointParams, doubt: Array | None = None
 ) -> IntervalEnd:
-    """The end of an interval; arguments as `course`, but that without a mean it is what is predicted.
+    """Computes the end of an interval; arguments as `course`; without a mean it is the predicted one.
 
     With a doubt, the root of a covariance of all the state, products of its errors are noise, as to the filter.
     """
@@ -167,7 +167,7 @@ def ahead(
 def taken_in(
     state: JointState, end: IntervalEnd, time_s: float, readings: tuple[np.ndarray, Array], params: JointParams
 ) -> tuple[JointState, BoundStep]:
-    """The bound's state after an interval's readings, and how errors come to it.
+    """Computes the bound's state after an interval's readings, and the propagation of errors to it.
 
     Args:
         state: before the interval.
@@ -200,7 +200,7 @@ def taken_in(
 
 
 def deviation(state: JointState) -> Array:
-    """The least 1-sigma of the ten parameters, shape (10,)."""
+    """Computes the least 1-sigma of the ten parameters, shape (10,)."""
     rows = state.root[:N_PROPERTIES]
     result: Array = np.sqrt(np.sum(rows * rows, axis=1))
     return result
@@ -213,7 +213,7 @@ def carried_on(
     failing: tuple[Forces, slice],
     params: JointParams,
 ) -> tuple[Array, Array]:
-    """B and G after an interval and its readings.
+    """Computes B and G after an interval and its readings.
 
     Args:
         before: both before the interval.
@@ -233,7 +233,7 @@ def carried_on(
 
 
 def _pushed(state: JointState, course: BoundStep, forces: Forces, params: JointParams) -> Array:
-    """Changes of rate and velocities by a unit of each force over an interval, g, shape (size, f)."""
+    """Computes changes of rate and velocities by a unit of each force over an interval, g, shape (size, f)."""
     prediction, places = course.prediction, params.places
     n = forces.jets.size
     wide = params._replace(places=places._replace(n_force=n, size=places.force + n))  # a slot for each

@@ -1,4 +1,4 @@
-r"""Engines in the joint estimator: their impulse over an interval, and what it depends on.
+r"""Engines in the joint estimator: their impulse over an interval, and its derivatives.
 
 `maths.vehicle.engine_thrust` has their force and its six errors, which are parameters here. Over an interval level and
 angles are taken at its start, middle and end, and the impulse by Simpson's rule, with its derivative by each error; the
@@ -64,13 +64,13 @@ class EngineSettings(NamedTuple):
 
 
 def at_rest(n: int) -> EngineSettings:
-    """Settings of engines that are shut, with gimbals at zero."""
+    """Returns settings of engines that are shut, with gimbals at zero."""
     none = np.zeros((n, N_CHANNELS))
     return EngineSettings(none, none, none - 1.0)
 
 
 def burnt(before: EngineSettings, read: Array, duration_s: float, engines: EngineParams) -> tuple[Burn, EngineSettings]:
-    """Levels and angles over an interval, and the setting after it.
+    """Computes levels and angles over an interval, and the setting after it.
 
     Args:
         before: at the start of the interval.
@@ -112,13 +112,13 @@ class EngineImpulse(NamedTuple):
 
 @kernel
 def idle() -> EngineImpulse:
-    """EngineImpulse of no engine."""
+    """Returns the impulse of no engine."""
     return EngineImpulse(np.zeros(6), np.zeros((0, 6)), np.zeros((0, 6)), 0.0)
 
 
 @kernel
 def believed(burn: Burn, assumed: Array) -> Burn:
-    """Burn of which levels and angles that are not believed count as what they are assumed to be.
+    """Returns a burn with assumed values in place of levels and angles that are not trusted.
 
     Args:
         burn: as it is read.
@@ -136,7 +136,7 @@ def believed(burn: Burn, assumed: Array) -> Burn:
 
 @kernel
 def push(burn: Burn, errors: Array, duration_s: float, engines: EngineParams) -> EngineImpulse:
-    """Impulse of the engines over an interval.
+    """Computes the impulse of the engines over an interval.
 
     Args:
         burn: levels and angles.
@@ -163,7 +163,7 @@ def push(burn: Burn, errors: Array, duration_s: float, engines: EngineParams) ->
 def pushes(
     which: int, points: Array, errors: Array, duration_s: float, engines: EngineParams
 ) -> tuple[Array, Array, Array, Array]:
-    """Impulses of one engine over intervals.
+    """Computes impulses of one engine over intervals.
 
     Args:
         which: index of the engine.
@@ -195,5 +195,5 @@ def pushes(
 
 @kernel
 def _over(values: Array, duration_s: float) -> Array:
-    """Integrals over intervals of what is given at three points of each, shape (m, k)."""
+    """Computes integrals over intervals from values at three points of each, shape (m, k)."""
     return (values[0::3] + 4.0 * values[1::3] + values[2::3]) * (duration_s / 6.0)

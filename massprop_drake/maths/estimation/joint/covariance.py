@@ -41,20 +41,20 @@ class Update(NamedTuple):
 
 @kernel
 def nothing_learned(root: Array) -> Update:
-    """The update where no component counts; the root is as it was."""
+    """Returns the update where no component counts; the root is unchanged."""
     n = root.shape[0]
     return Update(np.zeros(n), root, np.zeros((n, 0)), np.zeros((0, 0)))
 
 
 @kernel
 def in_order(columns: Array, first: int) -> Array:
-    """The rows of a root in the order in which it becomes triangular, see `compressed`."""
+    """Orders the rows of a root so that it becomes triangular, see `compressed`."""
     return np.vstack((columns[first:], columns[:first]))
 
 
 @kernel
 def compressed(columns: Array, first: int) -> Array:
-    """The root of the same covariance, shape (n, n), of one with n columns or more; lower triangular but for its order.
+    """Computes a root of the same covariance, shape (n, n), from one with n columns or more; triangular in its order.
 
     Args:
         columns: any root, shape (n, k).
@@ -71,7 +71,7 @@ def compressed(columns: Array, first: int) -> Array:
 
 @kernel
 def semidefinite_root(matrix: Array) -> Array:
-    """A lower triangular root of a positive semidefinite matrix; directions lost in rounding count as zero."""
+    """Computes a lower triangular root of a positive semidefinite matrix; directions lost in rounding count as zero."""
     n = matrix.shape[0]
     root = np.zeros((n, n))
     for j in range(n):
@@ -84,7 +84,7 @@ def semidefinite_root(matrix: Array) -> Array:
 
 @kernel
 def innovation_root(outputs: Array, variances: Array) -> tuple[Array, Array, Array]:
-    """Q1, Q2 and U of the innovation's covariance Y = U^T U.
+    """Computes Q1, Q2 and U of the innovation's covariance Y = U^T U.
 
     Args:
         outputs: H S, shape (m, k).
@@ -100,7 +100,7 @@ def innovation_root(outputs: Array, variances: Array) -> tuple[Array, Array, Arr
 
 @kernel
 def updated(root: Array, outputs: Array, variances: Array, innovation: Array, first: int) -> Update:
-    """The update by one measurement of several components, in Joseph's form.
+    """Updates by one measurement of several components, in Joseph's form.
 
     Args:
         root: before, shape (n, k), k >= n or not.
@@ -115,7 +115,7 @@ def updated(root: Array, outputs: Array, variances: Array, innovation: Array, fi
 
 @kernel
 def widely_updated(root: Array, outputs: Array, variances: Array, innovation: Array) -> Update:
-    """`updated`, but that the root stays as it comes, shape (n, k + m)."""
+    """Runs `updated`, but leaves the root uncompressed, shape (n, k + m)."""
     q1, q2, u = innovation_root(outputs, variances)
     whitened = np.linalg.solve(u.T, innovation)
     gain = root @ q1

@@ -1,4 +1,4 @@
-"""One cycle of the joint estimator: a state and a sample give the next state, and nothing else is remembered.
+"""One cycle of the joint estimator: from a state and a sample to the next state.
 
 Order: what the readings before tell that have just changed; what the jets did, with the lag estimated before
 (`prediction.drive`); prediction; which components count; while the start lasts and the gyros contradict the prediction,
@@ -76,7 +76,7 @@ OWN_CHOICE = np.zeros(0, dtype=np.bool_)  # of the readings that count
 
 
 class Sample(NamedTuple):
-    """What one cycle gets.
+    """Sample as a cycle takes it.
 
     Attributes:
         time_s: of the readings.
@@ -121,7 +121,7 @@ def acts(sample: Sample, params: JointParams) -> bool:
 
 
 class Expected(NamedTuple):
-    """What a cycle expects of its readings, before it updates.
+    """Expected readings of a cycle, before it updates.
 
     Attributes:
         prediction: see `Prediction`.
@@ -163,7 +163,7 @@ class Crossing(NamedTuple):
 
 
 class Course(NamedTuple):
-    """How a cycle went: what a detector needs to follow how errors would have gone through it.
+    """Course of a cycle: what a detector needs to propagate errors through it.
 
     Attributes:
         crossing: see `Crossing`.
@@ -185,7 +185,7 @@ class Course(NamedTuple):
 
 
 class Report(NamedTuple):
-    """What a cycle says.
+    """Report of a cycle.
 
     Attributes:
         estimate: of the ten parameters, shape (10,).
@@ -228,7 +228,7 @@ class Report(NamedTuple):
 
 
 class JointEvidence(NamedTuple):
-    """What a detector of the joint filter sees of a cycle.
+    """Evidence of a cycle of the joint filter for a detector.
 
     Attributes:
         before, after: states before and after it.
@@ -245,7 +245,7 @@ class JointEvidence(NamedTuple):
 
 
 def initial(params: JointParams) -> JointState:
-    """The state before the first sample."""
+    """Returns the state before the first sample."""
     places = params.places
     mean, root = np.zeros(places.size), np.zeros((places.size, places.size))
     mean[:N_PROPERTIES] = params.start
@@ -286,7 +286,7 @@ def initial(params: JointParams) -> JointState:
 
 
 def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
-    """The state after the first sample, or after a gap: rate, gathered velocity and attitude are what is read.
+    """Returns the state after the first sample, or after a gap: rate, gathered velocity and attitude as read.
 
     They are uncorrelated with the rest, but that with a gyro bias the rate's error is that of the reading less the
     bias, and that the rate from which the turning of accelerometers is counted has the error of that rate: what they
@@ -361,7 +361,7 @@ def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
 
 
 def _with_shaken(state: JointState, mean: Array, root: Array, params: JointParams) -> tuple[Array, Array]:
-    """Mean and root with modes that may have been shaken by anything, if they have been followed before."""
+    """Returns mean and root with modes that may have been shaken by anything, if they have been followed before."""
     places = params.places
     if places.n_swing == 0 or not state.started:
         return mean, root
@@ -373,7 +373,7 @@ def _with_shaken(state: JointState, mean: Array, root: Array, params: JointParam
 
 
 def _kept_of_slow(state: JointState, sample: Sample, params: JointParams) -> tuple[Array, Array]:
-    """Share of each z that is left after some time of which nothing is known, and what it is then like, 1 sigma."""
+    """Computes the share of each z left after a time of which nothing is known, and its 1-sigma then."""
     places = params.places
     filled = places.n_slow - places.tanks
     others, unstated = filled - places.wheels, places.unstated - places.slow
@@ -387,7 +387,7 @@ def _kept_of_slow(state: JointState, sample: Sample, params: JointParams) -> tup
 
 @kernel
 def expect(state: JointState, acting: Drive, sample: Sample, params: JointParams) -> Expected:
-    """Predicts the state and its outputs, and says which components count."""
+    """Predicts the state and its outputs, and selects the components that count."""
     read = rate_read(sample.rates, state.mean, params)
     prediction = predict(state, acting, read, params, (sample.frames, sample.speeds))
     root = propagated(state.root, prediction, params)
@@ -404,7 +404,7 @@ def _expected(
     sample: Sample,
     params: JointParams,
 ) -> Expected:
-    """What is expected of a sample; outputs are linearized at some mass properties and at the rate that gyros correct.
+    """Predicts the readings of a sample; linearized at some mass properties and at the rate that gyros correct.
 
     At the rate that was predicted, its error times that of the center of mass would be taken for an error of this.
     """
@@ -442,7 +442,7 @@ def _by_kind(values: Array, used: np.ndarray, nothing: float, params: JointParam
 
 @kernel
 def floors(state: JointState, params: JointParams) -> Array:
-    """Variance of each prediction beyond the state's, shape (m,): before the guard holds that of a rounded reading.
+    """Computes each prediction's variance beyond the state's, shape (m,): before the guard holds, that of rounding.
 
     Until then the second order counts, and no cell is told to a hundredth of a quantum. Passes over the start are
     linearized where its end knows the mass properties to be, and need no such floor.
@@ -452,7 +452,7 @@ def floors(state: JointState, params: JointParams) -> Array:
 
 @kernel
 def _sites(used: np.ndarray, projected: Array, innovation: Array, given: tuple[Array, Array]) -> Sites:
-    """Measurements that stand for the readings that count, see `quantized.sites`.
+    """Makes measurements that stand for the readings that count, see `quantized.sites`.
 
     Args:
         used: which components count, shape (m,).
@@ -466,7 +466,7 @@ def _sites(used: np.ndarray, projected: Array, innovation: Array, given: tuple[A
 
 @kernel
 def _told(expected: Expected, params: JointParams) -> Sites:
-    """Measurements that stand for the readings of a sample that count, as they are expected."""
+    """Makes measurements that stand for a sample's readings that count, as they are expected."""
     projected = expected.projected[np.flatnonzero(expected.used)]
     return _sites(expected.used, projected, expected.innovation, (params.cells, expected.floors))
 
@@ -482,7 +482,7 @@ def _update(expected: Expected, root: Array, params: JointParams) -> tuple[Updat
 def crossed(
     state: JointState, about: Array, sample: Sample, least: Array, params: JointParams
 ) -> tuple[JointState, Crossing]:
-    """The state with what its readings tell that were the last in their cells, and have not been taken in.
+    """Updates the state by readings that were the last in their cells, and have not been taken in.
 
     Args:
         state: after the last sample.
@@ -518,7 +518,7 @@ def crossed(
 def step(
     state: JointState, sample: Sample, params: JointParams, counts: np.ndarray = OWN_CHOICE
 ) -> tuple[JointState, Report]:
-    """A whole cycle.
+    """Runs a whole cycle.
 
     Args:
         state: after the last sample.
@@ -580,7 +580,7 @@ def _first(state: JointState, sample: Sample, params: JointParams) -> tuple[Join
 
 
 def restart(state: JointState, sample: Sample, params: JointParams) -> tuple[JointState, Report]:
-    """A cycle over an interval of which nothing is known: rate and gathered velocity begin anew, see `begun`.
+    """Runs a cycle over an interval of which nothing is known: rate and gathered velocity begin again, see `begun`.
 
     What else is known stays; thrust follows the commands as far as they are known.
 
@@ -600,7 +600,7 @@ def restart(state: JointState, sample: Sample, params: JointParams) -> tuple[Joi
 
 @kernel
 def driven(state: JointState, sample: Sample, params: JointParams) -> Drive:
-    """Drive of a sample's interval; jets whose commands are not known give in it what its readings show."""
+    """Computes the drive of a sample's interval; jets of unknown command give in it what its readings show."""
     acting = drive(state, sample.durations_s, sample.commands, sample.outside, sample.timing, params)
     acting = burning(acting, sample.burn, state, params)
     if acting.anything.number == 0.0:
@@ -632,7 +632,7 @@ def driven(state: JointState, sample: Sample, params: JointParams) -> Drive:
 
 
 class Cycled(NamedTuple):
-    """A cycle as its kernel gives it.
+    """Result of the kernel of a cycle.
 
     Attributes:
         state: after it.
@@ -667,7 +667,7 @@ class Cycled(NamedTuple):
 
 @kernel
 def course_of(done: Cycled) -> Course:
-    """How a cycle went, see `Course`."""
+    """Collects the course of a cycle, see `Course`."""
     return Course(
         done.crossing,
         done.stamp,
@@ -681,7 +681,7 @@ def course_of(done: Cycled) -> Course:
 
 
 class Cycling(NamedTuple):
-    """What compiled code takes of a cycle besides the parameters.
+    """Inputs of compiled code for a cycle besides the parameters.
 
     Attributes:
         state: see `cycled`.
@@ -698,7 +698,7 @@ class Cycling(NamedTuple):
 
 @kernel
 def cycled(state: JointState, sample: Sample, thresholds: Array, counts: np.ndarray, params: JointParams) -> Cycled:
-    """A cycle after the first.
+    """Runs a cycle after the first.
 
     Args:
         state: after the last sample.
@@ -774,7 +774,7 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, counts: np.ndar
 
 @kernel
 def _anything(expected: Expected, acting: Drive, mean: Array, params: JointParams) -> tuple[float, float, float]:
-    """Counts what of the readings says only how long jets were open whose commands are not known, see `unknown`.
+    """Counts components whose readings only show how long jets of unknown command were open, see `unknown`.
 
     Args:
         expected: see `Expected`.
@@ -805,14 +805,14 @@ def _anything(expected: Expected, acting: Drive, mean: Array, params: JointParam
 
 @kernel
 def _opened_degrees(wide: Array) -> float:
-    """Degrees of freedom of readings that directions take, by their effects in 1-sigmas of the readings."""
+    """Computes the degrees of freedom that directions take from readings, by their effects in readings' 1-sigmas."""
     squares = np.linalg.svd(wide)[1] ** 2
     return float((squares / (1.0 + squares)).sum())
 
 
 @kernel
 def _tested(nis: float, degrees: float, spread: float) -> tuple[float, float]:
-    """A NIS and its expectation; none where less than half a component, or too few digits, are left to be tested.
+    """Returns a NIS and its expectation; none where less than half a component, or too few digits, are left.
 
     Readings are compared across directions in which they may be off by `spread` of their own 1-sigmas.
     """
@@ -823,7 +823,7 @@ def _tested(nis: float, degrees: float, spread: float) -> tuple[float, float]:
 def _learned(
     state: JointState, sample: Sample, acting: Drive, expected: Expected, change: Update, params: JointParams
 ) -> JointState:
-    """The state after a cycle, before the guard.
+    """Computes the state after a cycle, before the guard.
 
     Args:
         state: before it.
@@ -867,7 +867,7 @@ def _learned(
 
 @kernel
 def gone_over(state: JointState, sample: Sample, about: Array, params: JointParams) -> tuple[JointState, float, float]:
-    """A cycle of a start that is gone over again, see `relinearized`.
+    """Runs a cycle of a start that is gone over again, see `relinearized`.
 
     Args:
         state: after the last sample, not guarded.
@@ -887,7 +887,7 @@ def gone_over(state: JointState, sample: Sample, about: Array, params: JointPara
 def relinearized(
     state: JointState, sample: Sample, about: Array, params: JointParams
 ) -> tuple[JointState, Course, tuple[float, float]]:
-    """A cycle linearized at other mass properties, lags, biases and forces than the state's.
+    """Runs a cycle linearized at other mass properties, lags, biases and forces than the state's.
 
     Args:
         state: after the last sample, not guarded.
@@ -963,7 +963,7 @@ def relinearized(
 
 @kernel
 def _level_about(before: JointState, after: JointState, acting: Drive, params: JointParams) -> Array:
-    """Levels after a cycle, lags where it is linearized and ticks at their new estimates, shape (n_jets,)."""
+    """Computes levels after a cycle, lags where it is linearized and ticks at their new estimates, shape (n_jets,)."""
     places, mean = params.places, before.mean.copy()
     lags = slice(places.lag, places.lag + places.n_lag)
     mean[lags] = after.mean[lags]
@@ -972,7 +972,7 @@ def _level_about(before: JointState, after: JointState, acting: Drive, params: J
 
 @kernel
 def standing(about: Array, mean: Array, params: JointParams) -> Array:
-    """The ten parameters of an estimate, with as much propellant in the tanks as another one has, shape (10,).
+    """Returns the ten parameters of an estimate, with as much propellant in the tanks as another one has, shape (10,).
 
     Args:
         about: the estimate, shape (size,).
@@ -990,7 +990,7 @@ def standing(about: Array, mean: Array, params: JointParams) -> Array:
 
 @kernel
 def _about(mean: Array, about: Array, params: JointParams) -> Array:
-    """An estimate with mass properties, lags, forces and gyros' biases of another, and the rate that goes with them.
+    """Returns an estimate with mass properties, lags, forces and gyros' biases of another, and the rate to match.
 
     Args:
         mean: the estimate, shape (size,).
@@ -1018,7 +1018,7 @@ def _about(mean: Array, about: Array, params: JointParams) -> Array:
 
 @kernel
 def _counting(expected: Expected, used: np.ndarray) -> Expected:
-    """What is expected, with other components that count."""
+    """Returns the expectation with other components that count."""
     return Expected(
         expected.prediction,
         expected.root,
@@ -1034,7 +1034,7 @@ def _counting(expected: Expected, used: np.ndarray) -> Expected:
 
 @kernel
 def incremented_root(root: Array, params: JointParams) -> Array:
-    """The root with the uncertainty of the start added to the ten parameters, not square."""
+    """Computes the root with the uncertainty of the start added to the ten parameters, not square."""
     columns = np.zeros((root.shape[0], N_PROPERTIES))
     for element in range(N_PROPERTIES):
         columns[element, element] = params.increment_sigma[element]
@@ -1043,7 +1043,7 @@ def incremented_root(root: Array, params: JointParams) -> Array:
 
 @kernel
 def _releveled(levels: tuple[Array, Array, Array], before: Array, after: Array, params: JointParams) -> Array:
-    """The levels at the new estimates of lag and ticks, to first order.
+    """Computes the levels at the new estimates of lag and ticks, to first order.
 
     Args:
         levels: `level`, `slope` and `tick_slope` of a state.

@@ -1,4 +1,4 @@
-r"""A torque and a force that nobody commands and that change slowly, as states of the joint estimator.
+r"""An uncommanded torque and force that change slowly, as states of the joint estimator.
 
 Each of the n components that the vehicle states is a first-order Gauss-Markov process z_i of unit variance, with a
 common time constant T_d, and a_i the acceleration that one sigma of it gives the nominal vehicle, angular and linear:
@@ -30,7 +30,7 @@ _SHORT = 0.01  # of the time constant: arithmetic, below it the variance of the 
 
 
 class DisturbanceParams(NamedTuple):
-    """The disturbance that a vehicle states.
+    """Disturbance that a vehicle states.
 
     Attributes:
         accelerations: a_i, change of w and c in one second by one sigma of each component, shape (6, n).
@@ -64,7 +64,7 @@ class Wander(NamedTuple):
 
 @kernel
 def gathered_variance(x: float) -> float:
-    """Variance of e_1 in units of T_d^2, of an interval of x time constants."""
+    """Computes the variance of e_1 in units of T_d^2, of an interval of x time constants."""
     if x < _SHORT:
         return x**3 * (2.0 / 3.0 + x * (-0.5 + x * (7.0 / 30.0 - x / 12.0)))
     lost = -math.expm1(-x)
@@ -72,7 +72,7 @@ def gathered_variance(x: float) -> float:
 
 
 def unstated(effects: Array, accelerometers: int) -> Array:
-    """Unit of a disturbance that nobody stated: acceleration about each axis, and along each if read, shape (6, n).
+    """Returns the unit of an unstated disturbance: acceleration about each axis, and along each if read, shape (6, n).
 
     Args:
         effects: change of w and c per second by each jet at full thrust, shape (n_jets, 6).
@@ -84,7 +84,7 @@ def unstated(effects: Array, accelerometers: int) -> Array:
 
 @kernel
 def wandered(disturbance: DisturbanceParams, duration_s: float, level: float = 1.0) -> Wander:
-    """Course of a disturbance over an interval.
+    """Computes the course of a disturbance over an interval.
 
     Args:
         disturbance: see `DisturbanceParams`.
@@ -104,7 +104,7 @@ def wandered(disturbance: DisturbanceParams, duration_s: float, level: float = 1
 
 @kernel
 def beside(one: Wander, other: Wander) -> Wander:
-    """Course of two disturbances, the components of the other after those of the one."""
+    """Joins the courses of two disturbances, the components of the other after those of the one."""
     return Wander(
         np.concatenate((one.kept, other.kept)),
         np.hstack((one.begun, other.begun)),
@@ -116,7 +116,7 @@ def beside(one: Wander, other: Wander) -> Wander:
 
 @kernel
 def prolonged(wander: Wander, n: int) -> Wander:
-    """Course of what changes slowly with n more components after it, which stay as they are and act on nothing."""
+    """Appends n components to the course of slow states, which stay as they are and act on nothing."""
     others = wander.kept.shape[0]
     kept, along, apart = np.ones(others + n), np.zeros(others + n), np.zeros(others + n)
     begun, drawn = np.zeros((6, others + n)), np.zeros((6, others + n))
@@ -127,7 +127,7 @@ def prolonged(wander: Wander, n: int) -> Wander:
 
 @kernel
 def slowly(wander: Wander, value: Array) -> Array:
-    """Change of w and c by a disturbance of some value at the beginning, shape (6,)."""
+    """Computes the change of w and c by a disturbance of some value at the beginning, shape (6,)."""
     change = np.zeros(6)
     for component in range(value.shape[0]):
         change += wander.begun[:, component] * value[component]
@@ -136,7 +136,7 @@ def slowly(wander: Wander, value: Array) -> Array:
 
 @kernel
 def arriving(wander: Wander) -> Array:
-    """Root of the covariance of w, c and z by what comes of a disturbance in an interval, shape (6 + n, 2 n_moving)."""
+    """Computes a root of the covariance of w, c, z by a disturbance's noise, shape (6 + n, 2 n_moving)."""
     moving = np.flatnonzero(wander.along + wander.apart > 0.0)
     n = moving.shape[0]
     columns = np.zeros((6 + wander.drawn.shape[1], 2 * n))
@@ -150,7 +150,7 @@ def arriving(wander: Wander) -> Array:
 
 @kernel
 def come(wander: Wander) -> Array:
-    """Covariance of w and c by what comes of a disturbance in an interval, shape (6, 6)."""
+    """Computes the covariance of w and c by a disturbance's noise in an interval, shape (6, 6)."""
     covariance = np.zeros((6, 6))
     for component in range(wander.drawn.shape[1]):
         column = wander.drawn[:, component]

@@ -17,7 +17,7 @@ _SECOND_ORDER = 0.1  # probability: sigmas by which products of errors may shift
 
 @kernel
 def converged(state: JointState, params: JointParams) -> bool:
-    """Whether each judged parameter is known well enough, as `JointParams.guard_relative` and `guard_center` say."""
+    """Tests whether each judged parameter is known to `JointParams.guard_relative` and `guard_center`."""
     properties, rows = reported(state, params)
     deviation = np.sqrt(np.sum(rows * rows, axis=1))
     for index, element in enumerate(_SCALED):
@@ -29,7 +29,7 @@ def converged(state: JointState, params: JointParams) -> bool:
 
 @kernel
 def guarded(state: JointState, commanded: bool, params: JointParams) -> JointState:
-    """The state after the guard, which latches.
+    """Returns the state after the guard, which latches.
 
     Args:
         state: after the update.
@@ -64,5 +64,5 @@ def knows_rotation(state: JointState, params: JointParams, acting: NDArray[np.bo
 
 
 def unguarded(state: JointState) -> JointState:
-    """The state with guard and count begun anew: after a jump of the mass properties, and in a start under way."""
+    """Returns the state with guard and count begun again: after a mass-property jump, and in a start under way."""
     return state._replace(guarded=False, firing_count=0.0)

@@ -1,4 +1,4 @@
-r"""What a hypothesis is: the joint filter's own cycle from another state, and how likely it makes the readings.
+r"""Hypothesis of one event: the joint filter's own cycle from another state, and its likelihood of the readings.
 
     jets    from the onset on each has a force in a slot, prior N(0, T^2) about what is known of it; since nobody knows
             when in its interval it began, P += g g^T, g = 0.6 f x (interval) x (effect of a unit force), f the
@@ -67,7 +67,7 @@ _LIES = 5.0  # sigmas off: a reading that does not fit
 
 
 class Kind(IntEnum):
-    """What a hypothesis holds responsible."""
+    """Kind of cause that a hypothesis assumes."""
 
     NOTHING = 0
     JETS = 1
@@ -81,7 +81,7 @@ class Kind(IntEnum):
 
 
 class Cause(NamedTuple):
-    """What a hypothesis says has happened.
+    """Cause that a hypothesis assumes.
 
     Attributes:
         kind: see `Kind`.
@@ -101,22 +101,22 @@ class Cause(NamedTuple):
 
     @property
     def failures(self) -> frozenset[tuple[int, int]]:
-        """Jets with their signs: what is named of it."""
+        """Failed jets with their signs."""
         return frozenset(zip(self.jets, self.signs, strict=True))
 
     @property
     def part(self) -> tuple[Kind, int]:
-        """Kind and component of what is not of jets; of something unstated without its strength."""
+        """Kind and component of a cause other than jets; of an unstated disturbance without its strength."""
         return self.kind, -1 if self.kind == Kind.WANDER else self.component
 
     @property
     def key(self) -> frozenset[tuple[int, int]] | tuple[Kind, int]:
-        """By which it is told from others: a jet that leaks and one that is stuck on are the same."""
+        """Key that distinguishes causes: a jet that leaks and one that is stuck on have the same."""
         return self.failures or self.part
 
 
 class Score(NamedTuple):
-    """How well a hypothesis explains the readings.
+    """Score of a hypothesis: how well it explains the readings.
 
     Attributes:
         likelihood: sum of ln Z, nats.
@@ -131,11 +131,11 @@ class Score(NamedTuple):
     gyro_degrees: float = 0.0
 
     def plus(self, part: Score) -> Score:
-        """The score with a further part."""
+        """Returns the score with a further part."""
         return Score(*(whole + more for whole, more in zip(self, part, strict=True)))
 
     def without(self, part: Score) -> Score:
-        """What is left of it but for a part."""
+        """Returns the score without a part."""
         return Score(*(whole - less for whole, less in zip(self, part, strict=True)))
 
     @property
@@ -153,7 +153,7 @@ NO_SCORE = Score(0.0, 0.0, 0.0)
 
 
 class Runner(NamedTuple):
-    """A filter that takes an event for true.
+    """Filter that takes an event for true.
 
     Attributes:
         cause: see `Cause`.
@@ -182,12 +182,12 @@ class Runner(NamedTuple):
 
     @property
     def age(self) -> int:
-        """Cycles since its onset."""
+        """Number of cycles since its onset."""
         return self.cycle - self.onset
 
 
 def cost_of_a_lie(component: int, params: JointParams, moved: float = np.inf) -> float:
-    """What a reading costs that a hypothesis takes for a lie, nats: of its cell, or of its density if not rounded.
+    """Computes the cost of a reading taken for false, nats: by its cell, or its density if not rounded.
 
     Args:
         component: index of it.
@@ -201,13 +201,13 @@ def cost_of_a_lie(component: int, params: JointParams, moved: float = np.inf) ->
 
 
 def stirs_beyond(state: JointState, params: JointParams) -> list[int]:
-    """Indices in `STIRS` of what is as strong as what is taken to act, or stronger, but not slower."""
+    """Returns indices in `STIRS` of disturbances as strong as the present one, or stronger, but not slower."""
     now = (state.stir, -state.stir_s)
     return [at for at, (level, seconds) in enumerate(STIRS) if params.places.n_unstated and (level, -seconds) >= now]
 
 
 def size_of_unstated(level: float, params: JointParams) -> tuple[float, float]:
-    """1-sigma about and along an axis of what acts that nobody stated, on the nominal vehicle, RMS of the three.
+    """Computes 1-sigma of an unstated disturbance about and along an axis of the nominal vehicle, RMS of the three.
 
     Returns:
         Torque and force, ft-lbf and lbf, or N-m and N; NaN in place of a force without an accelerometer.
@@ -220,14 +220,14 @@ def size_of_unstated(level: float, params: JointParams) -> tuple[float, float]:
 
 
 def slot_of(state: JointState, jet: int, sign: int) -> int:
-    """The slot of a jet's failure: its own if it has one, else the first that is free, -1: none is."""
+    """Returns the slot of a jet's failure: its own if it has one, else the first that is free, -1: none is."""
     own = np.flatnonzero((state.slot_jet == jet) & (state.slot_sign == sign))
     free = np.flatnonzero(state.slot_jet < 0)
     return int(own[0]) if own.shape[0] else int(free[0]) if free.shape[0] else -1
 
 
 def jump_sigma(params: JointParams, share: float) -> Array:
-    """What a jump of the mass properties adds to the 1-sigma of the ten parameters, in quadrature, shape (10,).
+    """Computes the 1-sigma that a jump of mass properties adds to the ten parameters, in quadrature, shape (10,).
 
     A payload of some share of the vehicle's mass, as far from the center of mass as the jets are: that much of the
     uncertainty of a start from zero, but of the center of mass the share of that distance, equally in every direction;
@@ -244,7 +244,7 @@ def jump_sigma(params: JointParams, share: float) -> Array:
 
 
 def jump_units(params: JointParams) -> Array:
-    """Units of jumps of the mass properties, of each of `JUMP_SHARES`, shape (10, 10 * len(JUMP_SHARES))."""
+    """Returns units of jumps of the mass properties, of each of `JUMP_SHARES`, shape (10, 10 * len(JUMP_SHARES))."""
     return np.hstack([np.diag(jump_sigma(params, share)) for share in JUMP_SHARES])
 
 
@@ -255,7 +255,7 @@ def opened(
     share: float = JUMP_SHARES[0],
     expected: tuple[tuple[float, float], ...] = (),
 ) -> JointState:
-    """The state at the onset with what the cause brings.
+    """Returns the state at the onset with the effects of the cause.
 
     Args:
         state: before the first interval that it bears on.
@@ -304,7 +304,7 @@ def opened(
 
 
 def kicked(state: JointState, cause: Cause, kicks: Array, over: Link, params: JointParams) -> JointState:
-    """The state with what failed jets may have given besides over an interval, uncertain.
+    """Adds the uncertain impulses that failed jets may have given besides over an interval.
 
     What an impulse does is as uncertain as the parameters: the products of their errors count as noise.
 
@@ -334,7 +334,7 @@ def kicked(state: JointState, cause: Cause, kicks: Array, over: Link, params: Jo
 
 
 def blurred(state: JointState, before: float, duration_s: float, params: JointParams) -> JointState:
-    """The state with the ten parameters less well known than was thought, by what has acted unstated until now.
+    """Adds to the ten parameters the uncertainty of an unstated disturbance that has acted until now.
 
     Over a firing that is as white noise of 2 T_f T (L a)^2 in each sample, beside that of two readings.
 
@@ -352,7 +352,7 @@ def blurred(state: JointState, before: float, duration_s: float, params: JointPa
 
 
 def torn(state: JointState, share: float, over: Link, params: JointParams) -> JointState:
-    """The state with what jets may have given otherwise in the interval of a jump: nobody knows when in it that was.
+    """Adds the uncertainty of the jets' effects in the interval of a jump, whose time within it is unknown.
 
     Args:
         state: before the interval.
@@ -369,7 +369,7 @@ def torn(state: JointState, share: float, over: Link, params: JointParams) -> Jo
 
 
 def kicks_at(run: Runner, duration_s: float, params: JointParams) -> Array | None:
-    """1-sigma of the impulse of each failed jet in the next interval, in intervals of force; None: there is none.
+    """Returns 1-sigma of each failed jet's extra impulse in the next interval, in intervals of force, or None.
 
     What builds up with a lag lacks in each interval after the second by exp(-interval / tau) of the one before, tau as
     it is estimated.
@@ -390,8 +390,9 @@ def kicks_at(run: Runner, duration_s: float, params: JointParams) -> Array | Non
 
 
 def restless(state: JointState, erratic: np.ndarray, params: JointParams) -> JointState:
-    """The state with the force of each erratic jet anew: N(f, T^2), independent of what it was; of one that drifts with
-    what it may have changed by.
+    """Draws the force of each intermittent jet again, N(f, T^2), and adds the walk of each drifting force.
+
+    The new force of an intermittent jet is independent of the one before.
 
     Args:
         state: before an interval.
@@ -410,7 +411,7 @@ def restless(state: JointState, erratic: np.ndarray, params: JointParams) -> Joi
 
 
 def pushed(state: JointState, push: float, over: Link, params: JointParams) -> JointState:
-    """The state with what something unknown may have given over an interval, independent of what it gave before.
+    """Adds the uncertain impulse of an unknown push over an interval, independent of earlier ones.
 
     Args:
         state: before the interval.
@@ -425,12 +426,12 @@ def pushed(state: JointState, push: float, over: Link, params: JointParams) -> J
 
 
 def without_increments(params: JointParams) -> JointParams:
-    """Parameters of a filter that increments nothing: increments would blur what is compared."""
+    """Returns parameters of a filter without covariance increments, which would blur the comparison."""
     return params._replace(thresholds=np.full_like(params.thresholds, np.inf))
 
 
 def masked(sample: Sample, component: int) -> Sample:
-    """A sample without one component."""
+    """Returns a sample without one component."""
     parts = [part.copy() for part in (sample.rates, sample.velocities, sample.attitudes)]
     for part in parts:
         if 0 <= component < part.size:
@@ -441,7 +442,7 @@ def masked(sample: Sample, component: int) -> Sample:
 
 
 def misfits(report: Report, component: int, params: JointParams) -> bool:
-    """Whether a reading lies too far off its prediction to be one; one that is missing has not shown otherwise."""
+    """Tests whether a reading is too far off its prediction to fit, or is missing."""
     course = report.course
     assert course is not None, "the first sample fits"
     half = course.expected.projected[component]
@@ -452,7 +453,7 @@ def misfits(report: Report, component: int, params: JointParams) -> bool:
 def prepared(
     run: Runner, sample: Sample, over: Link, erratic: np.ndarray, push: float, params: JointParams
 ) -> tuple[JointState, float]:
-    """State of a filter with which a cycle begins, and log likelihood of readings that it takes in before.
+    """Returns the filter's state at the beginning of a cycle, and the log likelihood of readings taken in before.
 
     Args: as of `stepped`.
     """
@@ -472,7 +473,7 @@ def prepared(
 
 
 def _staying(assumed: Array, cause: Cause, sample: Sample, params: JointParams) -> Array:
-    """Speeds, levels and angles that are assumed once one of them is not believed any more."""
+    """Returns assumed speeds, levels and angles with the present value of the one that is not trusted any more."""
     assumed, places = assumed.copy(), params.places
     if cause.kind == Kind.SPEED:
         wheel = cause.component - places.outputs
@@ -485,12 +486,12 @@ def _staying(assumed: Array, cause: Cause, sample: Sample, params: JointParams) 
 
 
 def first_of_engines(places: Places) -> int:
-    """Index that stands for the level of the first engine in a `Cause`."""
+    """Returns the index that stands for the level of the first engine in a `Cause`."""
     return places.outputs + places.wheels + places.trackers
 
 
 def stepped(run: Runner, sample: Sample, over: Link, erratic: np.ndarray, push: float, params: JointParams) -> Runner:
-    """A filter after one more cycle.
+    """Advances a filter by one cycle.
 
     Args:
         run: before; it opens when its onset is the last cycle done.
@@ -516,18 +517,18 @@ def stepped(run: Runner, sample: Sample, over: Link, erratic: np.ndarray, push: 
 
 
 def told(report: Report) -> Score:
-    """The score that a cycle of a filter adds."""
+    """Returns the score that a cycle of a filter adds."""
     of_gyros = (report.gyro_nis, report.gyro_degrees) if report.gyro_degrees > 0.0 else (0.0, 0.0)
     return Score(report.log_likelihood, report.nis, report.degrees, *of_gyros)
 
 
 def column_of(jet: int, sign: int, params: JointParams) -> int:
-    """Place of a jet's failure among those that give more and then those that give less."""
+    """Returns the place of a jet's failure among those that give more and then those that give less."""
     return jet + (params.places.jets if sign < 0 else 0)
 
 
 def known_forces(state: JointState, params: JointParams) -> Array:
-    """Force of each known failure, more and then less, shape (2 n_jets,)."""
+    """Returns the force of each known failure, more and then less, shape (2 n_jets,)."""
     result = np.zeros(2 * params.places.jets)
     for slot in np.flatnonzero(state.slot_jet >= 0):
         column = column_of(int(state.slot_jet[slot]), int(state.slot_sign[slot]), params)

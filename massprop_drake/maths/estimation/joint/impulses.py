@@ -1,4 +1,4 @@
-r"""How long each jet gave its full thrust over an interval, with lag, and the derivatives of it.
+r"""Time of full thrust of each jet over an interval, with lag, and its derivatives.
 
 A level l follows its command u as dl/dt = (u - l)/tau. Over a piece of length h with a constant command, with d = l - u
 at its start, e = exp(-h/tau) and k = (tau/h)(1 - e),
@@ -45,7 +45,7 @@ LEAST_LAG = 1e-4  # of a stated time constant: with so little of it thrust is in
 
 
 class Firing(NamedTuple):
-    """What the jets did over an interval.
+    """Thrust of the jets over an interval.
 
     Attributes:
         duration_s: length of the interval, T.
@@ -79,7 +79,7 @@ class Firing(NamedTuple):
 
 @kernel
 def regiven(firing: Firing, amount: Array, level: Array) -> Firing:
-    """The firing with other amounts and levels at the end."""
+    """Returns the firing with other amounts and levels at the end."""
     return Firing(
         firing.duration_s,
         amount,
@@ -99,13 +99,13 @@ def regiven(firing: Firing, amount: Array, level: Array) -> Firing:
 
 @kernel
 def moments_of(wrenches: Array, mean: Array) -> Array:
-    """Torque about the estimated center of mass of each wrench about the vehicle origin, shape (n, 3)."""
+    """Computes the torque about the estimated center of mass of each wrench about the vehicle origin, shape (n, 3)."""
     return wrenches[:, :3] + wrenches[:, 3:] @ skew(mean[CENTER])
 
 
 @kernel
 def effects_of(wrenches: Array, mean: Array) -> Array:
-    """Change of w and c by each wrench about the vehicle origin over a second, shape (n, 6)."""
+    """Computes the change of w and c by each wrench about the vehicle origin over a second, shape (n, 6)."""
     return np.hstack((moments_of(wrenches, mean) @ picked(mean, ELEMENT), mean[MASS] * wrenches[:, 3:]))
 
 
@@ -113,7 +113,7 @@ def effects_of(wrenches: Array, mean: Array) -> Array:
 def fire(
     levels: tuple[Array, Array, Array], time_constants_s: Array, durations_s: Array, commands: Array, edges: Array
 ) -> Firing:
-    """What the jets do over an interval that consists of pieces with constant commands.
+    """Computes the jets' thrust over an interval of pieces with constant commands.
 
     Args:
         levels: at the start of the interval, their derivatives by ln tau, and their 1-sigma, shape (n_jets,) each.
@@ -186,7 +186,7 @@ def _rows_like(level: Array, count: int) -> Array:
 
 
 class Lingering(NamedTuple):
-    """What a lag leaves, over an interval with a constant command, of how far a level was off it.
+    """Decay of a level's initial deviation over an interval with a constant command, by the lag.
 
     Attributes:
         remaining: share at its end, e, shape (n_jets,).
@@ -202,7 +202,7 @@ class Lingering(NamedTuple):
 
 
 def lingering(ratio: Array) -> Lingering:
-    """Of time constants over the length of the interval, shape (n_jets,); zero: no lag."""
+    """Computes the decay for time constants over the interval's length, shape (n_jets,); zero: no lag."""
     lagged = ratio > 0.0
     remaining = np.exp(-1.0 / either(lagged, ratio, 1.0)) * lagged
     mean = ratio * (1.0 - remaining)
@@ -212,14 +212,14 @@ def lingering(ratio: Array) -> Lingering:
 
 @kernel
 def _parts(ratio: Array, mean: Array) -> tuple[Array, Array, Array]:
-    """E0, E1 and E2 of each jet, from tau/h and k, shape (n_jets,) each."""
+    """Computes E0, E1 and E2 of each jet, from tau/h and k, shape (n_jets,) each."""
     rest = ratio * (1.0 - mean)
     return rest, ratio * (0.5 - mean + rest), ratio * (rest - 0.5 * mean * mean)
 
 
 @kernel
 def _bow_of_piece(lacking: Array, parts: tuple[Array, Array, Array], mean: Array) -> Array:
-    """The bow of each jet over an interval of one piece, see `Firing`, shape (3, n_jets).
+    """Computes the bow of each jet over an interval of one piece, see `Firing`, shape (3, n_jets).
 
     Args:
         lacking: h d, s, shape (n_jets,).
@@ -237,7 +237,7 @@ def _bow_of_piece(lacking: Array, parts: tuple[Array, Array, Array], mean: Array
 def _moments_of_piece(
     since_s: float, h: float, given: tuple[Array, Array, Array], parts: tuple[Array, Array, Array]
 ) -> Array:
-    """Integrals over a piece of p, p t and p^2, t since the interval began, shape (3, n_jets).
+    """Computes integrals over a piece of p, p t and p^2, t since the interval began, shape (3, n_jets).
 
     Args:
         since_s: from the beginning of the interval to that of the piece, s.
@@ -257,7 +257,7 @@ def _moments_of_piece(
 
 @kernel
 def _bow(moments: Array, amount: Array, total: float) -> Array:
-    """The bow of each jet from the integrals of p, p t and p^2 over the interval, shape (3, n_jets)."""
+    """Computes the bow of each jet from the integrals of p, p t and p^2 over the interval, shape (3, n_jets)."""
     bow = np.empty_like(moments)
     bow[0] = moments[0] / total - 0.5 * amount
     bow[1] = (moments[1] / total - 0.5 * moments[0]) / total - amount / 12.0
@@ -268,7 +268,7 @@ def _bow(moments: Array, amount: Array, total: float) -> Array:
 
 @kernel
 def time_constants(nominal_s: Array, kinds: np.ndarray, sigma: float, errors: Array) -> tuple[Array, Array]:
-    """Each jet's time constant at the estimated error of its kind, and the derivative of its logarithm by that error.
+    """Computes each jet's time constant at its kind's estimated error, and its logarithm's derivative by that.
 
     The time constant is tau_0 max(1 + sigma p, `LEAST_LAG`), linear in p.
 

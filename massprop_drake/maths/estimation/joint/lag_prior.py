@@ -32,7 +32,7 @@ _LEAST = 1e-12  # of the prior's information: less is rounding
 
 @kernel
 def _other(state: JointState, kind: int, params: JointParams) -> tuple[float, float, float]:
-    """Mean and variance of a lag's error by the other prior than the filter's, and ln R of that one.
+    """Computes mean and variance of a lag's error by the prior that the filter does not use, and ln R of that one.
 
     Args:
         state: see `JointState`.
@@ -58,7 +58,7 @@ def _other(state: JointState, kind: int, params: JointParams) -> tuple[float, fl
 
 @kernel
 def log_odds(state: JointState, params: JointParams) -> Array:
-    """Log odds of the wide prior of each kind's lag, minus infinity where none is uncertain, shape (n_lag,)."""
+    """Computes log odds of the wide prior of each kind's lag, minus infinity where it is certain, shape (n_lag,)."""
     places = params.places
     found = np.full(places.n_lag, -np.inf)
     for kind in range(places.n_lag):
@@ -70,7 +70,7 @@ def log_odds(state: JointState, params: JointParams) -> Array:
 
 @kernel
 def reconsidered(state: JointState, params: JointParams) -> tuple[JointState, float]:
-    """The state with the wide prior of each lag of which it has become the likelier one.
+    """Switches to the wide prior each lag for which it has become the likelier one.
 
     Args:
         state: see `JointState`.
@@ -91,7 +91,7 @@ def reconsidered(state: JointState, params: JointParams) -> tuple[JointState, fl
 
 @kernel
 def with_wide_priors(state: JointState, params: JointParams) -> tuple[JointState, float]:
-    """The state with the wide prior of every lag that is uncertain, and what `reconsidered` returns beside it."""
+    """Returns the state with the wide prior of every uncertain lag, and what `reconsidered` returns beside it."""
     more = 0.0
     for kind in range(params.places.n_lag):
         if state.lag_open[kind] == 0.0 and params.prior_sigma[params.places.lag - params.places.thrust + kind] > 0.0:
@@ -103,7 +103,7 @@ def with_wide_priors(state: JointState, params: JointParams) -> tuple[JointState
 
 @kernel
 def _widened(state: JointState, kind: int, mean: float, variance: float, params: JointParams) -> JointState:
-    """The state with a lag's error of another mean and a larger variance, and all else as it follows.
+    """Returns the state with another mean and larger variance of a lag's error, and everything correlated with it.
 
     With s the row of the error, its root S becomes S + alpha (S s) s^T.
     """
@@ -118,7 +118,7 @@ def _widened(state: JointState, kind: int, mean: float, variance: float, params:
 
 
 def begun_as(entry: JointState, end: JointState, params: JointParams) -> JointState:
-    """The state at the beginning of a pass, with the prior of each lag that is the likelier one at an earlier end.
+    """Returns the state at the beginning of a pass, with each lag's prior that is the likelier one at an earlier end.
 
     Args:
         entry: with the stated priors of lags of which it knows nothing.
@@ -133,7 +133,7 @@ def begun_as(entry: JointState, end: JointState, params: JointParams) -> JointSt
 
 
 def log_mixture(state: JointState, params: JointParams) -> float:
-    """Log of what the readings are worth by both priors over what they are by the filter's, nats."""
+    """Computes the log likelihood ratio of the readings by both priors over the filter's own, nats."""
     total = 0.0
     for odds, is_open in zip(log_odds(state, params).tolist(), state.lag_open.tolist(), strict=True):
         chance, other = (FAR, -odds) if is_open else (1.0 - FAR, odds)

@@ -1,4 +1,4 @@
-r"""The joint estimator's state and parameters: what stands where, and how a state becomes one flat vector.
+r"""Layout of the joint estimator's state and parameters, and of a state as one flat vector.
 
 The mean and the rows of the covariance's root are in this order,
 
@@ -43,7 +43,7 @@ INERTIA, CENTER, MASS, RATE, VELOCITY = slice(0, 6), slice(6, 9), 9, slice(10, 1
 
 
 class Places(NamedTuple):
-    """Where the parts of the state begin, and how many elements they have.
+    """Places of the parts of the state, and their sizes.
 
     Attributes:
         jets, gyros, accelerometers, trackers, wheels, engines, tanks: how many there are.
@@ -114,7 +114,7 @@ class Places(NamedTuple):
 
 
 class PartCounts(NamedTuple):
-    """Numbers of what the state has parts for.
+    """Numbers of the things that the state has parts for.
 
     Attributes:
         jets, gyros, accelerometers, trackers: jets, and packages of sensors.
@@ -148,7 +148,7 @@ def make_places(
     forces: int,
     ticks: int = 0,
 ) -> Places:
-    """The places of a vehicle's state.
+    """Computes the places of a vehicle's state.
 
     Args:
         counts: see `PartCounts`; those left out at the end are zero.
@@ -242,7 +242,7 @@ NO_ATTITUDE_SENSORS = AttitudeSensors(np.zeros(0), np.zeros(0), np.zeros(0))
 
 
 class JointParams(NamedTuple):
-    """What shapes the joint estimator.
+    """Parameters of the joint estimator.
 
     Attributes:
         places: see `Places`.
@@ -334,7 +334,7 @@ class JointParams(NamedTuple):
 
 
 def thrust_sigmas(params: JointParams) -> Array:
-    """Stated 1-sigma of each jet's thrust, relative, zero where it is exact, shape (n_jets,)."""
+    """Returns the stated 1-sigma of each jet's thrust, relative, zero where it is exact, shape (n_jets,)."""
     places = params.places
     if places.n_thrust == 0:
         return np.zeros(places.jets)
@@ -421,53 +421,53 @@ _STATE = Layout(
 
 
 def n_assumed(places: Places) -> int:
-    """Count of readings, other than those of sensors of three components, that may not be believed."""
+    """Returns the number of readings, beyond those of three-component sensors, that may not be trusted."""
     return places.wheels + N_CHANNELS * places.engines
 
 
 def state_layout(places: Places) -> Layout:
-    """The layout of a state packed into one vector."""
+    """Returns the layout of a state packed into one vector."""
     counts = {"jets": places.jets, "outputs": places.outputs, "assumed": n_assumed(places)}
     return _STATE.sized(size=places.size, forces=places.n_force, lags=places.n_lag, **counts)
 
 
 def pack(state: JointState, places: Places) -> Array:
-    """A state as one vector, as a diagram holds it."""
+    """Packs a state into one vector, as a diagram holds it."""
     return state_layout(places).pack(state)
 
 
 def unpack(vector: Array, places: Places) -> JointState:
-    """The inverse of `pack`; views of the vector."""
+    """Unpacks a state: the inverse of `pack`; views of the vector."""
     return JointState(*state_layout(places).read(vector))
 
 
 @kernel
 def relearned(state: JointState, mean: Array, root: Array) -> JointState:
-    """The state with another mean and root."""
+    """Returns the state with another mean and root."""
     return releveled(state, mean, root, state.level, state.tick_slope)
 
 
 @kernel
 def releveled(state: JointState, mean: Array, root: Array, level: Array, tick_slope: Array) -> JointState:
-    """The state with another mean and root, and other levels, which depend otherwise on the ticks."""
+    """Returns the state with another mean and root, and other levels, which depend otherwise on the ticks."""
     return _remade(state, (mean, root, level, tick_slope), state.fresh, _standing(state), state.lag_open)
 
 
 @kernel
 def taken_in(state: JointState) -> JointState:
-    """The state with no reading left to be taken in."""
+    """Returns the state with no reading left to be taken in."""
     return _remade(state, _learned(state), np.zeros_like(state.fresh), _standing(state), state.lag_open)
 
 
 @kernel
 def flagged(state: JointState, guarded: bool, firing_count: float) -> JointState:
-    """The state with another standing of the guard."""
+    """Returns the state with another status of the guard."""
     return _remade(state, _learned(state), state.fresh, (guarded, firing_count), state.lag_open)
 
 
 @kernel
 def lag_opened(state: JointState, lag_open: Array) -> JointState:
-    """The state with the wide prior for the lags of other kinds of jets."""
+    """Returns the state with the wide prior for the lags of other kinds of jets."""
     return _remade(state, _learned(state), state.fresh, _standing(state), lag_open)
 
 
@@ -489,7 +489,7 @@ def _remade(
     standing: tuple[bool, float],
     lag_open: Array,
 ) -> JointState:
-    """The state with other fields; compiled code has no `_replace`.
+    """Returns the state with other fields; compiled code has no `_replace`.
 
     Args:
         state: to take the others from.
@@ -527,5 +527,5 @@ def _remade(
 
 @kernel
 def settled(state: JointState, params: JointParams) -> bool:
-    """Whether the start is over: from then on nothing is incremented without a comparison of hypotheses."""
+    """Tests whether the start is over: from then on nothing is incremented without a comparison of hypotheses."""
     return state.guarded and state.firing_count >= params.settled_after

@@ -34,7 +34,7 @@ _OFF = 3.0  # sigmas by which a prediction lies outside a reading's cell
 
 @kernel
 def readings(rates: Array, velocities: Array, attitudes: Array) -> Array:
-    """All components that are read, gyros first, shape (n_outputs,).
+    """Collects all components that are read, gyros first, shape (n_outputs,).
 
     Args:
         rates: of each gyro package, NaN where missing, rad/s, shape (n_gyros, 3).
@@ -46,7 +46,7 @@ def readings(rates: Array, velocities: Array, attitudes: Array) -> Array:
 
 @kernel
 def rate_read(rates: Array, mean: Array, params: JointParams) -> RateRead:
-    """The rate that gyros show, weighted by their variances.
+    """Computes the rate that gyros show, weighted by their variances.
 
     Args:
         rates: of each package, NaN where missing, rad/s, shape (n_gyros, 3).
@@ -77,7 +77,7 @@ def rate_read(rates: Array, mean: Array, params: JointParams) -> RateRead:
 
 @kernel
 def outputs(mean: Array, reference: Array, spin: Array, params: JointParams) -> tuple[Array, Array]:
-    """Predicted outputs of all components, shape (m,), and their derivative by the state, shape (m, size)."""
+    """Predicts outputs of all components, shape (m,), and their derivative by the state, shape (m, size)."""
     places = params.places
     values, jacobian = np.empty(places.outputs), np.zeros((places.outputs, places.size))
     for package in range(places.gyros):
@@ -109,7 +109,7 @@ def outputs(mean: Array, reference: Array, spin: Array, params: JointParams) -> 
 
 @kernel
 def changed(read: Array, before: Array, params: JointParams) -> np.ndarray:
-    """Which readings differ from those before, shape (m,); a first one does.
+    """Tests which readings differ from those before, shape (m,); a first one does.
 
     Args:
         read: readings, NaN where missing, shape (m,).
@@ -123,7 +123,7 @@ def changed(read: Array, before: Array, params: JointParams) -> np.ndarray:
 def counted(
     read: Array, before: Array, predicted: Array, variance: Array, floors: Array, params: JointParams
 ) -> tuple[np.ndarray, Array]:
-    """Which readings count, shape (m,), and the floors of their predictions, shape (m,).
+    """Selects the readings that count, shape (m,), and computes the floors of their predictions, shape (m,).
 
     Args:
         read: readings, NaN where missing, shape (m,).
@@ -143,7 +143,7 @@ def counted(
 def told_by_trackers(
     innovation: Array, projected: Array, rate: Array, floors: Array, params: JointParams
 ) -> tuple[Array, Array]:
-    """Variances of readings, and floors of their predictions, with those of trackers' readings, shape (m,) each.
+    """Computes variances of readings, and floors of their predictions, with those of trackers, shape (m,) each.
 
     A stamp that is off by dt turns a reading by the rate times dt. A reading that is likelier a poor one, by the share
     of these, has the variance of one.
@@ -172,12 +172,12 @@ def told_by_trackers(
 
 @kernel
 def _log_density(error: Array, covariance: Array) -> float:
-    """Gaussian log density of three components but for its constant, nats."""
+    """Computes the Gaussian log density of three components but for its constant, nats."""
     return -0.5 * (np.log(np.linalg.det(covariance)) + error @ np.linalg.solve(covariance, error))
 
 
 def rebased(state: JointState, params: JointParams) -> JointState:
-    """The state with what accelerometers have gathered so far taken as it is, whatever the center of mass now becomes.
+    """Fixes the velocity that accelerometers have gathered so far, whatever the center of mass now becomes.
 
     c_s <- c_s + O rho_s, w_ref <- w, C <- 0: for a jump of the mass properties, and never for an increment, after which
     the old center of mass was wrong all along.

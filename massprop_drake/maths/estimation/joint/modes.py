@@ -49,7 +49,7 @@ _LEAST = 0.05  # physics: of what is stated, a part that moves has no less parti
 
 
 class ModeParams(NamedTuple):
-    """The modes of a vehicle.
+    """Parameters of a vehicle's modes.
 
     Attributes:
         translation: Phi_v, body axes, root of slug or kg, shape (n, 3).
@@ -113,7 +113,7 @@ class Rigid(NamedTuple):
 
 
 class Swing(NamedTuple):
-    """The modes over an interval.
+    """Motion of the modes over an interval.
 
     Attributes:
         push, turn: Phi_v and Phi_w about the center of mass as they are estimated, shape (n, 3).
@@ -136,7 +136,7 @@ class Swing(NamedTuple):
 
 @kernel
 def exponential(matrix: Array) -> Array:
-    """The exponential of a square matrix, by its series and squaring."""
+    """Computes the exponential of a square matrix, by its series and squaring."""
     squarings = 0
     norm = np.abs(matrix).sum(axis=1).max()
     while norm > _SMALL:
@@ -154,7 +154,7 @@ def exponential(matrix: Array) -> Array:
 
 @kernel
 def tuned(errors: Array, modes: ModeParams) -> Array:
-    """Participation, frequency and damping of each part over what is stated, and its shift, shape (n_parts, 6).
+    """Returns participation, frequency and damping of each part over those stated, and its shift, shape (n_parts, 6).
 
     Args:
         errors: estimates in units of their sigmas, shape (6 n_parts,); none: as stated.
@@ -171,7 +171,7 @@ def tuned(errors: Array, modes: ModeParams) -> Array:
 
 @kernel
 def swinging(rigid: Rigid, factors: Array, duration_s: float, modes: ModeParams) -> Swing:
-    """The modes over an interval.
+    """Computes the motion of the modes over an interval.
 
     Args:
         rigid: see `Rigid`.
@@ -210,7 +210,7 @@ def swinging(rigid: Rigid, factors: Array, duration_s: float, modes: ModeParams)
 
 
 def spread_of(displaced: Array, modes: ModeParams) -> Array:
-    """1-sigma of eta and eta' of modes that swing, by that of eta, shape (2 n,).
+    """Computes 1-sigma of eta and eta' of modes that swing, from that of eta, shape (2 n,).
 
     Args:
         displaced: of eta, shape (n,).

@@ -1,4 +1,4 @@
-r"""The attitude among the joint estimator's states, and how an interval turns it.
+r"""Attitude among the joint estimator's states, and its change over an interval.
 
     R = exp([psi x]) R_s,    y = log(R_read R_s^T) = psi + noise,
 
@@ -37,7 +37,7 @@ STILL = np.stack((UNTURNED, UNTURNED))  # shared attitude before and after an in
 
 @kernel
 def turned(psi: Array, frames: Array, rates: Array, bow: Array, duration_s: float) -> tuple[Array, Array]:
-    """The attitude after an interval, shape (3,), and B0 and B1, shape (2, 3, 3).
+    """Computes the attitude after an interval, shape (3,), and B0 and B1, shape (2, 3, 3).
 
     Args:
         psi: before, rad, shape (3,).
@@ -59,7 +59,7 @@ def turned(psi: Array, frames: Array, rates: Array, bow: Array, duration_s: floa
 
 @kernel
 def shared_attitude(frame: Array, rate: Array, duration_s: float, read: Array) -> tuple[Array, Array]:
-    """The shared attitude after an interval, shape (4,), and what trackers read relative to it, shape (n, 3).
+    """Computes the shared attitude after an interval, shape (4,), and trackers' readings relative to it, shape (n, 3).
 
     Args:
         frame: the shared attitude before, shape (4,).

@@ -1,4 +1,4 @@
-r"""What a jump of the mass properties brought: how much mass, and where.
+r"""Mass that a jump of the mass properties added, and its place.
 
 From the estimates before it and now, m = 1/mu, the mass gained is m_2 - m_1 and its place (m_2 r_2 - m_1 r_1) divided
 by it. Both estimates rest on the same parameters p that a jump does not change: thrust errors, lags, biases and the
@@ -30,7 +30,7 @@ _EXACT = 1e-9  # of the largest sigma of p: below, a direction of it is exact, a
 
 
 class Payload(NamedTuple):
-    """What was gained.
+    """Mass gained by the vehicle.
 
     Attributes:
         mass, mass_sigma: released: negative, slug or kg.
@@ -47,7 +47,7 @@ UNKNOWN = Payload(np.nan, np.nan, np.full(3, np.nan), np.full(3, np.nan))  # whe
 
 
 def brought(earlier: JointState, now: JointState, params: JointParams) -> Payload:
-    """What was gained since, with sigmas by first-order propagation.
+    """Computes the mass gained since a state, with sigmas by first-order propagation.
 
     Args:
         earlier: of the filter before the jump.
@@ -67,7 +67,7 @@ def brought(earlier: JointState, now: JointState, params: JointParams) -> Payloa
 
 
 def _as_known_now(earlier: JointState, now: JointState, params: JointParams) -> JointState:
-    """The state before, with p as known now; root in the columns of the present one's and then of the rest."""
+    """Returns the earlier state given p as known now; root in the columns of the present one's and then of the rest."""
     places, size = params.places, params.places.size
     mean, root = earlier.mean.copy(), np.hstack((np.zeros_like(earlier.root), earlier.root))
     shared = slice(places.thrust, places.force)
@@ -81,7 +81,7 @@ def _as_known_now(earlier: JointState, now: JointState, params: JointParams) -> 
 
 
 def _mass_and_moment(state: JointState, params: JointParams) -> tuple[Array, Array]:
-    """Mass m and moment m r, shape (4,), and the rows of their errors, shape (4, k)."""
+    """Computes mass m and moment m r, shape (4,), and the rows of their errors, shape (4, k)."""
     properties, rows = reported(state, params)
     mass, center = 1.0 / properties[MASS], properties[CENTER]
     of_mass = -(mass**2) * rows[MASS]

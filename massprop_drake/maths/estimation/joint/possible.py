@@ -1,4 +1,4 @@
-r"""What it costs a hypothesis that a jet gives no less than nothing and no more than its thrust.
+r"""Cost of a hypothesis whose jets give less than nothing or more than their thrust.
 
 Forces have Gaussian priors, which allow any. Of one jet that its readings put below zero little is left; but of two the
 sum may be known to a hundredth and the difference hardly at all, so that neither by itself is out of bounds where no
@@ -15,7 +15,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 
 def beyond(force: Array, covariance: Array, most: Array) -> Array:
-    """Nats by which the likeliest possible forces are less likely than those found, of any number of hypotheses.
+    """Computes the nats by which the likeliest possible forces are less likely than those found, for many hypotheses.
 
     Args:
         force: of one or two jets each, lbf or N, shape (number, jets).

@@ -118,7 +118,7 @@ _MOST_LIGHT = 3.0  # times the nominal 1/m: beyond, an estimate is none, and not
 
 
 class Drive(NamedTuple):
-    """What acts on the vehicle over an interval.
+    """Forces and impulses on the vehicle over an interval.
 
     Attributes:
         firing: see `impulses.Firing`.
@@ -142,7 +142,7 @@ class Drive(NamedTuple):
 
 
 class RateRead(NamedTuple):
-    """The rate that gyros show at the end of an interval.
+    """Rate that gyros show at the end of an interval.
 
     Attributes:
         rate: weighted mean of the packages, biases taken off, NaN where none reads, rad/s, shape (3,).
@@ -156,7 +156,7 @@ class RateRead(NamedTuple):
 
 
 class Prediction(NamedTuple):
-    """The state predicted over an interval, and how errors go over.
+    """State predicted over an interval, and the propagation of errors.
 
     Attributes:
         mean: predicted, shape (size,).
@@ -218,7 +218,7 @@ class Coupling(NamedTuple):
 def drive(
     state: JointState, durations_s: Array, commands: Array, outside: Array, timing: Timing, params: JointParams
 ) -> Drive:
-    """What acts over an interval, with lag and ticks at their present estimates.
+    """Computes the drive of an interval, with lag and ticks at their present estimates.
 
     Args:
         state: before.
@@ -249,7 +249,7 @@ def drive(
 
 @kernel
 def burning(acting: Drive, burn: Burn, state: JointState, params: JointParams) -> Drive:
-    """The drive with what engines give, their errors at the present estimates."""
+    """Adds the engines' impulse to a drive, their errors at the present estimates."""
     places = params.places
     if places.engines == 0:
         return acting
@@ -269,7 +269,7 @@ def burning(acting: Drive, burn: Burn, state: JointState, params: JointParams) -
 
 @kernel
 def lag_of(mean: Array, params: JointParams) -> tuple[Array, Array]:
-    """Time constant of each jet at the present estimate, and its logarithm's derivative by the error of its kind."""
+    """Computes each jet's time constant at the present estimate, and its logarithm's derivative by its kind's error."""
     places = params.places
     errors = mean[places.lag : places.lag + places.n_lag]
     return time_constants(params.time_constants_s, params.kinds, params.lag_sigma, errors)
@@ -277,7 +277,7 @@ def lag_of(mean: Array, params: JointParams) -> tuple[Array, Array]:
 
 @kernel
 def _thrust_factors(state: JointState, params: JointParams) -> tuple[Array, Array]:
-    """1 + sigma_T b of each jet, and what counts of its lag, shape (n_jets,) each."""
+    """Computes 1 + sigma_T b of each jet, and the factor of its lag, shape (n_jets,) each."""
     places = params.places
     factor = np.ones(places.jets)
     if places.n_thrust > 0:
@@ -292,14 +292,14 @@ def _thrust_factors(state: JointState, params: JointParams) -> tuple[Array, Arra
 
 @kernel
 def wrenches_of(mean: Array, params: JointParams) -> Array:
-    """Torque about the vehicle origin and force of each jet, mounted as it is estimated, shape (n_jets, 6)."""
+    """Computes torque about the vehicle origin and force of each jet, mounted as it is estimated, shape (n_jets, 6)."""
     places = params.places
     return displaced(params.wrenches, mean[places.mount : places.mount + places.n_mount], params.mounting)
 
 
 @kernel
 def error_rows(state: JointState, acting: Drive, params: JointParams) -> tuple[Array, Array]:
-    """Derivatives of the changes of w and of c by the parameters: thrust and lag errors, s, ticks, and forces.
+    """Computes derivatives of the changes of w and c by the parameters: thrust and lag errors, s, ticks, and forces.
 
     Args:
         state: where they are taken; shape of both results (3, size), zero for the rest of the state.
@@ -351,7 +351,7 @@ def error_rows(state: JointState, acting: Drive, params: JointParams) -> tuple[A
 
 @kernel
 def _slot_weight(state: JointState, slot: int, firing: Firing) -> float:
-    """Seconds for which a slot's force acts: T or T - L where the jet gives more than it is told, else -L."""
+    """Computes the seconds for which a slot's force acts: T or T - L if the jet gives more than commanded, else -L."""
     amount = float(firing.amount[int(state.slot_jet[slot])])
     if state.slot_on_top[slot] > 0.0:
         return firing.duration_s
@@ -360,7 +360,7 @@ def _slot_weight(state: JointState, slot: int, firing: Firing) -> float:
 
 @kernel
 def effective_seconds(state: JointState, firing: Firing, params: JointParams) -> Array:
-    """Seconds of full thrust of each jet with its thrust error and the forces of failures, shape (n_jets,)."""
+    """Computes seconds of full thrust of each jet with its thrust error and the forces of failures, shape (n_jets,)."""
     factor, _ = _thrust_factors(state, params)
     seconds = firing.amount * factor
     for slot in range(params.places.n_force):
@@ -375,7 +375,7 @@ def effective_seconds(state: JointState, firing: Firing, params: JointParams) ->
 def predict(
     state: JointState, acting: Drive, rate_read: RateRead, params: JointParams, around: tuple[Array, Spun] = ALONE
 ) -> Prediction:
-    """The state over an interval, before its readings but for the rate in the dynamic coupling.
+    """Predicts the state over an interval; readings enter only by the rate in the dynamic coupling.
 
     Args:
         state: before.
@@ -466,7 +466,7 @@ def predict(
 def _from_tanks(
     state: JointState, acting: Drive, seconds: Array, params: JointParams
 ) -> tuple[float, TankChange, Array]:
-    """Propellant that is used, slug or kg, what changes as it is drawn from tanks, and the derivatives of that.
+    """Computes the propellant used, slug or kg, the changes by drawing it from tanks, and their derivatives.
 
     Args:
         state: before the interval.
@@ -514,7 +514,7 @@ def _from_tanks(
 
 @kernel
 def _while_drawn(change: Array, inverse: Array, moment: Array, linear: Array) -> Array:
-    """Change of the rate by what is drawn from tanks by the middle of an interval, rad/s, shape (3,).
+    """Computes the change of the rate by propellant drawn up to the middle of an interval, rad/s, shape (3,).
 
     Args:
         change: of the ten parameters by what is drawn, see `tanks.TankChange`; empty: there are no tanks.
@@ -529,7 +529,7 @@ def _while_drawn(change: Array, inverse: Array, moment: Array, linear: Array) ->
 
 @kernel
 def _with_used(after: Array, lighter: float, change: Array, turned: Array, params: JointParams) -> Array:
-    """The predicted mean once propellant has been used, shape (size,).
+    """Computes the predicted mean once propellant has been used, shape (size,).
 
     Args:
         after: the mean without that, shape (size,).
@@ -553,7 +553,7 @@ def _with_used(after: Array, lighter: float, change: Array, turned: Array, param
 def _impulse_rows(
     state: JointState, acting: Drive, impulse: tuple[Array, Array], flow: float, params: JointParams
 ) -> tuple[Array, Array]:
-    """Derivatives of the changes of w and of c by impulses, shape (3, size) each.
+    """Computes derivatives of the changes of w and c by impulses, shape (3, size) each.
 
     Args:
         state: before the interval.
@@ -572,7 +572,7 @@ def _impulse_rows(
 
 @kernel
 def _swing_params(params: JointParams) -> SwingParams:
-    """The modes, and where they stand in the state."""
+    """Returns the modes, and their places in the state."""
     places = params.places
     scale = places.scale if places.n_scale > 0 else -1
     return SwingParams(params.modes, places.swing, places.moving, places.n_moving, scale, params.thrust_sigma)
@@ -580,7 +580,7 @@ def _swing_params(params: JointParams) -> SwingParams:
 
 @kernel
 def _turning_back(state: JointState, duration_s: float) -> Array:
-    """Change of the rate by its own coupling, as far as that is known, as modes feel it, shape (3,)."""
+    """Computes the change of the rate by its own coupling, as far as known, as modes feel it, shape (3,)."""
     if not _knows_inertia(state.mean, state.root[:N_PROPERTIES] @ state.root[:N_PROPERTIES].T):
         return np.zeros(3)
     inverse, rate = picked(state.mean, ELEMENT), state.mean[RATE]
@@ -596,7 +596,7 @@ def _with_modes(
     about: tuple[float, float],
     params: JointParams,
 ) -> tuple[tuple[tuple[Array, Array], tuple[Array, Array]], Swung, Array, Wander]:
-    """Changes of w and c and their derivatives with what modes do; the modes; noise, and what comes of z, with that.
+    """Adds the modes' effects to the changes of w and c, their derivatives, noise and z; also returns the modes.
 
     Args:
         state: before the interval.
@@ -620,14 +620,14 @@ def _with_modes(
 
 @kernel
 def _scale_of_known(mean: Array, params: JointParams) -> float:
-    """1 - sigma_T s, by which what is known is smaller in the variables of `thrust_scale`."""
+    """Computes 1 - sigma_T s, by which known impulses are smaller in the variables of `thrust_scale`."""
     places = params.places
     return 1.0 - params.thrust_sigma * mean[places.scale] if places.n_scale > 0 else 1.0
 
 
 @kernel
 def _known_impulse(mean: Array, acting: Drive, speeds: Spun, params: JointParams) -> tuple[Array, Array, float]:
-    """Impulse of outside forces, engines and wheels, shape (6,); h at both ends, shape (2, 3); and 1 - sigma_T s."""
+    """Computes impulse of outside forces, engines, wheels, shape (6,); h at both ends, shape (2, 3); 1 - sigma_T s."""
     scale = _scale_of_known(mean, params)
     momenta = scale * of_wheels(speeds, wheel_factors(mean, params), params.wheels)
     impulse = scale * (acting.outside + acting.engines.impulse)
@@ -639,7 +639,7 @@ def _known_impulse(mean: Array, acting: Drive, speeds: Spun, params: JointParams
 def _with_gathered(
     after: Array, change: Array, apart: tuple[Array, Array], duration_s: float, params: JointParams
 ) -> Array:
-    """The predicted mean with what accelerometers gather over the interval, shape (size,).
+    """Computes the predicted mean with the accelerometers' velocity gained over the interval, shape (size,).
 
     Args:
         after: the mean without that, shape (size,).
@@ -662,7 +662,7 @@ def _with_gathered(
 def _with_attitude(
     state: JointState, after: Array, acting: Drive, over: tuple[Array, Array, bool], params: JointParams
 ) -> tuple[Array, Array]:
-    """The predicted mean with its attitude, shape (size,), and derivatives of that, see `Prediction`.
+    """Computes the predicted mean with its attitude, shape (size,), and derivatives of that, see `Prediction`.
 
     Args:
         state: before the interval.
@@ -687,7 +687,7 @@ def _with_attitude(
 def _second_order(
     state: JointState, acting: Drive, pulls: tuple[Array, Array], covariance: Array, params: JointParams
 ) -> tuple[Array, Array]:
-    """Mean, shape (6,), and covariance, shape (6, 6), on w and c, of the products of errors.
+    """Computes mean, shape (6,), and covariance, shape (6, 6), on w and c, of the products of errors.
 
     Args:
         state: before the interval.
@@ -727,7 +727,7 @@ def _second_order(
 
 @kernel
 def _opening_products(mean: Array, firing: Firing, covariance: Array, params: JointParams) -> Array:
-    """Covariance on w and c, shape (6, 6), of openings that readings show times errors of the ten parameters.
+    """Computes covariance on w and c, shape (6, 6), of openings that readings show times the ten parameters' errors.
 
     An opening is as well shown as the inertia is known, and lies between none and all of the interval.
     """
@@ -741,7 +741,7 @@ def _opening_products(mean: Array, firing: Firing, covariance: Array, params: Jo
 
 @kernel
 def wheel_factors(mean: Array, params: JointParams) -> Array:
-    """1 + sigma p of each wheel's inertia, shape (n_wheels,)."""
+    """Computes 1 + sigma p of each wheel's inertia, shape (n_wheels,)."""
     places, factors = params.places, np.ones(params.places.wheels)
     if places.n_wheel > 0:
         factors = factors + params.wheels.sigma * mean[places.wheel : places.wheel + places.n_wheel]
@@ -750,7 +750,7 @@ def wheel_factors(mean: Array, params: JointParams) -> Array:
 
 @kernel
 def _with_wheels(rows: Array, mean: Array, exchange: Array, scale: float, params: JointParams) -> Array:
-    """Derivative of the change of w with that by errors of the wheels' inertias, and of s by what wheels do.
+    """Adds derivatives of the change of w by errors of the wheels' inertias, and of s by the wheels' impulse.
 
     Args:
         rows: without that, shape (3, size).
@@ -771,7 +771,7 @@ def _with_wheels(rows: Array, mean: Array, exchange: Array, scale: float, params
 
 @kernel
 def _wheel_products(state: JointState, exchange: Array, covariance: Array, params: JointParams) -> tuple[Array, Array]:
-    """Mean, shape (6,), and covariance, shape (6, 6), of what wheels are off by times errors of the ten parameters.
+    """Computes mean, shape (6,), and covariance, shape (6, 6), of wheel errors times errors of the ten parameters.
 
     They are off by the errors of their inertias, and in the scale of thrust by its error.
     """
@@ -790,7 +790,7 @@ def _wheel_products(state: JointState, exchange: Array, covariance: Array, param
 def _engine_products(
     state: JointState, pushed: EngineImpulse, covariance: Array, params: JointParams
 ) -> tuple[Array, Array]:
-    """Mean, shape (6,), and covariance, shape (6, 6), of what engines are off by times errors of the ten parameters.
+    """Computes mean, shape (6,), and covariance, shape (6, 6), of engine errors times errors of the ten parameters.
 
     They are off by their own errors, and in the scale of the jets' thrust by its error.
     """
@@ -805,7 +805,7 @@ def _engine_products(
 
 @kernel
 def _bows_of_thrust(state: JointState, acting: Drive, params: JointParams) -> Array:
-    """Angular impulses of the bows by thrust that builds up or tails off, see the module, shape (3, 3)."""
+    """Computes angular impulses of the bows by thrust that builds up or tails off, see the module, shape (3, 3)."""
     _, lagged = _thrust_factors(state, params)
     return moments_of((acting.firing.bow * lagged) @ wrenches_of(state.mean, params), state.mean)
 
@@ -819,7 +819,7 @@ def _coupled(
     momenta: Array,
     params: JointParams,
 ) -> tuple[bool, Coupling, Array, Array]:
-    """Dynamic coupling with the rate as a reading corrects it, by its share; that rate; and the bows of the rate.
+    """Computes dynamic coupling with the rate as a reading corrects it, by its share; that rate; and its bows.
 
     Before all these, whether coupling counts: where it does not, only that by the wheels' momentum is in it.
 
@@ -860,7 +860,7 @@ def _coupled(
 
 @kernel
 def _with_coupling(rate_rows: Array, through: Coupling, read: RateRead, share: Array) -> Array:
-    """Derivative of the change of w with that by coupling, of which w1 is part and on which it depends."""
+    """Computes the derivative of the change of w with that by coupling, of which w1 is part and on which it depends."""
     rows, own = rate_rows.copy(), (1.0 - share).reshape(3, 1)
     rows[:, RATE] += through.by_start
     rows[:, INERTIA] += through.by_inertia
@@ -871,7 +871,7 @@ def _with_coupling(rate_rows: Array, through: Coupling, read: RateRead, share: A
 
 @kernel
 def _share_of_reading(half: Array, noise: Array, read: RateRead) -> tuple[Array, Array]:
-    """Share by which a reading corrects the predicted rate, and the variance that is left, shape (3,) each.
+    """Computes the share by which a reading corrects the predicted rate, and the remaining variance, shape (3,) each.
 
     Args:
         half: root of the covariance of the predicted rate but for the noise, shape (3, k).
@@ -890,7 +890,7 @@ def _share_of_reading(half: Array, noise: Array, read: RateRead) -> tuple[Array,
 
 @kernel
 def _corrected(rate: Array, read: RateRead, share: Array) -> Array:
-    """The rate as a reading corrects it."""
+    """Computes the rate as a reading corrects it."""
     result = rate.copy()
     for axis in range(3):
         if share[axis] > 0.0:
@@ -900,7 +900,7 @@ def _corrected(rate: Array, read: RateRead, share: Array) -> Array:
 
 @kernel
 def turned_by(start: Array, end: Array, arms: Array, duration_s: float) -> Array:
-    """D0 and D1 of each arm, shape (2, n, 3, 3).
+    """Computes D0 and D1 of each arm, shape (2, n, 3, 3).
 
     Args:
         start, end: w0 and w1, rad/s, shape (3,).
@@ -918,7 +918,7 @@ def turned_by(start: Array, end: Array, arms: Array, duration_s: float) -> Array
 
 @kernel
 def _through_turning(noise: Array, wander: Wander, by_end: Array) -> tuple[Array, Wander]:
-    """Noise on w and c, shape (6, 6), and what comes of a disturbance, with what that on w1 turns c by."""
+    """Computes noise on w and c, shape (6, 6), and a disturbance's effects, turning of c included."""
     turned = noise.copy()
     turned[3:] += by_end @ noise[:3]
     turned[:, 3:] += turned[:, :3] @ by_end.T
@@ -929,7 +929,7 @@ def _through_turning(noise: Array, wander: Wander, by_end: Array) -> tuple[Array
 
 @kernel
 def gathered_rows(prediction: Prediction, package: int) -> Array:
-    """Derivative of the change of a package's c_s by the state, without its biases, shape (3, size)."""
+    """Computes the derivative of the change of a package's c_s by the state, without its biases, shape (3, size)."""
     by_start, by_end = prediction.apart[0, package], prediction.apart[1, package]
     rows = prediction.velocity_rows + by_end @ prediction.rate_rows
     rows[:, RATE] += by_start + by_end
@@ -938,7 +938,7 @@ def gathered_rows(prediction: Prediction, package: int) -> Array:
 
 @kernel
 def bows_of_coupling(turning: tuple[Array, Array], start: Array, end: Array, duration_s: float) -> Array:
-    """Angular impulses of the bow that coupling itself gives the rate: mean, first moment, root mean square.
+    """Computes angular impulses of the bow of the rate by coupling itself: mean, first moment, root mean square.
 
     Args:
         turning: inertia about the center of mass, shape (3, 3), and h at the start and the end, shape (2, 3).
@@ -956,7 +956,7 @@ def bows_of_coupling(turning: tuple[Array, Array], start: Array, end: Array, dur
 def coupling(
     inertias: tuple[Array, Array], rates: tuple[Array, Array], momenta: Array, bows: Array, duration_s: float
 ) -> Coupling:
-    """The change g of the rate by dynamic coupling, and its derivatives; those of the bows are left out.
+    """Computes the change g of the rate by dynamic coupling, and its derivatives; those of the bows are left out.
 
     Args:
         inertias: J and its inverse, shape (3, 3) each; zero in its place: h alone is turned.
@@ -983,7 +983,7 @@ def coupling(
 
 @kernel
 def largest_coupling(start: Array, end: Array, duration_s: float) -> float:
-    """What dynamic coupling changes the rate by at the most, whatever the inertia: |w|^2 T.
+    """Bounds the change of the rate by dynamic coupling, whatever the inertia: |w|^2 T.
 
     No principal moment of a body exceeds the sum of the other two, so |J (w x J^-1 w)| <= |w|^2.
 
@@ -996,7 +996,7 @@ def largest_coupling(start: Array, end: Array, duration_s: float) -> float:
 
 @kernel
 def spin_integral(start: Array, end: Array, bowed: Array, duration_s: float) -> Array:
-    """The integral of w w^T dt of a rate that is linear but for a bow, six elements, rad^2/s, shape (6,).
+    """Computes the integral of w w^T dt of a rate that is linear but for a bow, six elements, rad^2/s, shape (6,).
 
     Args:
         start, end: rates, rad/s, shape (3,).
@@ -1014,7 +1014,7 @@ def spin_integral(start: Array, end: Array, bowed: Array, duration_s: float) -> 
 
 @kernel
 def turning(rate: Array, reference: Array, spin: Array) -> Array:
-    """O = [(w - w_ref) x] + C, shape (3, 3).
+    """Computes O = [(w - w_ref) x] + C, shape (3, 3).
 
     Args:
         rate, reference: w and w_ref, rad/s, shape (3,).
@@ -1027,7 +1027,7 @@ def turning(rate: Array, reference: Array, spin: Array) -> Array:
 
 @kernel
 def propagated(root: Array, prediction: Prediction, params: JointParams) -> Array:
-    """The covariance's root over the interval, with its noise as more columns, not compressed."""
+    """Propagates the covariance's root over the interval, with its noise as more columns, not compressed."""
     places = params.places
     after = root.copy()
     moved = sparse_product(np.vstack((prediction.rate_rows, prediction.velocity_rows)), root)
@@ -1084,7 +1084,7 @@ def propagated(root: Array, prediction: Prediction, params: JointParams) -> Arra
 
 @kernel
 def _knows_inertia(mean: Array, covariance: Array) -> bool:
-    """Whether J is positive definite and its diagonal known to half its size."""
+    """Tests whether J is positive definite and its diagonal known to half its size."""
     for i in range(3):
         if not np.sqrt(covariance[i, i]) < 0.5 * mean[i]:
             return False
@@ -1093,7 +1093,7 @@ def _knows_inertia(mean: Array, covariance: Array) -> bool:
 
 @kernel
 def _thrust_products(state: JointState, acting: Drive, covariance: Array, params: JointParams) -> tuple[Array, Array]:
-    """Mean, shape (6,), and covariance, shape (6, 6), of thrust errors times errors of the ten parameters."""
+    """Computes mean, shape (6,), and covariance, shape (6, 6), of thrust errors times errors of the ten parameters."""
     mean, places = state.mean, params.places
     jets = np.flatnonzero(np.abs(acting.firing.amount) > _FIRES * acting.firing.duration_s)
     shares = params.thrust_sigma * acting.firing.amount[jets]
@@ -1103,7 +1103,7 @@ def _thrust_products(state: JointState, acting: Drive, covariance: Array, params
 
 @kernel
 def _mounting_products(state: JointState, acting: Drive, covariance: Array, params: JointParams) -> tuple[Array, Array]:
-    """Mean, shape (6,), and covariance, shape (6, 6), of errors of the jets' mounting times those of the parameters."""
+    """Computes mean, shape (6,), and covariance, shape (6, 6), of mounting errors times those of the parameters."""
     seconds = acting.firing.amount[params.mounting.jets]
     there = np.flatnonzero(np.abs(seconds) > _FIRES * acting.firing.duration_s)
     effects = parameter_effects(state.mean, params.mounting.wrenches[there]) * seconds[there].reshape(-1, 1)
@@ -1112,7 +1112,7 @@ def _mounting_products(state: JointState, acting: Drive, covariance: Array, para
 
 @kernel
 def _force_products(state: JointState, firing: Firing, covariance: Array, params: JointParams) -> tuple[Array, Array]:
-    """Mean, shape (6,), and covariance, shape (6, 6), of errors of failed jets' forces times those of the parameters.
+    """Computes mean, shape (6,), and covariance, shape (6, 6), of failure force errors times those of the parameters.
 
     A jet that has just failed may give anything: what it does to the rates is then as uncertain as what every jet does.
     """
@@ -1125,7 +1125,7 @@ def _force_products(state: JointState, firing: Firing, covariance: Array, params
 
 @kernel
 def _products(rows: Array, effects: Array, state: JointState, covariance: Array) -> tuple[Array, Array]:
-    """Mean, shape (6,), and covariance, shape (6, 6), of errors of what jets give times those of the ten parameters.
+    """Computes mean, shape (6,), and covariance, shape (6, 6), of jet impulse errors times those of the parameters.
 
     Args:
         rows: of the covariance's root, of what each jet gives, shape (n, size).
@@ -1146,13 +1146,13 @@ def _flat_times(effects, covariance):  # type: ignore[no-untyped-def] # compiled
 
 @idiom(_flat_times)
 def _each_times(effects: Array, covariance: Array) -> Array:
-    """Each matrix of a stack times another one."""
+    """Multiplies each matrix of a stack by another one."""
     return effects @ covariance
 
 
 @kernel
 def parameter_effects(mean: Array, wrenches: Array) -> Array:
-    """N_j, the effect of errors of the ten parameters on w and c under wrenches for a second, shape (6, n, 10)."""
+    """Computes N_j, effect of the ten parameters' errors on w and c under wrenches for a second, shape (6, n, 10)."""
     inverse = picked(mean, ELEMENT)
     moments, forces = moments_of(wrenches, mean), wrenches[:, 3:]
     effects = np.zeros((6, wrenches.shape[0], N_PROPERTIES))
@@ -1166,7 +1166,7 @@ def parameter_effects(mean: Array, wrenches: Array) -> Array:
 
 @kernel
 def _white_noise(mean: Array, acting: Drive, params: JointParams) -> Array:
-    """Covariance on w and c of walks, of impulses that scatter, of ticks, and of unknown commands, shape (6, 6)."""
+    """Computes covariance on w and c of walks, impulse scatter, ticks, and unknown commands, shape (6, 6)."""
     noise, firing = spread(acting.anything), acting.firing
     by_chance = (params.repeatability * firing.amount) ** 2
     variance = firing.variance + shortened(firing.duration_s, params.rates) * by_chance
@@ -1187,7 +1187,7 @@ def _white_noise(mean: Array, acting: Drive, params: JointParams) -> Array:
 
 @kernel
 def propellant_drift(properties: Array, used: float, tank_fraction: float, arm: float) -> Array:
-    """Variances that propellant which is used adds to inertia and center of mass, shape (10,).
+    """Computes variances that used propellant adds to inertia and center of mass, shape (10,).
 
     Args:
         properties: the ten parameters, shape (10,) or more.
@@ -1202,7 +1202,7 @@ def propellant_drift(properties: Array, used: float, tank_fraction: float, arm: 
 
 @kernel
 def _acting(state: JointState, speeds: Spun, inverse: Array, duration_s: float, params: JointParams) -> Wander:
-    """Course of what acts besides the jets, stated or not, and of errors of the wheels' readings.
+    """Computes the course of disturbances, stated or not, and of errors of the wheels' readings.
 
     Args:
         state: before the interval.
@@ -1218,7 +1218,7 @@ def _acting(state: JointState, speeds: Spun, inverse: Array, duration_s: float, 
 
 @kernel
 def _moving_drift(state: JointState, turned: Array, pushed: Array, duration_s: float, params: JointParams) -> Array:
-    """Variances that something unstated adds to the ten parameters over an interval in which jets fire, shape (10,).
+    """Computes variances that an unstated disturbance adds to the ten parameters while jets fire, shape (10,).
 
     What moves inside gives back what jets give to it, later: they turn and push the vehicle now more, now less, by the
     share that what is unstated has in what they give. That share comes anew once in its time constant.
@@ -1246,7 +1246,7 @@ def _moving_drift(state: JointState, turned: Array, pushed: Array, duration_s: f
 
 @kernel
 def _relative_drift(properties: Array, each: float, arm: float) -> Array:
-    """Variances of inertia and center of mass of a relative variance, shape (10,)."""
+    """Computes variances of inertia and center of mass from a relative variance, shape (10,)."""
     drift = np.zeros(N_PROPERTIES)
     for k, (i, j) in enumerate(_PAIRS):
         drift[k] = each * abs(properties[i] * properties[j])

@@ -69,7 +69,7 @@ class Sites(NamedTuple):
 
 @kernel
 def truncated_moments(lower: float, upper: float) -> Moments:
-    """Moments of N(0, 1) truncated to an interval.
+    """Computes moments of N(0, 1) truncated to an interval.
 
     Args:
         lower, upper: bounds, lower < upper.
@@ -82,7 +82,7 @@ def truncated_moments(lower: float, upper: float) -> Moments:
 
 @kernel
 def _upper_moments(lower: float, upper: float) -> Moments:
-    """Moments over an interval whose middle is not negative."""
+    """Computes moments over an interval whose middle is not negative."""
     width = upper - lower
     if not 0.0 < width < math.inf:  # of a filter that has overflowed, or is off by more than arithmetic resolves
         return Moments(math.nan, math.nan, math.nan)
@@ -101,7 +101,7 @@ def _upper_moments(lower: float, upper: float) -> Moments:
 
 @kernel
 def _moments_by_quadrature(lower: float, width: float) -> Moments:
-    """Moments over a narrow cell, or over what bears probability of a wide one, from its lower bound on."""
+    """Computes moments over a narrow cell, or over the probable part of a wide one, from its lower bound on."""
     if lower > 0.0:
         width = min(width, 2.0 * _SPENT / (lower + math.sqrt(lower * lower + 2.0 * _SPENT)))
     offset = width * (0.5 + _NODES)

@@ -33,7 +33,7 @@ EVERY_PERIOD = Rates(0.0, 1)
 
 @kernel
 def shortened(duration_s: float, rates: Rates) -> float:
-    """Number of intervals like one that a control period has; 1 where a step is taken every period.
+    """Returns the number of such intervals in a control period; 1 where a step is taken every period.
 
     Args:
         duration_s: length of the interval.

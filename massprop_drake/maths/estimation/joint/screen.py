@@ -1,4 +1,4 @@
-r"""First-order test of many faults at once: columns beside the filter that knows of none.
+r"""First-order test of many faults at once: columns beside a filter that assumes none.
 
 Per onset there is a column for each jet that gives something on top of what it is told to, for each that gives less,
 for the impulse of each jet in the first interval (nobody knows when in it a failure began) and in the second (it builds
@@ -60,7 +60,7 @@ _ALIKE = 4  # jets of which pairs are looked at since together they push as one:
 
 
 class Screen(NamedTuple):
-    """Columns of a screen, and what they have explained.
+    """Columns of a screen, and the log likelihood that they explain.
 
     Attributes:
         onsets: cycles after which failures may have begun, ascending.
@@ -99,11 +99,11 @@ class Screen(NamedTuple):
 
     @property
     def single(self) -> bool:
-        """Whether it is about single jets alone."""
+        """True if the screen is about single jets alone."""
         return self.information.ndim == _BLOCKS
 
     def among(self, index: int, sets: np.ndarray) -> Array:
-        """A of sets of columns at an onset, shape (number, k, k), their columns of shape (number, k)."""
+        """Computes A of sets of columns at an onset, shape (number, k, k), their columns of shape (number, k)."""
         if self.single:
             jets = self.information.shape[1]
             jet, kind = sets % jets, sets // jets
@@ -112,7 +112,7 @@ class Screen(NamedTuple):
 
 
 class Contender(NamedTuple):
-    """A hypothesis and how likely it is.
+    """Fault hypothesis with its log likelihood to first order.
 
     Attributes:
         cause: see `Cause`.
@@ -141,7 +141,7 @@ def begin(
     *,
     single: bool = False,
 ) -> Screen:
-    """The screen before its first cycle.
+    """Returns the screen before its first cycle.
 
     Args:
         start: state where it begins, and the cycle after which that is.
@@ -176,7 +176,7 @@ def begin(
 
 
 def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
-    """The screen after one more cycle."""
+    """Advances the screen by one cycle."""
     places = params.places
     jets, m = places.jets, over.read.shape[0]
     h, begun = _KINDS * jets + m, sum(onset <= screen.cycle for onset in screen.onsets)
@@ -234,7 +234,7 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
 
 
 def constrained(screen: Screen, rows: np.ndarray, away: Array, covariance: Array) -> Screen:
-    """The screen with some parameters of its filter known after all, as if they had been read.
+    """Conditions the screen on some known parameters of its filter, as if they had been read.
 
     Args:
         screen: of a filter that estimates them.
@@ -259,14 +259,14 @@ def constrained(screen: Screen, rows: np.ndarray, away: Array, covariance: Array
 
 
 def _gram(of_onsets: Array, jets: int) -> Array:
-    """A of each jet's columns, shape (n_onsets, n_jets, 5, 5), from all, shape (n_onsets, m, h)."""
+    """Selects A of each jet's columns, shape (n_onsets, n_jets, 5, 5), from all, shape (n_onsets, m, h)."""
     of_jets = of_onsets[:, :, : _KINDS * jets].reshape(*of_onsets.shape[:2], _KINDS, jets).transpose(0, 3, 2, 1)
     result: Array = of_jets @ of_jets.transpose(0, 1, 3, 2)
     return result
 
 
 def _acting(screen: Screen, over: Link) -> Array:
-    """`Screen.acting` with one more cycle.
+    """Updates `Screen.acting` with one more cycle.
 
     A loss shows only while its jet is told to fire, a jet that is stuck on only while it is not, a leak always; but
     where an onset stands for several intervals, what may have acted in those before it is not known.
@@ -282,7 +282,7 @@ def _acting(screen: Screen, over: Link) -> Array:
 
 
 def explained(information: Array, projection: Array, variances: Array) -> tuple[Array, Array, Array]:
-    """L against no failure, the amplitudes, and their covariances, for any number of sets of columns.
+    """Computes L against no failure, the amplitudes, and their covariances, for any number of sets of columns.
 
     Args:
         information: A of each set, shape (..., k, k).
@@ -298,13 +298,13 @@ def explained(information: Array, projection: Array, variances: Array) -> tuple[
 
 
 def most_forces(params: JointParams) -> Array:
-    """What jets give at most, lbf or N, shape (n_jets,)."""
+    """Computes the largest forces that jets can give, lbf or N, shape (n_jets,)."""
     most: Array = np.maximum(_MOST_FORCE, 1.0 + BOUND * thrust_sigmas(params)) * params.thrusts
     return most
 
 
 def too_much(force: Array, covariance: Array, jets: np.ndarray, params: JointParams) -> Array:
-    """What it costs that jets give less than nothing or more than they can, nats.
+    """Computes the cost of forces below zero or above the jets' thrust, nats.
 
     They can give full thrust and three of its stated 1-sigma. That one is off by more than is stated is as rare as a
     second failure, and costs no more up to what jets give at most.
@@ -321,7 +321,7 @@ def too_much(force: Array, covariance: Array, jets: np.ndarray, params: JointPar
 
 
 def rarity(params: JointParams) -> Array:
-    """What makes small jets as likely as large ones: N(0, T^2) favors those that could not have given more."""
+    """Computes the log prior that makes small jets as likely as large ones: N(0, T^2) favors the weaker ones."""
     result: Array = np.log(params.thrusts / params.thrusts.max())
     return result
 
@@ -329,7 +329,7 @@ def rarity(params: JointParams) -> Array:
 def contenders(
     screen: Screen, allowed: np.ndarray, known: Array, params: JointParams, least: float = 0.0
 ) -> list[Contender]:
-    """All hypotheses that are possible, each at its likeliest onset, likeliest first; lies among them, jumps not.
+    """Returns all possible hypotheses, each at its likeliest onset, likeliest first; false readings too, jumps not.
 
     Of a screen about single jets alone neither pairs nor lies.
 
@@ -354,14 +354,14 @@ def contenders(
 
 
 def jumps(screen: Screen, params: JointParams) -> Array:
-    """L of a jump at the screen's beginning above that of none, for each of `JUMP_SHARES`, nats."""
+    """Computes L of a jump at the screen's beginning above that of none, for each of `JUMP_SHARES`, nats."""
     sigmas = np.array([jump_sigma(params, share) for share in JUMP_SHARES])
     lead, _, _ = explained(screen.jump_information, screen.jump_projection, (sigmas / sigmas[0]) ** 2)
     return lead
 
 
 def _kept(screen: Screen, at: Contender, params: JointParams) -> float:
-    """Nats by which a later onset has to explain more than an earlier one.
+    """Computes the nats by which a later onset has to explain more than an earlier one.
 
     A jet that is not told to fire has nothing to lose: such an onset stands for all since it last fired, and needs no
     impulse in the first interval in which it is told to. Were that taken for the onset, nobody could tell the force
@@ -374,18 +374,18 @@ def _kept(screen: Screen, at: Contender, params: JointParams) -> float:
 
 
 def _of_columns(columns: list[int], jets: int) -> Cause:
-    """The failures of some columns."""
+    """Returns the failures of some columns."""
     signs = tuple(-1 if jets <= column < 2 * jets else 1 for column in columns)
     return Cause(Kind.JETS, tuple(column % jets for column in columns), signs, tuple(int(c < jets) for c in columns))
 
 
 def _directions(columns: np.ndarray, jets: int) -> np.ndarray:
-    """Index of each column's failure among those that give more and then those that give less."""
+    """Returns the index of each column's failure among those that give more and then those that give less."""
     return np.where(columns < 2 * jets, columns, columns % jets)
 
 
 def as_found(columns: np.ndarray, force: Array, params: JointParams) -> np.ndarray:
-    """The columns that go with the forces: what comes on top is a leak, less than half of full thrust."""
+    """Selects the columns that go with the forces: less than half of full thrust is a leak, on top of the command."""
     jets = params.places.jets
     jet = columns % jets
     more = np.where(force < LEAK * params.thrusts[jet], jet, jet + 4 * jets)
@@ -393,12 +393,12 @@ def as_found(columns: np.ndarray, force: Array, params: JointParams) -> np.ndarr
 
 
 def as_rows(values: Array) -> tuple[tuple[float, ...], ...]:
-    """A matrix as `Runner` and `Contender` keep it, by rows."""
+    """Converts a matrix to rows, as `Runner` and `Contender` keep it."""
     return tuple(tuple(row) for row in values.tolist())
 
 
 class _Fitted(NamedTuple):
-    """Sets of failures with the impulses at their onsets, fitted: leads, forces and covariances, and kicks, by row."""
+    """Fitted sets of failures with the impulses at their onsets: log likelihoods, forces, covariances, kicks."""
 
     lead: Array
     force: Array
@@ -407,13 +407,13 @@ class _Fitted(NamedTuple):
 
     @property
     def sigma(self) -> Array:
-        """Of each force."""
+        """1-sigma of each force."""
         result: Array = np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
         return result
 
 
 def _fitted(screen: Screen, index: int, steps: np.ndarray, params: JointParams) -> _Fitted:
-    """The fit of sets of failures; first with forces of any size at the onset, then of what has been found.
+    """Fits sets of failures; first with forces of any size at the onset, then with the forces found.
 
     Args:
         screen: see `Screen`.
@@ -491,7 +491,7 @@ def _pairs(screen: Screen, index: int, allowed: np.ndarray, known: Array, params
 def _likely_pairs(
     screen: Screen, index: int, columns: np.ndarray, given: tuple[np.ndarray, Array], params: JointParams
 ) -> np.ndarray:
-    """The likeliest pairs of columns with their onsets taken as known, shape (number, 2).
+    """Finds the likeliest pairs of columns with their onsets taken as known, shape (number, 2).
 
     One of two that explains no less alone is no pair: with whatever else, it would take the places of all others.
     """
@@ -529,7 +529,7 @@ def _likely_pairs(
 
 
 def _gain_alone(screen: Screen, index: int, columns: np.ndarray, known: Array, params: JointParams) -> Array:
-    """L of single columns with their onset taken as known, nats; none below zero; shape (h,)."""
+    """Computes L of single columns with their onset taken as known, nats; none below zero; shape (h,)."""
     jets = params.places.jets
     thrusts, had = params.thrusts[columns % jets], known[_directions(columns, jets)]
     projection = screen.projection[index][columns]
@@ -543,7 +543,7 @@ def _gain_alone(screen: Screen, index: int, columns: np.ndarray, known: Array, p
 
 
 def _alike_pairs(information: Array, projection: Array, steps: np.ndarray) -> np.ndarray:
-    """Pairs of the likeliest single column and those most like it, which share what it explains, shape (number, 2)."""
+    """Pairs the likeliest single column with those most like it, which explain the same part, shape (number, 2)."""
     if steps.shape[0] == 0:
         return np.zeros((0, 2), dtype=np.intp)
     energy = np.diagonal(information)[steps]

@@ -1,4 +1,4 @@
-r"""How an error that the joint estimator does not model goes through it: the cycle, linearized, kept as a `Link`.
+r"""Propagation of an unmodeled error through the joint estimator: the cycle, linearized, kept as a `Link`.
 
 If what the filter leaves out has put it off by x before an interval and acts on (w, c) by b over it, it is off by
 
@@ -29,7 +29,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 
 class Link(NamedTuple):
-    """A cycle, linearized.
+    """Linearized cycle of the filter.
 
     Attributes:
         rate_rows, velocity_rows, attitude, mass_factor, duration_s: see `prediction.Prediction`.
@@ -117,7 +117,7 @@ LINK = Layout(
 
 
 class Traces(NamedTuple):
-    """What a link is made of.
+    """Quantities of a cycle that a link is made of.
 
     Attributes:
         mean: of the state before the cycle, shape (size,).
@@ -158,7 +158,7 @@ class Traces(NamedTuple):
 
 
 def traces(before: JointState, report: Report, sample: Sample) -> Traces:
-    """What the link of a cycle that was not the first is made of.
+    """Collects what the link of a cycle that was not the first is made of.
 
     Args:
         before: the state before it.
@@ -172,7 +172,7 @@ def traces(before: JointState, report: Report, sample: Sample) -> Traces:
 
 @kernel
 def traced(mean: Array, course: Course, sample: Sample) -> Traces:
-    """What a link is made of.
+    """Collects what a link is made of from the course of a cycle.
 
     Args:
         mean: of the state before the cycle, shape (size,).
@@ -210,7 +210,7 @@ def traced(mean: Array, course: Course, sample: Sample) -> Traces:
 
 
 def link(before: JointState, report: Report, sample: Sample, params: JointParams) -> Link:
-    """The link of a cycle that was not the first.
+    """Makes the link of a cycle that was not the first.
 
     Args:
         before, report, sample: see `traces`.
@@ -221,7 +221,7 @@ def link(before: JointState, report: Report, sample: Sample, params: JointParams
 
 @kernel
 def linked(seen: Traces, params: JointParams) -> Link:
-    """The link that is made of something."""
+    """Makes a link from its traces."""
     gain = np.zeros((seen.mean.shape[0], seen.projected.shape[0]))
     counts = np.flatnonzero(seen.used)
     if counts.shape[0] > 0:
@@ -263,14 +263,14 @@ def linked(seen: Traces, params: JointParams) -> Link:
 
 @kernel
 def _effects(seen: Traces, params: JointParams) -> Array:
-    """Change of w and c per second of each jet's full thrust, with what modes give back, shape (n_jets, 6)."""
+    """Computes the change of w and c per second of each jet's full thrust, modes included, shape (n_jets, 6)."""
     effects = effects_of(params.wrenches, seen.mean)
     return effects @ seen.swung.given_back.T if params.places.n_swing > 0 else effects
 
 
 @kernel
 def _noise(seen: Traces, places: Places) -> Array:
-    """Covariance added to w, c and z over an interval."""
+    """Computes the covariance added to w, c and z over an interval."""
     if places.n_slow == 0:
         return seen.noise
     columns = arriving(seen.wander)
@@ -280,7 +280,7 @@ def _noise(seen: Traces, places: Places) -> Array:
 
 
 def informed(columns: Array, over: Link, places: Places) -> Array:
-    """Errors before an interval after its crossings and the stamp at its end have been taken in, shape (size, h).
+    """Propagates errors before an interval through its crossings and the stamp at its end, shape (size, h).
 
     Args:
         columns: errors before that, shape (size, h).
@@ -299,7 +299,7 @@ def informed(columns: Array, over: Link, places: Places) -> Array:
 
 @kernel
 def carried(columns: Array, forcing: Array, over: Link, places: Places) -> Array:
-    """Errors before the update, shape (size, h).
+    """Propagates errors to before the update, shape (size, h).
 
     Args:
         columns: errors before the interval, shape (size, h).
@@ -329,7 +329,7 @@ def carried(columns: Array, forcing: Array, over: Link, places: Places) -> Array
 
 
 def corrected(columns: Array, shown: Array, over: Link) -> Array:
-    """Errors after the update, shape (size, h).
+    """Propagates errors through the update, shape (size, h).
 
     Args:
         columns: errors before it, shape (size, h).
@@ -341,12 +341,12 @@ def corrected(columns: Array, shown: Array, over: Link) -> Array:
 
 
 def smeared(over: Link, places: Places) -> Array:
-    """The error by an impulse of each jet's unit force over a whole interval, shape (size, n_jets)."""
+    """Computes the error by an impulse of each jet's unit force over a whole interval, shape (size, n_jets)."""
     return impulse_columns(over.duration_s * over.effects.T, over, places)
 
 
 def impulse_columns(columns: Array, over: Link, places: Places) -> Array:
-    """The error at the end of an interval by changes of w and c from its beginning on, shape (size, n).
+    """Computes the error at the end of an interval by changes of w and c from its beginning on, shape (size, n).
 
     Args:
         columns: changes, rad/s and ft/s or m/s, shape (6, n).

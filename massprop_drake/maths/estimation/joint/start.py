@@ -1,4 +1,4 @@
-r"""The start, gone over again: linearized where its end knows the mass properties to be.
+r"""Iterated smoothing of the start: the filter runs again, linearized at the mass properties found at its end.
 
 Readings are linear in J and in J [r x], so in J and r together they are not: while a start from zero still errs by as
 much as these are, the product of the errors of J and r is as large as what it learns from. Its second order, b2 and D,
@@ -50,14 +50,14 @@ _MISFIT = 10.0  # probability: standard deviations of chi-square by which readin
 
 
 class Kept(NamedTuple):
-    """A sample of the start, and whether rate and velocity began anew with it."""
+    """Sample of the start, and whether rate and velocity began again with it."""
 
     sample: Sample
     anew: bool
 
 
 class Pass(NamedTuple):
-    """A pass over the start.
+    """Pass over the start.
 
     Attributes:
         about: the estimate at whose mass properties and biases it is linearized, shape (size,).
@@ -76,7 +76,7 @@ class Pass(NamedTuple):
 
 
 class Start(NamedTuple):
-    """What is kept of a start. Never changed; a cycle makes a new one.
+    """Samples and passes of a start. Never changed; a cycle makes a new one.
 
     Attributes:
         under_way: whether it is; nothing is kept once it is over.
@@ -106,7 +106,7 @@ BEGUN_KNOWN = Start(under_way=True, tried=True, rotation=True)
 def followed(
     start: Start, before: JointState, done: tuple[JointState, Report], latest: Kept, params: JointParams
 ) -> tuple[Start, JointState]:
-    """What is kept after a cycle, and the filter's state after it.
+    """Keeps the sample of a cycle, and returns the filter's state after it.
 
     Args:
         start: before the cycle.
@@ -158,7 +158,7 @@ def _begun(start: Start, end: JointState, number: int, params: JointParams) -> P
 
 
 def _gone_on(start: Start, under_pass: Pass, params: JointParams) -> tuple[Pass, bool]:
-    """The pass after a cycle's steps, and whether it is the last and has arrived."""
+    """Advances a pass by a cycle's steps; returns it, and whether it is the last and has arrived."""
     made = params.compiled
     for _ in range(STEPS):
         sample, anew = start.kept[under_pass.done]
@@ -192,5 +192,5 @@ def stays(state: JointState, about: Array, places: Places, near: float = _NEAR) 
 
 
 def _explains(under_pass: Pass) -> bool:
-    """Whether a pass explains the readings."""
+    """Tests whether a pass explains the readings."""
     return under_pass.nis - under_pass.components < _MISFIT * np.sqrt(2.0 * under_pass.components)

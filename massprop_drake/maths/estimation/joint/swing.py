@@ -28,7 +28,7 @@ _END, _MIDDLE = 1.0 / 6.0, 4.0 / 6.0  # weights of Simpson's rule
 
 
 class SwingParams(NamedTuple):
-    """Modes, and where their states and errors stand.
+    """Modes, and the places of their states and errors.
 
     Attributes:
         modes: see `ModeParams`.
@@ -61,7 +61,7 @@ class Moved(NamedTuple):
 
 
 class Swung(NamedTuple):
-    """The modes after an interval, and what they do to the vehicle in it.
+    """Modes after an interval, and their effects on the vehicle in it.
 
     Attributes:
         after: eta and eta', shape (2 n,).
@@ -80,7 +80,7 @@ class Swung(NamedTuple):
 
 @kernel
 def unswung(n: int, size: int) -> Swung:
-    """Swung of modes at rest that nothing drives.
+    """Returns the result for modes at rest that nothing drives.
 
     Args:
         n: elements of eta and eta'.
@@ -91,7 +91,7 @@ def unswung(n: int, size: int) -> Swung:
 
 @kernel
 def _expected(swing: Swing, begun: Array, driving: Array) -> tuple[Array, Array]:
-    """Eta and eta' at the start, the middle and the end, shape (3, 2 n), and eta'', shape (3, n)."""
+    """Computes eta and eta' at the start, the middle and the end, shape (3, 2 n), and eta'', shape (3, n)."""
     n = driving.shape[0]
     course = np.stack(
         (begun, swing.half @ begun + swing.half_driven @ driving, swing.over @ begun + swing.driven @ driving)
@@ -102,7 +102,7 @@ def _expected(swing: Swing, begun: Array, driving: Array) -> tuple[Array, Array]
 
 @kernel
 def _answers(swing: Swing, residuals: Array, duration_s: float) -> Array:
-    """Changes of eta and eta' by forces on eta along an interval, by Simpson's rule, shape (2 n, k).
+    """Computes changes of eta and eta' by forces on eta along an interval, by Simpson's rule, shape (2 n, k).
 
     Args:
         swing: see `Swing`.
@@ -119,7 +119,7 @@ def _answers(swing: Swing, residuals: Array, duration_s: float) -> Array:
 
 @kernel
 def _by_errors(swing: Swing, rigid: Rigid, course: tuple[Array, Array], scale: float, thrust_sigma: float) -> Array:
-    """Forces on eta by errors of the ten parameters and of the common scale in A, shape (3, n, 11).
+    """Computes forces on eta by errors of the ten parameters and of the common scale in A, shape (3, n, 11).
 
     Args:
         swing: see `Swing`.
@@ -146,7 +146,7 @@ def _by_errors(swing: Swing, rigid: Rigid, course: tuple[Array, Array], scale: f
 
 @kernel
 def _by_own_errors(swing: Swing, rigid: Rigid, course: tuple[Array, Array], factors: Array, modes: ModeParams) -> Array:
-    """Forces on eta by errors of the parts in A, D and K, shape (3, n, 6 n_parts).
+    """Computes forces on eta by errors of the parts in A, D and K, shape (3, n, 6 n_parts).
 
     Args:
         swing: see `Swing`.
@@ -182,7 +182,7 @@ def _by_own_errors(swing: Swing, rigid: Rigid, course: tuple[Array, Array], fact
 
 @kernel
 def _momentum(state: Array, rate: Array, modes: ModeParams) -> Array:
-    """Angular momentum of second order, by a changed inertia and by masses that go round or along an arc, shape (3,).
+    """Computes second-order angular momentum, by changed inertia and by masses that move on arcs, shape (3,).
 
     Args:
         state: eta and eta', shape (2 n,).
@@ -198,7 +198,7 @@ def _momentum(state: Array, rate: Array, modes: ModeParams) -> Array:
 
 
 class _Along(NamedTuple):
-    """Modes over an interval.
+    """Motion of the modes along an interval.
 
     Attributes:
         rigid: see `Rigid`.
@@ -227,7 +227,7 @@ class _Along(NamedTuple):
 
 @kernel
 def _course(mean: Array, moved: Moved, about: tuple[float, Array], duration_s: float, params: SwingParams) -> _Along:
-    """Modes over an interval, arguments as `swung`."""
+    """Computes the motion of the modes along an interval, arguments as `swung`."""
     modes, (scale, by_coupling) = params.modes, about
     n = modes.frequencies.shape[0]
     rate, turned = mean[RATE], moved.rate + by_coupling
@@ -251,7 +251,7 @@ def _course(mean: Array, moved: Moved, about: tuple[float, Array], duration_s: f
 
 @kernel
 def _rows_of_modes(course: _Along, moved: Moved, scale: float, duration_s: float, params: SwingParams) -> Array:
-    """Derivative of eta and eta' at the end by the state, shape (2 n, size)."""
+    """Computes the derivative of eta and eta' at the end by the state, shape (2 n, size)."""
     swing, modes = course.swing, params.modes
     n = modes.frequencies.shape[0]
     own, turned = slice(params.swing, params.swing + 2 * n), course.rates[1] - course.rates[0]
@@ -285,14 +285,14 @@ def _rows_of_modes(course: _Along, moved: Moved, scale: float, duration_s: float
 
 @kernel
 def _size_of(mode: int, factors: Array, params: SwingParams) -> tuple[float, int]:
-    """Relative derivative of the participation of a mode by the error of its part, and the column of that."""
+    """Computes the relative derivative of a mode's participation by the error of its part, and the column of that."""
     part = params.modes.parts[mode]
     return params.modes.sigmas[part, SIZE] / factors[part, SIZE], params.moving + ERRORS * part + SIZE
 
 
 @kernel
 def _shifts_of(mode: int, params: SwingParams) -> tuple[slice, Array]:
-    """Columns of the errors of the position of a mode's part, and what one unit of them is, ft or m, shape (3,)."""
+    """Returns columns of the errors of a mode's part's position, and the unit of each, ft or m, shape (3,)."""
     part = params.modes.parts[mode]
     begin = params.moving + ERRORS * part
     return slice(begin + POSITION, begin + ERRORS), params.modes.sigmas[part, POSITION:]
@@ -302,7 +302,7 @@ def _shifts_of(mode: int, params: SwingParams) -> tuple[slice, Array]:
 def _rows_of_vehicle(
     course: _Along, moved: Moved, linear: Array, rows: Array, about: tuple[float, float], params: SwingParams
 ) -> tuple[Array, Array]:
-    """Derivatives of the changes of w and c by the state, shape (3, size) each.
+    """Computes derivatives of the changes of w and c by the state, shape (3, size) each.
 
     Args:
         course: see `_Along`.
@@ -350,7 +350,7 @@ def _rows_of_vehicle(
 
 @kernel
 def _off_center(course: _Along, linear: Array) -> Array:
-    """Angular impulse by thrust beside the center of mass as the modes move it, shape (3,)."""
+    """Computes the angular impulse by thrust beside the center of mass as the modes move it, shape (3,)."""
     n = course.driving.shape[0]
     return cross(linear, course.rigid.lightness * (course.along[1, :n] @ course.swing.push))
 
@@ -359,7 +359,7 @@ def _off_center(course: _Along, linear: Array) -> Array:
 def swung(
     mean: Array, moved: Moved, linear: Array, about: tuple[float, Array], duration_s: float, params: SwingParams
 ) -> tuple[Moved, Swung]:
-    """Follows modes over an interval.
+    """Computes the modes after an interval, and their effects on the vehicle.
 
     Args:
         mean: before it, shape (size,).

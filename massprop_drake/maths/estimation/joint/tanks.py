@@ -1,4 +1,4 @@
-r"""Tanks whose propellant is used: a known change of J, r and mu, and what it depends on.
+r"""Tanks whose propellant is used: a known change of J, r and mu, and its derivatives.
 
 Tank k holds the propellant p_k as a column from its outlet on, along c_k for each unit of mass. The jets that it feeds
 use q_k of it in an interval, and of the flow only the constant relative error sigma_k e_k is not known beside their
@@ -91,7 +91,7 @@ class TankChange(NamedTuple):
 
 @kernel
 def drawn(properties: Array, fill: Array, used: Array, scale: float, tanks: TankParams) -> TankChange:
-    """Change by what is drawn, see the module.
+    """Computes the change by propellant drawn, see the module.
 
     Args:
         properties: the ten parameters, shape (10,).
@@ -141,6 +141,6 @@ def drawn(properties: Array, fill: Array, used: Array, scale: float, tanks: Tank
 
 @kernel
 def _by_arm(inverse: Array, arm: Array, way: Array) -> Array:
-    """Derivative of J N J by the arm in some way, shape (3, 3)."""
+    """Computes the derivative of J N J by the arm in some direction, shape (3, 3)."""
     crossed = np.outer(arm, way)
     return inverse @ ((2.0 * (arm @ way)) * _IDENTITY - crossed - crossed.T) @ inverse

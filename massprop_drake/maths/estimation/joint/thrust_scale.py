@@ -1,4 +1,4 @@
-r"""The common scale of all thrusts, taken off when jets first fire.
+r"""Common scale of all thrusts, separated when jets first fire.
 
 More thrust of every jet by the same share and as much more inertia and mass change no reading: b_j -> b_j + e,
 J -> J (1 - sigma_T e), mu -> mu (1 - sigma_T e). Linearized at successive estimates, a filter that estimates all b
@@ -32,7 +32,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 @kernel
 def partitioned(state: JointState, amount: Array, params: JointParams) -> JointState:
-    """The state in the variables b', J', mu', f' and s, from the first interval in which jets fire on.
+    """Returns the state in the variables b', J', mu', f' and s, from the first interval in which jets fire on.
 
     Args:
         state: before an interval.
@@ -56,7 +56,7 @@ def partitioned(state: JointState, amount: Array, params: JointParams) -> JointS
 
 @kernel
 def reported(state: JointState, params: JointParams) -> tuple[Array, Array]:
-    """The ten parameters with the scale in them, shape (10,), and the rows of their errors, shape (10, size)."""
+    """Computes the ten parameters with the scale in them, shape (10,), and their errors' rows, shape (10, size)."""
     properties, rows = state.mean[:N_PROPERTIES].copy(), state.root[:N_PROPERTIES].copy()
     if params.places.n_scale > 0:
         factor = 1.0 - params.thrust_sigma * state.mean[params.places.scale]
@@ -69,7 +69,7 @@ def reported(state: JointState, params: JointParams) -> tuple[Array, Array]:
 
 
 def reported_force(state: JointState, slot: int, params: JointParams) -> tuple[float, float]:
-    """Force of a failed jet with the scale in it, and its 1-sigma, lbf or N.
+    """Computes the force of a failed jet with the scale in it, and its 1-sigma, lbf or N.
 
     Args:
         state: see `JointState`.

@@ -1,4 +1,4 @@
-r"""When commands switched within an interval between two readings, from the stamps of the readings.
+r"""Times within an interval between two readings at which commands switched, from the stamps of the readings.
 
 Commands switch at ticks of the control computer, a sample period apart, unless it is said that they switch at stamps,
 whenever these are; a reading is stamped when it was taken, which may be a little before or after its tick. So the
@@ -61,7 +61,7 @@ _EDGE = 1e-6  # of the period: from a reading to a tick that belongs to its inte
 
 
 class Clock(NamedTuple):
-    """What is known of time after a sample, from stamps alone.
+    """Clock after a sample, estimated from stamps alone.
 
     Attributes:
         stamp_s: of the last reading.
@@ -119,7 +119,7 @@ CLOCK = Layout(
 
 
 class Timing(NamedTuple):
-    """What an interval's pieces have to do with ticks that are not known.
+    """Timing of an interval's pieces relative to ticks that are not known.
 
     Attributes:
         off: whether they are; nothing else has a meaning where not.
@@ -164,14 +164,14 @@ class Elapsed(NamedTuple):
 
 @kernel
 def on_ticks() -> Timing:
-    """Of an interval whose stamps are ticks."""
+    """Returns the timing of an interval whose stamps are ticks."""
     none = np.zeros(2)
     return Timing(False, False, 0.0, 0.0, none, np.zeros((0, 2)), none, none, none, none)
 
 
 @kernel
 def started(stamp_s: float, command: Array) -> Clock:
-    """The clock at the first reading, or after a gap.
+    """Returns the clock at the first reading, or after a gap.
 
     Args:
         stamp_s: of the reading.
@@ -185,7 +185,7 @@ def started(stamp_s: float, command: Array) -> Clock:
 
 
 class Pace(NamedTuple):
-    """When commands switch.
+    """Times at which commands switch.
 
     Attributes:
         period_s: sample period.
@@ -204,7 +204,7 @@ class Commanded(NamedTuple):
 
 
 def bridged(clock: Clock, stamp_s: float, commands: tuple[Array, Array | None], pace: Pace) -> Array:
-    """The command of the row before: where it is not known, that of both sides if these are equal, shape (n_jets,).
+    """Returns the command of the row before; where unknown, that of both sides if these are equal, shape (n_jets,).
 
     Args:
         clock, stamp_s, commands, pace: see `elapsed`.
@@ -219,7 +219,7 @@ def bridged(clock: Clock, stamp_s: float, commands: tuple[Array, Array | None], 
 def elapsed(
     clock: Clock, stamp_s: float, commands: tuple[Commanded, Commanded | None], pace: Pace
 ) -> tuple[Clock, Elapsed]:
-    """What happened from the last reading to this one, and the clock then.
+    """Computes the interval from the last reading to this one, and the clock after it.
 
     Args:
         clock: after the last reading.
@@ -253,12 +253,12 @@ def elapsed(
 
 
 def begun(stamp_s: float, told: Commanded) -> Clock:
-    """`started` with the onsets of the command up to it."""
+    """Runs `started` with the onsets of the command up to it."""
     return started(stamp_s, told.command)._replace(earlier_onset_s=told.onset_s)
 
 
 def _stamped(clock: Clock, stamp_s: float, since: tuple[int, float], sigma_s: Array, jitter: float) -> Clock:
-    """The clock with one more stamp, before it is known what acted by then; as `stamped` has it.
+    """Updates the clock with one more stamp, before it is known what acted by then; as `stamped` has it.
 
     Args:
         clock: before, with a line.
@@ -292,7 +292,7 @@ def _stamped(clock: Clock, stamp_s: float, since: tuple[int, float], sigma_s: Ar
 
 
 def _before_reading(late_s: float, sigma_s: float) -> tuple[float, float, float]:
-    """What has acted since a tick by a reading that is so much later, s: its mean, share and spread, see `Clock`."""
+    """Computes how long a tick's command had acted by a reading so much later, s: mean, share, spread, see `Clock`."""
     if abs(late_s) >= _FAR * sigma_s:
         return max(late_s, 0.0), float(late_s > 0.0), 0.0
     z = late_s / sigma_s
@@ -305,7 +305,7 @@ def _before_reading(late_s: float, sigma_s: float) -> tuple[float, float, float]
 def _pieces(
     before: Clock, now: Clock, coming: Commanded | None, jitter: float, period_s: float
 ) -> tuple[Array, Array, Timing]:
-    """The pieces of an interval whose ticks are off its readings, with what they have to do with these."""
+    """Computes the pieces of an interval whose ticks are off its readings, and their timing relative to these."""
     about_s = now.about_s
     moved_s = (before.tick_s + about_s[0] + about_s[1] * before.number) - before.at_s
     rest_s, margin_s = before.rest_s + (1.0 - before.acted) * moved_s, _EDGE * period_s
@@ -359,12 +359,12 @@ def _same(one: Array, other: Array) -> bool:
 
 @kernel
 def on_time(clock: Clock, stamp_s: float, period_s: float) -> bool:
-    """Whether a stamp is a sample period after the last one, both at their ticks; arguments as those of `elapsed`."""
+    """Tests whether a stamp is a sample period after the last one, both at their ticks; see `elapsed`."""
     return not clock.off and abs(stamp_s - clock.stamp_s - period_s) <= _EXACT * period_s
 
 
 class Stamped(NamedTuple):
-    """What a stamp has told.
+    """Update of the state by a stamp.
 
     Attributes:
         row: h, derivative of the stamp by the state, shape (size,).
@@ -381,7 +381,7 @@ class Stamped(NamedTuple):
 
 @kernel
 def stamped(state: JointState, timing: Timing, params: JointParams) -> tuple[JointState, Stamped]:
-    """The state before an interval with what the stamp at its end tells of the ticks.
+    """Updates the state before an interval by the stamp at its end, which measures the ticks.
 
     Args:
         state: before.

@@ -1,4 +1,4 @@
-r"""Jets whose commands are not known may have given anything that they can over an interval.
+r"""Jets of unknown command, which may have given anything that they can over an interval.
 
 How long such a jet was open is an unknown that lasts: one that stays off, or on, gives the same in every interval. A
 prior by which each interval is a coin of its own would be off by the same sigma each time, and the filter would learn
@@ -49,7 +49,7 @@ class Directions(NamedTuple):
 
 @kernel
 def directions(mean: Array, firing: Firing, params: JointParams) -> Directions:
-    """Directions that the jets span whose commands are not known.
+    """Computes the directions that jets of unknown command span.
 
     Args:
         mean: state's estimate, shape (size,).
@@ -78,14 +78,14 @@ def is_anything(firing: Firing, anything: Directions) -> bool:
 
 @kernel
 def spread(anything: Directions) -> Array:
-    """Covariance by which w and c are reopened, shape (6, 6)."""
+    """Computes the covariance by which w and c are reopened, shape (6, 6)."""
     wide = anything.spread * anything.basis
     return wide @ wide.T
 
 
 @kernel
 def indifferent(rate_rows: Array, velocity_rows: Array, anything: Directions) -> tuple[Array, Array]:
-    """Derivatives of the changes of w and c by parameters, without what lies along the directions.
+    """Removes the components along the directions from derivatives of the changes of w and c by parameters.
 
     Args:
         rate_rows, velocity_rows: of all, shape (3, size) each.
@@ -100,7 +100,7 @@ def indifferent(rate_rows: Array, velocity_rows: Array, anything: Directions) ->
 
 @kernel
 def shown_by(error: Array, mean: Array, firing: Firing, anything: Directions, params: JointParams) -> Firing:
-    """Firing with the openings of jets whose commands are not known as readings show them.
+    """Returns the firing with the openings of jets of unknown command as readings show them.
 
     Args:
         error: of the predicted changes of w and c by the readings, NaN where none is there, shape (6,).
@@ -122,7 +122,7 @@ def shown_by(error: Array, mean: Array, firing: Firing, anything: Directions, pa
 
 @kernel
 def reading_sigmas(params: JointParams) -> Array:
-    """1-sigma of the mean of all packages' readings, of w and of c, shape (6,)."""
+    """Computes 1-sigma of the mean of all packages' readings, of w and of c, shape (6,)."""
     places, sigmas = params.places, np.ones(6)
     for begin, first, packages in ((0, 0, places.gyros), (3, 3 * places.gyros, places.accelerometers)):
         for axis in range(3):

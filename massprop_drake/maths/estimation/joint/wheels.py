@@ -1,4 +1,4 @@
-r"""Reaction wheels, whose momentum is exchanged with the vehicle: a scale that no thrust has a part in.
+r"""Reaction wheels, whose momentum is exchanged with the vehicle: a scale that does not depend on thrust.
 
 Wheel k with the inertia J_k about its axis a_k turns at W_k relative to the vehicle, h = sum J_k W_k a_k. With I the
 inertia of the vehicle with its wheels locked (Hughes, Spacecraft Attitude Dynamics, chapter 3),
@@ -75,7 +75,7 @@ UNSPUN = Spun(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0))
 
 @kernel
 def spun(before: Array, read: Array, duration_s: float, wheels: WheelParams) -> tuple[Spun, Array]:
-    """Speeds over an interval, and the last that are read of each wheel.
+    """Returns speeds over an interval, and the last that are read of each wheel.
 
     Args:
         before: speeds that were read last, NaN where none has been, rad/s, shape (n,).
@@ -92,13 +92,13 @@ def spun(before: Array, read: Array, duration_s: float, wheels: WheelParams) -> 
 
 
 def first_spread(missing: Array, wheels: WheelParams) -> Array:
-    """1-sigma of z_k where readings begin anew: 1, or where none is there as fast as wheels turn, shape (n,)."""
+    """Returns 1-sigma of z_k where readings begin: 1, or where none is read as fast as wheels turn, shape (n,)."""
     return np.where(missing > 0.0, _FASTEST / wheels.speed_std, 1.0)
 
 
 @kernel
 def believed(speeds: Spun, assumed: Array, duration_s: float, wheels: WheelParams) -> Spun:
-    """Speeds of which those that are not believed count as if they were not read.
+    """Returns speeds without those that are not trusted, which count as missing.
 
     Args:
         speeds: as they are read.
@@ -117,14 +117,14 @@ def believed(speeds: Spun, assumed: Array, duration_s: float, wheels: WheelParam
 
 
 def size_of(wheel: int, inverse: Array, duration_s: float, wheels: WheelParams) -> float:
-    """Most that the motor of a wheel turns the vehicle by in an interval, rad/s."""
+    """Computes the most by which the motor of a wheel turns the vehicle in an interval, rad/s."""
     turned = inverse @ wheels.axes[wheel] * wheels.inertias[wheel] * wheels.most[wheel]
     return float(np.linalg.norm(turned)) * duration_s
 
 
 @kernel
 def turn_by(speeds: Spun, wheels: WheelParams) -> bool:
-    """Tell whether the speed of any wheel changes by more than the errors of readings."""
+    """Tests whether the speed of any wheel changes by more than the errors of readings."""
     for k in range(speeds.end.shape[0]):
         if abs(speeds.end[k] - speeds.start[k]) > _ACTS * math.sqrt(2.0) * wheels.speed_std[k]:
             return True
@@ -133,7 +133,7 @@ def turn_by(speeds: Spun, wheels: WheelParams) -> bool:
 
 @kernel
 def momenta(speeds: Spun, factors: Array, wheels: WheelParams) -> Array:
-    """Angular momentum h at the start and at the end of an interval, body axes, shape (2, 3).
+    """Computes angular momentum h at the start and at the end of an interval, body axes, shape (2, 3).
 
     Args:
         speeds: see `Spun`.
@@ -150,7 +150,7 @@ def momenta(speeds: Spun, factors: Array, wheels: WheelParams) -> Array:
 
 @kernel
 def exchanged(speeds: Spun, start: Array, end: Array, duration_s: float, wheels: WheelParams) -> Array:
-    """Angular impulse E_k by each wheel, shape (n, 3).
+    """Computes angular impulse E_k by each wheel, shape (n, 3).
 
     Args:
         speeds: see `Spun`.
@@ -169,7 +169,7 @@ def exchanged(speeds: Spun, start: Array, end: Array, duration_s: float, wheels:
 
 @kernel
 def misread(wander: Wander, speeds: Spun, inverse: Array, turned: Array, wheels: WheelParams) -> Wander:
-    """Course of a disturbance with that of the errors of the wheels' readings after it.
+    """Appends the errors of the wheels' readings to the course of a disturbance.
 
     Args:
         wander: of the disturbance alone.

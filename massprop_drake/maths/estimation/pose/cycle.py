@@ -30,7 +30,7 @@ _TWO_PI = np.log(2.0 * np.pi)
 
 
 class Cycled(NamedTuple):
-    """A bank after a sample.
+    """Bank after a sample.
 
     Attributes:
         bank: see `Bank`.
@@ -55,7 +55,7 @@ class Cycled(NamedTuple):
 
 
 class Doubt(NamedTuple):
-    """Filters as they are if readings that look poor were good ones, after a kick.
+    """Filters as they would be if readings that look poor were good ones, after a kick.
 
     A single reading that is off looks the same after both, and the next one tells: until then they are kept apart.
 
@@ -69,7 +69,7 @@ class Doubt(NamedTuple):
 
 
 class Update(NamedTuple):
-    """What readings make of a bank.
+    """Update of a bank by readings.
 
     Attributes:
         correction: of what is free, shape (n_filters, n).
@@ -87,7 +87,7 @@ class Update(NamedTuple):
 
 
 def shifted(bank: Bank, correction: Array, covariance: Array, params: PoseParams) -> Bank:
-    """The bank with a correction of what is free, shape (n_filters, n), and another covariance."""
+    """Returns the bank with a correction of the free elements, shape (n_filters, n), and another covariance."""
     mean = bank.mean.copy()
     mean[:, params.free] += correction
     turn = mean[:, params.parts.attitude].copy()
@@ -103,7 +103,7 @@ def step(
     params: PoseParams,
     doubt: Doubt | None = None,
 ) -> Cycled:
-    """A whole cycle.
+    """Runs a whole cycle.
 
     Args:
         bank: after the last sample.
@@ -131,7 +131,7 @@ def step(
 
 
 def merged(one: Bank, other: Bank, share: Array, params: PoseParams) -> Bank:
-    """Two banks as one, by their moments.
+    """Merges two banks by moment matching.
 
     Args:
         one, other: of the same number of filters.
@@ -157,7 +157,7 @@ def merged(one: Bank, other: Bank, share: Array, params: PoseParams) -> Bank:
 def _step(
     bank: Bank, commands: Commands, span_s: tuple[float, float], readings: Readings, params: PoseParams
 ) -> Cycled:
-    """A cycle without doubt of the last sample."""
+    """Runs a cycle without doubt of the last sample."""
     with np.errstate(all="ignore"):  # a filter that has run off is seen by what it expects
         ahead = predicted(bank, commands, *span_s, params)
         beside = compared(ahead.bank, readings, params)
@@ -196,12 +196,12 @@ def _step(
 
 
 def _shown(covariance: Array, beside: Compared) -> Array:
-    """What the covariance of the state shows in the readings, shape (n_filters, m, m)."""
+    """Computes the state's part of the readings' covariance, shape (n_filters, m, m)."""
     return np.asarray(beside.jacobian @ covariance @ np.swapaxes(beside.jacobian, 1, 2), dtype=np.float64)
 
 
 def _run_off(bank: Bank, beside: Compared, shown: Array, time_s: float) -> np.ndarray:
-    """Which filters have run off: what they expect is no covariance, or no number, shape (n_filters,).
+    """Finds diverged filters, whose expected covariance is not positive definite or not finite, shape (n_filters,).
 
     A hypothesis that is far from the truth may in its first seconds; the first filter may not.
 
@@ -219,18 +219,18 @@ def _run_off(bank: Bank, beside: Compared, shown: Array, time_s: float) -> np.nd
 
 
 def _of_first(values: Array, chosen: np.ndarray) -> Array:
-    """Values by filter, those of the chosen ones as the first has them."""
+    """Returns values by filter, those of the chosen ones as the first has them."""
     return np.where(chosen.reshape(-1, *(1,) * (values.ndim - 1)), values[:1], values)
 
 
 def _first_for(bank: Bank, chosen: np.ndarray) -> Bank:
-    """The bank with the first filter in place of the chosen ones; which jet each supposes open stays."""
+    """Puts the first filter in place of the chosen ones; which jet each supposes open stays."""
     parts = {name: _of_first(getattr(bank, name), chosen) for name in bank._fields if name != "opens"}
     return bank._replace(**parts)
 
 
 class Happened(NamedTuple):
-    """What may have happened.
+    """Possibility of an interval: as modeled, a kick, or poor readings.
 
     Attributes:
         chance: its probability.
@@ -248,13 +248,13 @@ class Happened(NamedTuple):
 
 
 def chances(beside: Compared, span_s: tuple[float, float], params: PoseParams) -> tuple[float, float]:
-    """Probabilities of a kick in an interval, and of poor readings at its end."""
+    """Computes probabilities of a kick in an interval, and of poor readings at its end."""
     kick = 1.0 - np.exp(-params.kicks_per_s * (span_s[1] - span_s[0]))
     return float(kick), params.pose.outliers if beside.poses.any() else 0.0
 
 
 def happenings(ahead: Predicted, besides: tuple[Compared, Compared], chances: tuple[float, float]) -> list[Happened]:
-    """What may have happened in an interval: nothing but what the model has; a kick; poor readings.
+    """Lists the possibilities of an interval: as modeled; a kick; poor readings.
 
     Args:
         ahead: the bank before the readings.
@@ -276,7 +276,7 @@ def happenings(ahead: Predicted, besides: tuple[Compared, Compared], chances: tu
 
 
 def mixed(bank: Bank, happened: list[Happened], ways: list[Update], share: Array, params: PoseParams) -> Bank:
-    """A bank after what may have happened, by moments.
+    """Mixes a bank's possibilities by moment matching.
 
     Args:
         bank: before the readings.
@@ -300,7 +300,7 @@ def mixed(bank: Bank, happened: list[Happened], ways: list[Update], share: Array
 
 
 def updates(happened: list[Happened], mean: Array, params: PoseParams) -> list[Update]:
-    """The update by each, which leaves every K that of a body."""
+    """Computes the update by each possibility, such that every K stays that of a body."""
     taken = np.ones((mean.shape[0], params.free.size))
     ways = _updated(happened, taken)
     corrections = np.stack([way.correction for way in ways])
@@ -312,13 +312,13 @@ def updates(happened: list[Happened], mean: Array, params: PoseParams) -> list[U
 
 
 def _spin(params: PoseParams) -> np.ndarray:
-    """Which of what is free is of K, shape (n,)."""
+    """Selects the free elements that belong to K, shape (n,)."""
     spin = params.parts.spin
     return (params.free >= spin.start) & (params.free < spin.stop)
 
 
 def _possible(mean: Array, correction: Array, params: PoseParams) -> np.ndarray:
-    """Whether each filter's K would be that of a body, positive definite, by each correction, shape (k, n_filters)."""
+    """Tests whether each correction leaves each filter's K that of a body, positive definite, shape (k, n_filters)."""
     part, chosen = params.parts.spin, _spin(params)
     after = np.repeat(mean[None, :, part], len(correction), axis=0)
     after[..., params.free[chosen] - part.start] += correction[..., chosen]
@@ -328,18 +328,18 @@ def _possible(mean: Array, correction: Array, params: PoseParams) -> np.ndarray:
 
 
 def noisier(beside: Compared, scale: float) -> Compared:
-    """The same with poses so many times as noisy."""
+    """Returns the readings with poses so many times as noisy."""
     grown = np.where(beside.poses, scale, 1.0)
     return beside._replace(variance=beside.variance * grown[:, None] * grown)
 
 
 def _cannot_tell(shown: Array, beside: Compared, tells: float) -> bool:
-    """Whether a pose cannot be told from a poor one, as less is known of where the vehicle is, see `Poses.tells`."""
+    """Tests whether a pose is indistinguishable from a poor one, the position being uncertain, see `Poses.tells`."""
     return bool((shown.diagonal() > tells * beside.variance[0].diagonal())[beside.poses].any())
 
 
 def _density(shown: Array, beside: Compared) -> Array:
-    """Logarithm of the density of the readings, shape (n_filters,)."""
+    """Computes the log density of the readings, shape (n_filters,)."""
     half = np.linalg.cholesky(shown + beside.variance)
     whitened = np.linalg.solve(half, beside.innovation[..., None])[..., 0]
     determinant = 2.0 * np.sum(np.log(np.diagonal(half, axis1=1, axis2=2)), axis=1)
@@ -347,12 +347,12 @@ def _density(shown: Array, beside: Compared) -> Array:
 
 
 def _either(one: Array, other: Array, chance: float) -> Array:
-    """Of two densities that which has the second one by some chance, logarithms."""
+    """Mixes two log densities, the second with some probability."""
     return np.asarray(np.logaddexp(np.log1p(-chance) + one, np.log(chance) + other))
 
 
 def _by_kind(shown: Array, beside: Compared) -> Array:
-    """See `Cycled.of_first`."""
+    """Splits the statistics of the first filter by kind of sensor, see `Cycled.of_first`."""
     result = np.zeros((2, 2))
     off, expected = beside.innovation[0], shown + beside.variance[0]
     for row, chosen in enumerate((beside.turning, ~beside.turning)):
@@ -362,13 +362,13 @@ def _by_kind(shown: Array, beside: Compared) -> Array:
 
 
 def _whitened(shown: Array, beside: Compared) -> Array:
-    """See `Cycled.whitened`."""
+    """Computes whitened innovations, see `Cycled.whitened`."""
     expected = np.mean(shown + beside.variance, axis=0)
     return np.asarray(np.linalg.solve(np.linalg.cholesky(expected), beside.innovation.T).T, dtype=np.float64)
 
 
 def _updated(happened: list[Happened], taken: Array) -> list[Update]:
-    """The update by each, of all of them at once, by a form which holds for any gain.
+    """Computes all updates at once, by a form which holds for any gain.
 
     It is Joseph's, (1 - K H) P (1 - K H)^T + K R K^T, multiplied out: P - K C^T - C K^T + K S K^T with C = P H^T, which
     are products of few columns, as many as there are readings.

@@ -1,4 +1,4 @@
-r"""Delays of commands that a filter cannot hold at once: the hypotheses again for each part of what is possible.
+r"""Delays of commands that one filter cannot hold: the hypotheses again for each part of the possible delays.
 
 What a reading says of a delay is linear only as far as a pulse reaches: with pulses of one sample, within about half a
 sample. A filter that begins further off sees no way to go, and grows sure of where it is. So what is known beforehand,
@@ -31,7 +31,7 @@ _KEPT = 0.5  # of the wider of two variances, that becoming one must leave
 
 
 def parts_of(delays_s: Array, stds_s: Array, period_s: float) -> Delays:
-    """The parts.
+    """Computes the parts of the possible delays.
 
     Args:
         delays_s, stds_s: as stated, by kind of jet, zero: exact, shape (n_kinds,).
@@ -54,7 +54,7 @@ def parts_of(delays_s: Array, stds_s: Array, period_s: float) -> Delays:
 
 
 def split(bank: Bank, params: PoseParams) -> list[Bank]:
-    """One filter as it is at the first sample, once for each part."""
+    """Copies one filter at the first sample for each part."""
     delays, places = params.delays, _places(params)
     kinds = params.free[places] - params.parts.delay.start
     result = []
@@ -67,13 +67,13 @@ def split(bank: Bank, params: PoseParams) -> list[Bank]:
 
 
 def _places(params: PoseParams) -> np.ndarray:
-    """Where delays stand among what is free."""
+    """Returns the places of delays among the free elements."""
     part = params.parts.delay
     return np.flatnonzero((params.free >= part.start) & (params.free < part.stop))
 
 
 def gathered(parts: list[Tried], params: PoseParams) -> Tried:
-    """Hypotheses of each part as one, the likeliest first.
+    """Joins the hypotheses of each part, the likeliest first.
 
     Args:
         parts: of each, as at the first sample.
@@ -87,7 +87,7 @@ def gathered(parts: list[Tried], params: PoseParams) -> Tried:
 def advanced(
     tried: Tried, commands: Commands, span_s: tuple[float, float], readings: Readings, params: PoseParams
 ) -> tuple[Tried, Cycled]:
-    """A sample for the hypotheses of every delay.
+    """Advances the hypotheses of every delay by a sample.
 
     Args:
         tried: after the last sample.
@@ -115,7 +115,7 @@ def advanced(
 
 
 def judged(tried: Tried, time_s: float, rules: Rules, params: PoseParams) -> tuple[Tried, hypotheses.Found | None]:
-    """What is made of a sample, see `hypotheses.judged`; nothing is named while another delay is as likely."""
+    """Judges a sample, see `hypotheses.judged`; no failure is named while another delay is as likely."""
     others = tuple(hypotheses.renewed(one, time_s, params) for one in tried.elsewhere)
     alone = tried._replace(elsewhere=())
     after, found = hypotheses.judged(alone, time_s, rules, params, waits=not settled(tried, rules.lead))
@@ -125,13 +125,13 @@ def judged(tried: Tried, time_s: float, rules: Rules, params: PoseParams) -> tup
 
 
 def settled(tried: Tried, lead: float) -> bool:
-    """Whether the likeliest delay leads every other one, by so many nats."""
+    """Tests whether the likeliest delay leads every other one, by so many nats."""
     best = weight(tried)
     return all(best - weight(one) > lead for one in tried.elsewhere)
 
 
 def overall(tried: Tried, params: PoseParams) -> Bank:
-    """The first filters of all delays as one, by moments: what is known while several may be."""
+    """Merges the first filters of all delays by moment matching, for the report while several are possible."""
     first = _first(tried.bank)
     total = weight(tried)
     for one in tried.elsewhere:
@@ -146,12 +146,12 @@ def _first(bank: Bank) -> Bank:
 
 
 def weight(tried: Tried) -> float:
-    """Logarithm of the probability of a part with all its hypotheses, but for what all have in common."""
+    """Computes the log probability of a part with all its hypotheses, but for a common constant."""
     return tried.total + float(np.logaddexp.reduce(tried.likelihood))
 
 
 def _ordered(parts: list[Tried]) -> Tried:
-    """Parts as one, without those that are far behind."""
+    """Orders parts by weight, without those that are far behind."""
     weights = np.array([weight(one) for one in parts])
     order = np.argsort(-weights, kind="stable")
     kept = [parts[place] for place in order if weights[order[0]] - weights[place] < BEHIND]
@@ -159,7 +159,7 @@ def _ordered(parts: list[Tried]) -> Tried:
 
 
 def _merged(parts: list[Tried], params: PoseParams) -> list[Tried]:
-    """Parts of which those that one filter can hold have become one."""
+    """Merges parts that one filter can hold."""
     if any(one.doubt is not None for one in parts):
         return parts
     result: list[Tried] = []
@@ -173,7 +173,7 @@ def _merged(parts: list[Tried], params: PoseParams) -> list[Tried]:
 
 
 def _one_holds(one: Tried, other: Tried, params: PoseParams) -> bool:
-    """Whether one filter can hold what two leave open of the delay, as if both were as likely, and loses neither.
+    """Tests whether one filter can hold both parts' delays, as if equally likely, without losing either.
 
     A filter that is sure of its delay does not become one with a wide one that is much less likely: together they would
     be nearly as sure, and the way to what the wide one leaves open would be lost.
@@ -191,7 +191,7 @@ def _one_holds(one: Tried, other: Tried, params: PoseParams) -> bool:
 
 
 def _both(one: Tried, other: Tried, params: PoseParams) -> Tried:
-    """Two parts as one, hypothesis by hypothesis, by moments; what leads by how long is that of the likelier."""
+    """Merges two parts hypothesis by hypothesis by moment matching; the likelier one's leader stays."""
     first, second = one.total + one.likelihood, other.total + other.likelihood
     total = np.logaddexp(first, second)
     share = np.where(np.isfinite(total), np.exp(second - np.where(np.isfinite(total), total, 0.0)), 0.0)

@@ -1,4 +1,4 @@
-r"""A record beside one vehicle: how probable its readings are, and how that goes with what may be other than thought.
+r"""A record compared with one vehicle: likelihood of its readings, and its derivatives by what may differ.
 
 The vehicle is taken as known but for its motion, which one filter follows; what walks by its nature, as what else
 accelerates, walks from where it begins. Of its innovations e, with covariances S, a column of sensitivities for each
@@ -38,7 +38,7 @@ _OTHER = ("open", "pulse")  # what is of one hypothesis, or of one pulse
 
 
 class Record(NamedTuple):
-    """What was read and told, of n rows.
+    """Readings and commands of n rows.
 
     Attributes:
         time_s: of the rows, increasing, shape (n,).
@@ -56,21 +56,21 @@ class Record(NamedTuple):
     pieces: tuple[Array, Array] | None = None
 
     def commands(self, row: int) -> Commands:
-        """What acts up to a row's time, and what is told at it."""
+        """Returns the commands that act up to a row's time, with those given at it."""
         outside = None if self.outside is None else self.outside[row - 1]
         time_s, levels = (self.time_s, self.levels) if self.pieces is None else self.pieces
         count = int(np.searchsorted(time_s, self.time_s[row], side="right"))
         return Commands(time_s[:count], levels[:count], outside)
 
     def until(self, time_s: float) -> Record:
-        """The rows before a time."""
+        """Returns the rows before a time."""
         rows = int(np.searchsorted(self.time_s, time_s))
         outside = None if self.outside is None else self.outside[:rows]
         return Record(self.time_s[:rows], self.levels[:rows], self.readings[:rows], outside, self.pieces)
 
 
 class Assumed(NamedTuple):
-    """A vehicle that is taken as known.
+    """Vehicle that is taken as known.
 
     Attributes:
         at: the unknowns as it has them, see the module, shape (size,).
@@ -82,7 +82,7 @@ class Assumed(NamedTuple):
 
 
 class Equations(NamedTuple):
-    """How readings go with unknowns, about a point.
+    """Normal equations of the unknowns, about a point.
 
     Attributes:
         information, score: see the module, shapes (size, size) and (size,).
@@ -96,7 +96,7 @@ class Equations(NamedTuple):
     readings: float
 
     def plus(self, other: Equations) -> Equations:
-        """Both together."""
+        """Adds the equations of other samples."""
         return Equations(
             self.information + other.information,
             self.score + other.score,
@@ -106,7 +106,7 @@ class Equations(NamedTuple):
 
 
 def vehicle_of(state: Array, mass_reciprocal: float, params: PoseParams) -> Array:
-    """The unknowns of a state of the estimator with a mass, shape (size,)."""
+    """Computes the unknowns of an estimator's state with a mass, shape (size,)."""
     parts, at = params.parts, state.copy()
     scale = mass_reciprocal * params.nominal_mass
     at[parts.thrust] = state[parts.thrust] / scale
@@ -117,7 +117,7 @@ def vehicle_of(state: Array, mass_reciprocal: float, params: PoseParams) -> Arra
 
 
 def state_of(at: Array, params: PoseParams) -> Array:
-    """The inverse of `vehicle_of`: the estimator's state, shape (size,)."""
+    """Computes the estimator's state from unknowns: the inverse of `vehicle_of`, shape (size,)."""
     parts, state = params.parts, at.copy()
     reciprocal = at[parts.common]
     state[parts.thrust] = at[parts.thrust] * reciprocal * params.nominal_mass
@@ -128,7 +128,7 @@ def state_of(at: Array, params: PoseParams) -> Array:
 
 
 def derivatives(at: Array, params: PoseParams) -> Array:
-    """How the state goes with the unknowns, shape (size, size); zero for what is none."""
+    """Computes derivatives of the state by the unknowns, shape (size, size); zero for other elements."""
     parts, result = params.parts, np.diag(unknown(params.parts).astype(float))
     reciprocal, mass = float(at[parts.common.start]), params.nominal_mass
     result[parts.thrust, parts.thrust] *= reciprocal * mass
@@ -141,7 +141,7 @@ def derivatives(at: Array, params: PoseParams) -> Array:
 
 
 def unknown(parts: Parts) -> np.ndarray:
-    """Which elements are unknowns, shape (size,)."""
+    """Selects the elements that are unknowns, shape (size,)."""
     result = np.ones(parts.size, dtype=bool)
     for name in (*_MOTION, *_OTHER):
         result[getattr(parts, name)] = False
@@ -149,13 +149,13 @@ def unknown(parts: Parts) -> np.ndarray:
 
 
 def possible(at: Array, parts: Parts) -> bool:
-    """Whether a body can have these unknowns."""
+    """Tests whether a body can have these unknowns."""
     inverse = symmetric_matrices(at[parts.spin])
     return bool(at[parts.common] > 0.0 and np.linalg.eigvalsh(inverse)[0] > 0.0 and (at[parts.lag] >= 0.0).all())
 
 
 def taken_as_known(vehicle: Assumed, movable: Places, params: PoseParams) -> PoseParams:
-    """Parameters of a filter that knows a vehicle and follows its motion.
+    """Returns parameters of a filter that knows a vehicle and follows its motion.
 
     Args:
         vehicle: see `Assumed`.
@@ -173,7 +173,7 @@ def taken_as_known(vehicle: Assumed, movable: Places, params: PoseParams) -> Pos
 
 
 def equations(record: Record, vehicle: Assumed, movable: Places, params: PoseParams) -> Equations:
-    """How a record's readings go with the unknowns.
+    """Computes the normal equations of a record's readings by the unknowns.
 
     Args:
         record: see `Record`.
@@ -200,7 +200,7 @@ def equations(record: Record, vehicle: Assumed, movable: Places, params: PosePar
 
 
 def _at_the_beginning(readings: Readings, bank: Bank, by: Array, params: PoseParams) -> Array:
-    """Sensitivities of what is free at the first sample, where the position follows from a point that is tracked."""
+    """Computes sensitivities of the free elements at the first sample, the position following from a tracked point."""
     parts, place = params.parts, first_place(readings)
     if place is not None:
         by = by.copy()
@@ -211,7 +211,7 @@ def _at_the_beginning(readings: Readings, bank: Bank, by: Array, params: PosePar
 def _sample(
     ahead: Predicted, by: Array, readings: Readings, span_s: tuple[float, float], params: PoseParams
 ) -> tuple[Bank, Array, Equations | None]:
-    """The filter and its sensitivities after a sample, and what the sample says; None: nothing was read."""
+    """Advances the filter and its sensitivities by a sample; also returns its equations; None: nothing was read."""
     beside = compared(ahead.bank, readings, params)
     if beside is None:
         return ahead.bank, by, None
@@ -229,7 +229,7 @@ def _sample(
 
 
 def _shares(happened: list[Happened], ways: list[Update]) -> tuple[Array, float]:
-    """Probabilities of what may have happened, shape (n_ways,), and the misfit of the sample."""
+    """Computes probabilities of an interval's possibilities, shape (n_ways,), and the misfit of the sample."""
     chance = np.log([one.chance for one in happened])
     each = chance + [way.likelihood[0] for way in ways]
     best = chance + [way.likelihood[0] + 0.5 * way.nis[0] for way in ways]  # of no innovation at all

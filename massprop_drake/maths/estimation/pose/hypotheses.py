@@ -45,7 +45,7 @@ _NEVER = -np.inf
 
 
 class Tried(NamedTuple):
-    """The bank of hypotheses after a sample.
+    """Bank of hypotheses after a sample.
 
     Attributes:
         bank: nothing has failed but what is known; then each jet weak; then each jet open; then a push.
@@ -79,7 +79,7 @@ class Tried(NamedTuple):
 
 
 class Rules(NamedTuple):
-    """When a failure is named.
+    """Thresholds at which a failure is named.
 
     Attributes:
         lead, lead_nothing: over every other hypothesis, and over that of no failure, nats.
@@ -92,7 +92,7 @@ class Rules(NamedTuple):
 
 
 class Found(NamedTuple):
-    """What is named after a sample.
+    """Failure named after a sample.
 
     Attributes:
         members: hypotheses that may be it, the likeliest first, as indices of `Tried.known`.
@@ -108,7 +108,7 @@ class Found(NamedTuple):
 
 
 def begun(bank: Bank, time_s: float, params: PoseParams) -> Tried:
-    """The hypotheses at the first sample.
+    """Returns the hypotheses at the first sample.
 
     Args:
         bank: one filter that knows of no failure.
@@ -122,7 +122,7 @@ def begun(bank: Bank, time_s: float, params: PoseParams) -> Tried:
 
 
 def alone(bank: Bank, known: Array, time_s: float) -> Tried:
-    """A filter without hypotheses.
+    """Returns a filter without hypotheses.
 
     Args:
         bank: of one filter.
@@ -133,7 +133,7 @@ def alone(bank: Bank, known: Array, time_s: float) -> Tried:
 
 
 def _beforehand(params: PoseParams) -> Array:
-    """How much more probable each hypothesis is than a failure of one jet, nats, shape (1 + 2 n_jets,)."""
+    """Computes each hypothesis's log prior over a failure of one jet, nats, shape (1 + 2 n_jets,)."""
     jets = params.pushes.shape[0]
     result = np.zeros(1 + 2 * jets)
     result[-1] = np.log(2.0 * jets)
@@ -141,7 +141,7 @@ def _beforehand(params: PoseParams) -> Array:
 
 
 def failing(bank: Bank, known: Array, params: PoseParams) -> Bank:
-    """A filter for each hypothesis: the first of a bank, with what it says happening now, shape (1 + 2 n_jets, ...)."""
+    """Makes a filter for each hypothesis: a bank's first, with its failure happening now, shape (1 + 2 n_jets, ...)."""
     jets, parts, free = params.pushes.shape[0], params.parts, params.free
     count = 1 + 2 * jets
     mean = np.repeat(bank.mean[:1], count, axis=0)
@@ -179,7 +179,7 @@ def failing(bank: Bank, known: Array, params: PoseParams) -> Bank:
 
 
 def _largest(params: PoseParams) -> Array:
-    """The largest acceleration that a jet gives the nominal vehicle, and turn, on every axis, shape (6,)."""
+    """Computes the largest acceleration that a jet gives the nominal vehicle, and turn, on every axis, shape (6,)."""
     spin = symmetric_matrices(params.start[params.parts.spin])
     moments = crosses(params.positions - params.start[params.parts.center], params.pushes)
     turns = np.linalg.norm(moments @ spin, axis=1)
@@ -191,7 +191,7 @@ def _stacked(first: Bank, rest: Bank) -> Bank:
 
 
 def renewed(tried: Tried, time_s: float, params: PoseParams) -> Tried:
-    """Every hypothesis with its jet failing now as a further possibility, where it is time."""
+    """Merges into every hypothesis the possibility that its jet fails now, where that is due."""
     if tried.doubt is not None or time_s - tried.renewed_s < RENEWAL_S:
         return tried
     return _renewed(tried, time_s, params)
@@ -220,7 +220,7 @@ def _renewed(tried: Tried, time_s: float, params: PoseParams) -> Tried:
 
 
 def _possible(tried: Tried) -> np.ndarray:
-    """Hypotheses that may yet become true: not known, and no second jet that stands open."""
+    """Returns hypotheses that may yet become true: not known, and no second jet that stands open."""
     jets = tried.known.size // 2
     possible = tried.known == 0.0
     if tried.bank.opens[0] >= 0:
@@ -231,7 +231,7 @@ def _possible(tried: Tried) -> np.ndarray:
 def advanced(
     tried: Tried, commands: Commands, span_s: tuple[float, float], readings: Readings, params: PoseParams
 ) -> tuple[Tried, Cycled]:
-    """A sample for all hypotheses.
+    """Advances all hypotheses by a sample.
 
     Args:
         tried: after the last sample.
@@ -247,7 +247,7 @@ def advanced(
 
 
 def _further_apart(apart: Array | None, whitened: Array | None) -> Array | None:
-    """See `Tried.apart`, with one more sample."""
+    """Updates `Tried.apart` with one more sample."""
     if whitened is None:
         return apart
     products = whitened @ whitened.T
@@ -259,7 +259,7 @@ def _further_apart(apart: Array | None, whitened: Array | None) -> Array | None:
 def judged(
     tried: Tried, time_s: float, rules: Rules, params: PoseParams, *, waits: bool = False
 ) -> tuple[Tried, Found | None]:
-    """What is made of a sample: hypotheses that go on, and what is named by it.
+    """Judges a sample: returns the hypotheses that go on, and the failure that is named.
 
     Args:
         tried: after the sample.
@@ -280,7 +280,7 @@ def judged(
 
 
 def sizes(tried: Tried, params: PoseParams) -> tuple[Array, Array]:
-    """Loss or opening of each hypothesis, by its own filter, and its 1-sigma, shape (1 + 2 n_jets,) each.
+    """Computes loss or opening of each hypothesis, by its own filter, and its 1-sigma, shape (1 + 2 n_jets,) each.
 
     That of a loss counts by how much healthy jets differ. A push has none, and is always large enough.
     """
@@ -310,7 +310,7 @@ def sizes(tried: Tried, params: PoseParams) -> tuple[Array, Array]:
 
 
 def ahead(tried: Tried, rules: Rules) -> Tried | None:
-    """The likeliest hypothesis alone, where it leads that of no failure by enough; None: it does not.
+    """Returns the likeliest hypothesis alone, where it leads that of no failure by enough; None: it does not.
 
     What it has learned is right, or less wrong, even while nothing tells which one of several it is.
     """
@@ -350,14 +350,14 @@ def _judged(tried: Tried, time_s: float, rules: Rules, params: PoseParams) -> tu
 
 
 def _taken(tried: Tried, member: int, time_s: float, params: PoseParams) -> Tried:
-    """The hypotheses after one of them is taken for true: all begin anew from it."""
+    """Commits to one hypothesis: all begin again from it."""
     known = tried.known.copy()
     known[member] = float(member < known.size - 1)  # a push may come again
     return anew(Bank(*(part[1 + member : 2 + member] for part in tried.bank)), known, time_s, params)
 
 
 def anew(first: Bank, known: Array, time_s: float, params: PoseParams) -> Tried:
-    """Hypotheses that begin with one filter.
+    """Makes hypotheses that begin with one filter.
 
     Args:
         first: that filter.

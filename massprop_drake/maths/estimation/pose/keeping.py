@@ -1,4 +1,4 @@
-"""Commands that still act and hypotheses as a vector, from which a filter goes on to the bit after a restart.
+"""Commands that still act and hypotheses as a vector, from which a filter continues bit for bit after a restart.
 
 In order: how many commands and parts there are; times and levels of the commands; of each part, which is a delay that
 may be (`delays`), the numbers of `_Numbers`, likelihoods, onsets, what is known, the filters, and where there is such
@@ -32,13 +32,13 @@ class _Numbers(NamedTuple):
 
 
 class _Reader:
-    """A vector that is read from its beginning."""
+    """Reader of a vector from its beginning."""
 
     def __init__(self, vector: Array):
         self._vector, self._at = vector, 0
 
     def take(self, *shape: int) -> Array:
-        """The next numbers, with a shape.
+        """Reads the next numbers, with a shape.
 
         Raises:
             ValueError: when there are not as many.
@@ -51,7 +51,7 @@ class _Reader:
         return found
 
     def count(self) -> int:
-        """The next number, which counts something.
+        """Reads the next number, a count.
 
         Raises:
             ValueError: when it counts nothing.
@@ -62,12 +62,12 @@ class _Reader:
         return int(number)
 
     def ends(self) -> bool:
-        """Whether all has been read."""
+        """Tests whether all has been read."""
         return self._at == self._vector.size
 
 
 def packed(tried: Tried, commands: Commands) -> Array:
-    """All of it; empty parts where nothing has begun."""
+    """Packs commands and hypotheses; empty parts where nothing has begun."""
     parts = [tried._replace(elsewhere=()), *tried.elsewhere]
     blocks: list[Array] = [np.array([commands.time_s.size, len(parts)], dtype=float)]
     blocks += [commands.time_s, commands.levels.ravel()]
@@ -77,7 +77,7 @@ def packed(tried: Tried, commands: Commands) -> Array:
 
 
 def unpacked(vector: Array, params: PoseParams) -> tuple[Tried, Commands]:
-    """The inverse of `packed`.
+    """Unpacks commands and hypotheses: the inverse of `packed`.
 
     Raises:
         ValueError: when the vector is not of these parameters, or holds what no run leaves.
@@ -157,7 +157,7 @@ def _bank_taken(read: _Reader, count: int, params: PoseParams) -> Bank:
 
 
 def _require_possible(commands: Commands, parts: list[Tried]) -> None:
-    """Refuses what no run leaves."""
+    """Refuses values that no run leaves."""
     if not np.isfinite(commands.time_s).all() or (np.diff(commands.time_s) <= 0.0).any():
         raise ValueError("commands must be in order of time")
     if ((commands.levels < 0.0) | (commands.levels > 1.0)).any():

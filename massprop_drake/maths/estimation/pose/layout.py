@@ -1,4 +1,4 @@
-r"""State and parameters of the estimator in a fixed frame: what stands where.
+r"""Layout of state and parameters of the estimator in a fixed frame.
 
 The state, of which only what is free has a place,
 
@@ -33,7 +33,7 @@ PUSHED = -2  # see `Bank.opens`
 
 
 class Parts(NamedTuple):
-    """Where the parts stand in the whole state, free or not.
+    """Places of the parts in the whole state, free or not.
 
     Attributes:
         thrust, common, spin, center, delay, lag, opening, drag, push, tilt, position, attitude, velocity, rate, point,
@@ -65,7 +65,7 @@ class Parts(NamedTuple):
 
 
 def make_parts(jets: int, kinds: int, points: int, gyros: int, accelerometers: int) -> Parts:
-    """Where the parts stand.
+    """Computes the places of the parts.
 
     Args:
         jets, kinds: how many there are.
@@ -79,7 +79,7 @@ def make_parts(jets: int, kinds: int, points: int, gyros: int, accelerometers: i
 
 
 class PoseParams(NamedTuple):
-    """What shapes the estimator.
+    """Parameters of the estimator.
 
     Attributes:
         parts: see `Parts`.
@@ -147,7 +147,7 @@ class PoseParams(NamedTuple):
 
 
 class Delays(NamedTuple):
-    """The parts of what is possible of the delay of commands, see `delays`.
+    """Parts into which the possible delays of commands are divided, see `delays`.
 
     Attributes:
         shifts_s: of each, from the stated delay, that of the stated one first, shape (n,).
@@ -204,7 +204,7 @@ class Bank(NamedTuple):
 
 
 class Commands(NamedTuple):
-    """What the jets were told, as far back as it still acts, and what else is known to act now.
+    """Commands to the jets, as far back as they still act, and known outside forces.
 
     Attributes:
         time_s: from when on each row holds, until the next one does; the last one for ever, increasing, shape (k,).
@@ -219,7 +219,7 @@ class Commands(NamedTuple):
 
 
 class Readings(NamedTuple):
-    """What sensors read at one moment, NaN where they did not.
+    """Readings of all sensors at one moment, NaN where they did not read.
 
     Attributes:
         positions: of tracked points, fixed frame, ft or m, shape (n_poses, 3).

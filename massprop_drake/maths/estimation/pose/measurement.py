@@ -27,7 +27,7 @@ _SPACE = np.arange(3)
 
 
 class Compared(NamedTuple):
-    """Readings beside what a bank expects of them.
+    """Readings beside the predictions of a bank.
 
     Attributes:
         innovation: shape (n_filters, m).
@@ -45,7 +45,7 @@ class Compared(NamedTuple):
 
 
 class _Rows:
-    """Readings as they come together."""
+    """Readings as they are collected."""
 
     def __init__(self, bank: Bank, params: PoseParams):
         self._count, self._params = bank.mean.shape[0], params
@@ -77,7 +77,7 @@ class _Rows:
         self._variances.append(np.broadcast_to(variance, (self._count, 3, 3))[:, chosen[:, None], chosen])
 
     def compared(self) -> Compared | None:
-        """All of them; None: there were none."""
+        """Returns all readings; None: there were none."""
         if not self._innovations:
             return None
         sizes = [each.shape[1] for each in self._innovations]
@@ -90,7 +90,7 @@ class _Rows:
 
 
 def compared(bank: Bank, readings: Readings, params: PoseParams) -> Compared | None:
-    """Readings beside what the bank expects; None where nothing is read."""
+    """Compares readings with the bank's predictions; None where nothing is read."""
     parts, rotation = params.parts, bank.rotation
     rows = _Rows(bank, params)
     plane, about = (_PLANE, _HEADING) if params.planar else (_SPACE, _SPACE)
@@ -143,12 +143,12 @@ def compared(bank: Bank, readings: Readings, params: PoseParams) -> Compared | N
 
 
 def _white(variance: float) -> Array:
-    """Covariance of three independent components, also where the variance is infinite."""
+    """Computes the covariance of three independent components, also where the variance is infinite."""
     return np.diag(np.full(3, variance))
 
 
 def expected(bank: Bank, params: PoseParams) -> Readings:
-    """What ideal sensors read of the first filter of a bank."""
+    """Predicts the readings of ideal sensors by the first filter of a bank."""
     parts, rotation = params.parts, bank.rotation[0]
     mean = bank.mean[0]
     center, rate, velocity = mean[parts.center], mean[parts.rate], mean[parts.velocity]

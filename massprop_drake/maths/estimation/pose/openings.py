@@ -1,4 +1,4 @@
-r"""What valves let through between two moments, commands acting late and through a first-order lag.
+r"""Flow through valves between two moments, commands acting late and through a first-order lag.
 
 A command that holds from t_i to t_(i+1) acts from t_i + d, or t_i + d + delta where it opens the valve, to
 t_(i+1) + d. With L(t) = 1 - e^(-t/tau) and its integrals S and SS, zero before zero,
@@ -30,7 +30,7 @@ _NODES, _WEIGHTS = np.sqrt(3.0) * np.array([-1.0, 0.0, 1.0]), np.array([1.0, 4.0
 
 
 class Timing(NamedTuple):
-    """How valves follow their commands, of each jet, shape (n_filters, n_jets) each.
+    """Timing of valves after their commands, of each jet, shape (n_filters, n_jets) each.
 
     Attributes:
         delay_s: d.
@@ -44,7 +44,7 @@ class Timing(NamedTuple):
 
 
 class Openings(NamedTuple):
-    """What jets gave over an interval, in seconds of full thrust and in s^2, shape (n_filters, n_jets) each.
+    """Integrals of the jets' thrust over an interval, s of full thrust and s^2, shape (n_filters, n_jets) each.
 
     Attributes:
         once, twice: J and JJ.
@@ -65,7 +65,7 @@ class Openings(NamedTuple):
 
 
 class _Grown(NamedTuple):
-    """L, S and SS and the derivatives of S and SS by ln tau."""
+    """Integrals L, S and SS, and the derivatives of S and SS by ln tau."""
 
     level: Array
     once: Array
@@ -86,7 +86,7 @@ def _grown(since_s: Array, lag_s: Array) -> _Grown:
 
 
 def opened_on_average(commands: Commands, span_s: tuple[float, float], timing: Timing, delay_std_s: Array) -> Openings:
-    """What jets gave between two moments, linear in the delay on average over what is known of it.
+    """Computes the jets' openings between two moments, averaged over the uncertain delay and linear in it.
 
     Args:
         commands: see `Commands`.
@@ -115,13 +115,13 @@ def opened_on_average(commands: Commands, span_s: tuple[float, float], timing: T
 
 
 def _since(commands: Commands, time_s: float) -> Commands:
-    """Commands that end after a time, and the one before them."""
+    """Returns commands that end after a time, and the one before them."""
     first = max(int(np.searchsorted(commands.time_s[1:], time_s)) - 1, 0)
     return Commands(commands.time_s[first:], commands.levels[first:])
 
 
 def opened(commands: Commands, begin_s: float, end_s: float, timing: Timing) -> Openings:
-    """What jets gave between two moments.
+    """Computes the jets' openings between two moments.
 
     Where a command is not known, the jet is taken to have been half open, with the variance of anything between
     closed and open.
@@ -144,7 +144,7 @@ def opened(commands: Commands, begin_s: float, end_s: float, timing: Timing) -> 
     duration = end_s - begin_s
 
     def parts(edge: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
-        """J and JJ of what begins at an edge and lasts, and their derivatives by the edge and by ln tau."""
+        """Computes J and JJ of a level that begins at an edge and lasts, and derivatives by the edge and by ln tau."""
         at_end, at_begin = _grown(end_s - edge, lag), _grown(begin_s - edge, lag)
         once = at_end.once - at_begin.once
         twice = at_end.twice - at_begin.twice - duration * at_begin.once

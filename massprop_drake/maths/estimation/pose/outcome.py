@@ -20,7 +20,7 @@ _ROUNDING = 1e-12  # of the largest eigenvalue of a correlation: below it two th
 
 
 def outcome(mean: Array, covariance: Array, healthy: np.ndarray, params: PoseParams) -> tuple[Array, Array]:
-    """The ten parameters and their covariance, zero where they are fixed, shapes (10,) and (10, 10).
+    """Computes the ten parameters and their covariance, zero where they are fixed, shapes (10,) and (10, 10).
 
     Args:
         mean: of the whole state, shape (size,).
@@ -49,7 +49,7 @@ def outcome(mean: Array, covariance: Array, healthy: np.ndarray, params: PosePar
 
 
 def of_mass(healthy: np.ndarray, params: PoseParams) -> tuple[Array, float]:
-    """How mu goes with the state, shape (size,), and the variance that no state takes from it.
+    """Computes the regression of mu on the state, shape (size,), and the variance that no state takes from it.
 
     Args:
         healthy: which jets' factors say something of the mass, shape (n_jets,).

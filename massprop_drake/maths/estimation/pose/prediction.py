@@ -39,7 +39,7 @@ _EYE = np.eye(3)
 
 
 class Predicted(NamedTuple):
-    """A bank at the end of an interval, before its readings.
+    """Bank at the end of an interval, before its readings.
 
     Attributes:
         bank: see `Bank`.
@@ -53,7 +53,7 @@ class Predicted(NamedTuple):
 
 
 class _Acting(NamedTuple):
-    """What jets do over an interval, filter by filter.
+    """Thrust of the jets over an interval, filter by filter.
 
     Attributes:
         openings: see `Openings`.
@@ -84,18 +84,18 @@ class _Acting(NamedTuple):
 
     @property
     def since(self) -> Array:
-        """Mean time from when they give it to the interval's end, shape (n_filters, n_jets)."""
+        """Mean time from the jets' thrust to the interval's end, shape (n_filters, n_jets)."""
         fired = self.once > 0.0
         return np.where(fired, self.twice / np.where(fired, self.once, 1.0), 0.5 * self.duration)
 
     def summed(self, amount: Array, each: Array) -> Array:
-        """Sum over the jets of g times an amount times an effect, shape (n_filters, 3)."""
+        """Sums g times an amount times an effect over the jets, shape (n_filters, 3)."""
         total: Array = np.einsum("hn,hni->hi", self.factor * amount, each)
         return total
 
 
 def timing(mean: Array, params: PoseParams) -> Timing:
-    """How valves follow their commands, as the state has it."""
+    """Returns the valves' timing by the state."""
     parts, kinds = params.parts, params.kinds
     return Timing(
         mean[:, parts.delay][:, kinds], np.exp(mean[:, parts.lag][:, kinds]), mean[:, parts.opening][:, kinds]
@@ -103,14 +103,14 @@ def timing(mean: Array, params: PoseParams) -> Timing:
 
 
 def _delay_stds(bank: Bank, params: PoseParams) -> Array:
-    """1-sigma of the delay of each jet's kind, s, shape (n_filters, n_jets)."""
+    """Returns 1-sigma of the delay of each jet's kind, s, shape (n_filters, n_jets)."""
     part, found = params.parts.delay, np.zeros((bank.mean.shape[0], params.parts.size))
     found[:, params.free] = np.sqrt(np.maximum(np.diagonal(bank.covariance, axis1=1, axis2=2), 0.0))
     return found[:, part][:, params.kinds]
 
 
 def predicted(bank: Bank, commands: Commands, begin_s: float, end_s: float, params: PoseParams) -> Predicted:
-    """The bank over an interval.
+    """Predicts the bank over an interval.
 
     Args:
         bank: at its beginning.
@@ -154,7 +154,7 @@ def predicted(bank: Bank, commands: Commands, begin_s: float, end_s: float, para
 
 
 def _pulsed(bank: Bank, openings: Openings, params: PoseParams) -> tuple[Bank, Array | None]:
-    """The bank with nothing known of the pulses that begin: each is independent of all before.
+    """Returns the bank with new, independent strengths of the pulses that begin.
 
     And what of the state goes on, zero for those, shape (n_filters, n); None: all of it.
     """
@@ -228,7 +228,7 @@ def _move(after: Array, jacobian: Array, acting: _Acting, bank: Bank, params: Po
 
 
 def _turn(after: Array, jacobian: Array, acting: _Acting, bank: Bank, params: PoseParams) -> Array:
-    """Fills in the rate after the interval, and derivatives but by valves; the angle turned, shape (n_filters, 3)."""
+    """Fills in the rate after the interval, and derivatives but by valves; returns the angle turned, (n_filters, 3)."""
     parts, mean, duration = params.parts, bank.mean, acting.duration
     rate, drag = mean[:, parts.rate], mean[:, parts.drag.start + 1, None]
     spin, half = symmetric_matrices(mean[:, parts.spin]), 0.5 * duration**2
@@ -262,7 +262,7 @@ def _turn(after: Array, jacobian: Array, acting: _Acting, bank: Bank, params: Po
 
 
 def _pushed(after: Array, jacobian: Array, acting: _Acting, known: tuple[Bank, Array], params: PoseParams) -> Array:
-    """Adds what known outside forces do, and their derivatives; the angle turned, shape (n_filters, 3).
+    """Adds the effects of known outside forces, and derivatives; returns the angle turned, shape (n_filters, 3).
 
     Args:
         after, jacobian: filled in so far.
@@ -293,12 +293,12 @@ def _pushed(after: Array, jacobian: Array, acting: _Acting, known: tuple[Bank, A
 
 
 def _inverse_mass(bank: Bank, params: PoseParams) -> Array:
-    """What m_0/m is, shape (n_filters, 1)."""
+    """Computes m_0/m, shape (n_filters, 1)."""
     return 1.0 + ((bank.mean - params.start) @ params.of_mass)[:, None]
 
 
 def _felt(after: Array, jacobian: Array, acting: _Acting, known: tuple[Bank, Array], params: PoseParams) -> None:
-    """Adds what accelerometers gather of known outside forces; arguments as those of `_pushed`."""
+    """Adds the velocity that accelerometers gain by known outside forces; arguments as those of `_pushed`."""
     bank, outside = known
     force = acting.duration * outside[3:] / params.nominal_mass
     inverse = _inverse_mass(bank, params)
@@ -308,7 +308,7 @@ def _felt(after: Array, jacobian: Array, acting: _Acting, known: tuple[Bank, Arr
 
 
 def _coupling(rate: Array, spin: Array, params: PoseParams) -> tuple[Array, Array, Array]:
-    """-K (w x K^-1 w), and its derivatives by w and by the elements of K."""
+    """Computes -K (w x K^-1 w), and its derivatives by w and by the elements of K."""
     if params.planar:
         count = rate.shape[0]
         return np.zeros((count, 3)), np.zeros((count, 3, 3)), np.zeros((count, 3, 6))
@@ -325,7 +325,7 @@ def _coupling(rate: Array, spin: Array, params: PoseParams) -> tuple[Array, Arra
 
 
 def _effects(acting: _Acting, params: PoseParams) -> Iterator[tuple[Array, slice, bool]]:
-    """Effects of the jets, shape (n_filters, n_jets, 3), with the elements that gather them, and whether twice."""
+    """Returns effects of the jets, shape (n_filters, n_jets, 3), elements that integrate them, and whether twice."""
     parts = params.parts
     yield from ((acting.forces, parts.velocity, False), (acting.forces, parts.position, True))
     yield from ((acting.turns, parts.rate, False), (acting.turns, parts.attitude, True))
@@ -334,7 +334,7 @@ def _effects(acting: _Acting, params: PoseParams) -> Iterator[tuple[Array, slice
 
 
 def _triples(part: slice) -> Iterator[slice]:
-    """Elements of each sensor's vector."""
+    """Returns the elements of each sensor's vector."""
     return (slice(begin, begin + 3) for begin in range(part.start, part.stop, 3))
 
 
@@ -370,7 +370,7 @@ def _by_pulse(jacobian: Array, acting: _Acting, bank: Bank, params: PoseParams) 
 
 
 def _gather(after: Array, jacobian: Array, acting: _Acting, bank: Bank, params: PoseParams) -> Array:
-    """Fills in what accelerometers gather, and its derivatives; the integral of w w^T, shape (n_filters, 3, 3)."""
+    """Fills in the accelerometers' velocity and its derivatives; returns the integral of w w^T, (n_filters, 3, 3)."""
     parts, mean, duration = params.parts, bank.mean, acting.duration
     middle = 0.5 * (mean[:, parts.rate] + after[:, parts.rate])
     spun: Array = duration * (middle[:, :, None] * middle[:, None, :])
@@ -391,7 +391,7 @@ def _gather(after: Array, jacobian: Array, acting: _Acting, bank: Bank, params: 
 
 
 def _feel_push(after: Array, jacobian: Array, acting: _Acting, bank: Bank, params: PoseParams) -> None:
-    """Adds what accelerometers gather of a push, where a filter supposes one."""
+    """Adds the velocity that accelerometers gain by a push, where a filter supposes one."""
     parts, which, duration = params.parts, np.flatnonzero(bank.opens == PUSHED), acting.duration
     back = np.swapaxes(acting.middle[which], 1, 2)
     felt = times(back, bank.mean[which, parts.push][:, :3])
@@ -407,7 +407,7 @@ def _feel_push(after: Array, jacobian: Array, acting: _Acting, bank: Bank, param
 
 
 def _second_order(acting: _Acting, bank: Bank, params: PoseParams) -> tuple[Array, Array]:
-    """Mean and covariance on the rate of the product of errors of K and of the angular impulse, shapes (., 3[, 3])."""
+    """Computes mean and covariance on the rate of errors of K times those of angular impulse, shapes (., 3[, 3])."""
     parts, free = params.parts, params.free
     rows = np.zeros((bank.mean.shape[0], 3, parts.size))  # of the angular impulse over the mass
     rows[:, :, parts.thrust] = np.swapaxes((acting.strength * acting.once)[..., None] * acting.moments, 1, 2)
@@ -433,7 +433,7 @@ def _second_order(acting: _Acting, bank: Bank, params: PoseParams) -> tuple[Arra
 
 
 def _timing_products(acting: _Acting, bank: Bank, params: PoseParams) -> tuple[Array, Array]:
-    """Mean and covariance of what is not linear in g and in valves' timing, shapes (n_filters, n_jets[, n_jets]).
+    """Computes mean and covariance of terms nonlinear in g and valves' timing, shapes (n_filters, n_jets[, n_jets]).
 
     These are products of errors of g and of J, and of J what is not linear itself.
     """
@@ -456,7 +456,7 @@ def _timing_products(acting: _Acting, bank: Bank, params: PoseParams) -> tuple[A
 
 
 def _noise(acting: _Acting, product: Array, spread: Array, params: PoseParams) -> Array:
-    """Covariance that the interval adds to what is free, shape (n_filters, n, n).
+    """Computes the covariance that the interval adds to the free elements, shape (n_filters, n, n).
 
     Args:
         acting: see there.
@@ -515,7 +515,7 @@ def _noise(acting: _Acting, product: Array, spread: Array, params: PoseParams) -
 
 
 def _kick(acting: _Acting, params: PoseParams) -> Array:
-    """What 1 sigma of each component of a kick does, that comes at any time in the interval, (n_filters, n, 12)."""
+    """Computes the effect of 1 sigma of each component of a kick at any time in the interval, (n_filters, n, 12)."""
     parts, duration = params.parts, acting.duration
     effect = np.zeros((acting.once.shape[0], parts.size, 12))
     for once_row, twice_row, size, column in (

@@ -1,4 +1,4 @@
-"""What is known of a vehicle that is followed in a fixed frame, as its file says it, and the parameters made of it."""
+"""Data of a vehicle that is followed in a fixed frame, as its file states them, and the parameters made of them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _NEVER_S = 1e-6  # least that commands are kept for
 
 
 class Valves(NamedTuple):
-    """How valves follow their commands, with 1-sigma, by kind of jet; shape (n_kinds,) each.
+    """Timing of valves after their commands, with 1-sigma, by kind of jet; shape (n_kinds,) each.
 
     Attributes:
         delays_s, delay_stds_s: after a command.
@@ -41,7 +41,7 @@ class Valves(NamedTuple):
 
 
 class Around(NamedTuple):
-    """What moves the vehicle besides its jets: mean or 1-sigma, in the vehicle's units.
+    """Disturbances of the vehicle besides its jets: mean or 1-sigma, in the vehicle's units.
 
     Attributes:
         drag, drag_std, angular_drag, angular_drag_std: force over speed, and torque over rate.
@@ -67,7 +67,7 @@ class Around(NamedTuple):
 
 
 class Tracking(NamedTuple):
-    """What is known of a vehicle that is followed in a fixed frame.
+    """Data of a vehicle that is followed in a fixed frame.
 
     Attributes:
         positions: of the jets, vehicle frame, ft or m, shape (n_jets, 3).
@@ -106,7 +106,7 @@ class Tracking(NamedTuple):
 
 
 def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PoseParams:
-    """Parameters of the estimator.
+    """Makes the parameters of the estimator.
 
     Args:
         setup: see `Setup`.
@@ -175,7 +175,7 @@ def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PosePa
 
 
 def _supposed(known: Beforehand, parts: Parts, *, hypotheses: bool) -> np.ndarray:
-    """Elements that are sure unless a hypothesis supposes otherwise: delays, how far a jet stands open, and a push."""
+    """Selects elements that are fixed unless a hypothesis frees them: delays, how far a jet stands open, and a push."""
     others = np.arange(parts.delay.start, parts.delay.stop)
     if hypotheses:
         others = np.append(others, np.arange(parts.push.start, parts.push.stop))
@@ -221,14 +221,14 @@ def _beforehand(setup: Setup, tracking: Tracking, parts: Parts, mass_std: float)
 
 
 def _mass_stds(setup: Setup, tracking: Tracking) -> tuple[float, float]:
-    """See `PoseParams.mass_std` and `unseen_std`."""
+    """Computes `PoseParams.mass_std` and `unseen_std`, see there."""
     whole = 0.0 if tracking.fixed[MASS_RECIPROCAL] else tracking.mass_std
     moves = np.isfinite(tracking.position_stds).any() or tracking.velocity_stds.size
     return (whole, 0.0) if moves or setup.accelerometer_variances.size else (0.0, whole)
 
 
 def _fixed(parts: Parts, tracking: Tracking, setup: Setup) -> np.ndarray:
-    """Which elements cannot move, or are known, shape (size,)."""
+    """Selects the elements that cannot move, or are known, shape (size,)."""
     fixed = np.zeros(parts.size, dtype=bool)
     fixed[parts.center] |= tracking.fixed[CENTER_OF_MASS]
     if not np.isfinite(tracking.position_stds).any():
@@ -260,7 +260,7 @@ def _fixed(parts: Parts, tracking: Tracking, setup: Setup) -> np.ndarray:
 
 
 def movable(setup: Setup, parts: Parts) -> np.ndarray:
-    """Places of all that may be other than the vehicle's file says, and of the motion, whatever its sigma, in order."""
+    """Returns the places of elements that may differ from the vehicle's file, and of the motion, in order."""
     assert setup.tracking is not None, "made for a vehicle that is followed in a fixed frame"
     fixed, valves = _fixed(parts, setup.tracking, setup), setup.tracking.valves
     fixed[parts.open] = True
@@ -271,7 +271,7 @@ def movable(setup: Setup, parts: Parts) -> np.ndarray:
 
 
 def known_parameters(tracking: Tracking) -> np.ndarray:
-    """Which of the ten parameters have no sigma: those that are fixed, or play no part in a plane, shape (10,)."""
+    """Selects parameters without a sigma: those that are fixed, or play no part in a plane, shape (10,)."""
     known = np.asarray(tracking.fixed, dtype=bool).copy()
     if tracking.planar:
         known[[0, 1, 3, 4, 5, 8]] = True

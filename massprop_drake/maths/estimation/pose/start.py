@@ -1,4 +1,4 @@
-r"""What is known before the first sample, and what the first readings add.
+r"""Prior before the first sample, and the effect of the first readings.
 
 With sigma_M of the mass, sigma_T of each jet's thrust by itself and sigma_C of what all jets share, relative,
 
@@ -19,7 +19,7 @@ from massprop_drake.maths.linear_algebra import Array, symmetrized
 
 
 class Beforehand(NamedTuple):
-    """What is known before the first sample, 1-sigma each; zero: fixed.
+    """Prior before the first sample, 1-sigma each; zero: fixed.
 
     Attributes:
         spin: m J of the nominal vehicle, six elements, shape (6,).
@@ -40,7 +40,7 @@ class Beforehand(NamedTuple):
 
 
 def prior(known: Beforehand, fixed: np.ndarray, parts: Parts) -> tuple[Array, Array, np.ndarray]:
-    """Mean of the whole state, covariance of what is free, and the places of what is free.
+    """Computes the mean of the whole state, the covariance of its free elements, and the places of these.
 
     Args:
         known: see `Beforehand`.
@@ -62,7 +62,7 @@ def prior(known: Beforehand, fixed: np.ndarray, parts: Parts) -> tuple[Array, Ar
 
 
 def begun(readings: Readings, params: PoseParams) -> Bank:
-    """One filter after the first sample: attitude and position as they are read.
+    """Returns one filter after the first sample: attitude and position as they are read.
 
     Nothing tells whether a first reading is a poor one: where there are such, it counts as one.
     """
@@ -104,7 +104,7 @@ def begun(readings: Readings, params: PoseParams) -> Bank:
 
 
 def begins(readings: Readings, params: PoseParams) -> bool:
-    """Whether there is what position and attitude can begin with, as far as they are measured."""
+    """Tests whether position and attitude can be initialized by the readings, as far as they are measured."""
     turned = np.isfinite(readings.rotations).all(axis=(1, 2)).any()
     placed = np.isfinite(readings.positions[:, :2]).all(axis=1).any()
     needs_turn = np.isfinite(params.pose.attitude_variances).any()
@@ -113,12 +113,12 @@ def begins(readings: Readings, params: PoseParams) -> bool:
 
 
 def first_place(readings: Readings) -> int | None:
-    """The pose sensor that the position begins with; None: none has read one."""
+    """Returns the pose sensor that initializes the position; None: none has read one."""
     return next((place for place, read in enumerate(readings.positions) if np.isfinite(read).any()), None)
 
 
 def tracked_point(place: int, parts: Parts) -> slice:
-    """Where the point that a pose sensor tracks stands in the state."""
+    """Returns the place of the point that a pose sensor tracks, in the state."""
     return slice(parts.point.start + 3 * place, parts.point.start + 3 * place + 3)
 
 

@@ -12,7 +12,7 @@ _EYE = np.eye(3)
 
 
 def skews(vectors: Array) -> Array:
-    """[v x] of each, shape (..., 3, 3)."""
+    """Computes [v x] of each, shape (..., 3, 3)."""
     result = np.zeros((*vectors.shape, 3))
     x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
     result[..., 0, 1], result[..., 0, 2] = -z, y
@@ -22,7 +22,7 @@ def skews(vectors: Array) -> Array:
 
 
 def rotations(vectors: Array) -> Array:
-    """The rotation matrix of each rotation vector, rad, shape (..., 3, 3)."""
+    """Computes the rotation matrix of each rotation vector, rad, shape (..., 3, 3)."""
     angle = np.sqrt(np.sum(vectors**2, axis=-1))[..., None, None]
     safe = np.where(angle < _SMALL, 1.0, angle)
     first = np.where(angle < _SMALL, 1.0 - angle**2 / 6.0, np.sin(safe) / safe)
@@ -32,7 +32,7 @@ def rotations(vectors: Array) -> Array:
 
 
 def rotation_vectors(matrices: Array) -> Array:
-    """The rotation vector of each rotation matrix, rad, of length 0 to pi, shape (..., 3)."""
+    """Computes the rotation vector of each rotation matrix, rad, of length 0 to pi, shape (..., 3)."""
     trace = np.trace(matrices, axis1=-2, axis2=-1)
     # the quaternion's largest component is divided by, Shepperd's way: sure at half a turn, too
     diagonal = np.diagonal(matrices, axis1=-2, axis2=-1)
@@ -65,12 +65,12 @@ def rotation_vectors(matrices: Array) -> Array:
 
 
 def symmetric_matrices(elements: Array) -> Array:
-    """The symmetric matrix of each six elements (xx, yy, zz, yz, xz, xy), shape (..., 3, 3)."""
+    """Computes the symmetric matrix of each six elements (xx, yy, zz, yz, xz, xy), shape (..., 3, 3)."""
     return elements[..., ELEMENT]
 
 
 def by_elements(vectors: Array) -> Array:
-    """The derivative of a symmetric matrix times each vector by the matrix's six elements, shape (..., 3, 6)."""
+    """Computes the derivative of a symmetric matrix times each vector by the six elements, shape (..., 3, 6)."""
     result = np.zeros((*vectors.shape, 6))
     for row in range(3):
         for column in range(3):
@@ -79,5 +79,5 @@ def by_elements(vectors: Array) -> Array:
 
 
 def times(matrices: Array, vectors: Array) -> Array:
-    """Each matrix times its vector, shape (..., 3)."""
+    """Multiplies each matrix by its vector, shape (..., 3)."""
     return (matrices @ vectors[..., None])[..., 0]
