@@ -98,12 +98,12 @@ def named(name: str) -> Measure:
 
 
 def number(figure: Figure, unit: str) -> str:
-    """What a figure was measured on: hours of a rate, else a count."""
+    """Formats the number that a figure was measured on: hours of a rate, else a count."""
     return f"{figure.n:.3g} h" if unit == "1/h" else f"{figure.n:g}"
 
 
 def shown(figure: Figure, unit: str, usual: str = "") -> str:
-    """A figure with its interval, and its n where that is not the usual one."""
+    """Formats a figure with its interval, and its n where that is not the usual one."""
     if not math.isfinite(figure.value):
         return "-"
     factor = 100.0 if unit == "share" else 1.0
@@ -115,7 +115,7 @@ def shown(figure: Figure, unit: str, usual: str = "") -> str:
 
 
 def estimates(suffix: str, length: str) -> Columns:
-    """Columns about estimates: unit and measure by heading."""
+    """Returns columns about estimates: unit and measure by heading."""
     return {
         "inverse inertia, %": ("", error_median(("Ixx_inv", "Iyy_inv", "Izz_inv"), suffix)),
         f"center of mass, {length}": ("", error_median(("x_cm", "y_cm", "z_cm"), suffix, relative=False)),
@@ -151,13 +151,13 @@ HEALTHY: Columns = {
 
 
 def table(headings: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
-    """A table in Markdown."""
+    """Makes a table in Markdown."""
     rows = [headings, ["---"] * len(headings), *lines]
     return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows)
 
 
 def figures_table(headings: Sequence[str], groups: Sequence[Group], columns: Columns) -> str:
-    """A line for each group, a column for each measure."""
+    """Makes a line for each group, a column for each measure."""
     figures = {name: (unit, [measure(group.rows) for group in groups]) for name, (unit, measure) in columns.items()}
     return formatted(headings, [group.labels for group in groups], figures)
 
@@ -165,7 +165,7 @@ def figures_table(headings: Sequence[str], groups: Sequence[Group], columns: Col
 def formatted(
     headings: Sequence[str], labels: Sequence[tuple[str, ...]], figures: Mapping[str, tuple[str, Sequence[Figure]]]
 ) -> str:
-    """A table of figures with the n of each line's first; columns without any number are left out.
+    """Makes a table of figures with the n of each line's first; columns without any number are left out.
 
     Args:
         headings: of the labels.
@@ -187,14 +187,14 @@ def formatted(
 
 
 def outcomes_table(headings: Sequence[str], groups: Sequence[Group]) -> str:
-    """How the failures of each group ended."""
+    """Makes a table of how the failures of each group ended."""
     found = [[one["outcome"] for row in flown(group.rows) for one in row["injected"]] for group in groups]
     counts = [[each.count(outcome) for outcome in _OUTCOMES] for each in found]
     return counts_table(headings, [group.labels for group in groups], counts)
 
 
 def counts_table(headings: Sequence[str], labels: Sequence[tuple[str, ...]], counts: Sequence[Sequence[int]]) -> str:
-    """How many failures of each line ended in each of `_OUTCOMES`; outcomes that none has are left out."""
+    """Counts how many failures of each line ended in each of `_OUTCOMES`, but for outcomes that none has."""
     kept = [place for place in range(len(_OUTCOMES)) if any(line[place] for line in counts)]
     lines = [
         (*label, str(sum(line)), *(str(line[place]) for place in kept))
@@ -204,7 +204,7 @@ def counts_table(headings: Sequence[str], labels: Sequence[tuple[str, ...]], cou
 
 
 def sized(rows: Sequence[Row], campaign: Campaign, cases: Sequence[PlannedCase]) -> list[dict[str, Any]]:
-    """Cases with the planned size of each failure: the force of a leak, what a degraded jet lacks, lbf or N."""
+    """Adds the planned size of each failure to cases: the force of a leak, what a degraded jet lacks, lbf or N."""
     base = campaign.spec.base
     thrusts = {jet.designation: jet.thrust for jet in base.vehicle_data.jets}
     usual = base.model_dump(mode="json", include={"failures"})["failures"]
@@ -263,7 +263,7 @@ def _only(rows: Sequence[Row], wanted: Callable[[int, Mapping[str, Any]], bool])
 
 
 def outcome_matrix(rows: Sequence[Row], force: str) -> str:
-    """What became of every jet's failures, where each case is a jet and a failure of its own; else nothing."""
+    """Makes a table of every jet's failures, where each case is a jet and a failure of its own; else nothing."""
     cells: dict[tuple[str, str], str] = {}
     for row in flown(rows):
         if len(row["injected"]) != 1:
