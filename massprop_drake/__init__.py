@@ -8,11 +8,8 @@ Names are loaded when they are first used, so that `Estimator` needs neither Dra
 
 from __future__ import annotations
 
-import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
-
-from massprop_drake.inputs.renamed import Finder
 
 if TYPE_CHECKING:
     __version__: str
@@ -50,9 +47,6 @@ _HOMES = {
 }
 
 __all__ = sorted(_HOMES)  # noqa: PLE0605 (the names are those of the mapping above)
-
-if not any(isinstance(finder, Finder) for finder in sys.meta_path):
-    sys.meta_path.insert(0, Finder())
 
 
 def __getattr__(name: str) -> Any:

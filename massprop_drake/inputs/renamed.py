@@ -1,20 +1,14 @@
-"""Names of earlier versions: accepted for one more release, with one warning that says what to write instead.
+"""Terms of earlier versions: accepted for one more release, with one warning that says what to write instead.
 
-Keys of files are renamed by `yaml.Document` as it reads them. Modules are found under their old paths, and attributes
-under their old names, by what stands here. Keys of a detector's former kind depend on the whole scenario:
-`inputs.scenario` has them replaced by `with_present_detector`.
+Keys of files are renamed by `yaml.Document` as it reads them. Those of a detector's former kind depend on the whole
+scenario: `inputs.scenario` has them replaced by `with_present_detector`.
 """
 
 from __future__ import annotations
 
 import re
-import sys
 import warnings
-from collections.abc import Callable, Mapping, Sequence
-from importlib import import_module
-from importlib.abc import Loader, MetaPathFinder
-from importlib.machinery import ModuleSpec
-from types import ModuleType
+from collections.abc import Sequence
 from typing import Any
 
 from massprop_drake.errors import dotted
@@ -28,46 +22,12 @@ FORMER_KIND, PRESENT_KIND = "multi_hypothesis", "hypotheses"
 _WITHOUT_EFFECT = ("trigger_jet", "trigger", "lead", "lead_nothing", "jump")
 _MOVED_TO_FAULTS = "slots"
 
-# rooms: the modules that have moved there; "=" before the present name where it has changed, too
-_MOVED = {
-    "inputs": "models=model scenario settings=params vehicle",
-    "telemetry": "quality tables",
-    "runners": "estimating=recorded estimator logged=logs simulation=simulate",
-    "results": "files=folder history=spool run summary",
-    "display": "figures graphs report.events report.live report.page report.panels=plots report.replay=flight3d "
-    "report.stage",
-    "studies": "vehicle_report=vehicle",
-    "maths.vehicle": "maths.failures=true_failures maths.rigid_body maths.sensing maths.thrust",
-    "maths.autopilot": "maths.jet_selection maths.phase_space",
-    "maths.estimation": "maths.adaptation maths.impulses maths.observability maths.redundancy",
-    "maths.estimation.filters": "maths.mass_filter maths.mass_jump maths.rotation_filter",
-    "maths.estimation.detectors": "maths.detection=cglr maths.jet_failures=jet_tests",
-    "systems.vehicle": "systems.integrating_accelerometer systems.noise_source systems.rate_gyro "
-    "systems.reaction_jets systems.rigid_body_plant systems.sensor",
-    "systems.autopilot": "systems.attitude_reference systems.hand_controllers systems.jet_schedule "
-    "systems.jet_selection systems.jet_selection_program systems.phase_space_controller",
-    "systems.estimation": "systems.convergence_monitor systems.failure_detector systems.impulse_model "
-    "systems.mass_estimator systems.rotation_estimator systems.telemetry_source",
-}
-
-
-def _modules() -> dict[str, str]:
-    found = {"massprop_drake.report": "massprop_drake.display"}
-    for room, moved in _MOVED.items():
-        for entry in moved.split():
-            old, _, new = entry.partition("=")
-            found[f"massprop_drake.{old}"] = f"massprop_drake.{room}.{new or old.rpartition('.')[2]}"
-    return found
-
-
-MODULES = _modules()
-
 
 class RenamedWarning(FutureWarning):
     """Warning of a name of an earlier version, accepted once more."""
 
 
-def warn(message: str, stacklevel: int = 2, version: str = "0.3") -> None:
+def warn(message: str, stacklevel: int = 2, version: str = "0.4") -> None:
     """Warns of an old name that ends with a version; `stacklevel` as of `warnings.warn`, counted from the caller."""
     warnings.warn(f"{message}; version {version} will know the new name alone", RenamedWarning, stacklevel + 1)
 
@@ -117,37 +77,3 @@ def keys_left_behind(former: Any, kind: Any) -> tuple[str, ...]:
         return ()
     shared = ("lead", "lead_nothing") if former is None else ()  # with other kinds
     return tuple(key for key in (*_WITHOUT_EFFECT, _MOVED_TO_FAULTS) if key not in shared)
-
-
-def attributes(module: str, names: Mapping[str, str]) -> Callable[[str], Any]:
-    """Makes a module's `__getattr__` that knows what has been renamed in it.
-
-    Args:
-        module: its `__name__`.
-        names: present name by old name, with the module's full name and a dot before it where it has moved.
-    """
-
-    def get(name: str) -> Any:
-        if name not in names:
-            raise AttributeError(f"module {module!r} has no attribute {name!r}")
-        home, _, new = (names[name] if "." in names[name] else f"{module}.{names[name]}").rpartition(".")
-        warn(f"{module}.{name} is now {home}.{new}")
-        return getattr(import_module(home), new)
-
-    return get
-
-
-class Finder(MetaPathFinder, Loader):
-    """Finder of modules under their former paths."""
-
-    def find_spec(
-        self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
-    ) -> ModuleSpec | None:
-        """Returns the old path's specification, when it is one."""
-        return ModuleSpec(fullname, self) if fullname in MODULES else None
-
-    def exec_module(self, module: ModuleType) -> None:
-        """Puts the module itself in the place of the new, empty one."""
-        new = MODULES[module.__name__]
-        warn(f"module {module.__name__} is now {new}")
-        sys.modules[module.__name__] = import_module(new)

@@ -1875,18 +1875,3 @@ def parsed_key(key: str, override: str) -> list[str | int]:
         if not name and not indices:
             raise InputError(f"--set {override}: empty part in {key!r}")
     return path
-
-
-__getattr__ = renamed.attributes(
-    __name__,
-    {
-        "PlantSettings": "PlantBlock",
-        "CombineSettings": "CombineBlock",
-        "SensorSettings": "SensorsBlock",
-        "AutopilotSettings": "AutopilotBlock",
-        "EstimationSettings": "EstimationBlock",
-        "RotationFilterSettings": "RotationBlock",
-        "MassFilterSettings": "MassBlock",
-        "DetectorSettings": "CglrBlock",
-    },
-)

@@ -2,38 +2,16 @@
 
 from __future__ import annotations
 
-import csv
-import importlib
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from command_probe import Massprop
 
 from massprop_drake import InputError, load_scenario, load_vehicle
-from massprop_drake.inputs import renamed
-from massprop_drake.inputs.renamed import KEYS, MODULES, RenamedWarning
+from massprop_drake.inputs.renamed import RenamedWarning
 
 DATA = Path(__file__).parents[1] / "data"
 LANDED = DATA / "landed_0_1"
-WITHOUT_ALIAS = ("massprop_drake.reproduction", "massprop_drake.cli", "massprop_drake.telemetry")
-
-
-def _table(kind: str) -> dict[str, str]:
-    with (DATA / "renamed.csv").open(encoding="utf-8", newline="") as file:
-        return {row["old"]: row["new"] for row in csv.DictReader(file) if row["kind"] == kind}
-
-
-def _loaded(name: str, attribute: str) -> object:
-    return getattr(importlib.import_module(name), attribute)
-
-
-# ------------------------------------------------------------------------------------------- keys
-
-
-def test_the_table_lists_the_keys_that_are_accepted() -> None:
-    assert _table("key") == {old: ".".join([*old.split(".")[:-1], new]) for old, new in KEYS.items()}
 
 
 def test_old_keys_of_a_vehicle_are_read_with_one_warning() -> None:
@@ -41,7 +19,7 @@ def test_old_keys_of_a_vehicle_are_read_with_one_warning() -> None:
         vehicle = load_vehicle(LANDED / "cube.yaml")
     assert [solid.color for solid in vehicle.shape] == ["#c2503c", "#5b6470"]
     assert [str(warning.message) for warning in caught] == [
-        f"{LANDED / 'cube.yaml'}: colour is now color; version 0.3 will know the new name alone"
+        f"{LANDED / 'cube.yaml'}: colour is now color; version 0.4 will know the new name alone"
     ]
 
 
@@ -98,59 +76,4 @@ def test_the_command_line_says_it_in_a_line(massprop: Massprop) -> None:
     done = massprop("check", LANDED / "turned_cube.yaml", LANDED / "cube.yaml", "--json")
     assert done.status == 0
     assert [line.partition(": ")[0] for line in done.err.splitlines()] == ["massprop", "massprop"]
-    assert "cube.yaml: colour is now color; version 0.3 will know the new name alone" in done.err
-
-
-# -------------------------------------------------------------------------------- modules, classes
-
-
-def test_the_table_lists_the_modules_that_are_found() -> None:
-    table = _table("module")
-    assert {old: new for old, new in table.items() if not old.startswith(WITHOUT_ALIAS)} == MODULES
-
-
-@pytest.mark.parametrize("kind", ["module", "class"])
-def test_whatever_was_renamed_is_there_under_its_present_name(kind: str) -> None:
-    for new in _table(kind).values():
-        if kind == "module":
-            importlib.import_module(new)
-        else:
-            _loaded(*new.rsplit(".", 1))
-
-
-def test_modules_are_found_under_their_old_paths() -> None:
-    for old, new in MODULES.items():
-        sys.modules.pop(old, None)
-        with pytest.warns(RenamedWarning, match=f"module {old} is now {new};") as caught:
-            module = importlib.import_module(old)
-        assert module is sys.modules[new]
-        assert len(caught) == 1, old
-
-
-def test_a_user_who_imports_an_old_module_sees_one_warning_at_their_own_line(tmp_path: Path) -> None:
-    program = tmp_path / "own.py"
-    program.write_text("\nfrom massprop_drake.vehicle import load_vehicle\nimport massprop_drake.vehicle\n")
-    done = subprocess.run([sys.executable, program], capture_output=True, text=True, check=True)
-    first, *_ = done.stderr.splitlines()
-    assert first.startswith(f"{program}:2: RenamedWarning: module massprop_drake.vehicle is now massprop_drake.inputs")
-    assert done.stderr.count("RenamedWarning") == 1
-
-
-def test_blocks_of_a_scenario_are_found_under_their_old_names() -> None:
-    home = "massprop_drake.inputs.scenario"
-    for old, new in _table("class").items():
-        if new.startswith(home):
-            with pytest.warns(RenamedWarning, match=f"is now {new}"):
-                assert _loaded(home, old.rpartition(".")[2]) is _loaded(*new.rsplit(".", 1))
-
-
-def test_functions_of_telemetry_are_found_where_they_were() -> None:
-    with pytest.warns(RenamedWarning, match=r"massprop_drake\.telemetry\.check is now massprop_drake\.telemetry"):
-        assert _loaded("massprop_drake.telemetry", "check") is _loaded("massprop_drake.telemetry.reader", "check")
-
-
-def test_what_never_was_is_still_missing() -> None:
-    with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
-        renamed.attributes("some.module", {})("nothing")
-    with pytest.raises(ModuleNotFoundError):
-        importlib.import_module("massprop_drake.nothing")
+    assert "cube.yaml: colour is now color; version 0.4 will know the new name alone" in done.err
