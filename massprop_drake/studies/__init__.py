@@ -1,1 +1,1 @@
-"""What is learned from runs: a report on a vehicle before flight, and the thesis reproduced."""
+"""What is learned from runs: a report on a vehicle before flight, campaigns of many flights, and designed maneuvers."""
