@@ -7,6 +7,7 @@ whole sample. Arguments and margins without noise grow with the square of the fo
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -115,13 +116,8 @@ def soft_failures(seed: int) -> dict[str, Array]:
 def vernier_gaussian(seed: int) -> dict[str, Array]:
     """Tells whether vernier 39, stuck on, is named, and the likeliest of its cluster; Gaussian noise, all jets off."""
     here = setting()
-    random = np.random.default_rng([seed, 3])
-    off = np.ones(len(here.clusters), dtype=bool)
-    spread = 1.0 / np.sqrt(here.information.diagonal())
     named, best = [], []
-    for noise in spread * random.standard_normal((400, 6)):
-        sample = orbiter().jets[38].thrust * here.coefficients[38] + noise
-        likelihood = jet_tests(here.coefficients, sample, here.information, off, _NEVER).likelihood
+    for likelihood in _drawn([seed, 3], 400, orbiter().jets[38].thrust * here.coefficients[38]):
         isolation = isolate(likelihood, here.clusters)
         named.append(isolation.jet == 38 and min(isolation.cluster_margin, isolation.jet_margin) > MARGIN)
         best.append(np.where(here.clusters == here.clusters[38], likelihood, -1.0).argmax() == 38)
@@ -130,13 +126,18 @@ def vernier_gaussian(seed: int) -> dict[str, Array]:
 
 def at_rest(seed: int) -> dict[str, Array]:
     """Tests healthy samples with Gaussian noise, all jets off: the largest argument, and what isolation makes of it."""
+    clusters = setting().clusters
+    largest, margins = [], []
+    for likelihood in _drawn([seed, 2], 10_000, np.zeros(6)):
+        largest.append(likelihood.max())
+        margins.append(isolate(likelihood, clusters).cluster_margin)
+    return {"largest": np.array(largest), "cluster_margin": np.array(margins)}
+
+
+def _drawn(seed: list[int], count: int, mean: Array) -> Iterator[Array]:
+    """Draws samples with Gaussian noise about a mean, all jets off, and yields the argument of every jet."""
     here = setting()
-    random = np.random.default_rng([seed, 2])
     off = np.ones(len(here.clusters), dtype=bool)
     spread = 1.0 / np.sqrt(here.information.diagonal())
-    largest, margins = [], []
-    for sample in spread * random.standard_normal((10_000, 6)):
-        likelihood = jet_tests(here.coefficients, sample, here.information, off, _NEVER).likelihood
-        largest.append(likelihood.max())
-        margins.append(isolate(likelihood, here.clusters).cluster_margin)
-    return {"largest": np.array(largest), "cluster_margin": np.array(margins)}
+    for noise in spread * np.random.default_rng(seed).standard_normal((count, 6)):
+        yield jet_tests(here.coefficients, mean + noise, here.information, off, _NEVER).likelihood

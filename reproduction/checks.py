@@ -26,11 +26,12 @@ from massprop_drake.maths.estimation.filters.mass_filter import (
     update,
 )
 from massprop_drake.maths.estimation.filters.mass_jump import empty_window, jump_test
-from massprop_drake.maths.estimation.filters.rotation_filter import RotationSample, RotationState, rate_increment
+from massprop_drake.maths.estimation.filters.rotation_filter import rate_increment
 from massprop_drake.maths.linear_algebra import skew
 from massprop_drake.maths.vehicle import rigid_body
 from reproduction.analytic import setting
 from reproduction.measures import orbiter
+from reproduction.pure_rotations import start, updated
 
 Array = NDArray[np.float64]
 
@@ -198,14 +199,8 @@ def first_update(jets: Sequence[int]) -> float:
     """Error of Ixx^-1 after one exact rate increment by some jets, by index, %; from zero with 100 % uncertainty."""
     vehicle = orbiter()
     truth = vehicle.nominal.vector()[:9]
-    start = RotationState(np.zeros(9), np.diag(truth**2))
-    angular, linear = np.split(vehicle.wrenches[list(jets)].sum(axis=0) * vehicle.sample_period_s, 2)
-    variance = vehicle.gyros[0].variance
-    increment = rate_increment(truth, angular, linear)
-    noise = 2.0 * variance * np.eye(3)
-    sample = RotationSample(increment, np.zeros(3), noise, variance, angular, linear, firing=True)
-    innovation = rotation_filter.innovate(start, sample, False, _rotation())
-    after = rotation_filter.update(start, sample, innovation, NO_ADAPTATION, _rotation()).state.estimate
+    impulse = vehicle.wrenches[list(jets)].sum(axis=0) * vehicle.sample_period_s
+    after = updated(start(), rate_increment(truth, *np.split(impulse, 2)), impulse, _rotation()).estimate
     return float(100.0 * abs(after[0] - truth[0]) / truth[0])
 
 
@@ -265,7 +260,7 @@ def _curvatures(linear: Array) -> Array:
 
 
 def wiring(_: int) -> dict[str, Array]:
-    """What is missing of figures 1-1 to 1-4 in the diagrams: connections of the loop, measured inputs, parameters."""
+    """Counts what the diagrams lack of figures 1-1 to 1-4: connections of the loop, measured inputs, parameters."""
     from massprop_drake.display import graphs  # noqa: PLC0415 (loads Drake)
 
     loop = graphs.build("closed_loop")

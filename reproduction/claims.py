@@ -18,6 +18,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,8 @@ Array = NDArray[np.float64]
 Signals = Mapping[str, Array]  # of one run, by name, a row per sample
 Phase = Mapping[str, Signals]  # runs of one sensor phase, by the label of their case
 Phases = Sequence[Phase]
+Measure = Callable[[Phase], float]
+Pooled = Callable[[Phases], float]  # a measure of all phases together
 
 MOST, HALF = 0.95, 0.5  # of the phases
 _CENTRAL = (0.025, 0.975)
@@ -34,7 +37,7 @@ _RESAMPLES = 400  # of the phases, for a pooled claim
 
 
 class Source(StrEnum):
-    """Who makes a claim."""
+    """The maker of a claim."""
 
     THESIS = "thesis"  # its words, figures and tables
     REFERENCE = "reference"  # our reference: worked out from the thesis's equations, or found by a check of them
@@ -150,7 +153,7 @@ class Because:
     """
 
     text: str
-    measures: tuple[Callable[[Phase], float], ...] = ()
+    measures: tuple[Measure, ...] = ()
 
     def told(self, phases: Phases) -> str:
         """Measures the numbers and writes the sentence."""
@@ -188,6 +191,10 @@ class Claim:
         """Writes what is expected: the bound with its unit, and how words are read."""
         bound = f"{self.expect} {self.unit}".strip()
         return f"{bound} ({self.expect.words})" if isinstance(self.expect, Reading) else bound
+
+
+reference = partial(Claim, source=Source.REFERENCE)  # a number of our reference, its words in parentheses
+erratum = partial(Claim, source=Source.ERRATA)
 
 
 @dataclass(frozen=True)

@@ -5,17 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import lru_cache
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.inputs.scenario import HandControllerWindow, load_scenario
 from massprop_drake.inputs.vehicle import Vehicle, load_vehicle
-from reproduction.claims import Array, Phase, Signals
+from reproduction.claims import Array, Measure, Phase, Pooled, Signals
 
 DIAGONAL, CENTER, MASS = slice(0, 3), slice(6, 9), 9
 XX, YY, ZZ, YZ, XZ, XY = range(6)
 DEGREES = 180.0 / np.pi
+END_S = 50.0  # of the sample maneuver
 _END = 1e-6  # s, against rounding of sample times
 
 
@@ -70,9 +72,50 @@ def nis(run: Signals, part: str, start_s: float = 0.0, end_s: float = np.inf) ->
     return result
 
 
-def mean_nis(case: str, part: str, start_s: float = 0.0, end_s: float = np.inf) -> Callable[[Phase], float]:
+def mean_nis(case: str, part: str, start_s: float = 0.0, end_s: float = np.inf) -> Measure:
     """Makes a measure: the mean consistency function of a case."""
     return lambda phase: float(nis(phase[case], part, start_s, end_s).mean())
+
+
+def share_above(case: str, limit: float, start_s: float, end_s: float = np.inf) -> Measure:
+    """Makes a measure: share of the rotation filter's consistency function above a limit, over a time."""
+    return lambda phase: float(np.mean(nis(phase[case], "rotation", start_s, end_s) > limit))
+
+
+def value(case: str, name: str, index: int = 0) -> Measure:
+    """Makes a measure: an element of a result."""
+    return lambda phase: float(phase[case][name][index])
+
+
+def ratio(one: Callable[[Any], float], other: Callable[[Any], float]) -> Callable[[Any], float]:
+    """Makes a measure: one over another, of a phase or pooled as they are."""
+    return lambda phases: one(phases) / other(phases)
+
+
+def worst(case: str, elements: int | slice | list[int] = DIAGONAL, time_s: float = np.inf) -> Measure:
+    """Makes a measure: the largest error of some elements at a time, %; at the end without one."""
+    return lambda phase: float(np.max(percent_at(phase[case], time_s)[elements]))
+
+
+def apart_in_sigma(case: str, other: str, time_s: float) -> Measure:
+    """Makes a measure: largest difference of two cases in an estimate of the diagonal, 1-sigma of the first."""
+
+    def measure(phase: Phase) -> float:
+        run, row = phase[case], at(phase[case], time_s)
+        apart = np.abs(run["estimate"][row] - phase[other]["estimate"][row]) / run["standard_deviation"][row]
+        return float(apart[DIAGONAL].max())
+
+    return measure
+
+
+def mass_error(run: Signals, start_s: float = 0.0, end_s: float = np.inf) -> Array:
+    """Computes the error of 1/m over a time, %, shape (m,)."""
+    return percent_error(run)[during(run, start_s, end_s), MASS]
+
+
+def mass_rms(case: str, start_s: float = END_S, end_s: float = np.inf) -> Pooled:
+    """Makes a pooled measure: RMS error of 1/m over a time, %; at the end without one."""
+    return lambda phases: rms(np.concatenate([mass_error(phase[case], start_s, end_s) for phase in phases]))
 
 
 def rms(values: Array) -> float:

@@ -9,7 +9,12 @@ from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import load_scenario
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
 from massprop_drake.maths.estimation.filters import rotation_filter
-from massprop_drake.maths.estimation.filters.rotation_filter import RotationSample, RotationState, rate_increment
+from massprop_drake.maths.estimation.filters.rotation_filter import (
+    RotationParams,
+    RotationSample,
+    RotationState,
+    rate_increment,
+)
 from reproduction.measures import CENTER, DIAGONAL, orbiter
 
 Array = NDArray[np.float64]
@@ -47,6 +52,21 @@ def rotations(seed: int, *, force: float) -> dict[str, Array]:
     }
 
 
+def start() -> RotationState:
+    """Returns the thesis's start: estimates of zero with 100 % uncertainty."""
+    return RotationState(np.zeros(9), np.diag(orbiter().nominal.vector()[:9] ** 2))
+
+
+def updated(state: RotationState, increment: Array, impulse: Array, own: RotationParams) -> RotationState:
+    """Updates the rotation filter with a rate increment that jets cause by an impulse about the origin, shape (6,)."""
+    variance = orbiter().gyros[0].variance
+    angular, linear = np.split(impulse, 2)
+    noise = 2.0 * variance * np.eye(3)
+    sample = RotationSample(increment, np.zeros(3), noise, variance, angular, linear, firing=True)
+    innovation = rotation_filter.innovate(state, sample, False, own)
+    return rotation_filter.update(state, sample, innovation, NO_ADAPTATION, own).state
+
+
 def _impulses(random: np.random.Generator, force: float) -> Array:
     """Angular impulse about the vehicle origin and linear impulse of each sample, shape (n, 6)."""
     vehicle = orbiter()
@@ -72,14 +92,7 @@ def _run(impulses: Array, measured: Array, name: str) -> tuple[Array, Array]:
     """Estimates and 1-sigma before the first sample and after each, shape (n + 1, 9), by a filter from zero."""
     settings = ["rotation.jump=none", "rotation.coupling=ignore", f"rotation.filter={name}"]
     own = params.rotation_params(load_scenario("sample_maneuver", settings))
-    variance = orbiter().gyros[0].variance
-    state = RotationState(np.zeros(9), np.diag(orbiter().nominal.vector()[:9] ** 2))
-    states = [state]
+    states = [start()]
     for impulse, increment in zip(impulses, measured, strict=True):
-        angular, linear = np.split(impulse, 2)
-        noise = 2.0 * variance * np.eye(3)
-        sample = RotationSample(increment, np.zeros(3), noise, variance, angular, linear, firing=True)
-        innovation = rotation_filter.innovate(state, sample, False, own)
-        state = rotation_filter.update(state, sample, innovation, NO_ADAPTATION, own).state
-        states.append(state)
+        states.append(updated(states[-1], increment, impulse, own))
     return np.array([s.estimate for s in states]), np.sqrt([s.covariance.diagonal() for s in states])

@@ -168,26 +168,12 @@ def page(results: Sequence[Reproduced], folder: Path) -> str:
                 "label": label(result.entry),
                 "title": result.entry.title,
                 "pictures": [_encoded(folder / picture) for picture in result.pictures],
-                "rows": [_row(outcome) for outcome in result.outcomes],
+                "rows": [{**_claim_data(outcome), "style": _STYLES[outcome.verdict]} for outcome in result.outcomes],
             }
             for result in results
         ],
     }
     return templates.page(_HERE / "page.html", content, styles=[(_HERE / "page.css").read_text(encoding="utf-8")])
-
-
-def _row(outcome: Outcome) -> dict[str, str]:
-    claim = outcome.claim
-    return {
-        "claim": claim.text,
-        "source": claim.source.value,
-        "thesis": claim.thesis,
-        "expected": claim.expected,
-        "measured": outcome.measured,
-        "verdict": outcome.verdict.value,
-        "style": _STYLES[outcome.verdict],
-        "why": outcome.why,
-    }
 
 
 def _encoded(picture: Path) -> str:

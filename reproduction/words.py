@@ -1,4 +1,4 @@
-"""What words of the thesis that leave room are read as, one bound for each word wherever it stands.
+"""Readings of words of the thesis that leave room, one bound for each word wherever it stands.
 
 Words that mean a quantity of their own ("some", "good", "kept") are read beside their claim.
 """

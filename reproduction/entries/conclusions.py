@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from reproduction import analytic, checks
 from reproduction.cases import Calculation
-from reproduction.claims import AtLeast, AtMost, Because, Claim, Phase, Phases, Reading
+from reproduction.claims import AtLeast, AtMost, Because, Claim, Measure, Phase, Pooled, Reading
 from reproduction.entry import Entry
 from reproduction.flights import (
     AVERAGE,
@@ -23,16 +21,7 @@ from reproduction.flights import (
     STUCK_ON,
     WEIGHTED,
 )
-from reproduction.measures import (
-    DIAGONAL,
-    MASS,
-    at,
-    during,
-    final_percent,
-    mean_nis,
-    percent_error,
-    rms,
-)
+from reproduction.measures import MASS, apart_in_sigma, mass_rms, mean_nis, percent_error, ratio, value, worst
 from reproduction.words import (
     CONSIDERABLE,
     HIGHLY_INCONSISTENT,
@@ -44,27 +33,12 @@ from reproduction.words import (
 )
 
 
-def _largest_diagonal(case: str) -> Callable[[Phase], float]:
-    return lambda phase: float(final_percent(phase[case])[DIAGONAL].max())
+def _final_ratio(case: str) -> Pooled:
+    """Makes a pooled measure: RMS error of 1/m at the end over that of the sample run."""
+    return ratio(mass_rms(case), mass_rms("base"))
 
 
-def _apart_in_sigma(phase: Phase, time_s: float) -> float:
-    run, row = phase["base"], at(phase["base"], time_s)
-    apart = np.abs(run["estimate"][row] - phase["ignored"]["estimate"][row]) / run["standard_deviation"][row]
-    return float(apart[DIAGONAL].max())
-
-
-def _mass(case: str, start_s: float, end_s: float, phases: Phases) -> float:
-    """RMS error of 1/m over a time and the phases, %."""
-    errors = [percent_error(phase[case])[during(phase[case], start_s, end_s), MASS] for phase in phases]
-    return rms(np.concatenate(errors))
-
-
-def _final_ratio(case: str) -> Callable[[Phases], float]:
-    return lambda phases: _mass(case, 50.0, 50.0, phases) / _mass("base", 50.0, 50.0, phases)
-
-
-def _named(jet: int, label: str) -> Callable[[Phase], float]:
+def _named(jet: int, label: str) -> Measure:
     """Makes a measure: share of alarms that name a jet, of those that name one at all; the jet's own."""
 
     def measure(phase: Phase) -> float:
@@ -101,7 +75,7 @@ ENTRIES = (
                 "rates rise, over the filter's 1-sigma",
                 "coupling is negligible when firings are near-impulsive, or whenever rates are small",
                 NEGLIGIBLE,
-                lambda phase: _apart_in_sigma(phase, 36.9),
+                apart_in_sigma("base", "ignored", 36.9),
             ),
             Claim(
                 1,
@@ -118,15 +92,11 @@ ENTRIES = (
                 "largest final error of the diagonal, coupling ignored over subtracted",
                 "a minor increase in accuracy can be obtained by subtracting it",
                 SLIGHTLY_MORE,
-                lambda phase: _largest_diagonal("ignored")(phase) / _largest_diagonal("base")(phase),
+                ratio(worst("ignored"), worst("base")),
                 because=Because(
                     "{:.4f} % with and {:.3f} % without: rates with two axes commanded are not small, and until then "
                     "the two differ by {:.2f} of the filter's 1-sigma",
-                    (
-                        _largest_diagonal("base"),
-                        _largest_diagonal("ignored"),
-                        lambda phase: _apart_in_sigma(phase, 36.9),
-                    ),
+                    (worst("base"), worst("ignored"), apart_in_sigma("base", "ignored", 36.9)),
                 ),
             ),
             Claim(
@@ -134,7 +104,7 @@ ENTRIES = (
                 "RMS error of 1/m before 25 s, NONE over T+COV",
                 "transverse acceleration has a significant effect on the initial estimation of 1/m",
                 SIGNIFICANT,
-                lambda phases: _mass("none", 1.0, 24.9, phases) / _mass("base", 1.0, 24.9, phases),
+                ratio(mass_rms("none", 1.0, 24.9), mass_rms("base", 1.0, 24.9)),
                 pooled=True,
             ),
             Claim(
@@ -142,7 +112,7 @@ ENTRIES = (
                 "largest final error of the diagonal, extended Kalman filter",
                 "the extended Kalman filter is unacceptable",
                 Reading(AtLeast(5.0), "unacceptable: 200 times table 5-3's 0.02 %"),
-                _largest_diagonal("extended"),
+                worst("extended"),
                 "%",
             ),
             Claim(
@@ -180,7 +150,7 @@ ENTRIES = (
                 "its updates per sample over those of the weighted average",
                 "it increases the load considerably",
                 CONSIDERABLE,
-                lambda phase: float(phase["counts"]["serial"][0] / phase["counts"]["weighted_average"][0]),
+                ratio(value("counts", "serial"), value("counts", "weighted_average")),
             ),
             Claim(
                 5,

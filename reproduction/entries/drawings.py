@@ -7,10 +7,10 @@ from matplotlib.figure import Figure
 
 from reproduction import checks
 from reproduction.cases import Calculation
-from reproduction.claims import AtMost, Claim, Near, Phase, Phases, Source
+from reproduction.claims import AtMost, Claim, Near, Phase, Phases, reference
 from reproduction.drawing import COLORS, tidy
 from reproduction.entry import Entry
-from reproduction.measures import orbiter
+from reproduction.measures import orbiter, value
 
 _WIRING = {"wiring": Calculation("wiring", checks.wiring)}
 
@@ -74,7 +74,7 @@ ENTRIES = (
                 "connections of the loop that our `closed_loop` diagram lacks, of five (`massprop graph closed_loop`)",
                 "autopilot, jet selection, vehicle, gyros and accelerometers in a closed loop",
                 AtMost(0.0),
-                lambda phase: float(phase["wiring"]["missing"][0]),
+                value("wiring", "missing"),
             ),
         ),
     ),
@@ -88,7 +88,7 @@ ENTRIES = (
                 "largest difference of a jet's torque about the center of mass from that of its shifted wrench",
                 "r = r' - r'_cm (1-4)",
                 AtMost(1e-6),
-                lambda phase: float(phase["arms"]["difference"][0]),
+                value("arms", "difference"),
                 "ft-lbf",
             ),
         ),
@@ -103,7 +103,7 @@ ENTRIES = (
                 "true quantities among the inputs of our `estimation` diagram",
                 "mass properties are unknown; sensors and commands alone tell of them",
                 AtMost(0.0),
-                lambda phase: float(phase["wiring"]["true_inputs"][0]),
+                value("wiring", "true_inputs"),
             ),
         ),
     ),
@@ -117,7 +117,7 @@ ENTRIES = (
                 "parameters that our `estimation` diagram estimates",
                 "the mass properties are the state: ten numbers",
                 Near(10.0, 0.0),
-                lambda phase: float(phase["wiring"]["parameters"][0]),
+                value("wiring", "parameters"),
             ),
         ),
     ),
@@ -131,7 +131,7 @@ ENTRIES = (
                 "relative change of L = I ω in inertial axes over 50 s without torque",
                 "angular momentum of a rigid body (2-14), (2-28)",
                 AtMost(1e-9),
-                lambda phase: float(phase["momentum"]["change"][0]),
+                value("momentum", "change"),
             ),
         ),
     ),
@@ -154,14 +154,13 @@ ENTRIES = (
         "Filter compensation for jumps in 1/m",
         {"jump": Calculation("mass_jump_variance", checks.mass_jump_variance, seeds=20)},
         (
-            Claim(
+            reference(
                 1,
                 "variance after a jump that one sample finds and corrects, true over claimed",
                 "(jump correction (3-116) with the variance that (3-118) has without the cross term)",
                 Near(1.0, 0.05),
                 lambda phases: float(np.mean([phase["jump"]["true"] / phase["jump"]["exact"] for phase in phases])),
                 pooled=True,
-                source=Source.REFERENCE,
             ),
         ),
     ),
@@ -175,7 +174,7 @@ ENTRIES = (
                 "largest relative difference of 44 matched filters from one least-squares fit per jet",
                 "a matched filter per jet, then the largest (4-25) to (4-28)",
                 AtMost(1e-9),
-                lambda phase: float(phase["noise"]["difference"][0]),
+                value("noise", "difference"),
             ),
         ),
     ),

@@ -2,38 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from reproduction import analytic, checks
 from reproduction.cases import Calculation
-from reproduction.claims import AtMost, Because, Between, Claim, Near, Phase, Phases, Source
+from reproduction.claims import AtMost, Because, Between, Near, Phases, Pooled, erratum
 from reproduction.entry import Entry
-from reproduction.flights import (
-    HYBRID,
-    INCREMENTED,
-    INCREMENTED_EARLY,
-    SERIAL,
-    STACKED,
-)
-from reproduction.measures import DIAGONAL, MASS, final_percent, nis, percent_error, rms
+from reproduction.flights import HYBRID, INCREMENTED, INCREMENTED_EARLY, SERIAL, STACKED
+from reproduction.measures import mass_rms, mean_nis, nis, ratio, worst
 from reproduction.words import CHI_SQUARE
 
 
-def _mean(case: str, name: str, index: int = 0) -> Callable[[Phases], float]:
+def _mean(case: str, name: str, index: int = 0) -> Pooled:
     return lambda phases: float(np.mean([phase[case][name][index] for phase in phases]))
 
 
-def _share(prior: int, limit: int) -> Callable[[Phases], float]:
+def _share(prior: int, limit: int) -> Pooled:
     return lambda phases: float(np.mean([phase["window"]["share"][prior, limit] for phase in phases]))
 
 
-def _above(limit: float) -> Callable[[Phases], float]:
+def _above(limit: float) -> Pooled:
     return lambda phases: float(np.mean([np.mean(phase["rest"]["largest"] > limit) for phase in phases]))
 
 
-def _quantile(level: float) -> Callable[[Phases], float]:
+def _quantile(level: float) -> Pooled:
     return lambda phases: float(np.quantile(np.concatenate([phase["rest"]["largest"] for phase in phases]), level))
 
 
@@ -43,14 +35,6 @@ def _false_alarms(phases: Phases) -> float:
 
 def _bad_starts(phases: Phases) -> float:
     return float(np.mean([nis(phase["plain"], "rotation").mean() > 100.0 for phase in phases]))
-
-
-def _worst_diagonal(case: str) -> Callable[[Phase], float]:
-    return lambda phase: float(final_percent(phase[case])[DIAGONAL].max())
-
-
-def _final_mass(case: str, phases: Phases) -> float:
-    return rms(np.array([percent_error(phase[case])[-1, MASS] for phase in phases]))
 
 
 ENTRIES = (
@@ -70,34 +54,31 @@ ENTRIES = (
             "stacked": STACKED,
         },
         (
-            Claim(
+            erratum(
                 1,
                 "variance after a jump found in one sample, gain 0.8, true over the exact form",
                 "(3-117), (3-118): the cross term is zero",
                 Near(1.0, 0.04),
-                lambda phases: _mean("jump", "true")(phases) / _mean("jump", "exact")(phases),
+                ratio(_mean("jump", "true"), _mean("jump", "exact")),
                 pooled=True,
-                source=Source.ERRATA,
             ),
-            Claim(
+            erratum(
                 1,
                 "the thesis's small-gain form over the true variance, gain 0.8",
                 "(3-118) errs on the large side, 7.4 times at this gain",
                 Near(7.4, 0.2),
-                lambda phases: _mean("jump", "thesis")(phases) / _mean("jump", "true")(phases),
+                ratio(_mean("jump", "thesis"), _mean("jump", "true")),
                 pooled=True,
-                source=Source.ERRATA,
             ),
-            Claim(
+            erratum(
                 1,
                 "the same, gain 0.004",
                 "and differs little for small gains (1.017)",
                 Near(1.017, 0.03),
-                lambda phases: _mean("jump", "thesis", 1)(phases) / _mean("jump", "true", 1)(phases),
+                ratio(_mean("jump", "thesis", 1), _mean("jump", "true", 1)),
                 pooled=True,
-                source=Source.ERRATA,
             ),
-            Claim(
+            erratum(
                 2,
                 "false alarms of a window of five samples at 6.63, small gain",
                 "below (3-110): not chi-square with N degrees; 3.8 %",
@@ -112,126 +93,110 @@ ENTRIES = (
                         lambda phase: float(phase["window"]["share"][1, 0]),
                     ),
                 ),
-                source=Source.ERRATA,
             ),
-            Claim(
+            erratum(
                 2,
                 "the same with a prior as uncertain as one sample",
                 "3.8 %",
                 Near(0.038, 0.002),
                 _share(1, 0),
                 pooled=True,
-                source=Source.ERRATA,
             ),
-            Claim(
+            erratum(
                 2,
                 "at the value of one degree for 1 % / 5, small gain",
                 "0.8 %",
                 Near(0.008, 0.001),
                 _share(0, 1),
                 pooled=True,
-                source=Source.ERRATA,
             ),
-            Claim(
+            erratum(
                 2,
                 "the same with a prior as uncertain as one sample",
                 "0.8 %",
                 Near(0.008, 0.001),
                 _share(1, 1),
                 pooled=True,
-                source=Source.ERRATA,
             ),
-            Claim(
+            erratum(
                 3,
                 "variance after a corrected sample, true over claimed, gains kept (4.5)",
                 "(4-34), (4-35): the corrected residual has covariance Y - C; 1.00",
                 Near(1.0, 0.05),
                 _mean("corrected", "ours"),
                 pooled=True,
-                source=Source.ERRATA,
             ),
-            Claim(
+            erratum(
                 3,
                 "the same with the thesis's smaller gains",
                 "1.1 to 1.2: claimed too small",
                 Between(1.05, 1.25),
                 _mean("corrected", "thesis"),
                 pooled=True,
-                source=Source.ERRATA,
             ),
-            Claim(
+            erratum(
                 4,
                 "healthy samples whose largest argument of 44 exceeds 6.63",
                 "(4-27): 4.8 %, five times the 1 % of one jet",
                 Near(0.048, 0.0015),
                 _above(6.635),
                 pooled=True,
-                source=Source.ERRATA,
             ),
-            Claim(4, "their 99 % value", "9.7", Near(9.7, 0.15), _quantile(0.99), pooled=True, source=Source.ERRATA),
-            Claim(
-                4, "their 99.9 % value", "14.3", Near(14.3, 0.4), _quantile(0.999), pooled=True, source=Source.ERRATA
-            ),
-            Claim(
+            erratum(4, "their 99 % value", "9.7", Near(9.7, 0.15), _quantile(0.99), pooled=True),
+            erratum(4, "their 99.9 % value", "14.3", Near(14.3, 0.4), _quantile(0.999), pooled=True),
+            erratum(
                 5,
                 "healthy samples that pass the margin of six",
                 "0.0015 per sample",
                 Near(0.0015, 0.0002),
                 _false_alarms,
                 pooled=True,
-                source=Source.ERRATA,
             ),
-            Claim(
+            erratum(
                 6,
                 "correlation of the noises of consecutive increments",
                 "8.2: first differences, correlation -1/2",
                 Near(-0.5, 0.02),
                 _mean("white", "correlation"),
                 pooled=True,
-                source=Source.ERRATA,
             ),
-            Claim(
+            erratum(
                 7,
                 "share of phases with a bad start (mean consistency above 100)",
                 "8.4: rare bad starts, 1 of 24",
                 Between(0.0, 0.15),
                 _bad_starts,
                 pooled=True,
-                source=Source.ERRATA,
             ),
-            Claim(
+            erratum(
                 8,
                 "largest error of the diagonal with covariance incrementation at 25",
                 "8.4: it cures them; worst 0.04 %",
                 AtMost(0.04),
-                _worst_diagonal("incremented"),
+                worst("incremented"),
                 "%",
-                source=Source.ERRATA,
             ),
-            Claim(
+            erratum(
                 8,
                 "mean consistency with incrementation at 25",
                 "consistent in every phase",
                 CHI_SQUARE,
-                lambda phase: float(nis(phase["incremented"], "rotation").mean()),
-                source=Source.ERRATA,
+                mean_nis("incremented", "rotation"),
             ),
-            Claim(
+            erratum(
                 8,
                 "mean consistency with incrementation at 11.34",
                 "consistent in every phase",
                 CHI_SQUARE,
-                lambda phase: float(nis(phase["early"], "rotation").mean()),
-                source=Source.ERRATA,
+                mean_nis("early", "rotation"),
             ),
-            Claim(
+            erratum(
                 9,
                 "RMS final error of 1/m, one stacked update over serial updates",
                 "3.6: the same answer were the errors independent",
                 Near(1.0, 0.1),
-                lambda phases: _final_mass("stacked", phases) / _final_mass("serial", phases),
+                ratio(mass_rms("stacked"), mass_rms("serial")),
                 pooled=True,
-                source=Source.ERRATA,
             ),
         ),
     ),

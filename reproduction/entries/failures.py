@@ -16,35 +16,20 @@ from reproduction.claims import (
     AtMost,
     Because,
     Claim,
+    Measure,
     Near,
     Phase,
     Phases,
     Printed,
     Reading,
     Signals,
-    Source,
+    reference,
 )
 from reproduction.drawing import COLORS, TRUTH_COLOR, panels
 from reproduction.entry import Entry
-from reproduction.flights import (
-    LEAK,
-    STUCK_OFF,
-    STUCK_ON,
-    STUCK_ON_JUMP,
-    STUCK_ON_RESET,
-    VERNIER,
-)
-from reproduction.measures import DIAGONAL, during, longest_row, orbiter, percent_at, rms
-from reproduction.words import (
-    COMPARABLE,
-    CONSIDERABLE,
-    MARGINAL,
-    MUCH_MORE,
-    NEARLY_ALL,
-    TREMENDOUS,
-    TYPICALLY,
-    orders,
-)
+from reproduction.flights import LEAK, STUCK_OFF, STUCK_ON, STUCK_ON_JUMP, STUCK_ON_RESET, VERNIER
+from reproduction.measures import DIAGONAL, during, longest_row, orbiter, ratio, rms, worst
+from reproduction.words import COMPARABLE, CONSIDERABLE, MARGINAL, MUCH_MORE, NEARLY_ALL, TREMENDOUS, TYPICALLY, orders
 
 _ONSET_S = 50.0
 _MARGIN = 6.0
@@ -73,7 +58,7 @@ def _column(run: Signals, name: str, samples: NDArray[np.bool_]) -> Array:
     return result
 
 
-def _orders(jet: int, which: Callable[[Signals], NDArray[np.bool_]]) -> Callable[[Phase], float]:
+def _orders(jet: int, which: Callable[[Signals], NDArray[np.bool_]]) -> Measure:
     """Makes a measure: orders of magnitude from the largest argument of the 5 s before to the first sample's after."""
 
     def measure(phase: Phase) -> float:
@@ -89,14 +74,14 @@ def _median_argument(run: Signals, jet: int, which: Callable[[Signals], NDArray[
     return float(np.median(run["likelihood"][which(run), jet - 1]))
 
 
-def _orders_below(jet: int) -> Callable[[Phase], float]:
+def _orders_below(jet: int) -> Measure:
     """Makes a measure: orders of magnitude of a jet's median argument below that of jet 29, stuck on."""
     return lambda phase: float(
         np.log10(_median_argument(phase["hard"], 29, tested) / _median_argument(phase["flight"], jet, tested))
     )
 
 
-def _first(name: str, which: Callable[[Signals], NDArray[np.bool_]]) -> Callable[[Phase], float]:
+def _first(name: str, which: Callable[[Signals], NDArray[np.bool_]]) -> Measure:
     """Makes a measure: a margin at the first sample that shows the failure; NaN: none does."""
     return lambda phase: float(np.append(_column(phase["flight"], name, which(phase["flight"])), np.nan)[0])
 
@@ -106,7 +91,7 @@ def _least_margin(phase: Phase) -> float:
     return float(min(_column(run, name, tested(run)).min() for name in ("cluster_margin", "jet_margin")))
 
 
-def _right(jet: int, which: Callable[[Signals], NDArray[np.bool_]]) -> Callable[[Phase], float]:
+def _right(jet: int, which: Callable[[Signals], NDArray[np.bool_]]) -> Measure:
     """Makes a measure: share of samples whose alarm names the right jet."""
 
     def measure(phase: Phase) -> float:
@@ -118,7 +103,7 @@ def _right(jet: int, which: Callable[[Signals], NDArray[np.bool_]]) -> Callable[
     return measure
 
 
-def _right_cluster(jet: int) -> Callable[[Phase], float]:
+def _right_cluster(jet: int) -> Measure:
     """Makes a measure: share of tested samples whose alarm names the right cluster."""
 
     def measure(phase: Phase) -> float:
@@ -155,7 +140,7 @@ def _dip(phase: Phase) -> float:
 
 def _force_error(
     jet: int, force: float, which: Callable[[Signals], NDArray[np.bool_]], size: Callable[[Array], float]
-) -> Callable[[Phase], float]:
+) -> Measure:
     return lambda phase: size(phase["flight"]["failure_magnitude"][which(phase["flight"]), jet - 1] - force)
 
 
@@ -168,7 +153,7 @@ def _within(values: Array) -> float:
     return float(np.mean(np.abs(values) <= 1.0))
 
 
-def _best_force_within(jet: int, force: float) -> Callable[[Phase], float]:
+def _best_force_within(jet: int, force: float) -> Measure:
     """Makes a measure: share of tested samples whose likeliest jet of the failed cluster has the force within 1 lbf."""
 
     def measure(phase: Phase) -> float:
@@ -179,8 +164,13 @@ def _best_force_within(jet: int, force: float) -> Callable[[Phase], float]:
     return measure
 
 
+def _share_named(phase: Phase) -> float:
+    """Share of the tested samples whose alarm names a jet."""
+    return float(_named(phase["flight"]).mean())
+
+
 def _named(run: Signals) -> NDArray[np.bool_]:
-    """Of the tested samples, those whose alarm names a jet."""
+    """Selects, of the tested samples, those whose alarm names a jet."""
     result: NDArray[np.bool_] = _column(run, "jet_isolated", tested(run)) != 0.0
     return result
 
@@ -198,7 +188,7 @@ def _best_in_cluster(run: Signals, jet: int) -> Array:
     return result
 
 
-def _best_is_right(jet: int) -> Callable[[Phase], float]:
+def _best_is_right(jet: int) -> Measure:
     return lambda phase: float(np.mean(_best_in_cluster(phase["flight"], jet) == jet - 1))
 
 
@@ -212,7 +202,7 @@ def _first_at_lower_threshold(phase: Phase) -> float:
 # ------------------------------------------------------------------------------------------- oracle
 
 
-def _exact(jet: int, force: float, what: str, commanded: tuple[int, ...] = ()) -> Callable[[Phase], float]:
+def _exact(jet: int, force: float, what: str, commanded: tuple[int, ...] = ()) -> Measure:
     """Makes a measure: argument or margin of a failure without noise, at table 5-2's truth."""
 
     def measure(_: Phase) -> float:
@@ -324,13 +314,8 @@ _STUCK_ON = (
                 orders(5),
                 _orders(29, tested),
             ),
-            Claim(
-                1,
-                "argument without noise",
-                "(expected 8.07e5)",
-                Near(8.07e5, 0.5e3),
-                _exact(29, _ON, "argument"),
-                source=Source.REFERENCE,
+            reference(
+                1, "argument without noise", "(expected 8.07e5)", Near(8.07e5, 0.5e3), _exact(29, _ON, "argument")
             ),
         ),
         {"fig_5_16": _history("Likelihood argument, jet 29 stuck on (figure 5-16)", 29, of_cluster=False)},
@@ -354,21 +339,15 @@ _STUCK_ON = (
                 AtLeast(_MARGIN),
                 _first("jet_margin", tested),
             ),
-            Claim(
-                2,
-                "margin (a) without noise",
-                "(expected 289, next jet 30)",
-                Near(289, 0.5),
-                _exact(29, _ON, "jet"),
-                source=Source.REFERENCE,
+            reference(
+                2, "margin (a) without noise", "(expected 289, next jet 30)", Near(289, 0.5), _exact(29, _ON, "jet")
             ),
-            Claim(
+            reference(
                 2,
                 "margin (b) without noise",
                 "(expected 17 800, next cluster 7)",
                 Near(17800, 50),
                 _exact(29, _ON, "cluster"),
-                source=Source.REFERENCE,
             ),
             Claim(
                 3,
@@ -384,13 +363,12 @@ _STUCK_ON = (
                 Reading(AtMost(1.0 / 3.0), "abrupt: to a third"),
                 _dip,
             ),
-            Claim(
+            reference(
                 4,
                 "margin (b) without noise while jet 17 fires",
                 "(expected 32.8, next cluster 8)",
                 Near(32.8, 0.05),
                 _exact(29, _ON, "cluster", (17,)),
-                source=Source.REFERENCE,
             ),
             Claim(
                 5,
@@ -414,14 +392,13 @@ _STUCK_ON = (
         "Failure magnitude, jet 29 stuck on",
         {"flight": STUCK_ON},
         (
-            Claim(
+            reference(
                 6,
                 "RMS error of the force",
                 "(RMS within 1 lbf)",
                 AtMost(1.0),
                 _force_error(29, _ON, tested, rms),
                 "lbf",
-                source=Source.REFERENCE,
             ),
             Claim(
                 6,
@@ -440,15 +417,7 @@ _STUCK_ON = (
                     ),
                 ),
             ),
-            Claim(
-                6,
-                "1-sigma of the force",
-                "(expected 0.97)",
-                Near(0.97, 0.005),
-                _exact(29, _ON, "std"),
-                "lbf",
-                source=Source.REFERENCE,
-            ),
+            reference(6, "1-sigma of the force", "(expected 0.97)", Near(0.97, 0.005), _exact(29, _ON, "std"), "lbf"),
         ),
         {"fig_5_18": _magnitudes("Estimated failure force, jet 29 stuck on (figure 5-18)", 29, _ON, best=False)},
     ),
@@ -469,13 +438,12 @@ _STUCK_OFF = (
                     _median_argument(phase["flight"], 11, _jet_11) / _median_argument(phase["hard"], 29, tested)
                 ),
             ),
-            Claim(
+            reference(
                 1,
                 "argument without noise",
                 "(expected 1.08e6)",
                 Near(1.08e6, 0.5e4),
                 _exact(11, _OFF, "argument", (11,)),
-                source=Source.REFERENCE,
             ),
         ),
         {"fig_5_19": _history("Likelihood argument, jet 11 stuck off (figure 5-19)", 11, of_cluster=False)},
@@ -506,29 +474,26 @@ _STUCK_OFF = (
                 AtLeast(1.0),
                 _right(11, _jet_11),
             ),
-            Claim(
+            reference(
                 2,
                 "margin (b) without noise",
                 "(expected 1 940, next cluster 2)",
                 Near(1940, 5),
                 _exact(11, _OFF, "cluster", (11,)),
-                source=Source.REFERENCE,
             ),
-            Claim(
+            reference(
                 2,
                 "margin (a) without noise, jet 12 also on",
                 "(expected 2.0e4)",
                 Near(2.0e4, 0.05e4),
                 _exact(11, _OFF, "jet", (11, 12)),
-                source=Source.REFERENCE,
             ),
-            Claim(
+            reference(
                 2,
                 "margin (a) without noise, jet 12 off",
                 "(expected about 1e6)",
                 Near(1e6, 0.1e6),
                 _exact(11, _OFF, "jet", (11,)),
-                source=Source.REFERENCE,
             ),
         ),
         {"fig_5_20": _margins("Largest minus next-largest argument, jet 11 stuck off (figure 5-20)")},
@@ -546,14 +511,8 @@ _STUCK_OFF = (
                 _force_error(11, _OFF, _jet_11, _largest),
                 "lbf",
             ),
-            Claim(
-                3,
-                "1-sigma of the force",
-                "(expected 0.84)",
-                Near(0.84, 0.005),
-                _exact(11, _OFF, "std", (11,)),
-                "lbf",
-                source=Source.REFERENCE,
+            reference(
+                3, "1-sigma of the force", "(expected 0.84)", Near(0.84, 0.005), _exact(11, _OFF, "std", (11,)), "lbf"
             ),
             Claim(
                 4,
@@ -591,21 +550,15 @@ _VERNIER = (
                     ),
                 ),
             ),
-            Claim(
+            reference(
                 2,
                 "the same without noise",
                 "(expected ratio 1.4e-3)",
                 Near(1.4e-3, 0.5e-4),
                 lambda phase: _exact(39, _VERNIER_FORCE, "argument")(phase) / _exact(29, _ON, "argument")(phase),
-                source=Source.REFERENCE,
             ),
-            Claim(
-                1,
-                "argument without noise",
-                "(expected 1 121)",
-                Near(1121, 0.5),
-                _exact(39, _VERNIER_FORCE, "argument"),
-                source=Source.REFERENCE,
+            reference(
+                1, "argument without noise", "(expected 1 121)", Near(1121, 0.5), _exact(39, _VERNIER_FORCE, "argument")
             ),
         ),
         {"fig_5_22": _history("Cluster likelihood argument, vernier 39 stuck on (figure 5-22)", 39, of_cluster=True)},
@@ -629,13 +582,12 @@ _VERNIER = (
                 NEARLY_ALL,
                 _right_cluster(39),
             ),
-            Claim(
+            reference(
                 1,
                 "margin (b) without noise",
                 "(expected 582, next cluster 2)",
                 Near(582, 0.5),
                 _exact(39, _VERNIER_FORCE, "cluster"),
-                source=Source.REFERENCE,
             ),
             Claim(
                 3,
@@ -648,7 +600,7 @@ _VERNIER = (
                     "independent samples with Gaussian noise {:.0%}, of which {:.0%} of the runs would wait for the "
                     "fourth or longer",
                     (
-                        lambda phase: float(_named(phase["flight"]).mean()),
+                        _share_named,
                         lambda phase: float(phase["gaussian"]["named"].mean()),
                         lambda phase: float((1.0 - phase["gaussian"]["named"].mean()) ** 3),
                     ),
@@ -664,7 +616,7 @@ _VERNIER = (
                     "{:.0%} of the samples name the jet, so among {:.0f} tested ones two in a row are the rule; with "
                     "Gaussian noise of equal variance it is {:.0%}",
                     (
-                        lambda phase: float(_named(phase["flight"]).mean()),
+                        _share_named,
                         lambda phase: float(_named(phase["flight"]).size),
                         lambda phase: float(phase["gaussian"]["named"].mean()),
                     ),
@@ -675,26 +627,24 @@ _VERNIER = (
                 "share of tested samples that name the jet",
                 "isolation to the jet is marginal",
                 MARGINAL,
-                lambda phase: float(_named(phase["flight"]).mean()),
+                _share_named,
             ),
-            Claim(
+            reference(
                 3,
                 "the same of independent samples with Gaussian noise",
                 "(expected 0.17)",
                 Near(0.17, 0.02),
                 lambda phases: float(np.mean([phase["gaussian"]["named"].mean() for phase in phases])),
                 pooled=True,
-                source=Source.REFERENCE,
             ),
-            Claim(
+            reference(
                 3,
                 "mean margin (a) without noise",
                 "(expected 2.8, next jet 9)",
                 Near(2.8, 0.05),
                 _exact(39, _VERNIER_FORCE, "jet"),
-                source=Source.REFERENCE,
             ),
-            Claim(
+            reference(
                 3,
                 "share of samples whose likeliest jet is the right one",
                 "(best-jet choice right 80 %)",
@@ -705,16 +655,14 @@ _VERNIER = (
                     "variance",
                     (_best_is_right(39), lambda phase: float(phase["gaussian"]["best"].mean())),
                 ),
-                source=Source.REFERENCE,
             ),
-            Claim(
+            reference(
                 3,
                 "the same of independent samples with Gaussian noise",
                 "(expected 0.80)",
                 Near(0.80, 0.02),
                 lambda phases: float(np.mean([phase["gaussian"]["best"].mean() for phase in phases])),
                 pooled=True,
-                source=Source.REFERENCE,
             ),
         ),
         {"fig_5_23": _margins("Largest minus next-largest argument, vernier 39 stuck on (figure 5-23)")},
@@ -738,14 +686,13 @@ _VERNIER = (
                 TYPICALLY,
                 _best_force_within(39, _VERNIER_FORCE),
             ),
-            Claim(
+            reference(
                 4,
                 "1-sigma of the force",
                 "(expected 0.73)",
                 Near(0.73, 0.005),
                 _exact(39, _VERNIER_FORCE, "std"),
                 "lbf",
-                source=Source.REFERENCE,
             ),
         ),
         {
@@ -769,13 +716,8 @@ _LEAK = (
                 orders(3, 4),
                 _orders_below(24),
             ),
-            Claim(
-                1,
-                "argument without noise",
-                "(expected 260)",
-                Near(260, 0.5),
-                _exact(24, 0.015 * 691.018, "argument"),
-                source=Source.REFERENCE,
+            reference(
+                1, "argument without noise", "(expected 260)", Near(260, 0.5), _exact(24, 0.015 * 691.018, "argument")
             ),
         ),
         {"fig_5_25": _history("Cluster likelihood argument, jet 24 leaking (figure 5-25)", 24, of_cluster=True)},
@@ -799,13 +741,12 @@ _LEAK = (
                 NEARLY_ALL,
                 _right_cluster(24),
             ),
-            Claim(
+            reference(
                 1,
                 "margin (b) without noise",
                 "(expected 81, next cluster 8)",
                 Near(81, 0.5),
                 _exact(24, 0.015 * 691.018, "cluster"),
-                source=Source.REFERENCE,
             ),
             Claim(
                 2,
@@ -814,13 +755,12 @@ _LEAK = (
                 AtMost(0.0),
                 lambda phase: float(_named(phase["flight"]).sum()),
             ),
-            Claim(
+            reference(
                 2,
                 "mean margin (a) without noise",
                 "(expected 0.04, next jet 25)",
                 Near(0.04, 0.005),
                 _exact(24, 0.015 * 691.018, "jet"),
-                source=Source.REFERENCE,
             ),
             Claim(
                 2,
@@ -829,13 +769,12 @@ _LEAK = (
                 Near(42.0, 0.0),
                 _first_at_lower_threshold,
             ),
-            Claim(
+            reference(
                 2,
                 "share of samples whose likeliest jet is a wrong one of the cluster",
                 "(jets 24, 25, 26 and 42 compete)",
                 AtLeast(0.25),
                 lambda phase: 1.0 - _best_is_right(24)(phase),
-                source=Source.REFERENCE,
             ),
         ),
         {"fig_5_26": _margins("Largest minus next-largest argument, jet 24 leaking (figure 5-26)")},
@@ -859,14 +798,8 @@ _LEAK = (
                 TYPICALLY,
                 _best_force_within(24, _LEAK_FORCE),
             ),
-            Claim(
-                3,
-                "1-sigma of the force",
-                "(expected 0.64)",
-                Near(0.64, 0.005),
-                _exact(24, _LEAK_FORCE, "std"),
-                "lbf",
-                source=Source.REFERENCE,
+            reference(
+                3, "1-sigma of the force", "(expected 0.64)", Near(0.64, 0.005), _exact(24, _LEAK_FORCE, "std"), "lbf"
             ),
         ),
         {"fig_5_27": _magnitudes("Estimated failure force, jet 24 leaking (figure 5-27)", 24, _LEAK_FORCE, best=True)},
@@ -874,15 +807,9 @@ _LEAK = (
 )
 
 
-def _grown(case: str, time_s: float) -> Callable[[Phase], float]:
+def _grown(case: str, time_s: float) -> Measure:
     """Makes a measure: largest error of the diagonal at a time over that before the failure."""
-    return lambda phase: float(
-        percent_at(phase[case], time_s)[DIAGONAL].max() / percent_at(phase[case], _ONSET_S)[DIAGONAL].max()
-    )
-
-
-def _largest_diagonal(case: str, time_s: float) -> Callable[[Phase], float]:
-    return lambda phase: float(percent_at(phase[case], time_s)[DIAGONAL].max())
+    return ratio(worst(case, DIAGONAL, time_s), worst(case, DIAGONAL, _ONSET_S))
 
 
 _TEXT = (
@@ -914,7 +841,7 @@ _TEXT = (
                 because=Because(
                     "no correction is improper here: {:.0%} of the tested samples name the right jet, and the error is "
                     "{:.4f} % before and {:.4f} % after",
-                    (_right(29, tested), _largest_diagonal("flight", _ONSET_S), _largest_diagonal("flight", 58.0)),
+                    (_right(29, tested), worst("flight", DIAGONAL, _ONSET_S), worst("flight", DIAGONAL, 58.0)),
                 ),
             ),
         ),

@@ -22,21 +22,12 @@ from reproduction.claims import (
     Printed,
     Reading,
     Signals,
-    Source,
+    reference,
 )
 from reproduction.drawing import curves, panels
 from reproduction.entry import Entry
 from reproduction.flights import HYBRID, SHORT_REQUESTS
-from reproduction.measures import (
-    DEGREES,
-    at,
-    during,
-    maneuver_windows,
-    on_starts_s,
-    on_times_s,
-    orbiter,
-    rms,
-)
+from reproduction.measures import DEGREES, at, during, maneuver_windows, on_starts_s, on_times_s, orbiter, rms
 from reproduction.words import MUCH_OF, NOTICEABLE, SMALL, TYPICALLY
 
 _FLIGHT = {"flight": HYBRID}
@@ -147,7 +138,7 @@ def _off_axis_torque(phase: Phase) -> float:
 
 
 def _long_firings(run: Signals) -> Array:
-    """When firings of more than 640 ms begin, before 25 s, s."""
+    """Times at which firings of more than 640 ms begin, before 25 s, s."""
     times, starts = on_times_s(run, 0.0, 24.9), on_starts_s(run, 0.0, 24.9)
     result: Array = starts[times > 0.65]
     return result
@@ -245,10 +236,7 @@ ENTRIES = (
                 because=Because(
                     "a translation is requested for its whole 2 s, and rates swing in between. Requested for 0.4 s at "
                     "a time it is {:.3f} deg/s, and in the rotations alone {:.3f} deg/s",
-                    (
-                        lambda phase: _off_axis(phase["short_requests"]),
-                        lambda phase: _off_axis(phase["flight"], "rhc"),
-                    ),
+                    (lambda phase: _off_axis(phase["short_requests"]), lambda phase: _off_axis(phase["flight"], "rhc")),
                 ),
             ),
             Claim(
@@ -267,14 +255,13 @@ ENTRIES = (
                 _speed_with_two_axes,
                 "deg/s",
             ),
-            Claim(
+            reference(
                 3,
                 "size of the rate in the six single rotations, last second, largest",
                 "(at most about 0.55 deg/s before)",
                 AtMost(0.55),
                 _fastest_before,
                 "deg/s",
-                source=Source.REFERENCE,
             ),
         ),
         {"fig_5_2": _over_axes("rate", "Angular velocity (figure 5-2)", "deg/s", scale=DEGREES)},
@@ -325,14 +312,7 @@ ENTRIES = (
         _FLIGHT,
         (
             Claim(1, "jet firings in 50 s", "118 jet firings commanded", Printed(118), _firings),
-            Claim(
-                1,
-                "jet firings in 50 s",
-                "(of that order: 80 to 160)",
-                Between(80, 160),
-                _firings,
-                source=Source.REFERENCE,
-            ),
+            reference(1, "jet firings in 50 s", "(of that order: 80 to 160)", Between(80, 160), _firings),
             Claim(
                 2,
                 "longest firing in the rotations before 25 s",
@@ -410,13 +390,8 @@ ENTRIES = (
                 MUCH_OF,
                 _observable,
             ),
-            Claim(
-                4,
-                "share of samples that remain after the gate of section 5.1",
-                "(no number)",
-                AtLeast(0.15),
-                _usable,
-                source=Source.REFERENCE,
+            reference(
+                4, "share of samples that remain after the gate of section 5.1", "(no number)", AtLeast(0.15), _usable
             ),
             Claim(
                 5,

@@ -17,13 +17,15 @@ from reproduction.claims import (
     Because,
     Between,
     Claim,
+    Measure,
     Near,
     Phase,
     Phases,
+    Pooled,
     Printed,
     Reading,
     Signals,
-    Source,
+    reference,
 )
 from reproduction.drawing import consistency, curves, panels
 from reproduction.entry import Entry
@@ -44,66 +46,39 @@ from reproduction.flights import (
 )
 from reproduction.measures import (
     CENTER,
+    END_S,
     MASS,
     at,
     during,
-    final_percent,
+    mass_error,
+    mass_rms,
     mean_nis,
     nis,
     orbiter,
-    percent_at,
-    percent_error,
-    rms,
+    ratio,
     used,
+    value,
+    worst,
 )
-from reproduction.words import (
-    COMPARABLE,
-    INCONSISTENT,
-    NOT_SEEN,
-    SIGNIFICANT,
-    SLIGHTLY_LESS,
-    SLIGHTLY_MORE,
-)
+from reproduction.words import COMPARABLE, INCONSISTENT, NOT_SEEN, SIGNIFICANT, SLIGHTLY_LESS, SLIGHTLY_MORE
 
 _COMPENSATION = {"all": CENTRIPETAL, "t_cov": TRANSVERSE, "t": NO_COVARIANCE, "none": NO_COMPENSATION}
 _COMPENSATION_LABELS = {"all": "T+C+COV", "t_cov": "T+COV", "t": "T", "none": "NONE"}
 _SENSORS = {"single": MIDDLE, "left": LEFT, "serial": SERIAL, "weighted": WEIGHTED}
 
 
-def _final(case: str) -> Callable[[Phase], float]:
-    return lambda phase: float(final_percent(phase[case])[MASS])
+def _largest(case: str, start_s: float, end_s: float) -> Measure:
+    return lambda phase: float(np.abs(mass_error(phase[case], start_s, end_s)).max())
 
 
-def _error(run: Signals, start_s: float = 0.0, end_s: float = np.inf) -> Array:
-    """Error of 1/m, %, over a time."""
-    result: Array = percent_error(run)[during(run, start_s, end_s), MASS]
-    return result
+def _over(case: str, other: str, start_s: float = END_S, end_s: float = np.inf) -> Pooled:
+    """Makes a pooled measure: RMS error of one case over that of another, over a time; at the end without one."""
+    return ratio(mass_rms(case, start_s, end_s), mass_rms(other, start_s, end_s))
 
 
-def _largest(case: str, start_s: float, end_s: float) -> Callable[[Phase], float]:
-    return lambda phase: float(np.abs(_error(phase[case], start_s, end_s)).max())
-
-
-def _pooled(case: str, other: str, start_s: float, end_s: float = np.inf) -> Callable[[Phases], float]:
-    """Makes a pooled measure: RMS error of one case over that of another, over a time."""
-
-    def measure(phases: Phases) -> float:
-        size = [
-            rms(np.concatenate([_error(phase[name], start_s, end_s) for phase in phases])) for name in (case, other)
-        ]
-        return size[0] / size[1]
-
-    return measure
-
-
-def _pooled_final(case: str, other: str) -> Callable[[Phases], float]:
-    """Makes a pooled measure: RMS error at the end of one case over that of another."""
-    return _pooled(case, other, 50.0)
-
-
-def _apart(case: str, other: str, start_s: float) -> Callable[[Phase], float]:
+def _apart(case: str, other: str, start_s: float) -> Measure:
     """Makes a measure: largest difference of two cases' errors from a time on, %."""
-    return lambda phase: float(np.abs(_error(phase[case], start_s) - _error(phase[other], start_s)).max())
+    return lambda phase: float(np.abs(mass_error(phase[case], start_s) - mass_error(phase[other], start_s)).max())
 
 
 def added_variance(run: Signals) -> Array:
@@ -124,18 +99,14 @@ def _share_uncertain(phase: Phase) -> float:
 
 
 def _turns(phase: Phase) -> float:
-    """How often the better one of two sensors changes from 25 s on."""
-    better = np.abs(_error(phase["left"], 25.0)) < np.abs(_error(phase["single"], 25.0))
+    """Counts how often the better one of two sensors changes from 25 s on."""
+    better = np.abs(mass_error(phase["left"], 25.0)) < np.abs(mass_error(phase["single"], 25.0))
     return float(np.count_nonzero(np.diff(better.astype(int))))
 
 
 def _statistics_apart(phase: Phase) -> float:
     apart = np.abs(nis(phase["all"], "mass") - nis(phase["t_cov"], "mass")).max()
     return float(apart / nis(phase["none"], "mass").max())
-
-
-def _more_inconsistent(case: str, other: str) -> Callable[[Phase], float]:
-    return lambda phase: mean_nis(case, "mass")(phase) / mean_nis(other, "mass")(phase)
 
 
 # ----------------------------------------------------------------------------------------- pictures
@@ -159,7 +130,7 @@ def _mass_errors(title: str, pairs: tuple[Mapping[str, str], ...]) -> Callable[[
     return draw
 
 
-def _share_used(case: str) -> Callable[[Phase], float]:
+def _share_used(case: str) -> Measure:
     """Makes a measure: samples used in the translations."""
     return lambda phase: float(np.count_nonzero(used(phase[case], "mass") & during(phase[case], 25.0, 35.5)))
 
@@ -170,11 +141,11 @@ _DEPENDS_ON_TRANSLATION = Because(
     "{:.0f} can, and the final errors are {:.1f} % without and {:.1f} % with compensation",
     (
         _share_used("none"),
-        lambda phase: float(percent_at(phase["none"], 24.9)[MASS]),
-        lambda phase: float(percent_at(phase["none"], 27.5)[MASS]),
+        worst("none", MASS, 24.9),
+        worst("none", MASS, 27.5),
         _share_used("held_none"),
-        _final("held_none"),
-        _final("held"),
+        worst("held_none", MASS),
+        worst("held", MASS),
     ),
 )
 _NOT_AT_THE_END = Because(
@@ -183,10 +154,10 @@ _NOT_AT_THE_END = Because(
     "with closely held rates {:.2f} % and {:.2f} %. Early on it does matter (see the RMS error before 25 s)",
     (
         lambda phase: float(phase["t_cov"]["standard_deviation"][at(phase["t_cov"], 27.5), CENTER].max()),
-        _final("t_cov"),
-        _final("t"),
-        _final("held"),
-        _final("held_t"),
+        worst("t_cov", MASS),
+        worst("t", MASS),
+        worst("held", MASS),
+        worst("held_t", MASS),
     ),
 )
 
@@ -219,7 +190,7 @@ ENTRIES = (
                 "final error of NONE",
                 "15 percent",
                 Printed(15.0),
-                _final("none"),
+                worst("none", MASS),
                 "%",
                 because=_DEPENDS_ON_TRANSLATION,
             ),
@@ -228,7 +199,7 @@ ENTRIES = (
                 "RMS final error of NONE over that of T+C+COV",
                 "final error is large (15 percent versus 1 percent)",
                 Reading(AtLeast(10.0), "15 to 1: tenfold"),
-                _pooled_final("none", "all"),
+                _over("none", "all"),
                 pooled=True,
                 because=_DEPENDS_ON_TRANSLATION,
             ),
@@ -237,26 +208,18 @@ ENTRIES = (
                 "the same over T+COV with closely held rates in the translations",
                 "final error is large (15 percent versus 1 percent)",
                 Reading(AtLeast(10.0), "15 to 1: tenfold"),
-                _pooled_final("held_none", "held"),
+                _over("held_none", "held"),
                 pooled=True,
                 because=_DEPENDS_ON_TRANSLATION,
             ),
-            Claim(3, "final error of T+C+COV", "1 percent of the initial error", Printed(1.0), _final("all"), "%"),
-            Claim(
-                3,
-                "final error of T+C+COV",
-                "(0.5 to 3 %)",
-                Between(0.5, 3.0),
-                _final("all"),
-                "%",
-                source=Source.REFERENCE,
-            ),
+            Claim(3, "final error of T+C+COV", "1 percent of the initial error", Printed(1.0), worst("all", MASS), "%"),
+            reference(3, "final error of T+C+COV", "(0.5 to 3 %)", Between(0.5, 3.0), worst("all", MASS), "%"),
             Claim(
                 4,
                 "RMS error before 25 s of T over that of T+COV",
                 "neglecting this uncertainty results in larger estimation errors",
                 Reading(AtLeast(1.0), "larger"),
-                _pooled("t", "t_cov", 1.0, 24.9),
+                _over("t", "t_cov", 1.0, 24.9),
                 pooled=True,
             ),
             Claim(
@@ -264,7 +227,7 @@ ENTRIES = (
                 "the same over the same from 25 s on",
                 "especially when the net translations are small",
                 Reading(AtLeast(1.0), "more than later"),
-                lambda phases: _pooled("t", "t_cov", 1.0, 24.9)(phases) / _pooled("t", "t_cov", 25.0)(phases),
+                ratio(_over("t", "t_cov", 1.0, 24.9), _over("t", "t_cov", 25.0)),
                 pooled=True,
             ),
             Claim(
@@ -272,7 +235,7 @@ ENTRIES = (
                 "RMS error from 1 s on of T over that of T+COV",
                 "COV: a significant increase in performance",
                 SIGNIFICANT,
-                _pooled("t", "t_cov", 1.0),
+                _over("t", "t_cov", 1.0),
                 pooled=True,
                 because=Because(
                     "the center of mass is uncertain enough to matter in {:.0%} of the used samples before 25 s alone "
@@ -285,7 +248,7 @@ ENTRIES = (
                 "final error of T over that of T+COV",
                 "about three times as large",
                 Printed(3.0),
-                lambda phase: _final("t")(phase) / _final("t_cov")(phase),
+                ratio(worst("t", MASS), worst("t_cov", MASS)),
                 because=_NOT_AT_THE_END,
             ),
             Claim(
@@ -293,7 +256,7 @@ ENTRIES = (
                 "RMS final error of T over that of T+COV",
                 "about three times as large, as an average",
                 Reading(Between(2.5, 3.5), "about three: rounds to it"),
-                _pooled_final("t", "t_cov"),
+                _over("t", "t_cov"),
                 pooled=True,
                 because=_NOT_AT_THE_END,
             ),
@@ -317,13 +280,12 @@ ENTRIES = (
                 Reading(AtMost(0.01), "identical to the eye: a line's width, 1 % of the height"),
                 _statistics_apart,
             ),
-            Claim(
+            reference(
                 1,
                 "mean of (a)",
                 "(about 1.7 to 2 with quantized sensors)",
                 Between(1.65, 2.05),
                 mean_nis("all", "mass"),
-                source=Source.REFERENCE,
             ),
             Claim(
                 2,
@@ -344,7 +306,7 @@ ENTRIES = (
                 "mean of (c) over that of (b), before 25 s",
                 "(c) is worse than (b) early",
                 Reading(AtLeast(1.0), "worse"),
-                lambda phase: mean_nis("t", "mass", 0.0, 24.9)(phase) / mean_nis("t_cov", "mass", 0.0, 24.9)(phase),
+                ratio(mean_nis("t", "mass", 0.0, 24.9), mean_nis("t_cov", "mass", 0.0, 24.9)),
             ),
         ),
         {
@@ -365,24 +327,23 @@ ENTRIES = (
         "Effect of redundant sensors on the mass reciprocal",
         {**_SENSORS, "counts": Calculation("updates_per_sample", updates_per_sample)},
         (
-            Claim(1, "final error, left sensor", "2.1 percent", Printed(2.1), _final("left"), "%"),
-            Claim(1, "final error, middle sensor", "1.4 percent", Printed(1.4), _final("single"), "%"),
+            Claim(1, "final error, left sensor", "2.1 percent", Printed(2.1), worst("left", MASS), "%"),
+            Claim(1, "final error, middle sensor", "1.4 percent", Printed(1.4), worst("single", MASS), "%"),
             Claim(
                 1,
                 "RMS final error, left over middle sensor",
                 "the final errors were also comparable",
                 COMPARABLE,
-                _pooled_final("left", "single"),
+                _over("left", "single"),
                 pooled=True,
             ),
-            Claim(
+            reference(
                 1,
                 "larger of the two final errors",
                 "(both below 4 %)",
                 AtMost(4.0),
-                lambda phase: max(_final("left")(phase), _final("single")(phase)),
+                lambda phase: max(worst("left", MASS)(phase), worst("single", MASS)(phase)),
                 "%",
-                source=Source.REFERENCE,
             ),
             Claim(
                 1,
@@ -391,13 +352,13 @@ ENTRIES = (
                 AtLeast(1.0),
                 _turns,
             ),
-            Claim(2, "final error, three serial", "0.8 percent", Printed(0.8), _final("serial"), "%"),
+            Claim(2, "final error, three serial", "0.8 percent", Printed(0.8), worst("serial", MASS), "%"),
             Claim(
                 2,
                 "RMS final error, serial over single",
                 "a slight increase in accuracy",
                 SLIGHTLY_LESS,
-                _pooled_final("serial", "single"),
+                _over("serial", "single"),
                 pooled=True,
             ),
             Claim(
@@ -405,7 +366,7 @@ ENTRIES = (
                 "RMS error before 25 s, serial over single",
                 "transient slightly worse than a single sensor",
                 SLIGHTLY_MORE,
-                _pooled("serial", "single", 1.0, 24.9),
+                _over("serial", "single", 1.0, 24.9),
                 pooled=True,
             ),
             Claim(
@@ -421,7 +382,7 @@ ENTRIES = (
                 "updates per used sample, serial over weighted average",
                 "serial costs three times the work",
                 Near(3.0, 0.0),
-                lambda phase: float(phase["counts"]["serial"][0] / phase["counts"]["weighted_average"][0]),
+                ratio(value("counts", "serial"), value("counts", "weighted_average")),
             ),
         ),
         {
@@ -445,7 +406,7 @@ ENTRIES = (
                 "mean of the weighted average over that of a single sensor, equal quantizer phases",
                 "the weighted average residuals were somewhat more inconsistent",
                 SLIGHTLY_MORE,
-                _more_inconsistent("weighted_equal", "single_equal"),
+                ratio(mean_nis("weighted_equal", "mass"), mean_nis("single_equal", "mass")),
                 because=Because(
                     "three sensors a foot apart with their marks at the same places round alike: averaging takes "
                     "nothing off their error but two thirds off its variance, so means are {:.1f} against {:.1f}; a "
@@ -458,7 +419,7 @@ ENTRIES = (
                 "the same with phases of their own",
                 "somewhat more inconsistent",
                 SLIGHTLY_MORE,
-                _more_inconsistent("weighted", "single"),
+                ratio(mean_nis("weighted", "mass"), mean_nis("single", "mass")),
                 because=Because(
                     "with marks of their own the sensors' errors are not alike, and averaging does take them off: "
                     "means are {:.2f} against {:.2f}",

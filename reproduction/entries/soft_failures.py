@@ -10,17 +10,7 @@ from matplotlib.figure import Figure
 from reproduction import analytic
 from reproduction.analytic import FORCES, MARGIN
 from reproduction.cases import Calculation
-from reproduction.claims import (
-    AtLeast,
-    AtMost,
-    Because,
-    Claim,
-    Near,
-    Phase,
-    Phases,
-    Reading,
-    Source,
-)
+from reproduction.claims import AtLeast, AtMost, Because, Claim, Measure, Near, Phase, Phases, Reading, reference
 from reproduction.drawing import TRUTH_COLOR, heat_map
 from reproduction.entry import Entry
 from reproduction.flights import UNSEEN_LEAK
@@ -28,7 +18,7 @@ from reproduction.measures import during, orbiter
 from reproduction.words import MOST_JETS
 
 
-def _separable(force: float, *margins: str) -> Callable[[Phase], float]:
+def _separable(force: float, *margins: str) -> Measure:
     """Makes a measure: jets whose margins without noise exceed six at a force."""
     return lambda phase: float(
         np.count_nonzero(np.all([phase["exact"][margin] * force**2 > MARGIN for margin in margins], axis=0))
@@ -41,13 +31,13 @@ def _median_force(phase: Phase) -> float:
     return float(np.median(np.sqrt(MARGIN / margins)))
 
 
-def _sampled(what: str, force: float) -> Callable[[Phase], float]:
+def _sampled(what: str, force: float) -> Measure:
     """Makes a measure: jets isolated in at least half of the samples at a force."""
     column = int(np.flatnonzero(force == FORCES)[0])
     return lambda phase: float(np.count_nonzero(phase["sampled"][what][:, column] >= 0.5))
 
 
-def _wrong(what: str) -> Callable[[Phase], float]:
+def _wrong(what: str) -> Measure:
     """Makes a measure: share of wrong names over all jets and forces."""
     return lambda phase: float(phase["sampled"][what].mean())
 
@@ -57,7 +47,7 @@ def _alarms(phase: Phase) -> float:
     return float(run["alarm"][during(run, 50.08, 58.0)].sum())
 
 
-def _cluster_11(what: str) -> Callable[[Phase], float]:
+def _cluster_11(what: str) -> Measure:
     """Makes a measure: of a leak of 10 lbf in jet 27 without noise."""
 
     def measure(_: Phase) -> float:
@@ -76,9 +66,7 @@ def _cluster_11(what: str) -> Callable[[Phase], float]:
     return measure
 
 
-def _force_std(
-    clusters: tuple[int, ...], extreme: Callable[..., float], *, without: bool = False
-) -> Callable[[Phase], float]:
+def _force_std(clusters: tuple[int, ...], extreme: Callable[..., float], *, without: bool = False) -> Measure:
     def measure(phase: Phase) -> float:
         inside = np.isin(phase["exact"]["cluster"], clusters)
         return float(extreme(phase["exact"]["force_std"][~inside if without else inside]))
@@ -122,13 +110,12 @@ ENTRIES = (
         },
         (
             *(
-                Claim(
+                reference(
                     1,
                     f"jets with both margins above 6 without noise at {force} lbf",
                     f"(expected {count})",
                     Near(count, 0),
                     _separable(force, "jet_margin", "cluster_margin"),
-                    source=Source.REFERENCE,
                 )
                 for force, count in ((20, 7), (30, 8), (50, 14))
             ),
@@ -151,22 +138,20 @@ ENTRIES = (
                     (_separable(50.0, "jet_margin", "cluster_margin"), _median_force),
                 ),
             ),
-            Claim(
+            reference(
                 1,
                 "share of samples that name a wrong jet, all jets and forces",
                 "(none)",
                 AtMost(0.005),
                 _wrong("wrong_jet"),
-                source=Source.REFERENCE,
             ),
             *(
-                Claim(
+                reference(
                     2,
                     f"jets with margin (b) above 6 without noise at {force} lbf",
                     f"(expected {count})",
                     Near(count, 0),
                     _separable(force, "cluster_margin"),
-                    source=Source.REFERENCE,
                 )
                 for force, count in ((10, 24), (20, 34), (30, 36), (50, 36))
             ),
@@ -177,13 +162,12 @@ ENTRIES = (
                 MOST_JETS,
                 _sampled("cluster", 10.0),
             ),
-            Claim(
+            reference(
                 2,
                 "share of samples that name a wrong cluster, all jets and forces",
                 "(none)",
                 AtMost(0.005),
                 _wrong("wrong_cluster"),
-                source=Source.REFERENCE,
             ),
             Claim(
                 3,
@@ -192,21 +176,13 @@ ENTRIES = (
                 AtMost(0),
                 _alarms,
             ),
-            Claim(
-                3,
-                "its argument without noise",
-                "(expected 7.7)",
-                Near(7.7, 0.05),
-                _cluster_11("argument"),
-                source=Source.REFERENCE,
-            ),
-            Claim(
+            reference(3, "its argument without noise", "(expected 7.7)", Near(7.7, 0.05), _cluster_11("argument")),
+            reference(
                 3,
                 "its margin without noise",
                 "(expected 0.11, next cluster 8)",
                 Near(0.11, 0.005),
                 _cluster_11("margin"),
-                source=Source.REFERENCE,
             ),
             Claim(
                 3,
@@ -223,50 +199,35 @@ ENTRIES = (
                 lambda phase: max(_cluster_11("5")(phase), _cluster_11("8")(phase)),
                 "lbf",
             ),
-            Claim(
-                3,
-                "force that a leak in cluster 8 would have",
-                "(2.5 lbf)",
-                Near(2.5, 0.05),
-                _cluster_11("8"),
-                "lbf",
-                source=Source.REFERENCE,
+            reference(
+                3, "force that a leak in cluster 8 would have", "(2.5 lbf)", Near(2.5, 0.05), _cluster_11("8"), "lbf"
             ),
-            Claim(
-                3,
-                "force that a leak in cluster 5 would have",
-                "(1.3 lbf)",
-                Near(1.3, 0.05),
-                _cluster_11("5"),
-                "lbf",
-                source=Source.REFERENCE,
+            reference(
+                3, "force that a leak in cluster 5 would have", "(1.3 lbf)", Near(1.3, 0.05), _cluster_11("5"), "lbf"
             ),
-            Claim(
+            reference(
                 4,
                 "least 1-sigma of a force, clusters 1, 7, 11 apart",
                 "(expected 0.60 lbf)",
                 Near(0.60, 0.005),
                 _force_std(_LINES_NEAR_CENTER, np.min, without=True),
                 "lbf",
-                source=Source.REFERENCE,
             ),
-            Claim(
+            reference(
                 4,
                 "largest, clusters 1, 7, 11 apart",
                 "(expected 0.97 lbf)",
                 Near(0.97, 0.005),
                 _force_std(_LINES_NEAR_CENTER, np.max, without=True),
                 "lbf",
-                source=Source.REFERENCE,
             ),
-            Claim(
+            reference(
                 4,
                 "largest, clusters 1, 7, 11",
                 "(expected 6.9 lbf)",
                 Near(6.9, 0.05),
                 _force_std(_LINES_NEAR_CENTER, np.max),
                 "lbf",
-                source=Source.REFERENCE,
             ),
         ),
         {"section_5_3_2": _map},

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -15,17 +13,18 @@ from reproduction.claims import (
     Because,
     Between,
     Claim,
+    Measure,
     Near,
     Phase,
     Phases,
     Printed,
     Reading,
-    Source,
+    reference,
 )
 from reproduction.drawing import COLORS, TRUTH_COLOR, tidy
 from reproduction.entry import Entry
 from reproduction.flights import HYBRID
-from reproduction.measures import MASS, during, final_percent, orbiter, percent_at, percent_error
+from reproduction.measures import MASS, during, final_percent, mass_error, orbiter, percent_at, percent_error, worst
 
 _FLIGHT = {"flight": HYBRID}
 
@@ -36,15 +35,11 @@ _PRINTED = (-0.015, 0.007, -0.022, 20.733, -0.049, -0.415, 0.005, -0.074, -0.001
 _INVERSE = (1.1433330e-6, 1.4817527e-7, 1.4308619e-7, 5.7047686e-11, 4.0054992e-8, 1.3780696e-9)
 
 
-def _signed(element: int) -> Callable[[Phase], float]:
+def _signed(element: int) -> Measure:
     return lambda phase: float(-percent_error(phase["flight"])[-1, element])
 
 
-def _size(element: int) -> Callable[[Phase], float]:
-    return lambda phase: float(final_percent(phase["flight"])[element])
-
-
-def _sigma(element: int) -> Callable[[Phase], float]:
+def _sigma(element: int) -> Measure:
     """Makes a measure: the filter's own 1-sigma at the end, %."""
 
     def measure(phase: Phase) -> float:
@@ -54,7 +49,7 @@ def _sigma(element: int) -> Callable[[Phase], float]:
     return measure
 
 
-def _printed_sigmas(element: int) -> Callable[[Phase], float]:
+def _printed_sigmas(element: int) -> Measure:
     return lambda phase: abs(_PRINTED[element]) / _sigma(element)(phase)
 
 
@@ -71,7 +66,7 @@ def _times_the_thesis(phase: Phase) -> float:
 
 
 def _mass_errors(phase: Phase) -> Array:
-    result: Array = np.abs(percent_error(phase["flight"])[:, MASS])
+    result: Array = np.abs(mass_error(phase["flight"]))
     return result
 
 
@@ -84,12 +79,12 @@ def _best_in_translations(phase: Phase) -> float:
 
 
 def _mass_growth(phase: Phase) -> float:
-    """How much larger the error of 1/m is at the end than before the last rotations, % of the initial error."""
+    """Growth of the error of 1/m from before the last rotations to the end, % of the initial error."""
     run = phase["flight"]
     return float(final_percent(run)[MASS] - percent_at(run, 36.9)[MASS])
 
 
-def _count(kind: str) -> Callable[[Phase], float]:
+def _count(kind: str) -> Measure:
     return lambda _: float(sum(jet.kind == kind for jet in orbiter().jets))
 
 
@@ -143,21 +138,15 @@ ENTRIES = (
             Claim(
                 1, "clusters", "14 clusters", Near(14, 0), lambda _: float(len({jet.cluster for jet in orbiter().jets}))
             ),
-            Claim(
-                1,
-                "largest distance of a direction's length from 1",
-                "(three decimals)",
-                AtMost(0.002),
-                _lengths,
-                source=Source.REFERENCE,
+            reference(
+                1, "largest distance of a direction's length from 1", "(three decimals)", AtMost(0.002), _lengths
             ),
-            Claim(
+            reference(
                 1,
                 "largest difference of a jet from the mirror image of another",
                 "(left and right mirror)",
                 AtMost(1e-9),
                 _mirror,
-                source=Source.REFERENCE,
             ),
             Claim(
                 1,
@@ -174,21 +163,19 @@ ENTRIES = (
         "Nominal values of the mass properties (STS-2)",
         {},
         (
-            Claim(
+            reference(
                 1,
                 "largest relative difference of the inverse of the printed inertia from the printed inverse",
                 "(agree to about 1e-6)",
                 AtMost(2e-6),
                 _inverse_difference,
-                source=Source.REFERENCE,
             ),
-            Claim(
+            reference(
                 1,
                 "relative difference of the reciprocal of the printed mass from the printed reciprocal",
                 "(agree to about 1e-6)",
                 AtMost(2e-6),
                 lambda _: float(abs(orbiter().nominal.vector()[9] / 1.6925887e-4 - 1.0)),
-                source=Source.REFERENCE,
             ),
         ),
     ),
@@ -209,26 +196,18 @@ ENTRIES = (
                         "the errors here are smaller, {:.2g} % in the median, and the filter's own 1-sigma is {:.2g} "
                         "%; the thesis's is {:.1f} of these: no contradiction, but neither jets nor marks are "
                         "the same",
-                        (_size(element), _sigma(element), _printed_sigmas(element)),
+                        (worst("flight", element), _sigma(element), _printed_sigmas(element)),
                     ),
                 )
                 for element, symbol in enumerate(SYMBOLS)
             ),
-            Claim(
-                11,
-                "largest final error over the filter's own 1-sigma",
-                "(each below 3)",
-                AtMost(3.0),
-                _sigmas,
-                source=Source.REFERENCE,
-            ),
-            Claim(
+            reference(11, "largest final error over the filter's own 1-sigma", "(each below 3)", AtMost(3.0), _sigmas),
+            reference(
                 11,
                 "largest final error over the thesis's, without y and z of the center of mass",
                 "(each within a factor 5)",
                 AtMost(5.0),
                 _times_the_thesis,
-                source=Source.REFERENCE,
             ),
             Claim(
                 12,
@@ -255,7 +234,7 @@ ENTRIES = (
                 because=Because(
                     "whether it grows is a matter of chance: the last rotations change it by {:.2f} % either way, with "
                     "errors of {:.1f} % before and after",
-                    (lambda phase: abs(_mass_growth(phase)), _size(MASS)),
+                    (lambda phase: abs(_mass_growth(phase)), worst("flight", MASS)),
                 ),
             ),
         ),

@@ -2,21 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
-from reproduction.claims import (
-    Array,
-    AtLeast,
-    AtMost,
-    Because,
-    Claim,
-    Phase,
-    Phases,
-    Reading,
-    Signals,
-)
+from reproduction.claims import Array, AtLeast, AtMost, Because, Claim, Measure, Phase, Phases, Reading, Signals
 from reproduction.entries.mass import added_variance
 from reproduction.entry import Entry
 from reproduction.flights import (
@@ -32,49 +20,13 @@ from reproduction.flights import (
     TRANSLATION_FIRST,
     TRANSLATION_FIRST_INCREMENTED,
 )
-from reproduction.measures import (
-    DIAGONAL,
-    MASS,
-    during,
-    final_percent,
-    mean_nis,
-    nis,
-    percent_error,
-    rms,
-    used,
-)
-from reproduction.words import (
-    CHI_SQUARE,
-    INCONSISTENT,
-    NEGLIGIBLE,
-    OFTEN,
-    SIGNIFICANT,
-    SLIGHTLY_MORE,
-    TREMENDOUS,
-)
+from reproduction.measures import END_S, mass_error, mass_rms, mean_nis, ratio, rms, share_above, used, worst
+from reproduction.words import CHI_SQUARE, INCONSISTENT, NEGLIGIBLE, OFTEN, SIGNIFICANT, SLIGHTLY_MORE, TREMENDOUS
 
 
-def _diagonal(case: str) -> Callable[[Phase], float]:
-    return lambda phase: float(final_percent(phase[case])[DIAGONAL].max())
-
-
-def _none_against_compensated(phases: Phases) -> float:
-    """RMS error of 1/m from the first rotation to the first translation, NONE over T+COV."""
-    errors = [
-        rms(np.concatenate([percent_error(phase[case])[during(phase[case], 1.0, 10.9), MASS] for phase in phases]))
-        for case in ("none", "other")
-    ]
-    return errors[0] / errors[1]
-
-
-def _largest_before(case: str, end_s: float) -> Callable[[Phase], float]:
+def _largest_before(case: str, end_s: float) -> Measure:
     """Makes a measure: largest error of 1/m from the first rotation to a time, %."""
-    return lambda phase: float(np.abs(percent_error(phase[case])[during(phase[case], 1.5, end_s), MASS]).max())
-
-
-def _alarms(case: str) -> Callable[[Phase], float]:
-    """Makes a measure: share of samples from 37 to 46 s whose consistency function would raise an alarm at 1 %."""
-    return lambda phase: float(np.mean(nis(phase[case], "rotation", 37.0, 46.0) > 11.34))
+    return lambda phase: float(np.abs(mass_error(phase[case], 1.5, end_s)).max())
 
 
 def _early(run: Signals) -> Array:
@@ -84,7 +36,7 @@ def _early(run: Signals) -> Array:
 
 
 def _last_uncertain_s(phase: Phase) -> float:
-    """When that was one or more for the last time, s."""
+    """Last time at which that was one or more, s."""
     run = phase["sample"]
     times_s = run["time_s"][used(run, "mass")]
     return float(times_s[: _early(run).size][_early(run) >= 1.0].max(initial=0.0))
@@ -96,21 +48,10 @@ def _late(run: Signals) -> Array:
     return result
 
 
-def _rms_before_25_s(case: str, phases: Phases) -> float:
-    return rms(np.concatenate([percent_error(p[case])[during(p[case], 1.0, 24.9), MASS] for p in phases]))
-
-
-def _correlation_matters(start_s: float, end_s: float) -> Callable[[Phases], float]:
-    """Makes a pooled measure: RMS difference of stacked and serial estimates of 1/m over the error, over a time."""
-
-    def measure(phases: Phases) -> float:
-        one, other = (
-            np.concatenate([percent_error(p[case])[during(p[case], start_s, end_s), MASS] for p in phases])
-            for case in ("stacked", "serial")
-        )
-        return rms(one - other) / rms(other)
-
-    return measure
+def _correlation_matters(phases: Phases) -> float:
+    """RMS difference of stacked and serial estimates of 1/m at the end over the error."""
+    one, other = (np.concatenate([mass_error(p[case], END_S) for p in phases]) for case in ("stacked", "serial"))
+    return rms(one - other) / rms(other)
 
 
 ENTRIES = (
@@ -136,7 +77,7 @@ ENTRIES = (
                 "another maneuver, rotations first: largest final error of the diagonal",
                 "several maneuver histories, similar conclusions resulting from each",
                 Reading(AtMost(0.1), "similar: within five times table 5-3's 0.02 %"),
-                _diagonal("other"),
+                worst("other"),
                 "%",
             ),
             Claim(
@@ -144,11 +85,11 @@ ENTRIES = (
                 "there, coupling ignored over subtracted",
                 "a minor increase in accuracy by subtraction",
                 SLIGHTLY_MORE,
-                lambda phase: _diagonal("ignored")(phase) / _diagonal("other")(phase),
+                ratio(worst("ignored"), worst("other")),
                 because=Because(
                     "final errors scatter: {:.3f} % without and {:.3f} % with subtraction are medians, and single "
                     "phases end more accurate without it, or more than twice as accurate with it",
-                    (_diagonal("ignored"), _diagonal("other")),
+                    (worst("ignored"), worst("other")),
                 ),
             ),
             Claim(
@@ -156,7 +97,7 @@ ENTRIES = (
                 "there, extended Kalman over second-order filter",
                 "the extended Kalman filter diverges",
                 TREMENDOUS,
-                lambda phase: _diagonal("extended")(phase) / _diagonal("other")(phase),
+                ratio(worst("extended"), worst("other")),
             ),
             Claim(
                 1,
@@ -170,7 +111,7 @@ ENTRIES = (
                 "there, RMS error of 1/m before the first translation, NONE over T+COV",
                 "transverse accelerations have a significant effect on the initial estimation",
                 SIGNIFICANT,
-                _none_against_compensated,
+                ratio(mass_rms("none", 1.0, 10.9), mass_rms("other", 1.0, 10.9)),
                 pooled=True,
                 because=Because(
                     "whether the neglected acceleration drives the estimate off depends on which axes turn first, here "
@@ -197,11 +138,7 @@ ENTRIES = (
                     "averages out, and shrinks too fast. The diagonal ends with {:.2f} %; with covariance "
                     "incrementation (section 2.5, off in the sample runs) it is {:.3f} %, and the mean consistency "
                     "function {:.1f}",
-                    (
-                        _diagonal("first"),
-                        _diagonal("first_incremented"),
-                        mean_nis("first_incremented", "rotation", 25.0),
-                    ),
+                    (worst("first"), worst("first_incremented"), mean_nis("first_incremented", "rotation", 25.0)),
                 ),
             ),
             Claim(
@@ -209,14 +146,14 @@ ENTRIES = (
                 "samples from 37 to 46 s that would alarm at 11.34, coupling ignored",
                 "in terms of jump detection subtracting is clearly superior",
                 Reading(AtLeast(0.1), "inferior: ten times the 1 % of chance"),
-                _alarms("sample_ignored"),
+                share_above("sample_ignored", 11.34, 37.0, 46.0),
             ),
             Claim(
                 2,
                 "the same, coupling subtracted",
                 "clearly superior",
                 Reading(AtMost(0.02), "superior: at most twice the 1 % of chance"),
-                _alarms("sample"),
+                share_above("sample", 11.34, 37.0, 46.0),
             ),
             Claim(
                 3,
@@ -241,7 +178,7 @@ ENTRIES = (
                 "RMS error of 1/m before 25 s of three sensors over one, their correlation counted",
                 "the worse transient of serial processing is due primarily to the correlation of the noises",
                 Reading(AtMost(1.0), "counted, no worse than one"),
-                lambda phases: _rms_before_25_s("stacked", phases) / _rms_before_25_s("sample", phases),
+                ratio(mass_rms("stacked", 1.0, 24.9), mass_rms("sample", 1.0, 24.9)),
                 pooled=True,
             ),
             Claim(
@@ -256,7 +193,7 @@ ENTRIES = (
                 "what the correlation changes in the final estimate, RMS over the error",
                 "this correlation becomes negligible",
                 NEGLIGIBLE,
-                _correlation_matters(50.0, 50.0),
+                _correlation_matters,
                 pooled=True,
                 because=Because(
                     "the correlation itself does (claim above: {:.1e} of the sensor's variance); the final estimates "

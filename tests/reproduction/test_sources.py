@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from conftest import REPOSITORY
 
 from reproduction.sources import PACKAGE, code_digest, imported_files
 
@@ -125,3 +126,11 @@ def test_a_module_outside_the_package_counts_with_what_it_imports(tmp_path: Path
     mine.write_text("from massprop_drake.maths.attitude import conjugate  # edited\n", encoding="utf-8")
     code_digest.cache_clear()
     assert code_digest(mine) != before
+
+
+def test_a_calculation_counts_with_what_it_imports_of_both_packages() -> None:
+    here = REPOSITORY / "reproduction"
+    found = imported_files(here / "checks.py")
+    assert {here / name for name in ("__init__.py", "checks.py", "analytic.py", "measures.py")} <= found
+    assert PACKAGE / "maths" / "vehicle" / "rigid_body.py" in found
+    assert not {here / name for name in ("report.py", "catalog.py", "entry.py")} & found
