@@ -32,7 +32,7 @@ unexport PYTHONDONTWRITEBYTECODE
 .PHONY: help demo test quick coverage mutants reproduce docs lint types bench wheel clean
 
 help: ## shows this list
-	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1:\2/p' $(MAKEFILE_LIST) | awk -F: '{ printf "%-15s %s\n", $$1, $$2 }'
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1:\2/p' $(MAKEFILE_LIST) | awk -F: '{ printf "%-17s %s\n", $$1, $$2 }'
 
 # the thesis's filters, then the joint one in the same flight
 JOINT := --set 'estimation={filter: joint, start: zero}' --set 'joint={thrust_uncertainty: 0, tank_fraction: 0}' --set mass={} \
