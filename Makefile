@@ -5,6 +5,7 @@
 #   make test PYTEST_FLAGS="-k gyro"   other flags for pytest
 #   make bench AGAINST=HEAD~3          how many times as fast as that commit; BENCH_FLAGS="--scaling --write docs"
 #   make mutants MUTANTS=cglr          those alone whose file or tests are so called
+#   make reproduce REPRODUCE_FLAGS="--only fig_5_6"   other options for `python -m reproduction`
 
 PYTHON ?= python3
 VENV := .venv
@@ -28,10 +29,10 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help demo test quick coverage mutants docs lint types bench wheel clean
+.PHONY: help demo test quick coverage mutants reproduce docs lint types bench wheel clean
 
 help: ## shows this list
-	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1:\2/p' $(MAKEFILE_LIST) | awk -F: '{ printf "%-15s %s\n", $$1, $$2 }'
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1:\2/p' $(MAKEFILE_LIST) | awk -F: '{ printf "%-17s %s\n", $$1, $$2 }'
 
 # the thesis's filters, then the joint one in the same flight
 JOINT := --set 'estimation={filter: joint, start: zero}' --set 'joint={thrust_uncertainty: 0, tank_fraction: 0}' --set mass={} \
@@ -49,10 +50,13 @@ quick: $(VENV)/.installed-test ## runs the tests that take a minute together: no
 	$(BIN)/python -m pytest $(PYTEST_FLAGS) $(QUICK)
 
 coverage: $(VENV)/.installed-test ## runs all tests and prints the share of the lines that they run
-	$(BIN)/python -m pytest $(PYTEST_FLAGS) --cov=massprop_drake --cov-report=term:skip-covered
+	$(BIN)/python -m pytest $(PYTEST_FLAGS) --cov=massprop_drake --cov=reproduction --cov-report=term:skip-covered
 
 mutants: $(VENV)/.installed-test ## makes single edits and checks that tests notice each
 	$(BIN)/python tests/mutants.py $(MUTANTS)
+
+reproduce: $(VENV)/.installed ## reruns the thesis into runs/reproduction, claim by claim; ten minutes on two cores
+	$(BIN)/python -m reproduction $(REPRODUCE_FLAGS)
 
 docs: $(VENV)/.installed-test ## builds the documentation into build/docs, and runs its tutorials and tests
 	$(BIN)/sphinx-build -q -W --keep-going -n docs build/docs
@@ -66,7 +70,7 @@ lint: $(VENV)/.installed-dev ## checks style, format, spelling and words
 	$(BIN)/python .ci/words.py
 
 types: $(VENV)/.installed-dev ## checks types
-	$(BIN)/mypy -p massprop_drake
+	$(BIN)/mypy -p massprop_drake -p reproduction
 
 bench: $(VENV)/.installed ## measures speed against another commit, AGAINST=<commit>; by compiled kernels, too, where numba is
 	$(BIN)/python benchmarks/speed.py --against $(AGAINST) $(BENCH_FLAGS)

@@ -20,7 +20,7 @@ from pathlib import Path
 
 ALLOWED = Path(__file__).with_name("words.json")
 PACKAGE = ("massprop_drake", "diagrams", "scenarios")  # the last two are links within it, which globbing leaves out
-DOCUMENTED = (*PACKAGE, "benchmarks", "docs")  # what tests show is said by their names
+DOCUMENTED = (*PACKAGE, "reproduction", "benchmarks", "docs")  # what tests show is said by their names
 # pronouns, prepositions and conjunctions with which no sentence of a verb or a noun phrase begins
 FRAGMENT = re.compile(
     r"\W*(and|as|at|because|before|but|by|for|from|how|however|if|in|instead|its?|lest|none|nor|of|on|only|others|since|so"

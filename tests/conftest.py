@@ -10,9 +10,9 @@ import signal
 import subprocess
 import sys
 import tarfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -31,6 +31,7 @@ from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.results.run import Run
 from massprop_drake.studies.threads import ONE_THREAD
+from reproduction import __main__ as program
 
 REPOSITORY = Path(__file__).parent.parent
 
@@ -186,10 +187,10 @@ def build(kind: str, source: Path, target: Path) -> Path:
 
 
 def checkout(folder: Path) -> Path:
-    """A copy of the package and what builds it."""
+    """A copy of the package, what builds it, and what is not to be built."""
     for name in ("pyproject.toml", "setup.py", "MANIFEST.in", "README.md", "LICENSE"):
         shutil.copy(REPOSITORY / name, folder)
-    for name in ("massprop_drake", *LINKED):
+    for name in ("massprop_drake", "reproduction", *LINKED):
         shutil.copytree(REPOSITORY / name, folder / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
     return folder
 
@@ -221,14 +222,20 @@ def massprop(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
     here.mkdir()
     monkeypatch.chdir(here)
 
-    def call(*arguments: str | Path, stdin: bytes = b"") -> Outcome:
+    def call(*arguments: str | Path, stdin: bytes = b"", run: Callable[[], int] = cli.run) -> Outcome:
         monkeypatch.setattr(sys, "argv", ["massprop", *map(str, arguments)])
         monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(stdin)))
         capsys.readouterr()
-        status = cli.run()
+        status = run()
         return Outcome(status, *capsys.readouterr())
 
     return call
+
+
+@pytest.fixture
+def reproduction(massprop: Massprop) -> Massprop:
+    """Runs `python -m reproduction` likewise."""
+    return partial(massprop, run=partial(cli.run, program.load, program.NAME))
 
 
 # ------------------------------------------------------------------------------------ in a browser

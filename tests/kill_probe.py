@@ -17,6 +17,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,7 +28,8 @@ from massprop_drake.cli.main import main
 from massprop_drake.display import flight3d
 from massprop_drake.results import exchange, manifest
 from massprop_drake.runners import simulate
-from massprop_drake.studies.reproduction.runner import write_result
+from reproduction import __main__ as program
+from reproduction.runner import write_result
 
 EVENTS = {"open", "os.rename", "os.mkdir", "os.remove", "os.rmdir", "os.scandir", "fcntl.flock", "ctypes.dlsym"}
 SHORT = "duration_s=1"
@@ -49,12 +51,12 @@ class Trial(NamedTuple):
     other: Child | None = None
 
 
-def massprop(*arguments: str) -> Child:
+def massprop(*arguments: str, run: Child = main) -> Child:
     """The command line as a function."""
 
     def call() -> None:
         sys.argv = ["massprop", *arguments]
-        main()
+        run()
 
     return call
 
@@ -81,7 +83,7 @@ def keep_results() -> None:
 
 
 ESTIMATE = massprop("estimate", "flight.csv", "--vehicle", "orbiter", "--out", "K", *LEAN)
-REPRODUCE = massprop("reproduce", "--only", "fig_1_1", "--out", "R", "-q")
+REPRODUCE = massprop("--only", "fig_1_1", "--out", "R", "-q", run=partial(main, program.load, program.NAME))
 TRIALS = {
     "run": Trial(run(1)),
     "run anew": Trial(run(1), there=False),
@@ -101,8 +103,8 @@ class Prober:
     """Runs trials below a folder, and collects their faults."""
 
     def __init__(self, folder: Path, seed: int):
-        for name in ("runners.recorded", "display.page", "studies.reproduction.reproduce"):  # which commands load late
-            importlib.import_module(f"massprop_drake.{name}")
+        for name in ("massprop_drake.runners.recorded", "massprop_drake.display.page", "reproduction.reproduce"):
+            importlib.import_module(name)  # which commands load late
         self._folder = folder
         self._random = random.Random(seed)
         self._runs = {

@@ -49,7 +49,7 @@ def test_its_figure_is_drawn(short_run: Run) -> None:
 
 def test_its_claim_is_one_of_the_reproduction() -> None:
     (claim,) = (code for code in PYTHON if code.startswith("Claim("))
-    entry = REPOSITORY / "massprop_drake" / "studies" / "reproduction" / "entries" / "conclusions.py"
+    entry = REPOSITORY / "reproduction" / "entries" / "conclusions.py"
     assert "".join(claim.split()) in "".join(entry.read_text(encoding="utf-8").split())
 
 

@@ -31,6 +31,7 @@ def test_the_source_distribution_holds_real_files(sdist: Path) -> None:
     assert [member.name for member in members if not (member.isfile() or member.isdir())] == []
     names = {member.name.partition("/")[2] for member in members if member.isfile()}
     assert names >= {*_expected(), "pyproject.toml", "README.md", "LICENSE"}
+    assert {name.partition("/")[0] for name in names} & {"reproduction", "tests"} == set()
 
 
 def test_the_wheel_made_of_it_is_the_package(wheel: Path) -> None:

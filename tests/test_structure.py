@@ -1,4 +1,7 @@
-"""The house: rooms import one way, and what promises to need no Drake needs none."""
+"""The house: rooms import one way, and what promises to need no Drake needs none.
+
+The reproduction stands beside the package, and counts here as its last room: it imports all, and nothing imports it.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +16,8 @@ from threadpoolctl import threadpool_info
 
 REPOSITORY = Path(__file__).parent.parent
 PACKAGE = "massprop_drake"
+BESIDE = "reproduction"
+LINKS = ("diagrams", "scenarios")
 
 # what a room may import stands on an earlier floor; rooms of one floor do not know each other
 FLOORS = (
@@ -28,6 +33,7 @@ FLOORS = (
     {"display"},
     {"studies"},
     {"cli"},
+    {BESIDE},
 )
 FLOOR = {room: number for number, rooms in enumerate(FLOORS) for room in rooms}
 # a run shows itself: its figures, pages and notebook display are loaded when they are asked for
@@ -38,11 +44,12 @@ WITHOUT_DRAKE = ("inputs", "telemetry", "records", "results", "maths", "signals"
 
 
 def _modules() -> dict[str, Path]:
-    """Every module of the package by its name without the package's; packages by their `__init__`."""
+    """Every module by its name without the package's; packages by their `__init__`."""
     found = {}
-    for folder in ("", "diagrams", "scenarios"):  # the last two are links, which globbing does not follow
-        for path in sorted((REPOSITORY / PACKAGE / folder).rglob("*.py")):
-            parts = path.relative_to(REPOSITORY / PACKAGE).with_suffix("").parts
+    # diagrams and scenarios are links, which globbing does not follow
+    for folder, top in ((BESIDE, ""), (PACKAGE, PACKAGE), *((f"{PACKAGE}/{link}", PACKAGE) for link in LINKS)):
+        for path in sorted((REPOSITORY / folder).rglob("*.py")):
+            parts = path.relative_to(REPOSITORY / top).with_suffix("").parts
             found[".".join(part for part in parts if part != "__init__")] = path
     return found
 
@@ -93,14 +100,15 @@ def first_imports() -> dict[str, set[str]]:
 
 
 def _own(imported: set[str]) -> set[str]:
-    """Modules of the package, without its name."""
-    return {name.removeprefix(f"{PACKAGE}.") for name in imported if name.startswith(f"{PACKAGE}.")}
+    """Modules of the package, without its name, and of the reproduction."""
+    ours = (name for name in imported if name.partition(".")[0] in (PACKAGE, BESIDE) and name != PACKAGE)
+    return {name.removeprefix(f"{PACKAGE}.") for name in ours}
 
 
 def _outside(name: str) -> set[str]:
-    """Top-level names of what a module imports from neither the package nor the standard library."""
+    """Top-level names of what a module imports that is neither ours nor the standard library's."""
     tops = {imported.partition(".")[0] for imported in imports()[name]}
-    return tops - {PACKAGE, "__future__"} - set(sys.stdlib_module_names)
+    return tops - {PACKAGE, BESIDE, "__future__"} - set(sys.stdlib_module_names)
 
 
 def _of(room: str) -> list[str]:
@@ -156,6 +164,11 @@ def test_a_room_imports_what_stands_below_it(name: str) -> None:
         assert FLOOR.get(other, -1) < FLOOR[room], f"{name} imports {imported}"
 
 
+def test_nothing_in_the_package_imports_the_reproduction() -> None:
+    users = {name for name in MODULES if BESIDE in {_top(imported) for imported in _own(imports()[name])}}
+    assert users <= set(_of(BESIDE))
+
+
 def test_the_exceptions_are_inside_functions() -> None:
     for name, room in EXCEPTIONS:
         assert room in {_top(imported) for imported in _own(imports()[name])}, "no longer needed"
@@ -166,7 +179,7 @@ def test_few_arrows_join_the_rooms() -> None:
     arrows = {
         (_top(name), _top(imported))
         for name in MODULES
-        if MODULES[name].name != "__init__.py"
+        if MODULES[name].name != "__init__.py" and _top(name) != BESIDE
         for imported in _own(imports()[name])
         if _top(name) != _top(imported)
     }
@@ -239,27 +252,26 @@ def test_drake_stays_where_it_belongs() -> None:
     assert elsewhere == {"runners.simulated", "display.graphs", "display.links", "display.stage"}
 
 
-def test_only_the_entry_knows_the_command_line() -> None:
-    assert {name for name in MODULES if "cli" in {_top(i) for i in _own(imports()[name])}} - set(_of("cli")) == {
-        "__main__"
-    }
+def test_only_the_entries_know_the_command_line() -> None:
+    users = {name for name in MODULES if "cli" in {_top(imported) for imported in _own(imports()[name])}}
+    assert users - set(_of("cli")) == {"__main__", f"{BESIDE}.__main__", f"{BESIDE}.command"}
 
 
 def test_what_measures_claims_knows_neither_entries_nor_pictures() -> None:
     for module in ("claims", "measures", "analytic", "checks", "cases", "runner"):
-        name = f"studies.reproduction.{module}"
+        name = f"{BESIDE}.{module}"
         assert "matplotlib" not in _outside(name)
         assert not {imported for imported in _own(imports()[name]) if "entries" in imported or "catalog" in imported}
 
 
 def test_terminals_are_the_command_lines_business() -> None:
-    users = {_top(name) for name in MODULES if _outside(name) & {"typer", "rich", "click"}}
-    assert users == {"cli"}
+    users = {name for name in MODULES if _outside(name) & {"typer", "rich", "click"}}
+    assert users - set(_of("cli")) == {f"{BESIDE}.command"}
 
 
 def test_matplotlib_is_the_figures_business() -> None:
     users = {name for name in MODULES if "matplotlib" in _outside(name)}
-    assert {name for name in users if not name.startswith("studies.reproduction.")} == {"display.figures"}
+    assert {name for name in users if _top(name) != BESIDE} == {"display.figures"}
 
 
 def test_pydrake_is_imported_module_by_module() -> None:

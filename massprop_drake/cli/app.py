@@ -500,37 +500,13 @@ def _tell(target: Path, as_json: bool, quiet: bool) -> None:
         say(target)
 
 
-@app.command(epilog="Example: `massprop reproduce --only fig_5_6 --only table_5_3`")
-def reproduce(
-    context: typer.Context,
-    out: Annotated[Path, typer.Option(help="Folder to write; goes on with what it holds.")] = Path("runs/reproduction"),
-    only: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="A figure or table alone, such as fig_5_6. Repeatable.")
-    ] = None,
-    force: Force = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-) -> None:
-    """Reruns every figure and table of the thesis and says of each claim whether it holds."""
-    from massprop_drake.cli import show
-    from massprop_drake.cli.progress import Progress
-
-    context.obj.watch(
-        out / "reproduction.html",
-        f"the reproduction is saved in {out}/",
-        f"finished runs are kept in {out}/, and the same command goes on from there",
+@app.command(hidden=True, context_settings={"ignore_unknown_options": True, "allow_extra_args": True})
+def reproduce() -> None:
+    """Says where the thesis is rerun: beside the package, in its repository."""
+    raise InputError(
+        "the thesis is rerun beside the package: 'make reproduce' in a clone of the repository, or there "
+        "'python -m reproduction', which takes the options that this command took"
     )
-
-    from massprop_drake.studies.reproduction import catalog, report
-    from massprop_drake.studies.reproduction.reproduce import reproduce as rerun
-
-    entries = catalog.chosen(only)
-    with Progress("reproducing the thesis", 1.0, shown=not (as_json or quiet)) as progress:
-        results = rerun(entries, out, lambda done, total: progress(done / total), force=force)
-    if as_json:
-        show.as_json(report.as_data(results))
-    elif not quiet:
-        show.reproduced(results, out)
 
 
 @app.command(epilog="Example: `massprop graph closed_loop my_loop.py:build --out graphs`")

@@ -13,7 +13,7 @@ import os
 import signal
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FrameType
 from typing import Any, TextIO
@@ -66,22 +66,34 @@ def _identity(file: Path) -> tuple[int, ...] | None:
     return found.st_dev, found.st_ino, found.st_mtime_ns
 
 
-def main() -> None:
-    """Runs the command line and ends the process."""
+def _massprop() -> Any:
+    """Loads the commands of `massprop`."""
+    from massprop_drake.cli.app import app  # noqa: PLC0415 (slow to load, and a signal is told from the start)
+
+    return app
+
+
+def main(load: Callable[[], Any] = _massprop, name: str = "massprop") -> None:
+    """Runs a command line and ends the process.
+
+    Args:
+        load: loads the commands, a `typer.Typer`.
+        name: of the program, shown in its help.
+    """
     os.environ.update(threads.unless_chosen(os.environ))  # before numpy is loaded
-    status = run()
+    status = run(load, name)
     for number in _SIGNALS:
         signal.signal(number, signal.SIG_IGN)  # the command has ended: its status stands
     sys.exit(status)
 
 
-def run() -> int:
+def run(load: Callable[[], Any] = _massprop, name: str = "massprop") -> int:
     """Runs the command line that `sys.argv` holds and returns its exit status; any error is one message."""
     kept = SavedWork()
     with guarded() as output, _interruptible() as received, _warnings_in_a_line():
         try:
             try:
-                status = _command(kept)
+                status = _command(kept, load, name)
                 output.flush()
             except Exception as error:  # the last line of defense: say it
                 if received:  # which the code that it met turned into an error of its own
@@ -96,15 +108,12 @@ def run() -> int:
     return status
 
 
-def _command(kept: SavedWork) -> int:
+def _command(kept: SavedWork, load: Callable[[], Any], name: str) -> int:
     for argument in sys.argv[1:]:
         require_text(argument)
     if codecs.lookup(locale.getpreferredencoding(False)).name == "ascii":
         raise InputError("Drake does not load where text is ASCII, as in the C locale; set PYTHONUTF8=1")
-
-    from massprop_drake.cli.app import app  # noqa: PLC0415 (slow to load, and a signal is told from the start)
-
-    return app(prog_name="massprop", standalone_mode=False, obj=kept) or 0
+    return load()(prog_name=name, standalone_mode=False, obj=kept) or 0
 
 
 def _failed(error: Any, kept: SavedWork) -> int:

@@ -34,11 +34,7 @@ if TYPE_CHECKING:
     from massprop_drake.results.events import EventRecord
     from massprop_drake.results.summary import AutopilotSummary, Parameter, Summary
     from massprop_drake.runners.foretelling import Forecast
-    from massprop_drake.studies.reproduction.report import Reproduced
 
-_VERDICT_STYLES = {"holds": "green", "holds within spread": "cyan", "differs": "yellow"}
-# share of the width by heading; None: as wide as it needs
-_CLAIM_COLUMNS = {"claim": 4, "source": None, "its words": 4, "expected": 3, "measured": 3, "verdict": 3}
 _ABOUT = ("parameter", "unit", "")  # headings of what a row is about
 _READABLE = 60  # characters, of a column of sentences
 _ANY_WIDTH = 10_000  # characters, for a table as wide as it needs
@@ -639,26 +635,3 @@ def compared(found: Mapping[str, Any]) -> None:
 
 def _short(value: float | None) -> str:
     return "-" if value is None else f"{value:.3g}"
-
-
-# ------------------------------------------------------------------------------------ reproduction
-
-
-def reproduced(results: Iterable[Reproduced], folder: Path) -> None:
-    """Prints a table of claims per entry, and how many of them hold."""
-    from massprop_drake.studies.reproduction import report  # noqa: PLC0415 (loads matplotlib)
-
-    results, console = list(results), Terminal(160)
-    for result in results:
-        title = f"{report.label(result.entry)}: {result.entry.title}"
-        table = Table(title=title, title_justify="left", header_style="bold", expand=True)
-        for heading, share in _CLAIM_COLUMNS.items():
-            table.add_column(heading, ratio=share)
-        for outcome in result.outcomes:
-            why = f": {outcome.why}" if outcome.why else ""
-            verdict = console.words((outcome.verdict, _VERDICT_STYLES[outcome.verdict]), why)
-            claim = outcome.claim
-            table.add_row(claim.text, claim.source, claim.thesis, claim.expected, outcome.measured, verdict)
-        console.print(table)
-    console.say(report.summary_line(results))
-    console.say(f"files: {folder}/reproduction.html, reproduction.md, figures/")

@@ -1,1 +1,1 @@
-"""Studies of many runs: a report on a vehicle before flight, campaigns, designs, and the thesis reproduced."""
+"""Studies of many runs: a report on a vehicle before flight, campaigns of many flights, and designed maneuvers."""

@@ -11,6 +11,7 @@ import resource
 import shutil
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from massprop_drake.display import graphs
 from massprop_drake.inputs.yaml import to_yaml
 from massprop_drake.maths.kernels import compiler
 
-COMMANDS = ("list", "run", "estimate", "compare", "reproduce", "graph", "view", "report", "check")
+COMMANDS = ("list", "run", "estimate", "compare", "graph", "view", "report", "check")
 MANEUVER = "maneuver:\n  - {controller: rhc, axis: +x, start_s: 0.2, end_s: 1}\n"
 
 
@@ -197,19 +198,20 @@ def test_a_users_file_in_a_runs_folder_is_kept(massprop: Massprop) -> None:
     assert Run.load("K").summary["scenario"] == "sample_maneuver"
 
 
-@pytest.mark.parametrize("arguments", [("run", "sample_maneuver"), ("graph", "autopilot"), ("reproduce",)])
+@pytest.mark.parametrize("arguments", [("run", "sample_maneuver"), ("graph", "autopilot"), ("reproduction",)])
 def test_a_link_to_nowhere_is_refused_before_the_work(
-    massprop: Massprop, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...]
+    massprop: Massprop, reproduction: Massprop, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...]
 ) -> None:
     def fail(*_: object, **__: object) -> None:
         raise AssertionError
 
     monkeypatch.setattr("massprop_drake.runners.simulate.simulate", fail)
     monkeypatch.setattr("massprop_drake.display.graphs.build", fail)
+    call = reproduction if arguments == ("reproduction",) else partial(massprop, *arguments)
     Path("dangling").symlink_to("nowhere")
-    _assert_refused(massprop(*arguments, "--out", "dangling"), "dangling: is a link to nowhere")
+    _assert_refused(call("--out", "dangling"), "dangling: is a link to nowhere")
     Path("loop").symlink_to("loop")
-    _assert_refused(massprop(*arguments, "--out", "loop"), "loop: ")
+    _assert_refused(call("--out", "loop"), "loop: ")
     assert _everything(Path()) == ["dangling", "loop"]
 
 
@@ -776,6 +778,12 @@ def test_what_cannot_be_compared_is_refused(massprop: Massprop, arguments: tuple
     done = massprop("compare", *arguments)
     assert (done.status, done.out) == (2, "")
     assert words in done.err
+
+
+@pytest.mark.parametrize("options", [(), ("--only", "fig_5_6", "--out", "there", "-q"), ("--json", "--force")])
+def test_the_reproduction_says_where_it_went(massprop: Massprop, options: tuple[str, ...]) -> None:
+    _assert_refused(massprop("reproduce", *options), "make reproduce", "python -m reproduction", "clone")
+    assert _everything(Path()) == []
 
 
 # --------------------------------------------------------------------------------------------- help

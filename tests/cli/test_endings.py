@@ -178,9 +178,9 @@ def test_a_signal_is_told_while_a_module_loads(massprop: Massprop, monkeypatch: 
     assert massprop(*RUN) == (130, "", "massprop: interrupted: nothing was saved\n")
 
 
-def test_an_interrupted_reproduction_goes_on(massprop: Massprop, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("massprop_drake.studies.reproduction.reproduce.run_missing", _signals(signal.SIGINT))
-    done = massprop("reproduce", "--only", "fig_5_6", "--out", "there")
+def test_an_interrupted_reproduction_goes_on(reproduction: Massprop, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("reproduction.reproduce.run_missing", _signals(signal.SIGINT))
+    done = reproduction("--only", "fig_5_6", "--out", "there")
     kept = "finished runs are kept in there/, and the same command goes on from there"
     assert done == (130, "", f"massprop: interrupted: {kept}\n")
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import kill_probe
 import pytest
+from conftest import REPOSITORY
 
 COUNT = int(os.environ.get("MASSPROP_KILLS", str(len(kill_probe.TRIALS))))
 
@@ -20,7 +21,8 @@ COUNT = int(os.environ.get("MASSPROP_KILLS", str(len(kill_probe.TRIALS))))
 @pytest.mark.parametrize("seed", [20261122])
 def test_a_kill_at_any_moment_loses_nothing(tmp_path: Path, seed: int) -> None:
     command = [sys.executable, kill_probe.__file__, str(tmp_path), str(seed), str(COUNT)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}  # where the reproduction is
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     found = json.loads(done.stdout)
     assert found["faults"] == []

@@ -138,7 +138,7 @@ class Layout:
                 ["estimate", telemetry, "--vehicle", draw(["orbiter", "K/my_vehicle.yaml"]), *resumed, *LEAN],
                 ["view", source, "-q"],
                 ["graph", "autopilot", "-q"],
-                ["reproduce", "--only", "fig_1_1", "-q"],
+                ["reproduction", "--only", "fig_1_1", "-q"],
             ]
         )
         out = [] if command[0] == "view" and self._random.random() < 0.5 else ["--out", str(self._out)]
@@ -152,7 +152,7 @@ def _files() -> dict[Path, bytes]:
 @pytest.mark.usefixtures("quick")
 @pytest.mark.parametrize("seed", range(COUNT))
 def test_no_file_of_the_user_is_lost(
-    seed: int, massprop: Massprop, monkeypatch: pytest.MonkeyPatch, earlier: Path
+    seed: int, massprop: Massprop, reproduction: Massprop, monkeypatch: pytest.MonkeyPatch, earlier: Path
 ) -> None:
     layout = Layout(seed, earlier)
     before, saved, came = _files(), Run.save, []
@@ -163,7 +163,8 @@ def test_no_file_of_the_user_is_lost(
         return saved(self, *arguments, **options)
 
     monkeypatch.setattr(Run, "save", late)
-    done = massprop(*layout.arguments)
+    command, *options = layout.arguments
+    done = reproduction(*options) if command == "reproduction" else massprop(command, *options)
     told = f"massprop {' '.join(layout.arguments)}: {done}"
     assert done.status in (0, 2), told
     assert done.err.count("\n") == (1 if done.status else 0) or "graph" in layout.arguments, told

@@ -30,9 +30,9 @@ from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.run import Run
 from massprop_drake.runners.recorded import estimate
-from massprop_drake.studies.reproduction import report as reproduction
-from massprop_drake.studies.reproduction.claims import AtMost, Claim, Outcome, Verdict
-from massprop_drake.studies.reproduction.entry import Entry
+from reproduction import report as reproduction
+from reproduction.claims import AtMost, Claim, Outcome, Verdict
+from reproduction.entry import Entry
 
 RUN = "window.pwned=1"  # what a payload would do
 PAYLOADS = (

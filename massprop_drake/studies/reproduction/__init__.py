@@ -1,1 +1,0 @@
-"""Reruns every figure and table of the thesis and says of each claim whether it holds."""

@@ -1,0 +1,143 @@
+"""Calculations on failed jets that need no flight: the noise-free tests and the sweep of soft failures.
+
+All at the true mass properties of table 5-2 and with the sensors of section 5.1: the covariance of one
+sample's innovations is that of the sensors alone, blkdiag(R^zeta, R^z), and the failure acts over the
+whole sample. Arguments and margins without noise grow with the square of the force.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.inputs.params import unit_wrenches
+from massprop_drake.maths.estimation.detectors.jet_tests import Isolation, JetTests, isolate, jet_tests, signatures
+from reproduction.measures import orbiter
+
+Array = NDArray[np.float64]
+
+FORCES = np.arange(5.0, 51.0, 5.0)  # lbf, of section 5.3.2
+MARGIN = 6.0
+_SAMPLES = 40  # of each jet and force, per seed
+_NEVER = np.zeros(44, dtype=bool)
+
+
+class Setting(NamedTuple):
+    """Computes what every test needs: signatures per lbf, shape (44, 6), information (6, 6), clusters, quanta (6,)."""
+
+    coefficients: Array
+    information: Array
+    clusters: NDArray[np.int_]
+    quanta: Array
+
+
+def setting() -> Setting:
+    """Returns the setting of table 5-2 and section 5.1."""
+    vehicle = orbiter()
+    coefficients = signatures(unit_wrenches(vehicle), vehicle.nominal.vector(), vehicle.sample_period_s)
+    accelerometer, gyro = vehicle.accelerometers[0], vehicle.gyros[0]
+    variances = np.repeat([2.0 * accelerometer.variance, 2.0 * gyro.variance], 3)
+    clusters = np.array([jet.cluster for jet in vehicle.jets])
+    return Setting(
+        coefficients, np.diag(1.0 / variances), clusters, np.repeat([accelerometer.quantum, gyro.quantum], 3)
+    )
+
+
+def noise_free(jet: int, force: float, commanded: tuple[int, ...] = ()) -> tuple[JetTests, Isolation]:
+    """Runs the tests on a failure without noise.
+
+    Args:
+        jet: its number in table 5-1.
+        force: signed, lbf.
+        commanded: numbers of the jets that are on; all others cannot lose thrust.
+    """
+    here = setting()
+    off = np.ones(len(here.clusters), dtype=bool)
+    off[[number - 1 for number in commanded]] = False
+    tests = jet_tests(here.coefficients, force * here.coefficients[jet - 1], here.information, off, _NEVER)
+    return tests, isolate(tests.likelihood, here.clusters)
+
+
+def separations(_: int) -> dict[str, Array]:
+    """Computes argument and margins without noise per squared lbf and jet, all jets off, and 1-sigma of the force."""
+    here = setting()
+    off = np.ones(len(here.clusters), dtype=bool)
+    found = []
+    for signature in here.coefficients:
+        tests = jet_tests(here.coefficients, signature, here.information, off, _NEVER)
+        isolation = isolate(tests.likelihood, here.clusters)
+        found.append((tests.likelihood[isolation.jet], isolation.cluster_margin, isolation.jet_margin))
+    strength, cluster_margin, jet_margin = np.array(found).T
+    return {
+        "argument": strength,
+        "cluster_margin": cluster_margin,
+        "jet_margin": jet_margin,
+        "force_std": 1.0 / np.sqrt(strength),
+        "cluster": here.clusters.astype(float),
+    }
+
+
+def soft_failures(seed: int) -> dict[str, Array]:
+    """Computes the share of samples that isolate a leak, for every jet and force, all jets off, shape (44, 10).
+
+    The first sample of a leak at rest: each sensor component steps by its quantum at marks that lie anywhere.
+    """
+    here = setting()
+    random = np.random.default_rng([seed, 0])
+    off = np.ones(len(here.clusters), dtype=bool)
+    names = ("cluster", "jet", "wrong_cluster", "wrong_jet", "best_jet", "jet_margin")
+    counts = {name: np.zeros((len(here.clusters), len(FORCES))) for name in names}
+    for jet, signature in enumerate(here.coefficients):
+        for column, force in enumerate(FORCES):
+            exact = force * signature
+            marks = random.uniform(size=(_SAMPLES, 6))
+            samples = here.quanta * np.floor(exact / here.quanta + marks)
+            for sample in samples:
+                likelihood = jet_tests(here.coefficients, sample, here.information, off, _NEVER).likelihood
+                isolation = isolate(likelihood, here.clusters)
+                alarm = isolation.cluster_margin > MARGIN
+                right = isolation.cluster == here.clusters[jet]
+                named = alarm and isolation.jet_margin > MARGIN
+                counts["cluster"][jet, column] += alarm and right
+                counts["wrong_cluster"][jet, column] += alarm and not right
+                counts["jet"][jet, column] += named and isolation.jet == jet
+                counts["wrong_jet"][jet, column] += named and isolation.jet != jet
+                own = np.where(here.clusters == here.clusters[jet], likelihood, -1.0)
+                best = int(own.argmax())
+                counts["best_jet"][jet, column] += best == jet
+                others = np.delete(own, jet)
+                counts["jet_margin"][jet, column] += own[jet] - others.max()
+    return {name: count / _SAMPLES for name, count in counts.items()}
+
+
+def vernier_gaussian(seed: int) -> dict[str, Array]:
+    """Tells whether vernier 39, stuck on, is named, and the likeliest of its cluster; Gaussian noise, all jets off."""
+    here = setting()
+    named, best = [], []
+    for likelihood in _drawn([seed, 3], 400, orbiter().jets[38].thrust * here.coefficients[38]):
+        isolation = isolate(likelihood, here.clusters)
+        named.append(isolation.jet == 38 and min(isolation.cluster_margin, isolation.jet_margin) > MARGIN)
+        best.append(np.where(here.clusters == here.clusters[38], likelihood, -1.0).argmax() == 38)
+    return {"named": np.array(named, dtype=float), "best": np.array(best, dtype=float)}
+
+
+def at_rest(seed: int) -> dict[str, Array]:
+    """Tests healthy samples with Gaussian noise, all jets off: the largest argument, and what isolation makes of it."""
+    clusters = setting().clusters
+    largest, margins = [], []
+    for likelihood in _drawn([seed, 2], 10_000, np.zeros(6)):
+        largest.append(likelihood.max())
+        margins.append(isolate(likelihood, clusters).cluster_margin)
+    return {"largest": np.array(largest), "cluster_margin": np.array(margins)}
+
+
+def _drawn(seed: list[int], count: int, mean: Array) -> Iterator[Array]:
+    """Draws samples with Gaussian noise about a mean, all jets off, and yields the argument of every jet."""
+    here = setting()
+    off = np.ones(len(here.clusters), dtype=bool)
+    spread = 1.0 / np.sqrt(here.information.diagonal())
+    for noise in spread * np.random.default_rng(seed).standard_normal((count, 6)):
+        yield jet_tests(here.coefficients, mean + noise, here.information, off, _NEVER).likelihood

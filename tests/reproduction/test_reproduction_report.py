@@ -1,0 +1,119 @@
+"""The report of a reproduction: counts, Markdown, and a page that needs no other file."""
+
+from __future__ import annotations
+
+import base64
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from reproduction import report
+from reproduction.claims import AtMost, Claim, Outcome, Reading, Source, Verdict
+from reproduction.entry import Entry
+
+EVIL = "a <b> & \"c\" 'd' | e"
+
+
+def _outcome(verdict: Verdict, why: str = "", source: Source = Source.THESIS) -> Outcome:
+    claim = Claim(1, EVIL, "10 %", Reading(AtMost(10.0), "small"), lambda _: 0.0, unit="%", source=source)
+    return Outcome(claim, np.array([2.0]), 2.0, verdict, 1.0, why)
+
+
+@pytest.fixture
+def results() -> list[report.Reproduced]:
+    first = Entry("fig_5_2", f"Rates {EVIL}", {}, ())
+    second = Entry("section_6_1", "Conclusions", {}, ())
+    return [
+        report.Reproduced(first, (_outcome(Verdict.HOLDS), _outcome(Verdict.DIFFERS, EVIL)), (Path("a.png"),)),
+        report.Reproduced(second, (_outcome(Verdict.SPREAD),), ()),
+    ]
+
+
+class _Read(HTMLParser):
+    """Cells of tables, headings, classes of cells and sources of pictures."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.cells: list[str] = []
+        self.headings: list[str] = []
+        self.classes: list[str | None] = []
+        self.sources: list[str | None] = []
+        self._into: list[str] | None = None
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        found = dict(attrs)
+        if tag in ("td", "h2"):
+            self._into = self.cells if tag == "td" else self.headings
+            self._into.append("")
+        if tag == "td" and "class" in found:
+            self.classes.append(found["class"])
+        if tag == "div" and self._into:
+            self._into[-1] += ": "
+        if tag == "img":
+            self.sources.append(found["src"])
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag in ("td", "h2"):
+            self._into = None
+
+    def handle_data(self, data: str) -> None:
+        if self._into is not None:
+            self._into[-1] += data
+
+
+def test_the_page_says_what_was_found_and_holds_its_pictures(results: list[report.Reproduced], tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_bytes(b"picture")
+    read = _Read()
+    read.feed(report.page(results, tmp_path))
+    assert read.headings == [f"Figure 5-2: Rates {EVIL}", "Section 6.1: Conclusions"]
+    row = [EVIL, "thesis", "10 %", "≤ 10 % (small)", "2 %"]
+    assert read.cells == [*row, "holds", *row, f"differs: {EVIL}", *row, "holds within spread"]
+    assert read.classes == ["source", "verdict holds", "source", "verdict differs", "source", "verdict within"]
+    assert read.sources == [f"data:image/png;base64,{base64.b64encode(b'picture').decode()}"]
+
+
+def test_verdicts_are_counted(results: list[report.Reproduced]) -> None:
+    assert report.counted(results) == {"holds": 1, "holds within spread": 1, "differs": 1}
+    assert report.summary_line(results) == "3 claims of the thesis: 1 holds, 1 holds within spread, 1 differs"
+    assert report.summary_line([]).startswith("0 claims of the thesis")
+
+
+def test_claims_that_are_not_the_thesis_s_are_counted_apart(results: list[report.Reproduced]) -> None:
+    ours = (
+        *(_outcome(verdict, source=Source.REFERENCE) for verdict in (Verdict.HOLDS, Verdict.HOLDS, Verdict.DIFFERS)),
+        _outcome(Verdict.SPREAD, source=Source.ERRATA),
+    )
+    results = [*results, report.Reproduced(Entry("errata", "Errata", {}, ()), ours, ())]
+    line = (
+        "3 claims of the thesis: 1 holds, 1 holds within spread, 1 differs. Apart from these: "
+        "3 numbers of our reference: 2 holds, 0 holds within spread, 1 differs; "
+        "1 errata that it names: 0 holds, 1 holds within spread, 0 differs"
+    )
+    assert report.summary_line(results) == line
+    assert f"\n{line}.\n" in report.markdown(results)
+    data = report.as_data(results)
+    assert data["verdicts"] == {"holds": 1, "holds within spread": 1, "differs": 1}
+    assert data["apart"] == {
+        "reference": {"holds": 2, "holds within spread": 0, "differs": 1},
+        "errata": {"holds": 0, "holds within spread": 1, "differs": 0},
+    }
+    sources = [claim["source"] for entry in data["entries"] for claim in entry["claims"]]
+    assert sources == ["thesis"] * 3 + ["reference"] * 3 + ["errata"]
+
+
+def test_a_table_of_markdown_keeps_its_columns(results: list[report.Reproduced]) -> None:
+    *_, row = report.table(results[0])
+    escaped = EVIL.replace("|", "\\|")
+    assert row == f"| {escaped} | thesis | 10 % | ≤ 10 % (small) | 2 % | differs: {escaped} |"
+    assert "![Rates" in report.markdown(results)
+    assert "![" not in report.markdown(results, pictures=False)
+
+
+@pytest.mark.parametrize(
+    ("name", "label"),
+    [("fig_5_2", "Figure 5-2"), ("table_5_3", "Table 5-3"), ("section_5_3_2", "Section 5.3.2"), ("errata", "Errata")],
+)
+def test_entries_have_the_names_of_the_thesis(name: str, label: str) -> None:
+    assert report.label(Entry(name, "", {}, ())) == label

@@ -1,0 +1,179 @@
+"""Work goes on where it was, whatever ended it, and nothing broken is taken for a result."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import reproduction_fakes as fakes
+from conftest import REPOSITORY
+from reproduction_fakes import FAILING, SLOW
+
+from reproduction.cases import Calculation, Flight
+from reproduction.runner import WORKERS, Store, needed, run_missing, write_result
+
+QUICK = Calculation("quick", fakes.quick, seeds=3)
+
+
+def _start(cache: Path, log: Path) -> subprocess.Popen[bytes]:
+    log.mkdir(exist_ok=True)
+    command = [sys.executable, str(Path(fakes.__file__)), str(cache)]
+    environment = {**os.environ, fakes.LOG: str(log), "PYTHONPATH": str(REPOSITORY)}
+    return subprocess.Popen(command, env=environment, stderr=subprocess.DEVNULL, start_new_session=True)
+
+
+def _wait_for(condition: Callable[[], bool]) -> None:
+    """Waits however long it takes; what never comes is for the limit that every test has."""
+    while not condition():
+        time.sleep(0.01)
+
+
+def _results(cache: Path) -> set[str]:
+    return {path.name for path in cache.glob("*.npz")}
+
+
+def _is_alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"  # a zombie is none
+
+
+@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGINT], ids=["killed", "interrupted"])
+def test_interrupted_work_goes_on(tmp_path: Path, end: signal.Signals) -> None:
+    cache, log = tmp_path / "cache", tmp_path / "log"
+    process = _start(cache, log)
+    _wait_for(lambda: len(_results(cache)) >= fakes.FREE or process.poll() is not None)
+    under_way = fakes.FREE + min(WORKERS, SLOW.seeds - fakes.FREE)
+    _wait_for(lambda: len(list(log.iterdir())) >= under_way or process.poll() is not None)
+    os.killpg(process.pid, end) if end is signal.SIGINT else process.kill()
+    if end is signal.SIGINT:  # what is under way is waited for
+        (log / fakes.GO).touch()
+    process.wait()
+    workers = {int(path.name.split("-")[1]) for path in log.iterdir() if path.name != fakes.GO}
+    _wait_for(lambda: not any(map(_is_alive, workers)))
+
+    finished = {int(name.split("-")[1]) for name in _results(cache)}
+    assert fakes.FREE <= len(finished) < SLOW.seeds
+    if end is signal.SIGKILL:
+        assert finished == set(range(fakes.FREE))
+    store = Store(cache)
+    assert run_missing(store, [SLOW]) == SLOW.seeds - len(finished)
+    for seed in range(SLOW.seeds):
+        result = store.get(SLOW, seed)
+        assert result is not None
+        np.testing.assert_array_equal(result["values"], fakes.quick(seed)["values"])
+    assert not list(cache.glob(".*")), "left over"
+
+
+def test_finished_runs_are_not_repeated(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    for seed in range(QUICK.seeds):
+        write_result(store.path(QUICK, seed), fakes.quick(seed))
+    said: list[tuple[int, int]] = []
+    assert run_missing(store, [QUICK], lambda *step: said.append(step)) == 0
+    assert said == [(3, 3)]
+
+
+def test_superseded_results_go(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    for seed in range(QUICK.seeds):
+        write_result(store.path(QUICK, seed), fakes.quick(seed))
+    current = _results(tmp_path)
+    others = {"quick-00-0123456789abcdef0123.npz", "quick_too-00-0123456789abcdef0123.npz"}
+    for name in others:
+        (tmp_path / name).touch()
+    assert run_missing(store, [QUICK]) == 0
+    assert _results(tmp_path) == current | {"quick_too-00-0123456789abcdef0123.npz"}
+
+
+@pytest.mark.parametrize("kept", [0.0, 0.3, 0.99], ids=["empty", "a third", "nearly all"])
+def test_a_file_cut_short_is_no_result(tmp_path: Path, kept: float) -> None:
+    store = Store(tmp_path)
+    path = store.path(QUICK, 0)
+    write_result(path, fakes.quick(0))
+    assert store.get(QUICK, 0) is not None
+    content = path.read_bytes()
+    path.write_bytes(content[: int(kept * len(content))])
+    assert store.get(QUICK, 0) is None
+    assert (QUICK, 0, path) in store.missing([QUICK])
+
+
+def test_a_file_with_wrong_bytes_is_no_result(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    path = store.path(QUICK, 0)
+    write_result(path, fakes.quick(0))
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 0xFF
+    path.write_bytes(content)
+    assert store.get(QUICK, 0) is None
+
+
+def test_a_result_that_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
+    class Unwritable:
+        def __array__(self, *_: object, **__: object) -> np.ndarray:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_result(tmp_path / "result.npz", {"values": Unwritable()})  # type: ignore[dict-item]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_that_fails_is_named(tmp_path: Path) -> None:
+    with pytest.raises(RuntimeError, match="case 'failing', seed 1: lost definiteness"):
+        run_missing(Store(tmp_path), [FAILING])
+
+
+def test_another_setting_is_another_result() -> None:
+    flight = Flight("short", "sample_maneuver", ("duration_s=1",))
+    keys = {
+        flight.key(),
+        replace(flight, overrides=("duration_s=2",)).key(),
+        replace(flight, signals=("rate",)).key(),
+        replace(flight, from_s=0.5).key(),
+        replace(flight, scenario="stuck_on_29").key(),
+        QUICK.key(),
+        SLOW.key(),
+    }
+    assert len(keys) == 7
+    assert flight.key() == replace(flight, name="renamed").key() == replace(flight, seeds=3).key()
+
+
+def test_a_case_of_one_seed_is_part_of_every_phase(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    once = replace(QUICK, name="once", seeds=1)
+    write_result(store.path(once, 0), fakes.quick(7))
+    for seed in range(QUICK.seeds):
+        write_result(store.path(QUICK, seed), fakes.quick(seed))
+    phases = store.phases({"a": QUICK, "b": once})
+    assert len(phases) == QUICK.seeds
+    for seed, phase in enumerate(phases):
+        np.testing.assert_array_equal(phase["a"]["values"], fakes.quick(seed)["values"])
+        np.testing.assert_array_equal(phase["b"]["values"], fakes.quick(7)["values"])
+    with pytest.raises(LookupError, match="'failing', seed 0"):
+        store.phases({"a": FAILING})
+
+
+def test_only_seeds_that_are_part_of_a_phase_are_run() -> None:
+    many, some, once = (replace(QUICK, name=name, seeds=seeds) for name, seeds in (("m", 60), ("s", 20), ("o", 1)))
+    assert {case.name: case.seeds for case in needed([{"a": many, "b": some, "c": once}])} == {"m": 20, "s": 20, "o": 1}
+    both = needed([{"a": many, "b": some}, {"a": many, "c": once}, {"b": some}])
+    assert {case.name: case.seeds for case in both} == {"m": 60, "s": 20, "o": 1}
+    assert [case.seeds for case in needed([{"c": once}])] == [1]
+
+
+def test_a_flight_keeps_what_it_is_asked_to() -> None:
+    kept = Flight("short", "sample_maneuver", ("duration_s=2",), ("rate", "truth"), from_s=1.2).run(3)
+    assert set(kept) == {"time_s", "rate", "truth"}
+    assert kept["time_s"][0] == pytest.approx(1.2)
+    assert kept["time_s"][-1] == pytest.approx(2.0)
+    assert len(kept["rate"]) == len(kept["time_s"]) == 11
