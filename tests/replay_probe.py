@@ -14,9 +14,9 @@ from pydrake.systems.primitives import LogVectorOutput
 from massprop_drake import Scenario
 from massprop_drake.diagrams import replay
 from massprop_drake.inputs import params
+from massprop_drake.records.reader import Reader
 from massprop_drake.runners.logs import ESTIMATION, SavedState, estimation_signals, for_json, state_groups
 from massprop_drake.runners.recorded import _by_sensor
-from massprop_drake.telemetry.reader import Reader
 
 Array = NDArray[np.float64]
 

@@ -24,7 +24,7 @@ from massprop_drake import InputError, Scenario, estimate, load_vehicle
 from massprop_drake.inputs.scenario import EstimationBlock
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.inputs.yaml import to_yaml
-from massprop_drake.telemetry.reader import Reader, check
+from massprop_drake.records.reader import Reader, check
 
 ALL = os.environ.get("MASSPROP_FUZZ") == "all"
 TIMES = 20 if ALL else int(os.environ.get("MASSPROP_FUZZ", "1"))

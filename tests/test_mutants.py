@@ -14,7 +14,7 @@ HELD = (
     *(f"massprop_drake/maths/estimation/filters/{name}.py" for name in ("rotation_filter", "mass_filter", "thesis")),
     *(f"massprop_drake/maths/estimation/detectors/{name}.py" for name in ("cglr", "cusum", "jet_tests")),
     *(f"massprop_drake/runners/{name}.py" for name in ("simulate", "recorded", "estimator")),
-    *(f"massprop_drake/telemetry/{name}.py" for name in ("reader", "quality")),
+    *(f"massprop_drake/records/{name}.py" for name in ("reader", "quality")),
     *(f"massprop_drake/vehicles/{name}.yaml" for name in ("orbiter", "lander", "free_flyer", "small_satellite")),
 )
 

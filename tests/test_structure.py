@@ -25,7 +25,6 @@ FLOORS = (
     {"maths"},
     {"signals"},
     {"systems", "inputs"},
-    {"telemetry"},
     {"records"},
     {"results"},
     {"diagrams"},
@@ -40,7 +39,7 @@ FLOOR = {room: number for number, rooms in enumerate(FLOORS) for room in rooms}
 EXCEPTIONS = {("results.run", "display")}
 MOST_ARROWS = 60  # between rooms at the top
 WITH_NUMBA = ("maths._bundles", "maths._holding", "maths._kept", "maths._linking")
-WITHOUT_DRAKE = ("inputs", "telemetry", "records", "results", "maths", "signals", "errors", "runners.estimator")
+WITHOUT_DRAKE = ("inputs", "records", "results", "maths", "signals", "errors", "runners.estimator")
 
 
 def _modules() -> dict[str, Path]:

@@ -299,10 +299,10 @@ def estimate(
     from massprop_drake.cli import show, sources
     from massprop_drake.cli.progress import Progress
     from massprop_drake.inputs.yaml import files_read
+    from massprop_drake.records.reader import scenario_name
     from massprop_drake.results.folder import reserved
     from massprop_drake.results.run import read_summary
     from massprop_drake.runners.against import beside, require_comparable
-    from massprop_drake.telemetry.reader import scenario_name
 
     telemetry: str | list[str] = records[0] if len(records) == 1 else records
     name = scenario_name(records[0])

@@ -17,9 +17,9 @@ from massprop_drake.inputs.yaml import Document, to_yaml
 from massprop_drake.records import mapping
 from massprop_drake.records.proposal import ROWS, Proposal, propose
 from massprop_drake.records.px4 import vehicle_of
+from massprop_drake.records.reader import Reader
 from massprop_drake.records.recording import Recording, open_recording
 from massprop_drake.results.folder import require_file, write_file
-from massprop_drake.telemetry.reader import Reader
 
 _WIDTH = 96  # of the comments in a file
 

@@ -1,1 +1,1 @@
-"""Records of other programs: files of any recorder, and the maps that make telemetry of them."""
+"""Recorded telemetry: files of any recorder, the maps that make rows of them, and what the rows are worth."""

@@ -27,7 +27,7 @@ from massprop_drake.records.recording import (
     spread,
 )
 from massprop_drake.records.storage import Message, Storage, StoredTopic, unpack_file, zstd
-from massprop_drake.telemetry.tables import Loss
+from massprop_drake.records.tables import Loss
 
 _NANO = 1e-9
 _HEAVY = (

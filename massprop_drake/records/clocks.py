@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.units import factor
 from massprop_drake.records.names import ColumnName, factor_or_none
+from massprop_drake.records.reader import JITTER
 from massprop_drake.records.recording import Topic, stamp_of
-from massprop_drake.telemetry.reader import JITTER
 
 Array = NDArray[np.float64]
 

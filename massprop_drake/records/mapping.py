@@ -33,10 +33,10 @@ from massprop_drake.inputs.units import factor, is_of
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.attitude import propagated
 from massprop_drake.maths.vehicle.on_times import onsets
+from massprop_drake.records.reader import JITTER, WRENCH, onset_columns
 from massprop_drake.records.recording import Recording, Topic
+from massprop_drake.records.tables import LARGEST, Block, Loss, Ragged, require_meaningful
 from massprop_drake.signals import AXES
-from massprop_drake.telemetry.reader import JITTER, WRENCH, onset_columns
-from massprop_drake.telemetry.tables import LARGEST, Block, Loss, Ragged, require_meaningful
 
 Array = NDArray[np.float64]
 Places = NDArray[np.int64]

@@ -17,6 +17,7 @@ from massprop_drake.inputs.units import factor
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.records import evidence, mapping
 from massprop_drake.records.clocks import TopicClock, clock_fault, find_clock
+from massprop_drake.records.command_scales import CommandScale, Levels, possible_scales, two_levels, without_rare
 from massprop_drake.records.names import (
     WHEELS,
     WORDS,
@@ -28,7 +29,6 @@ from massprop_drake.records.names import (
     read_name,
 )
 from massprop_drake.records.recording import Recording, Topic, is_number
-from massprop_drake.telemetry.command_scales import CommandScale, Levels, possible_scales, two_levels, without_rare
 
 Array = NDArray[np.float64]
 

@@ -19,7 +19,7 @@ from massprop_drake.errors import InputError, require_text, suggestion
 from massprop_drake.inputs.record_map import CsvForm, RecordMap
 from massprop_drake.inputs.units import parsed
 from massprop_drake.inputs.yaml import exists
-from massprop_drake.telemetry.tables import (
+from massprop_drake.records.tables import (
     MISSING,
     Ending,
     Loss,

@@ -19,6 +19,7 @@ from massprop_drake.inputs.kinds import about_folder, bundled
 from massprop_drake.inputs.model import validated, yaml_text
 from massprop_drake.inputs.scenario import MultibodyBlock, Scenario, load_scenario
 from massprop_drake.inputs.yaml import exists, read_text
+from massprop_drake.records import reader as telemetry
 from massprop_drake.results.exchange import recover
 from massprop_drake.results.folder import Place, require_writable, whole_folder, write_file
 from massprop_drake.results.parts import Ended, PartsMade
@@ -44,7 +45,6 @@ from massprop_drake.signals import (
     velocity_signal,
     wheel_signal,
 )
-from massprop_drake.telemetry import reader as telemetry
 
 if TYPE_CHECKING:
     from massprop_drake.display.figures import Plots

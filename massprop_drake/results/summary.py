@@ -19,6 +19,7 @@ from massprop_drake.inputs.scenario import MultibodyBlock, Scenario
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths import mass_properties, possible_inertia
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, N_ROTATION, Derived, six_elements
+from massprop_drake.records.tables import Completeness, Loss, completeness
 from massprop_drake.results.against import Against
 from massprop_drake.results.allowed import Intervals
 from massprop_drake.results.consistency import (
@@ -44,7 +45,6 @@ from massprop_drake.results.parts import Ended, PartsMade
 from massprop_drake.results.spool import Spool, blocks
 from massprop_drake.results.unconfirmed import UnconfirmedRecord, UntestedRecord
 from massprop_drake.signals import SYMBOLS
-from massprop_drake.telemetry.tables import Completeness, Loss, completeness
 
 Array = NDArray[np.float64]
 

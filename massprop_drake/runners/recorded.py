@@ -24,7 +24,12 @@ from massprop_drake.maths.estimation.whole import Samples
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.maths.vehicle.on_times import levels_alone
 from massprop_drake.records import mapping
+from massprop_drake.records.control_rows import Thinning
+from massprop_drake.records.merging import MergedTable
+from massprop_drake.records.quality import QualityReport
+from massprop_drake.records.reader import AT_STAMPS, Continuation, Reader, Rows
 from massprop_drake.records.recording import open_recording, require_table
+from massprop_drake.records.tables import Table
 from massprop_drake.results import followed
 from massprop_drake.results.consistency import TOO_LITTLE, Consistency, Tally, judged, used_nis
 from massprop_drake.results.detections import JUMP, DetectionRecord
@@ -49,11 +54,6 @@ from massprop_drake.results.summary import (
 from massprop_drake.runners.cycles import RecordRows, cycles
 from massprop_drake.runners.logs import EstimationLog, Intake, estimation_signals, kept, restored
 from massprop_drake.signals import SYMBOLS
-from massprop_drake.telemetry.control_rows import Thinning
-from massprop_drake.telemetry.merging import MergedTable
-from massprop_drake.telemetry.quality import QualityReport
-from massprop_drake.telemetry.reader import AT_STAMPS, Continuation, Reader, Rows
-from massprop_drake.telemetry.tables import Table
 
 Array = NDArray[np.float64]
 

@@ -16,8 +16,8 @@ from massprop_drake.inputs.model import yaml_text
 from massprop_drake.inputs.scenario import HypothesesBlock, JointBlock, bundled_scenarios, resolved
 from massprop_drake.maths.estimation.filters.joint import chi_square_limit
 from massprop_drake.maths.estimation.joint.layout import JointParams
+from massprop_drake.records.reader import vehicle_scenario
 from massprop_drake.runners.recorded import settings_alone
-from massprop_drake.telemetry.reader import vehicle_scenario
 
 _KEYS = (
     *("thrust_uncertainty", "lag_uncertainty", "tank_fraction", "rate_walk", "velocity_walk"),

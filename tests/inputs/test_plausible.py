@@ -16,7 +16,7 @@ from massprop_drake.inputs.model import validated
 from massprop_drake.inputs.scenario import Scenario, bundled_scenarios, resolved
 from massprop_drake.inputs.vehicle import Vehicle, bundled_vehicles
 from massprop_drake.inputs.yaml import Document, to_yaml
-from massprop_drake.telemetry.reader import columns
+from massprop_drake.records.reader import columns
 
 
 def _edited(data: dict[str, Any], path: str, value: Any) -> dict[str, Any]:

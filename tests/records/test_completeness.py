@@ -30,10 +30,10 @@ from record_probe import (
 
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.vehicle import load_vehicle
+from massprop_drake.records.reader import check, vehicle_scenario
 from massprop_drake.records.recording import Recording, open_recording
+from massprop_drake.records.tables import Loss, completeness
 from massprop_drake.runners.recorded import estimate
-from massprop_drake.telemetry.reader import check, vehicle_scenario
-from massprop_drake.telemetry.tables import Loss, completeness
 
 ROWS = 60
 

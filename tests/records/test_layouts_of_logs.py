@@ -20,8 +20,8 @@ from massprop_drake.inputs.record_map import RecordMap
 from massprop_drake.inputs.vehicle import Vehicle, load_vehicle
 from massprop_drake.inputs.yaml import to_yaml
 from massprop_drake.records.proposal import Proposal, propose
+from massprop_drake.records.reader import vehicle_scenario
 from massprop_drake.records.recording import open_recording, stamp_of
-from massprop_drake.telemetry.reader import vehicle_scenario
 
 Array = NDArray[np.float64]
 

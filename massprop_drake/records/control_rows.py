@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.telemetry.reader import JITTER, Rows
+from massprop_drake.records.reader import JITTER, Rows
 
 Array = NDArray[np.float64]
 

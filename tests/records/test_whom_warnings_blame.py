@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from massprop_drake import load_scenario
 from massprop_drake.maths.mass_properties import pack
-from massprop_drake.telemetry.quality import QualityReport
-from massprop_drake.telemetry.reader import Record, Rows
+from massprop_drake.records.quality import QualityReport
+from massprop_drake.records.reader import Record, Rows
 
 Array = NDArray[np.float64]
 

@@ -14,9 +14,9 @@ from massprop_drake.inputs import factors, params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Accelerometer, SensorPackage
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, ELEMENT, MASS_RECIPROCAL
+from massprop_drake.records.reader import Record, Rows
+from massprop_drake.records.unknown_commands import UnknownCommands
 from massprop_drake.signals import AXES, SYMBOLS, in_units
-from massprop_drake.telemetry.reader import Record, Rows
-from massprop_drake.telemetry.unknown_commands import UnknownCommands
 
 Array = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ from telemetry_probe import PERIOD_S, Log, toy_vehicle
 
 from massprop_drake import InputError
 from massprop_drake.inputs.vehicle import JetCommands, Vehicle
-from massprop_drake.telemetry.reader import (
+from massprop_drake.records.reader import (
     AT_STAMPS,
     WRENCH,
     Continuation,

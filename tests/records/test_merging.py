@@ -11,7 +11,7 @@ import pytest
 
 from massprop_drake import InputError
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.telemetry.merging import MergedTable
+from massprop_drake.records.merging import MergedTable
 
 
 def written(path: Path, names: Sequence[str], rows: Sequence[Sequence[float]]) -> Path:

@@ -14,8 +14,8 @@ from massprop_drake import InputError, load_vehicle
 from massprop_drake.inputs.vehicle import Vehicle, times_per_s
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.on_times import continued, pieces
-from massprop_drake.telemetry.control_rows import Thinning
-from massprop_drake.telemetry.reader import Reader, Rows
+from massprop_drake.records.control_rows import Thinning
+from massprop_drake.records.reader import Reader, Rows
 
 PERIOD = 0.1  # of the servicer
 

@@ -23,9 +23,9 @@ from massprop_drake.inputs import factors
 from massprop_drake.inputs.scenario import Scenario, filter_of, resolved, set_field
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.vehicle.on_times import continued, levels_alone, onsets
+from massprop_drake.records.command_scales import CommandTally, hint_about
+from massprop_drake.records.tables import Block, CsvTable, Loss, Table, completeness, open_table
 from massprop_drake.signals import AXES
-from massprop_drake.telemetry.command_scales import CommandTally, hint_about
-from massprop_drake.telemetry.tables import Block, CsvTable, Loss, Table, completeness, open_table
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

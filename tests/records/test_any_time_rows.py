@@ -14,7 +14,7 @@ from massprop_drake import InputError, estimate, load_vehicle
 from massprop_drake.inputs.scenario import resolved
 from massprop_drake.inputs.vehicle import Accelerometer, Vehicle
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.telemetry.reader import Reader, Rows, columns, write_csv
+from massprop_drake.records.reader import Reader, Rows, columns, write_csv
 
 PERIOD = 0.1  # of the tracked flyer
 

@@ -1,1 +1,0 @@
-"""Recorded telemetry, its format and its quality."""
