@@ -72,8 +72,7 @@ class CampaignFile(Model):
     base: Text = described(..., "a bundled scenario, or a scenario's file relative to this one")
     records: Text | None = described(
         None,
-        "telemetry to estimate instead of simulating: files, relative to this one, as a pattern such as flights/*.csv; "
-        "base gives vehicle and settings",
+        "telemetry to estimate from instead of simulating: a pattern such as flights/*.csv, relative to this file",
     )
     cases: Whole | None = described(
         None, "number of cases of each cell; null: all there are, with grid or records", "-", ge=1, le=MOST_CASES
