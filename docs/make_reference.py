@@ -164,7 +164,7 @@ def _cells(row: Row) -> tuple[str, ...]:
 
 
 def _value(key: Key) -> str:
-    """Type, unit and range of a key; words that its meaning explains stand there alone."""
+    """Type, unit and range of a key; a number's type is left out, and words that its meaning explains."""
     words = key.type.split(" | ")
     kind = "a word" if len(words) > 1 and all(f"{word}: " in key.meaning for word in words) else key.type
     span = (
@@ -172,7 +172,9 @@ def _value(key: Key) -> str:
     )
     span = re.sub(r">= (\S+), <= (\S+)$", r"\1 to \2", span)
     span = re.sub(r"^-(\S+) to \1\b", r"±\1", span)
-    unit = "-" if span.endswith(f" {key.unit}") else key.unit
+    unit = "-" if span.endswith(f" {key.unit.rpartition('| ')[2]}") else key.unit  # the range has that of SI
+    if kind == "number" and (unit, span) != ("-", "-"):
+        kind = "-"
     return ", ".join(part for part in (kind, unit, span) if part != "-")
 
 
