@@ -404,12 +404,14 @@ class MassJump(Model):
     """A payload that leaves the vehicle or docks with it, moving with the structure at that moment."""
 
     kind: Literal["release", "dock"] = described(..., "whether the payload leaves or comes")
-    time_s: Real = described(..., "at the first sample not before this", "s", ge=0.0, span=plausible.TIME)
+    time_s: Real = described(
+        ..., "time; it happens at the first sample not before it", "s", ge=0.0, span=plausible.TIME
+    )
     mass: Real = described(..., "mass of the payload", "slug | kg", gt=0.0, span=plausible.PAYLOAD)
     position: Vector3 = described(..., "its center of mass, vehicle frame", "ft | m", span=plausible.POSITION)
     inertia: Matrix3 | None = described(
         None,
-        "about its own center of mass, body axes; null: a point mass",
+        "inertia about its own center of mass, body axes; null: a point mass",
         "slug-ft^2 | kg-m^2",
         span=plausible.INERTIA,
     )
@@ -500,7 +502,7 @@ class JetSelectionBlock(Model):
     )
     below_minimum: Literal["accumulate", "drop"] = described(
         "accumulate",
-        "with output: on_time, on-times below a jet's minimum add up until they reach it, or are dropped",
+        "treatment of on-times below a jet's minimum with output: on_time; accumulate: until they reach it",
     )
 
 
@@ -569,7 +571,7 @@ class AutopilotBlock(Model):
         "whether it flies; with a `jet_schedule` it holds attitude between pulses; null: only without one",
     )
     mass_properties: Literal["nominal", "estimated"] = described(
-        "nominal", "used for activity vectors; estimated: once converged"
+        "nominal", "source for activity vectors; estimated: once converged"
     )
     jet_kinds: tuple[Text, ...] | None = described(
         None,

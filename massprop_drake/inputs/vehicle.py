@@ -61,7 +61,7 @@ _RESERVED = {
 }
 _RESERVED_BEGINNINGS = ("rotation_", "mass_", "joint_", "predicted_", "detector_")
 _SENSOR_NAME = r"^[A-Za-z][A-Za-z0-9_]*$"
-_RANGE = "reading either way at which it saturates, which filters skip; null: unlimited"
+_RANGE = "reading either way at which the sensor saturates, skipped by filters; null: unlimited"
 _UNIT_LENGTH_TOLERANCE = 0.002  # of a direction, as printed tables have it
 _LARGEST_NUMBER = 1_000_000  # of a jet or a cluster
 _WITHOUT_RATES = "without measured rates neither inertia nor center of mass can be estimated"
@@ -95,10 +95,10 @@ class MassPropertiesModel(Model):
     """Mass, center of mass and inertia of a rigid body, as a file gives them."""
 
     mass: Real = described(..., "mass", "slug | kg", gt=0.0, span=plausible.MASS)
-    center_of_mass: Vector3 = described(..., "vehicle frame", "ft | m", span=plausible.POSITION)
+    center_of_mass: Vector3 = described(..., "center of mass, vehicle frame", "ft | m", span=plausible.POSITION)
     inertia: Matrix3 = described(
         ...,
-        "matrix about the center of mass, body axes; products are its entries (negative integrals)",
+        "inertia matrix about the center of mass, body axes; products are its entries (negative integrals)",
         "slug-ft^2 | kg-m^2",
         span=plausible.INERTIA,
     )
@@ -228,7 +228,7 @@ class Jet(Model):
     cluster: Whole = described(..., "cluster of neighboring, nearly parallel jets", ge=1, le=_LARGEST_NUMBER)
     kind: Name = described(..., "one of jet_kinds")
     position: Vector3 = described(..., "where it thrusts, vehicle frame", "ft | m", span=plausible.POSITION)
-    direction: Vector3 = described(..., "of the force on the vehicle, body axes, length 1 within 0.002")
+    direction: Vector3 = described(..., "direction of the force on the vehicle, body axes, length 1 within 0.002")
     thrust: Real = described(
         ..., "force on the vehicle, plume impingement included", "lbf | N", gt=0.0, span=plausible.FORCE
     )
@@ -315,7 +315,7 @@ class Gyro(SensorPackage):
 class Accelerometer(SensorPackage):
     """A package of three integrating accelerometers."""
 
-    position: Vector3 = described(..., "vehicle frame", "ft | m", span=plausible.POSITION)
+    position: Vector3 = described(..., "place in the vehicle frame", "ft | m", span=plausible.POSITION)
     bias_std: Real = described(
         0.0,
         "1-sigma of a constant bias per axis, estimated by filter: joint",
@@ -487,7 +487,7 @@ class Gimbal(Model):
 class ImpulseAtLevel(Model):
     """The specific impulse of an engine at one level of its throttle."""
 
-    level: Real = described(..., "1: full thrust", "-", gt=0.0, le=1.0)
+    level: Real = described(..., "level, 1: full thrust", "-", gt=0.0, le=1.0)
     specific_impulse_s: Real = described(..., "specific impulse there", "s", gt=0.0, span=plausible.SPECIFIC_IMPULSE)
 
 
@@ -504,7 +504,9 @@ class RocketEngine(Model):
         pattern=_SENSOR_NAME,
     )
     position: Vector3 = described(..., "where its force acts, vehicle frame", "ft | m", span=plausible.POSITION)
-    direction: Vector3 = described(..., "of the force on the vehicle with the gimbal at zero, body axes, length 1")
+    direction: Vector3 = described(
+        ..., "direction of the force on the vehicle with the gimbal at zero, body axes, length 1"
+    )
     thrust: Real = described(..., "force at level 1", "lbf | N", gt=0.0, span=plausible.FORCE)
     thrust_uncertainty: Real = described(
         0.01,
@@ -577,7 +579,7 @@ class Tank(Model):
 
     name: Name = described(..., "unique name", min_length=1)
     outlet: Vector3 = described(..., "middle of the outlet end, vehicle frame", "ft | m", span=plausible.POSITION)
-    axis: Vector3 = described(..., "from there along the propellant, body axes, length 1")
+    axis: Vector3 = described(..., "direction from there along the propellant, body axes, length 1")
     length: Real = described(..., "length of the full column", "ft | m", gt=0.0, span=plausible.SIZE)
     radius: Real = described(0.0, "radius of the column", "ft | m", ge=0.0, span=plausible.POSITION)
     capacity: Real = described(..., "propellant when full", "slug | kg", gt=0.0, span=plausible.MASS)
