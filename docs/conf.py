@@ -20,6 +20,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "docstring_sections",
     "mathml",
+    "module_blocks",
     "own_names",
 ]
 exclude_patterns = ["tutorials/*.py", "tutorials/air_bearing/*"]

@@ -15,6 +15,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 from massprop_drake.inputs.campaign import campaign_keys
 from massprop_drake.inputs.model import Key, keys
@@ -30,9 +31,11 @@ KEYS: dict[str, Callable[[], list[Key]]] = {
     "campaign.md": campaign_keys,
     "records.md": map_keys,
 }
-BRIEF = ("campaign.md",)  # pages with one table
 MARK = "<!-- docs/make_reference.py writes what follows from the code: edit the descriptions there -->"
-HEADINGS = ("key", "type", "unit", "default", "range", "meaning")
+HEADINGS = ("key", "value", "default", "meaning")
+ELSEWHERE = {"scenario.md": ("vehicle.", "moving[]")}  # beginnings of keys that the page on vehicles has
+_MAPPINGS = ("mapping", "mapping | null", "list of mapping", "map of mapping")
+_KIND = re.compile(r" \(([^).]*)\)")  # of a mapping that has several; with a dot it is the key of something else
 _TOLD = re.compile(r"<!-- default ([^>]+) -->`[^`\n]*`")
 _MOST = 10  # elements of a field that are all shown
 _LONG = 12  # characters of a number beyond which its page shows six digits
@@ -54,32 +57,34 @@ def updated(text: str, tables: str) -> str:
     return f"{introduction}{MARK}\n\n{tables}"
 
 
-def reference(found: Sequence[Key]) -> str:
-    """A table of keys for the file itself, then one for each mapping in it, in Markdown."""
-    shown = [key for key in found if not key.name.startswith("vehicle.")]  # a scenario's: on a page of its own
-    meanings = {key.name: key.meaning for key in shown}
-    groups: dict[str, list[Key]] = {}
-    for key in shown:
-        groups.setdefault(_parent(key.name), []).append(key)
-    parts = []
-    for parent, members in groups.items():
-        meaning = meanings.get(parent.removesuffix("[]").removesuffix("{}"), "")
-        heading = f"`{parent}`: {_escaped(meaning.partition(';')[0])}" if parent else "Top level"
-        parts.append("\n".join([f"### {heading}", "", *_table(members)]))
-    return "\n\n".join(parts) + "\n"
+class Row(NamedTuple):
+    """One row of a table: a key, and the mappings in which it stands with the same meaning."""
+
+    key: Key
+    parents: tuple[str, ...]
 
 
-def brief(found: Sequence[Key]) -> str:
-    """One table of keys, in Markdown, with a row for all that are alike but for their name."""
-    groups: dict[tuple[str, str, str], list[str]] = {}
-    for key in found:
-        default = "" if key.default in ("-", "see below") else _default(key)
-        limits = ", ".join(_escaped(part) for part in (key.unit, key.range) if part != "-")
-        kind = ", ".join(part for part in (key.type.replace(" | ", " or "), limits) if part)
-        groups.setdefault((kind, default, _escaped(key.meaning)), []).append(f"`{key.name}`")
-    rows = [("key", "type", "default", "meaning"), ("---",) * 4]
-    rows += [(", ".join(names), *meant) for meant, names in groups.items()]
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in rows) + "\n"
+def reference(found: Sequence[Key], elsewhere: tuple[str, ...] = ()) -> str:
+    """A table of keys for the file itself, then one for each mapping in it, in Markdown.
+
+    Kinds of a mapping share a table, and so do mappings with the same keys.
+
+    Args:
+        found: all keys of the file.
+        elsewhere: beginnings of keys that another page has.
+    """
+    shown = [key for key in found if not any(key.name != one and key.name.startswith(one) for one in elsewhere)]
+    by_name = {key.name: key for key in shown}
+    blocks: dict[str, list[str]] = {}
+    for parent in dict.fromkeys(_parent(key.name) for key in shown):
+        blocks.setdefault(_KIND.sub("", parent), []).append(parent)
+    alike: dict[tuple[Row | Key, ...], list[list[str]]] = {}
+    for parents in blocks.values():
+        rows = _rows([key for key in shown if _parent(key.name) in parents], parents, by_name, set(blocks))
+        same = tuple(row.key if row.parents == tuple(parents) else row for row in rows)
+        alike.setdefault(same or (Key(parents[0], "", "", "", "", ""),), []).append(parents)
+    parts = [_block(same, members, by_name) for same, members in alike.items()]
+    return "\n\n".join(filter(None, parts)) + "\n"
 
 
 def _parent(name: str) -> str:
@@ -88,14 +93,89 @@ def _parent(name: str) -> str:
     return head if inside.endswith(")") and "." in inside else name.rpartition(".")[0]
 
 
-def _table(members: list[Key]) -> list[str]:
-    rows = [HEADINGS, ("---",) * len(HEADINGS), *map(_cells, members)]
-    return ["| " + " | ".join(cells) + " |" for cells in rows]
+def _bare(parent: str) -> str:
+    """The key of a mapping, or of a list or map of them."""
+    return parent.removesuffix("[]").removesuffix("{}")
 
 
-def _cells(key: Key) -> tuple[str, ...]:
-    shown = (_escaped(part) for part in (key.type, key.unit))
-    return (f"`{key.name}`", *shown, _default(key), _escaped(key.range), _escaped(key.meaning))
+def _rows(members: list[Key], parents: list[str], by_name: Mapping[str, Key], blocks: set[str]) -> list[Row]:
+    """Rows of the keys in all kinds of a mapping; its kind comes first, and what has a table of its own is left out."""
+    where: dict[Key, list[str]] = {}
+    for key in members:
+        own = any(_KIND.sub("", key.name) + end in blocks for end in ("", "[]", "{}"))
+        parent, _, leaf = key.name.rpartition(".")
+        if (key.type in _MAPPINGS and own) or key.default == "-" or (leaf == "kind" and len(parents) > 1):
+            continue
+        where.setdefault(key._replace(name=key.name[len(_parent(key.name)) :].removeprefix(".")), []).append(parent)
+    rows = [Row(key, tuple(found)) for key, found in where.items()]
+    kinds = [key for key in members if key.name.endswith(".kind")]
+    if len(parents) == 1 or not kinds:
+        return rows
+    said = "; ".join(f"{_kinds([key.name])}: {_lowered(by_name[_parent(key.name)].meaning)}" for key in kinds)
+    usual = next((key.default for key in kinds if key.default != "required"), "required")
+    kind = Key("kind", " | ".join(key.type for key in kinds), "-", usual, "-", said)
+    return [Row(kind, tuple(parents)), *rows]
+
+
+def _kinds(parents: Sequence[str]) -> str:
+    return " | ".join(_KIND.findall(parent)[-1] for parent in parents)
+
+
+def _lowered(text: str) -> str:
+    """Text that goes on a sentence."""
+    return text[:1].lower() + text[1:]
+
+
+def _heading(parents: Sequence[str]) -> str:
+    """The name of a mapping with its kinds: `plant (rigid | multibody).disturbance`."""
+    if len(parents) == 1:
+        return f"`{parents[0]}`"
+    return f"`{_KIND.sub(lambda _: f' ({_kinds(parents)})', parents[0])}`"
+
+
+def _block(same: Sequence[Row | Key], members: Sequence[list[str]], by_name: Mapping[str, Key]) -> str:
+    rows = [row if isinstance(row, Row) else Row(row, ()) for row in same if row[1]]
+    names = [_bare(_KIND.sub("", parents[0]) if parents[0].endswith(")") else parents[0]) for parents in members]
+    said = [by_name[name] for name in names if name in by_name]
+    if not rows and not said:
+        return ""
+    heading = ", ".join(map(_heading, members)) if members[0][0] else "Top level"
+    parts = [f"### {heading}"]
+    if members[0][0]:
+        parts.append(" ".join(dict.fromkeys(map(_told_of, said))))
+    if rows:
+        cells = [HEADINGS, ("---",) * len(HEADINGS), *map(_cells, rows)]
+        parts.append("\n".join("| " + " | ".join(one) + " |" for one in cells))
+    return "\n\n".join(filter(None, parts))
+
+
+def _told_of(key: Key) -> str:
+    """The meaning of a mapping as a sentence, and what it is where a file leaves it out."""
+    text = _escaped(key.meaning)
+    more = {"required": " Required.", "null": " Default `null`."}.get(key.default, "")
+    return f"{text[:1].upper()}{text[1:]}.{more}"
+
+
+def _cells(row: Row) -> tuple[str, ...]:
+    key = row.key
+    of = f" ({_escaped(_kinds(row.parents))})" if row.parents else ""
+    default = "zero" if re.fullmatch(r"\[0\.0(, 0\.0)+\]", key.default) else _default(key)
+    return (f"`{key.name}`{of}", _escaped(_value(key)), default, _escaped(key.meaning))
+
+
+def _value(key: Key) -> str:
+    """Type, unit and range of a key; a number's type is left out, and words that its meaning explains."""
+    words = key.type.split(" | ")
+    kind = "a word" if len(words) > 1 and all(f"{word}: " in key.meaning for word in words) else key.type
+    span = (
+        key.range.replace(", < 9.22337e+18", "").replace(">= 0, >= 1", ">= 1").replace("at least 1 long", "not empty")
+    )
+    span = re.sub(r">= (\S+), <= (\S+)$", r"\1 to \2", span)
+    span = re.sub(r"^-(\S+) to \1\b", r"±\1", span)
+    unit = "-" if span.endswith(f" {key.unit.rpartition('| ')[2]}") else key.unit  # the range has that of SI
+    if kind == "number" and (unit, span) != ("-", "-"):
+        kind = "-"
+    return ", ".join(part for part in (kind, unit, span) if part != "-")
 
 
 def _escaped(text: str) -> str:
@@ -152,8 +232,9 @@ def told(text: str, defaults: Mapping[str, str]) -> str:
 
 def tables() -> dict[str, str]:
     """The tables by page, in Markdown."""
-    made = {page: (brief if page in BRIEF else reference)(found()) for page, found in KEYS.items()}
-    return made | {"reference/ports.md": ports()}
+    return {page: reference(found(), ELSEWHERE.get(page, ())) for page, found in KEYS.items()} | {
+        "reference/ports.md": ports()
+    }
 
 
 def all_defaults() -> dict[str, str]:

@@ -100,8 +100,6 @@ def described(
         span: of each number in it; `plausible.out_of_span` compares.
         **constraints: pydantic's.
     """
-    if span is not None:
-        meaning = f"{meaning}. Bounds: {span.why}"
     extra = {"unit": unit, "reason": reason, "span": span}
     return Field(default, description=meaning, json_schema_extra=extra, **constraints)  # type: ignore[arg-type]
 

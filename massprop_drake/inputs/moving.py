@@ -42,12 +42,12 @@ class _MovingPart(Model):
     )
     damping: Real = described(..., "ratio to critical damping", "-", ge=0.0, lt=1.0)
     frequency_uncertainty: Real = described(
-        0.05, "1-sigma of the frequency, relative, which is estimated; 0: known", "-", ge=0.0, le=0.3
+        0.05, "1-sigma of the frequency, relative, estimated; 0: known", "-", ge=0.0, le=0.3
     )
     damping_uncertainty: Real = described(0.5, "1-sigma of the damping, relative, likewise", "-", ge=0.0, le=1.0)
     position_std: Real | None = described(
         None,
-        "1-sigma of each coordinate of where it moves, likewise; null: 5 % of the jets' RMS arm",
+        "1-sigma of each coordinate of its place, likewise; null: 5 % of the jets' RMS arm",
         "ft | m",
         ge=0.0,
         span=plausible.POSITION,
@@ -58,24 +58,25 @@ class Slosh(_MovingPart):
     """Propellant, or any mass, that moves on springs."""
 
     kind: Literal["slosh"] = described(..., "kind of part")
-    mass: Real = described(..., "that moves", "slug | kg", gt=0.0, span=plausible.MASS)
-    position: Vector3 = described(..., "of that mass at rest, vehicle frame", "ft | m", span=plausible.POSITION)
+    mass: Real = described(..., "moving mass", "slug | kg", gt=0.0, span=plausible.MASS)
+    position: Vector3 = described(..., "its place at rest, vehicle frame", "ft | m", span=plausible.POSITION)
     axes: tuple[Literal["x", "y", "z"] | Vector3, ...] = described(
         ...,
-        "one to three directions, square to each other, in which it moves: x, y, z, or body axes of length 1",
+        "one to three directions of motion at right angles: x, y, z, or vectors of length 1, body axes",
         min_length=1,
         max_length=3,
     )
     pivot: Vector3 | None = described(
         None,
-        "point about which it swings, as a pendulum does, square to its axes, vehicle frame; null: straight on springs",
+        "point about which it swings as a pendulum, at right angles to its axes, vehicle frame; null: "
+        "straight on springs",
         "ft | m",
         span=plausible.POSITION,
     )
     mass_uncertainty: Real = described(0.05, "1-sigma of the mass, relative, likewise", "-", ge=0.0, le=1.0)
     start_std: Real | None = described(
         None,
-        "1-sigma of its displacement at the start, along each axis; null: as far as thrust of the weakest jet holds it",
+        "1-sigma of its displacement at the start, each axis; null: as the weakest jet's thrust holds it",
         "ft | m",
         ge=0.0,
         span=plausible.POSITION,
@@ -137,14 +138,14 @@ class HingedPanel(_MovingPart):
 
     kind: Literal["panel"] = described(..., "kind of part")
     hinge: Vector3 = described(..., "point of the hinge line, vehicle frame", "ft | m", span=plausible.POSITION)
-    axis: Vector3 = described(..., "of the hinge, body axes; length 1 within 0.002, normalized")
-    mass: Real = described(..., "of the panel", "slug | kg", gt=0.0, span=plausible.MASS)
-    center_of_mass: Vector3 = described(..., "of the panel, vehicle frame", "ft | m", span=plausible.POSITION)
-    inertia: Real = described(..., "of the panel about its hinge", "slug-ft^2 | kg-m^2", gt=0.0, span=plausible.INERTIA)
+    axis: Vector3 = described(..., "direction of the hinge, body axes, length 1")
+    mass: Real = described(..., "mass of the panel", "slug | kg", gt=0.0, span=plausible.MASS)
+    center_of_mass: Vector3 = described(..., "its center of mass, vehicle frame", "ft | m", span=plausible.POSITION)
+    inertia: Real = described(..., "inertia about its hinge", "slug-ft^2 | kg-m^2", gt=0.0, span=plausible.INERTIA)
     inertia_uncertainty: Real = described(0.05, "1-sigma of the inertia, relative, likewise", "-", ge=0.0, le=1.0)
     start_std: Real | None = described(
         None,
-        "1-sigma of its angle at the start; null: as far as thrust of the weakest jet holds it",
+        "1-sigma of its angle at the start; null: likewise",
         "rad",
         ge=0.0,
         le=1.0,
@@ -212,7 +213,7 @@ class StatedMode(_MovingPart):
     )
     start_std: Real | None = described(
         None,
-        "1-sigma of its coordinate at the start; null: as far as thrust of the weakest jet holds it",
+        "1-sigma of its coordinate at the start; null: likewise",
         "slug^1/2-ft | kg^1/2-m",
         ge=0.0,
     )

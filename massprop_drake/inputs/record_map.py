@@ -51,8 +51,8 @@ Signed = Literal["x", "y", "z", "-x", "-y", "-z"]
 Axes = tuple[Signed, Signed, Signed]
 
 _COLUMNS = "columns of the recorder's x, y, z; null: not logged"
-_AXES = "for x, y, z in turn the recorder's axis that it is, such as [x, -y, -z] from forward-left-up to the vehicle's"
-_TOPIC = "of a log that has topics, such as `vehicle_angular_velocity`, or `name/1` for the second instance of a ULog's"
+_AXES = "the recorder's axes that are the vehicle's x, y, z, such as [x, -y, -z] from forward-left-up"
+_TOPIC = "topic of the log; `name/1` is the second instance in a ULog"
 _NAMING = {
     "column",
     "columns",
@@ -74,7 +74,7 @@ _ROTATION_TOLERANCE = 1e-3  # of the products of a rotation's columns, as printe
 class Difference(Model):
     """Column and its rate, logged as the backward difference over the true step."""
 
-    value: Column = described(..., "column of the quantity; an angle is unwrapped")
+    value: Column = described(..., "column of the quantity; angles are unwrapped")
     value_unit: Annotated[Text, _unit("length", "angle")] = described("m", "its unit")
     rate: Column = described(..., "column of its rate")
     rate_unit: Annotated[Text, _unit("velocity", "rate")] = described("m/s", "its unit")
@@ -91,29 +91,26 @@ class RecordTime(Model):
 
     column: Column | None = described(
         None,
-        "column of the time, as numbers or as ISO 8601 stamps; null: the stamps that the log keeps itself, of a "
-        "message's header first",
+        "column of numbers or ISO 8601 stamps; null: the log's own stamps, of message headers first",
     )
     unit: TimeUnit = described("s", "unit of the column; stamps have none")
-    date: Column | None = described(None, "column of the dates, where `column` has the time of day alone; null: none")
-    fraction: Column | None = described(
-        None, "column that is added, such as of nanoseconds beside whole seconds; null: none"
-    )
+    date: Column | None = described(None, "column of dates, where `column` has the time of day alone")
+    fraction: Column | None = described(None, "column that is added, such as nanoseconds")
     fraction_unit: TimeUnit = described("ns", "its unit")
     offset_s: Real = described(
         0.0,
-        "added to every stamp: by so much this clock is behind that of the rows at the first of them",
+        "added to every stamp: how far this clock is behind that of the rows at the first of them",
         "s",
         ge=-_FARTHEST_S,
         le=_FARTHEST_S,
     )
     drift: Real = described(
-        0.0, "by which this clock gains: intervals are divided by 1 + drift; 1e-5 is 10 ppm", "-", gt=-0.5, lt=0.5
+        0.0, "relative gain of this clock: intervals are divided by 1 + drift", "-", gt=-0.5, lt=0.5
     )
     differences: tuple[Difference, ...] = described(
         (),
-        "where the logged time is a nominal one: pairs from which the true steps are taken, (value - value "
-        "before) / rate, by least squares over the pairs",
+        "pairs that give the true steps, (value - value before) / rate, by least squares, where the "
+        "logged time is nominal",
     )
 
     @model_validator(mode="after")
@@ -143,7 +140,7 @@ class _Sampled(Model):
     """The fields common to everything that is sampled."""
 
     topic: Text = described("", f"{_TOPIC}; empty: the map's")
-    time: RecordTime | None = described(None, "own stamps and clock, keys as of the map's `time`; null: the map's")
+    time: RecordTime | None = described(None, "own clock, with the keys of `time`; null: the map's")
 
 
 class _Read(_Sampled):
@@ -151,8 +148,7 @@ class _Read(_Sampled):
 
     every: Annotated[Count, Field(ge=1)] = described(
         1,
-        "rows for each reading, where rows repeat one until the sensor has read anew: those in which it changes, and "
-        "every so many from there, have a reading, the others none",
+        "rows per reading, where rows repeat a reading until the next: only the first row of each has it",
     )
 
 
@@ -161,10 +157,8 @@ class _Vector(_Sampled):
 
     columns: Three = described(..., _COLUMNS)
     axes: Axes = described(("x", "y", "z"), _AXES)
-    rotation: Matrix3 | None = described(
-        None, "matrix from the recorder's axes to those of the vehicle; instead of `axes`"
-    )
-    zero: Vector3 = described((0.0, 0.0, 0.0), "reading at rest, recorder's axes and unit; it is subtracted")
+    rotation: Matrix3 | None = described(None, "matrix from the recorder's to the vehicle's axes, instead of `axes`")
+    zero: Vector3 = described((0.0, 0.0, 0.0), "reading at rest, subtracted")
 
     _axes = field_validator("axes")(_signed_axes)
 
@@ -199,12 +193,12 @@ class AccelerometerMap(_Vector, _Read):
 
     kind: Literal["accelerometer"] = described(..., "non-gravitational accelerations or their integrals")
     unit: Annotated[Text, _unit("velocity", "acceleration")] = described(
-        ..., "of the column: of a velocity, such as m/s, for `integral` and `increment`, else of an acceleration"
+        ..., "unit of velocity for `integral` and `increment`, else of acceleration"
     )
     gives: Literal["integral", "increment", "mean", "instant"] = described(
         ...,
-        "integral: from the beginning on; increment: over the sample that ended; mean: acceleration over the sample "
-        "that ended; instant: acceleration at the stamp, which is integrated and needs four samples a row",
+        "integral: from the beginning; increment: over the sample that ended; mean: acceleration over it;"
+        " instant: acceleration at the stamp, at least four a row",
     )
 
     @model_validator(mode="after")
@@ -230,13 +224,13 @@ class _Attitude(_Read):
 
     quaternion: tuple[Column, Column, Column, Column] | None = described(None, "columns, in the order of `order`")
     order: Literal["wxyz", "xyzw"] | None = described(None, "scalar first or last; required with a quaternion")
-    angles: Three | None = described(None, "columns of roll, pitch and yaw: turns about z, then y, then x")
+    angles: Three | None = described(None, "columns of roll, pitch and yaw, turned about z, y, x in turn")
     heading: Column | None = described(None, "column of the turn about z alone, of a planar vehicle")
     angle_unit: AngleUnit = described("rad", "of angles and heading")
     rotates: Literal["body_to_world", "world_to_body"] = described(
         "body_to_world", "what the attitude turns vectors from and to"
     )
-    axes: Axes = described(("x", "y", "z"), f"body axes: {_AXES}")
+    axes: Axes = described(("x", "y", "z"), "body axes, likewise")
     world_axes: Axes = described(("x", "y", "z"), "world axes, likewise, such as [y, x, -z] from east-north-up")
 
     _axes = field_validator("axes", "world_axes")(_signed_axes)
@@ -292,8 +286,8 @@ class EngineMap(_Read):
 
     kind: Literal["engine"] = described(..., "level and gimbal angles of an engine")
     level: Column = described(..., "column of the level")
-    full: Real = described(1.0, "its number at full thrust, such as 100", gt=0.0)
-    gimbal: tuple[Column, Column] | None = described(None, "columns of its two angles; null: it is fixed")
+    full: Real = described(1.0, "number at full thrust, such as 100", gt=0.0)
+    gimbal: tuple[Column, Column] | None = described(None, "columns of its two angles; null: fixed")
     unit: Annotated[Text, _unit("angle")] = described("rad", "of the angles, such as deg")
 
 
@@ -313,51 +307,49 @@ class Mask(Model):
     """Jets as bits of a whole number."""
 
     column: Column = described(..., "column of the number")
-    bits: dict[Name, Annotated[Count, Field(le=63)]] = described(..., "bit of each jet by its designation, 0 the least")
+    bits: dict[Name, Annotated[Count, Field(le=63)]] = described(..., "bit of each jet by designation, from 0")
 
 
 class Listed(Model):
     """Jets that fire, as a text of their names."""
 
-    column: Column = described(..., "column of the text; what is between the names is no letter, digit or underscore")
-    names: dict[Name, Text] = described({}, "name in the text by designation; default the designation itself")
+    column: Column = described(..., "column of the text, names separated by other than letters, digits and underscores")
+    names: dict[Name, Text] = described({}, "name in the text by designation, where they differ")
 
 
 class CommandMap(_Sampled):
     """Commands to the jets."""
 
     columns: dict[Name, Column] | None = described(None, "column of each jet by its designation")
-    mask: Mask | None = described(None, "or a bit mask")
-    listed: Listed | None = described(None, "or a list of the jets that fire")
+    mask: Mask | None = described(None, "a bit mask")
+    listed: Listed | None = described(None, "a list of the jets that fire")
     unit: Annotated[Text, _unit("number", "time")] = described(
-        "1", "1: a number between `off` and `on`; of time, such as ms: how long the jet is on"
+        "1", "1: number between `off` and `on`; a unit of time: how long the jet is on"
     )
     off: Real = described(
         0.0,
-        "value that means closed; beyond one that is not 0, as of pulse widths, a jet is closed, too",
+        "value of closed; beyond one that is not 0, a jet is closed too",
         ge=-_LARGEST,
         le=_LARGEST,
     )
     on: Real | None = described(
         None,
-        "value that means open all the time; null: 1, of an on-time the vehicle's sample period",
+        "value of open all the time; null: 1, or the sample period for on-times",
         ge=-_LARGEST,
         le=_LARGEST,
     )
     threshold: Real | None = described(
         None,
-        "share of the way from `off` to `on` from which a jet counts as open, below it as closed; null: a share",
+        "share from `off` to `on` from which a jet is open, below closed; null: shares are kept",
         gt=0.0,
         le=1.0,
     )
     acts: Literal["from_row", "until_row"] = described(
-        "from_row", "until_row: a row's command was in force until the row, since the row before"
+        "from_row", "until_row: a row's command was in force since the row before"
     )
-    at: Literal["start", "center", "end"] | None = described(
-        None, "of on-times: where in a sample they lie; null: as the vehicle's jet_commands say"
-    )
-    missing: Literal["unknown", "off"] = described("unknown", "what an empty value, or NaN, means")
-    on_change: Flag = described(False, "whether commands are logged only when they change, and hold until then")
+    at: Literal["start", "center", "end"] | None = described(None, "place of on-times in a sample; null: the vehicle's")
+    missing: Literal["unknown", "off"] = described("unknown", "meaning of an empty value or NaN")
+    on_change: Flag = described(False, "whether only changes of commands are logged")
 
     @model_validator(mode="after")
     def _one_form(self) -> CommandMap:
@@ -404,14 +396,14 @@ class CsvForm(Model):
     """Format of a text file."""
 
     separator: Annotated[str, Field(strict=True, min_length=1, max_length=1)] = described(
-        ",", "between cells; a blank: any run of blanks"
+        ",", "separator of cells; a blank: any run of blanks"
     )
     decimal: Literal[".", ","] = described(".", "decimal mark")
     skip: Count = described(0, "lines above that of the names")
-    below: Count = described(0, "lines between that of the names and the first row, such as one of units")
+    below: Count = described(0, "lines between the names and the first row")
     comment: Text = described(
         "",
-        "beginning of lines to leave out; the first of them has the names where no other line has; empty: none",
+        "beginning of lines to leave out; the first has the names where no other line has",
     )
 
 
@@ -422,15 +414,15 @@ class RecordMap(Model):
     topic: Text = described("", f"{_TOPIC}, where a part names none")
     time: RecordTime = described(RecordTime(), "stamps of the rows")
     rows: Name | None = described(
-        None, "sensor whose samples are the rows; null: the first gyro, or else the first sensor"
+        None, "sensor whose samples are the rows; null: the first gyro, else the first sensor"
     )
-    sensors: dict[Name, SensorMap] = described(..., "by the vehicle's name of the sensor", min_length=1)
+    sensors: dict[Name, SensorMap] = described(..., "sensors by the vehicle's names", min_length=1)
     commands: CommandMap = described(..., "commands to the jets")
-    known_force: ForceMap | None = described(None, "known outside force in body axes")
+    known_force: ForceMap | None = described(None, "known outside force, body axes")
     known_torque: ForceMap | None = described(None, "its torque about the vehicle origin")
-    csv: CsvForm = described(CsvForm(), "of a text file")
+    csv: CsvForm = described(CsvForm(), "layout of a text file")
     cut_off: Literal["refuse", "accept"] = described(
-        "accept", "what to do with a record that is cut off or damaged; accept: it is read as far as it is valid"
+        "accept", "treatment of a damaged record; accept: read as far as it is valid"
     )
 
     @model_validator(mode="after")

@@ -109,10 +109,10 @@ class WheelPulse(Model):
     """An interval in which the motor of a reaction wheel gives a torque."""
 
     wheel: Text = described(..., "name")
-    start_s: Real = described(..., "of the first sample with it", "s", ge=0.0, span=plausible.TIME)
-    end_s: Real = described(..., "of the first sample without it", "s", gt=0.0, span=plausible.TIME)
+    start_s: Real = described(..., "first sample with it", "s", ge=0.0, span=plausible.TIME)
+    end_s: Real = described(..., "first sample without it", "s", gt=0.0, span=plausible.TIME)
     torque: Real = described(
-        ..., "on the wheel about its axis; the vehicle gets the opposite", "ft-lbf | N-m", span=plausible.OUTSIDE_TORQUE
+        ..., "torque on the wheel; the vehicle gets the opposite", "ft-lbf | N-m", span=plausible.OUTSIDE_TORQUE
     )
 
     _ordered = model_validator(mode="after")(_in_order)
@@ -122,10 +122,10 @@ class EngineBurn(Model):
     """An interval in which an engine burns at a level, or has its gimbal turned."""
 
     engine: Text = described(..., "name")
-    start_s: Real = described(..., "of the first sample with it", "s", ge=0.0, span=plausible.TIME)
-    end_s: Real = described(..., "of the first sample without it", "s", gt=0.0, span=plausible.TIME)
-    level: Real = described(1.0, "of its thrust", "-", ge=0.0, le=1.0)
-    gimbal: tuple[Real, Real] = described((0.0, 0.0), "angles of its gimbal", "rad")
+    start_s: Real = described(..., "first sample with it", "s", ge=0.0, span=plausible.TIME)
+    end_s: Real = described(..., "first sample without it", "s", gt=0.0, span=plausible.TIME)
+    level: Real = described(1.0, "share of its thrust", "-", ge=0.0, le=1.0)
+    gimbal: tuple[Real, Real] = described((0.0, 0.0), "gimbal angles", "rad")
 
     _ordered = model_validator(mode="after")(_in_order)
 
@@ -134,8 +134,8 @@ class EngineErrors(Model):
     """Errors of a true engine, in the order of its axes."""
 
     thrust: tuple[Real, Real] = described((0.0, 0.0), "at level 0 and at level 1, relative", "-")
-    direction: tuple[Real, Real] = described((0.0, 0.0), "angles about its axes", "rad")
-    position: tuple[Real, Real] = described((0.0, 0.0), "across its direction", "ft | m")
+    direction: tuple[Real, Real] = described((0.0, 0.0), "angles about the gimbal's axes", "rad")
+    position: tuple[Real, Real] = described((0.0, 0.0), "shifts across the direction", "ft | m")
 
 
 class EngineFailureBlock(Model):
@@ -143,12 +143,10 @@ class EngineFailureBlock(Model):
 
     engine: Text = described(..., "name")
     kind: Literal["out", "level_stuck", "gimbal_1_stuck", "gimbal_2_stuck"] = described(
-        ..., "out: it gives nothing; the others: level or angle stays where it is"
+        ..., "out: no thrust; others: the level or angle stays where it is"
     )
-    start_s: Real = described(..., "of the first sample with it", "s", ge=0.0, span=plausible.TIME)
-    end_s: Real | None = described(
-        None, "of the first sample without it; null: never", "s", gt=0.0, span=plausible.TIME
-    )
+    start_s: Real = described(..., "first sample with it", "s", ge=0.0, span=plausible.TIME)
+    end_s: Real | None = described(None, "first sample without it; null: never", "s", gt=0.0, span=plausible.TIME)
 
     _ordered = model_validator(mode="after")(_in_order)
 
@@ -160,17 +158,17 @@ class DisturbanceBlock(Model):
         (0.0, 0.0, 0.0), "mean torque about the center of mass", "ft-lbf | N-m", span=plausible.OUTSIDE_TORQUE
     )
     torque_std: Vector3 = described(
-        (0.0, 0.0, 0.0), "1-sigma of what changes in it", "ft-lbf | N-m", span=plausible.OUTSIDE_TORQUE
+        (0.0, 0.0, 0.0), "1-sigma of its changing part", "ft-lbf | N-m", span=plausible.OUTSIDE_TORQUE
     )
     force: Vector3 = described(
         (0.0, 0.0, 0.0), "mean force at the center of mass", "lbf | N", span=plausible.OUTSIDE_FORCE
     )
     force_std: Vector3 = described(
-        (0.0, 0.0, 0.0), "1-sigma of what changes in it", "lbf | N", span=plausible.OUTSIDE_FORCE
+        (0.0, 0.0, 0.0), "1-sigma of its changing part", "lbf | N", span=plausible.OUTSIDE_FORCE
     )
     correlation_time_s: Real = described(
         100.0,
-        "in which what changes keeps 37 % of itself; it is held over a sample",
+        "correlation time of the changing part, which is held over a sample",
         "s",
         gt=0.0,
         span=plausible.CORRELATION,
@@ -184,38 +182,37 @@ class _Plant(Model):
 
     kind: Literal["rigid", "multibody"]
     integrator: Literal["runge_kutta3", "runge_kutta5", "bogacki_shampine3"] = described(
-        "runge_kutta5", "Drake's integration scheme for the continuous plant"
+        "runge_kutta5", "Drake's scheme for the continuous plant"
     )
-    accuracy: Real = described(1e-10, "accuracy asked of that integrator", "-", gt=0.0, span=plausible.ACCURACY)
+    accuracy: Real = described(1e-10, "accuracy of that integrator", "-", gt=0.0, span=plausible.ACCURACY)
     thrust_transient: Literal["none", "vehicle"] = described(
-        "vehicle", "none: thrust instantaneous; vehicle: first-order lag with the vehicle file's time constants"
+        "vehicle", "none: instantaneous thrust; vehicle: first-order lag with the vehicle's time constants"
     )
     lag_factor: Real = described(
         1.0,
-        "true time constants of build-up and tail-off over the vehicle file's, which the estimators are told",
+        "true time constants of thrust over the vehicle file's",
         "-",
         gt=0.0,
         le=10.0,
     )
     thrust_dispersion: Real = described(
-        0.0, "each jet's thrust is off for good by a fraction of this 1-sigma, drawn from the seed", "-", ge=0.0, le=0.3
+        0.0, "1-sigma of each jet's constant thrust error, relative, drawn", "-", ge=0.0, le=0.3
     )
     mounting_dispersion: Real = described(
         0.0,
-        "the mounting of each jet is off for good by so many of the 1-sigmas that the vehicle states, drawn from the "
-        "seed",
+        "1-sigma of each jet's mounting error, in the vehicle's stated 1-sigmas, drawn",
         "-",
         ge=0.0,
         le=10.0,
     )
-    initial_rate: Vector3 = described(
-        (0.0, 0.0, 0.0), "angular rate at the start, body axes", "rad/s", span=plausible.RATE
+    initial_rate: Vector3 = described((0.0, 0.0, 0.0), "rate at the start, body axes", "rad/s", span=plausible.RATE)
+    disturbance: DisturbanceBlock = described(
+        DisturbanceBlock(), "torque and force that nobody commands, a mean and a drawn changing part"
     )
-    disturbance: DisturbanceBlock = described(DisturbanceBlock(), "what pushes besides the jets, drawn from the seed")
-    wheel_speeds: dict[Text, Real] = described({}, "of reaction wheels at the start, by name; others stand", "rad/s")
+    wheel_speeds: dict[Text, Real] = described({}, "speeds of wheels at the start, by name; others stand", "rad/s")
     wheel_dispersion: Real = described(
         0.0,
-        "the inertia of each wheel is off for good by a fraction of this 1-sigma, drawn from the seed",
+        "1-sigma of each wheel's inertia error, relative, drawn",
         "-",
         ge=0.0,
         le=0.3,
@@ -230,13 +227,11 @@ class Dispersion(Model):
     """
 
     mass_percent: Real = described(0.0, "1-sigma of the mass, as a factor", "%", ge=0.0, le=100.0)
-    center_of_mass: Real = described(0.0, "1-sigma of each coordinate of the center of mass", "ft | m", ge=0.0, le=1e3)
+    center_of_mass: Real = described(0.0, "1-sigma of each coordinate", "ft | m", ge=0.0, le=1e3)
     second_moments_percent: Real = described(
         0.0, "1-sigma of each principal second moment, as a factor", "%", ge=0.0, le=100.0
     )
-    axes_deg: Real = described(
-        0.0, "1-sigma of the rotation of the principal axes about each axis", "deg", ge=0.0, le=180.0
-    )
+    axes_deg: Real = described(0.0, "1-sigma of the principal axes' rotation about each axis", "deg", ge=0.0, le=180.0)
 
     @property
     def spread(self) -> Spread:
@@ -255,51 +250,44 @@ class PlantBlock(_Plant):
     kind: Literal["rigid"] = described("rigid", "one rigid body, whose propellant may be used up")
     time_step: Real | None = described(
         None,
-        "0: continuous, by Drake's integrator; the sample period: fixed steps of high order; null: the sample period",
+        "0: continuous, by Drake's integrator; the sample period, or null: fixed steps of high order",
         "s",
     )
     depletion: Flag = described(
         True,
-        "whether firing uses up mass; inertia and center of mass move with what is drawn from tanks, else they stay",
+        "whether firing uses up mass; inertia and center of mass change only by what tanks lose",
     )
-    mass_properties: MassPropertiesModel | None = described(
-        None, "true mass properties at the start; null: the vehicle's nominal ones"
-    )
-    dispersion: Dispersion = described(
-        Dispersion(), "true mass properties are off those for good by this, drawn from the seed"
-    )
-    engine_errors: dict[Text, EngineErrors] = described({}, "of engines, by name; others have none")
+    mass_properties: MassPropertiesModel | None = described(None, "true values at the start; null: nominal")
+    dispersion: Dispersion = described(Dispersion(), "errors of the true mass properties, drawn")
+    engine_errors: dict[Text, EngineErrors] = described({}, "errors of engines, by name; others have none")
     engine_dispersion: Real = described(
         0.0,
-        "each error of the engines is off for good by so many of the 1-sigmas that the vehicle states, drawn from the "
-        "seed",
+        "1-sigma of each engine error, in the vehicle's stated 1-sigmas, drawn",
         "-",
         ge=0.0,
         le=10.0,
     )
     propellant: dict[Text, Real] = described(
-        {}, "in tanks at the start, by name; in others as much as the vehicle states", "slug | kg"
+        {}, "propellant in tanks at the start, by name; else as the vehicle states", "slug | kg"
     )
 
 
 class JointStart(Model):
     """A joint of the model at the start."""
 
-    joint: Text = described(..., "name; a joint of one degree of freedom")
-    position: Real = described(0.0, "at the start, from the model's zero", "rad | ft | m")
-    rate: Real = described(0.0, "at the start", "rad/s | ft/s | m/s")
-    held: Flag = described(
-        False, "whether a drive holds it where it starts; a joint of `moves` is held without this, all others are free"
-    )
+    joint: Text = described(..., "name of a joint of one degree of freedom")
+    position: Real = described(0.0, "start, from the model's zero", "rad | ft | m")
+    rate: Real = described(0.0, "rate at the start", "rad/s | ft/s | m/s")
+    held: Flag = described(False, "whether a drive holds it; joints of `moves` are held without this")
 
 
 class JointMove(Model):
     """A move of a joint by its drive, along a profile of least jerk."""
 
-    joint: Text = described(..., "name; a joint of one degree of freedom")
-    start_s: Real = described(..., "leaves where it is", "s", ge=0.0, span=plausible.TIME)
-    end_s: Real = described(..., "has arrived", "s", gt=0.0, span=plausible.TIME)
-    position: Real = described(..., "at the end of the move", "rad | ft | m")
+    joint: Text = described(..., "name of a joint of one degree of freedom")
+    start_s: Real = described(..., "start of the move", "s", ge=0.0, span=plausible.TIME)
+    end_s: Real = described(..., "end of the move", "s", gt=0.0, span=plausible.TIME)
+    position: Real = described(..., "position at the end", "rad | ft | m")
 
     _ordered = model_validator(mode="after")(_in_order)
 
@@ -310,13 +298,13 @@ class MultibodyBlock(_Plant):
     kind: Literal["multibody"] = described(..., "bodies and joints of an SDF or URDF model; firing uses up no mass")
     model: Text = described(
         ...,
-        "SDF or URDF: a bundled model, a file (relative to this one), or the text itself; its mass properties are true",
+        "SDF or URDF: bundled model, file relative to this one, or the text; its mass properties are the true ones",
     )
-    body: Text = described(..., "link that carries jets and sensors; its frame is the vehicle frame")
-    joints: tuple[JointStart, ...] = described((), "joints that do not start at zero and at rest, or are held")
+    body: Text = described(..., "link with jets and sensors, whose frame is the vehicle frame")
+    joints: tuple[JointStart, ...] = described((), "joints that start elsewhere than at zero and rest, or are held")
     moves: tuple[JointMove, ...] = described((), "moves of driven joints")
     drive_frequency_hz: Real = described(
-        2.0, "natural frequency of the joints' drives, critically damped", "Hz", gt=0.0, le=100.0
+        2.0, "natural frequency of the drives, critically damped", "Hz", gt=0.0, le=100.0
     )
 
     @property
@@ -384,21 +372,21 @@ class Degraded(_Timed):
     """The jet produces only a fraction of its thrust."""
 
     kind: Literal["degraded"] = described(..., "kind of failure")
-    fraction: Real = described(..., "of the thrust that is left", "-", ge=0.0, le=1.0)
+    fraction: Real = described(..., "share of thrust left", "-", ge=0.0, le=1.0)
 
 
 class Leak(_Timed):
     """The jet produces a force along its direction, commanded or not."""
 
     kind: Literal["leak"] = described(..., "kind of failure")
-    force: Real = described(..., "that it gives besides what it is told", "lbf | N", gt=0.0, span=plausible.LEAK)
+    force: Real = described(..., "additional force", "lbf | N", gt=0.0, span=plausible.LEAK)
 
 
 class Intermittent(_Timed):
     """The jet's valve fails at random, sample by sample."""
 
     kind: Literal["intermittent"] = described(..., "kind of failure")
-    probability: Real = described(..., "of failing in any one sample", "-", ge=0.0, le=1.0)
+    probability: Real = described(..., "probability of failing in a sample", "-", ge=0.0, le=1.0)
     level: Real = described(0.0, "thrust while it fails: 0 off, 1 on", "-", ge=0.0, le=1.0)
 
 
@@ -415,15 +403,15 @@ Failure = Annotated[StuckOn | StuckOff | Degraded | Leak | Intermittent | Drift,
 class MassJump(Model):
     """A payload that leaves the vehicle or docks with it, moving with the structure at that moment."""
 
-    kind: Literal["release", "dock"] = described(..., "whether it leaves or comes")
+    kind: Literal["release", "dock"] = described(..., "whether the payload leaves or comes")
     time_s: Real = described(
-        ..., "when; it happens at the first sample not before this", "s", ge=0.0, span=plausible.TIME
+        ..., "time; it happens at the first sample not before it", "s", ge=0.0, span=plausible.TIME
     )
-    mass: Real = described(..., "of the payload", "slug | kg", gt=0.0, span=plausible.PAYLOAD)
-    position: Vector3 = described(..., "of its center of mass, vehicle frame", "ft | m", span=plausible.POSITION)
+    mass: Real = described(..., "mass of the payload", "slug | kg", gt=0.0, span=plausible.PAYLOAD)
+    position: Vector3 = described(..., "its center of mass, vehicle frame", "ft | m", span=plausible.POSITION)
     inertia: Matrix3 | None = described(
         None,
-        "of it about its own center of mass, body axes; null: a point mass",
+        "inertia about its own center of mass, body axes; null: a point mass",
         "slug-ft^2 | kg-m^2",
         span=plausible.INERTIA,
     )
@@ -439,13 +427,13 @@ class VibrationTone(Model):
 
     frequency_hz: Real = described(
         ...,
-        "frequency; from half the sample frequency on, readings show it at another",
+        "frequency; from half the sample frequency on it is aliased",
         "Hz",
         gt=0.0,
         span=plausible.TONE,
     )
     amplitude: Vector3 = described(
-        ..., "per axis; of an accelerometer, of the acceleration; phases are drawn", "rad/s | ft/s^2 | m/s^2"
+        ..., "amplitude per axis, of rate or acceleration; phases are drawn", "rad/s | ft/s^2 | m/s^2"
     )
 
 
@@ -453,10 +441,8 @@ class SensorErrors(Model):
     """The true errors of one sensor package, unknown to the estimators, in the order in which they act on a signal."""
 
     sensor: Text = described(..., "name of a gyro or accelerometer package")
-    vibration: tuple[VibrationTone, ...] = described((), "of the structure where it stands")
-    scale_factor: Vector3 = described(
-        (0.0, 0.0, 0.0), "relative error of scale per axis: reading = (1 + this) x truth", span=plausible.SCALE
-    )
+    vibration: tuple[VibrationTone, ...] = described((), "vibration of the structure at the sensor")
+    scale_factor: Vector3 = described((0.0, 0.0, 0.0), "per axis: reading = (1 + this) x truth", span=plausible.SCALE)
     bandwidth_hz: Real | None = described(
         None,
         "corner of a first-order low-pass before sampling; null: unlimited",
@@ -464,26 +450,23 @@ class SensorErrors(Model):
         gt=0.0,
         span=plausible.BANDWIDTH,
     )
-    bias: Vector3 = described(
-        (0.0, 0.0, 0.0), "constant bias; of an accelerometer, of the acceleration", "rad/s | ft/s^2 | m/s^2"
-    )
+    bias: Vector3 = described((0.0, 0.0, 0.0), "constant bias of rate or acceleration", "rad/s | ft/s^2 | m/s^2")
     bias_random_walk: Real = described(
         0.0,
-        "the bias's random walk, 1-sigma after one second",
+        "random walk of the bias, 1-sigma after 1 s",
         "rad/s/sqrt(s) | ft/s^2/sqrt(s) | m/s^2/sqrt(s)",
         ge=0.0,
     )
-    noise_std: Real | None = described(
-        None, "white noise of a reading, 1-sigma; null: the vehicle's", "rad/s | ft/s | m/s", ge=0.0
-    )
+    noise_std: Real | None = described(None, "white noise, 1-sigma; null: the vehicle's", "rad/s | ft/s | m/s", ge=0.0)
     quantum: Real | None = described(None, "step of a reading; null: the vehicle's", "rad/s | ft/s | m/s", ge=0.0)
-    delay_samples: Whole = described(0, "whole samples by which readings are late", "-", ge=0, le=100)
+    delay_samples: Whole = described(0, "delay of readings", "-", ge=0, le=100)
 
 
 _RULES = Literal["single", "most_accurate", "mid_value", "average", "weighted_average", "serial"]
 _RULE = (
-    "single: the package in use, where it is missing the next; most_accurate: the least covariance; mid_value: the "
-    "middle one, component by component; average; weighted_average: by covariance; serial: one update after the other"
+    "single: the package in use, else the next; most_accurate: least covariance; mid_value: the "
+    "median of each component; average; weighted_average: by covariance; serial: one update after the"
+    " other"
 )
 
 
@@ -494,7 +477,7 @@ class CombineBlock(Model):
     accelerometers: _RULES = described("single", _RULE)
     correlated: Flag = described(
         False,
-        "whether averages of accelerometers account for what their errors share; serial then is one stacked update",
+        "whether averages of accelerometers account for correlated errors; serial then is one stacked update",
     )
 
 
@@ -502,11 +485,11 @@ class SensorsBlock(Model):
     """The sensors."""
 
     quantizer_phase: Literal["seeded", "equal"] = described(
-        "seeded", "seeded: each component's marks are offset at random, from the seed; equal: none is"
+        "seeded", "seeded: random offset of each component's marks; equal: none"
     )
-    gyro: Text | None = described(None, "package the estimators and the autopilot use; null: the first")
-    accelerometer: Text | None = described(None, "package the mass estimator uses; null: the vehicle's preferred one")
-    combine: CombineBlock = described(CombineBlock(), "use of redundant packages")
+    gyro: Text | None = described(None, "package in use; null: the first")
+    accelerometer: Text | None = described(None, "package in use; null: the vehicle's preferred one")
+    combine: CombineBlock = described(CombineBlock(), "redundant packages")
     errors: tuple[SensorErrors, ...] = described((), "errors beyond the vehicle file's quanta and noise")
 
 
@@ -515,13 +498,11 @@ class JetSelectionBlock(Model):
 
     output: Literal["cycles", "on_time"] = described(
         "cycles",
-        "cycles: the nearest whole sample periods; on_time: pulses as long as selected, in steps of the valve's clock, "
-        "of a vehicle whose jets open and close within a sample",
+        "cycles: whole sample periods; on_time: in steps of the valve's clock, of a vehicle with on-times",
     )
     below_minimum: Literal["accumulate", "drop"] = described(
         "accumulate",
-        "with output: on_time, on-times below a jet's minimum: they add up from selection to selection until they "
-        "reach it, or are not flown",
+        "treatment of on-times below a jet's minimum with output: on_time; accumulate: until they reach it",
     )
 
 
@@ -530,26 +511,23 @@ class WheelControlBlock(Model):
 
     rate_gain: Real = described(
         1.0,
-        "torque that is asked of the wheels per rate error and inertia: the time in which a rate is followed is its "
-        "inverse; four times hold_gain damps critically",
+        "wheel torque per rate error and inertia; four times hold_gain damps critically",
         "1/s",
         gt=0.0,
         span=plausible.GAIN,
     )
     unload_above: Real | None = described(
         None,
-        "share of its largest speed by which a wheel has jets unload all; null: they do not",
+        "share of its largest speed at which a wheel has jets unload all wheels; null: never",
         "-",
         gt=0.0,
         le=1.0,
     )
-    unload_below: Real = described(
-        0.2, "share below which all must be for jets to stop, as far as they turn for the momentum", "-", ge=0.0, lt=1.0
-    )
+    unload_below: Real = described(0.2, "share below which unloading ends", "-", ge=0.0, lt=1.0)
     unload_rate: Real | None = described(
         None,
-        "largest rate by which jets are asked for at a time to unload, and so that the wheels must hold against; null: "
-        "1.5 times rate_deadband, below which nothing is asked for",
+        "largest rate change asked of jets at a time to unload; null: 1.5 times rate_deadband, below "
+        "which nothing is asked",
         "rad/s",
         gt=0.0,
         span=plausible.RATE,
@@ -567,15 +545,15 @@ class WheelControlBlock(Model):
 class FiringTestBlock(Model):
     """Firings that are designed and flown when the estimators leave a question open."""
 
-    when: Literal["group", "target"] = described(
-        ..., "jets are to be told of which it is open which one has failed, or whether; or targets are to be known"
+    when: Literal["group", "target"] = described(..., "group: to isolate a failed jet; target: to reach 1-sigmas")
+    targets: dict[Text, Text] = described({}, "with when: target, 1-sigma by name, as for `massprop design`")
+    force: Text = described("5%", "with when: group, force by which a suspect may fail, likewise")
+    limits: dict[Text, Text] = described(
+        {}, "limits of one test: rate, angle, displacement, propellant, time; likewise"
     )
-    targets: dict[Text, Text] = described({}, "1-sigma by name with when: target, as `massprop design` takes it")
-    force: Text = described("5%", "by which a suspect may fail with when: group, likewise")
-    limits: dict[Text, Text] = described({}, "of one test: rate, angle, displacement, propellant, time; likewise")
-    without: tuple[Text, ...] = described((), "jets that are not to be fired for a test")
+    without: tuple[Text, ...] = described((), "jets not to be fired")
     patience_s: Real = described(
-        2.0, "for which the question must stand, and between two tests", "s", gt=0.0, span=plausible.TIME
+        2.0, "how long the question must stand, and pause between tests", "s", gt=0.0, span=plausible.TIME
     )
 
     @model_validator(mode="after")
@@ -590,50 +568,49 @@ class AutopilotBlock(Model):
 
     engaged: bool | None = described(
         None,
-        "whether it flies: beside a `jet_schedule` it holds attitude while no jet is prescribed; null: unless there "
-        "is a `jet_schedule`",
+        "whether it flies; with a `jet_schedule` it holds attitude between pulses; null: only without one",
     )
     mass_properties: Literal["nominal", "estimated"] = described(
-        "nominal", "for activity vectors; estimated: the estimates once they have converged, nominal before"
+        "nominal", "source for activity vectors; estimated: once converged"
     )
     jet_kinds: tuple[Text, ...] | None = described(
         None,
-        "kinds of jets that may be selected; null: `primary` or, for a vehicle without such, all",
+        "kinds of jets that may be selected; null: `primary`, else all",
         min_length=1,
     )
-    jet_selection: JetSelectionBlock = described(JetSelectionBlock(), "flying of the on-times that are selected")
-    test_firing: FiringTestBlock | None = described(
-        None, "firings that answer what the estimators leave open; null: none"
-    )
+    jet_selection: JetSelectionBlock = described(JetSelectionBlock(), "how selected on-times are flown")
+    test_firing: FiringTestBlock | None = described(None, "firings that settle what the estimators leave open")
     wheels: WheelControlBlock | None = described(
-        None, "wheels turn the vehicle; null: they stand, or are turned by `wheel_schedule`"
+        None, "attitude control by wheels; null: they stand, or follow `wheel_schedule`"
     )
     discrete_rate: Real = described(
-        0.5 * _DEGREE, "rate that the rotational hand controller commands", "rad/s", gt=0.0, span=plausible.RATE
+        0.5 * _DEGREE, "rate commanded by the rotational controller", "rad/s", gt=0.0, span=plausible.RATE
     )
-    hold_gain: Real = described(0.15, "rate commanded per attitude error in hold", "1/s", ge=0.0, span=plausible.GAIN)
+    hold_gain: Real = described(0.15, "commanded rate per attitude error in hold", "1/s", ge=0.0, span=plausible.GAIN)
     hold_rate_limit: Real = described(
         0.1 * _DEGREE, "largest rate commanded in hold", "rad/s", ge=0.0, span=plausible.RATE
     )
     capture_rate: Real = described(
         0.05 * _DEGREE,
-        "back in detent, an axis holds attitude once its rate is below this",
+        "rate below which an axis in detent begins to hold attitude",
         "rad/s",
         gt=0.0,
         span=plausible.RATE,
     )
     rate_deadband: Real = described(
-        0.02 * _DEGREE, "rate error that asks for a correction", "rad/s", gt=0.0, span=plausible.RATE
+        0.02 * _DEGREE, "rate error that is corrected", "rad/s", gt=0.0, span=plausible.RATE
     )
     acceleration: Real = described(
-        0.5, "that the translational hand controller commands", "ft/s^2 | m/s^2", gt=0.0, span=plausible.ACCELERATION
+        0.5,
+        "acceleration commanded by the translational controller",
+        "ft/s^2 | m/s^2",
+        gt=0.0,
+        span=plausible.ACCELERATION,
     )
-    horizon_s: Real = described(
-        2.0, "a translation is requested for this long at a time", "s", gt=0.0, span=plausible.TIME
-    )
+    horizon_s: Real = described(2.0, "time for which a translation is requested", "s", gt=0.0, span=plausible.TIME)
     resolve_rate: Real = described(
         0.2 * _DEGREE,
-        "in a translation, rate error that asks for a new selection",
+        "in a translation, rate error that causes a new selection",
         "rad/s",
         gt=0.0,
         span=plausible.RATE,
@@ -643,8 +620,7 @@ class AutopilotBlock(Model):
     )
     gimbal_bandwidth: Real = described(
         0.0,
-        "natural frequency with which gimbals hold the rate at zero while engines burn, beside their schedule; 0: as "
-        "scheduled",
+        "bandwidth with which gimbals hold zero rate during burns, beside their schedule; 0: schedule alone",
         "rad/s",
         ge=0.0,
         span=plausible.GAIN,
@@ -658,11 +634,9 @@ _TEN_UNITS = "1/(slug-ft^2) | 1/(kg-m^2) (6), ft | m (3), 1/slug | 1/kg"
 class ConvergenceLimits(Model):
     """1-sigma below which estimates may be acted on."""
 
-    diagonal: Real = described(0.02, "of the inverse inertia's diagonal, relative to the estimate", "-", gt=0.0)
-    mass_reciprocal: Real = described(0.2, "of the mass reciprocal, relative to the estimate", "-", gt=0.0)
-    center_of_mass: Real | None = described(
-        None, "of the center of mass; null: 3 % of the jets' RMS arm", "ft | m", gt=0.0
-    )
+    diagonal: Real = described(0.02, "inverse inertia's diagonal, relative", "-", gt=0.0)
+    mass_reciprocal: Real = described(0.2, "mass reciprocal, relative", "-", gt=0.0)
+    center_of_mass: Real | None = described(None, "center of mass; null: 3 % of the jets' RMS arm", "ft | m", gt=0.0)
 
 
 class GivenStart(Model):
@@ -671,11 +645,11 @@ class GivenStart(Model):
     mass_properties: MassPropertiesModel | None = described(None, "estimates at the start; null: the nominal ones")
     standard_deviation: _Ten | None = described(
         None,
-        "1-sigma of the ten parameters at the start, in the order of `summary.json`'s covariance",
+        "1-sigma of the ten parameters",
         _TEN_UNITS,
     )
     covariance: tuple[_Ten, _Ten, _Ten, _Ten, _Ten, _Ten, _Ten, _Ten, _Ten, _Ten] | None = described(
-        None, "their covariance instead; none between 1/m and the others, whose filters are apart", "products of those"
+        None, "covariance instead; none between 1/m and the others", "products of those"
     )
 
     @model_validator(mode="after")
@@ -698,44 +672,37 @@ class EstimationBlock(Model):
 
     filter: Literal["thesis", "joint", "pose"] = described(
         _USUAL_FILTER,
-        "method: joint: one filter for mass properties, rate, velocity and thrust, with the block `joint`; thesis: the "
-        "source's two, with the blocks `rotation` and `mass`; pose: one filter in a fixed frame, for vehicles with "
-        "pose or velocity sensors, without gyros, or in a plane; where none is named, such a vehicle or keys of one "
-        "alone choose it",
+        "joint: one filter for mass properties, rate, velocity and thrust; thesis: two filters, blocks "
+        "`rotation` and `mass`; pose: one in a fixed frame, for vehicles with pose or velocity sensors, "
+        "without gyros, or in a plane. Unless named, the vehicle or other keys choose it",
     )
-    start: Literal["nominal", "zero", "given"] = described(
-        "nominal", "estimates begin at the nominal values, at zero, or at what `given` says"
-    )
+    start: Literal["nominal", "zero", "given"] = described("nominal", "estimates at the start")
     given: GivenStart | None = described(None, "with start: given")
     std_fraction: Real | None = described(
         None,
-        "1-sigma at the start relative to the nominal values; null: the vehicle's for nominal, 1 for zero",
+        "1-sigma at the start relative to nominal; null: the vehicle's for nominal, 1 for zero",
         "-",
         gt=0.0,
         span=plausible.UNCERTAINTY,
     )
-    floors: Flag = described(
-        True, "least 1-sigma at the start for products of inertia and center of mass, whose nominal values may be zero"
-    )
+    floors: Flag = described(True, "whether products of inertia and center of mass have a least 1-sigma at the start")
     thrust_transient: Literal["gate", "gate_lag"] = described(
         "gate_lag",
-        "with filter: thesis; gate: samples whose jets have just changed are skipped, thrust taken as instantaneous; "
-        "gate_lag: the same gate, impulses from the lagged thrust level",
+        "with filter: thesis; gate: skips samples whose jets have just changed; gate_lag: skips them, and"
+        " takes impulses from the lagged thrust",
     )
     thrust_uncertainty: Real = described(
         0.0,
-        "with filter: thesis; 1-sigma of each jet's constant, unknown thrust error, relative; filters and detector "
-        "consider it",
+        "with filter: thesis, 1-sigma of each jet's constant thrust error, relative, considered",
         "-",
         ge=0.0,
         le=0.3,
     )
-    convergence: ConvergenceLimits = described(ConvergenceLimits(), "when estimates may be acted on")
+    convergence: ConvergenceLimits = described(ConvergenceLimits(), "1-sigmas below which estimates may be acted on")
     readings_per_s: Real | None = described(
         None,
-        "with filter: joint; at how many times a second something is read, where the filter takes a step whenever "
-        "anything is; null: as `rate_hz` of the vehicle's sensors and the rows of a record say, else it takes one step "
-        "a sample period",
+        "with filter: joint, times a second at which anything is read, each a step of the filter; null: "
+        "by `rate_hz` of sensors and rows of a record, else once a sample period",
         "1/s",
         gt=0.0,
         span=plausible.FREQUENCY,
@@ -768,32 +735,29 @@ class RotationBlock(Model):
     filter: Literal["second_order", "second_order_without_bias", "second_order_without_covariance", "extended"] = (
         described(
             "second_order",
-            "second_order: with bias and covariance of the curvature; the next two lack one of them; extended: Kalman "
-            "filter without both",
+            "second_order: with bias and covariance of the curvature; extended: with neither",
         )
     )
     coupling: Literal["subtract", "ignore", "hybrid", "model"] = described(
         "hybrid",
-        "dynamic coupling: subtract it; ignore it; hybrid: subtract it once the estimates are good enough; model: a "
-        "part of the measurement that depends on the estimates like the rest, for vehicles that turn fast",
+        "dynamic coupling; hybrid: subtracted once the estimates are good enough; model: part of the "
+        "measurement model, for vehicles that turn fast",
     )
     coupling_limit: Real = described(
-        50.0, "hybrid: innovation variance below this many times the measurement's starts the subtraction", "-", gt=0.0
+        50.0, "hybrid subtracts below this ratio of innovation to measurement variance", "-", gt=0.0
     )
     jump: Literal["none", "covariance_increment"] = described(
-        "covariance_increment", "what a too large innovation does: nothing, or raise the covariance"
+        "covariance_increment", "response to a too large innovation"
     )
-    jump_threshold: Real = described(25.0, "NIS that counts as too large; 11.34 in the thesis", "-", gt=0.0)
-    jump_std_fraction: Real = described(1.0, "1-sigma then added, relative to that at the start", "-", gt=0.0, le=100.0)
+    jump_threshold: Real = described(25.0, "NIS that is too large; 11.34 in the thesis", "-", gt=0.0)
+    jump_std_fraction: Real = described(1.0, "1-sigma then added, relative to the start", "-", gt=0.0, le=100.0)
     process_noise_std: tuple[Real, Real, Real, Real, Real, Real, Real, Real, Real] = described(
-        (0.0,) * 9, "1-sigma of the change per sample, in state order", "1/(slug-ft^2) | 1/(kg-m^2), ft | m"
+        (0.0,) * 9, "1-sigma of the change per sample", "1/(slug-ft^2) | 1/(kg-m^2), ft | m"
     )
     disturbance_std: Real = described(
         0.0, "1-sigma per sample of unmodeled rate increments", "rad/s", ge=0.0, span=plausible.RATE_STEP
     )
-    largest_turn: Real = described(
-        0.2, "samples in which the vehicle turns by more are not used: rates are taken as steady in one", "rad", gt=0.0
-    )
+    largest_turn: Real = described(0.2, "largest turn in a sample that is used", "rad", gt=0.0)
 
     _not_negative = field_validator("process_noise_std")(none_negative)
 
@@ -802,18 +766,18 @@ class MassBlock(Model):
     """The filter for the mass reciprocal."""
 
     compensation: Literal["none", "transverse", "transverse_centripetal"] = described(
-        "transverse", "what of the rotation is taken out of the velocity increments"
+        "transverse", "terms of rotation taken out of velocity increments"
     )
-    compensation_covariance: Flag = described(True, "whether the measurement covariance grows by what is unknown of it")
+    compensation_covariance: Flag = described(True, "whether their uncertainty adds to the measurement covariance")
     jump: Literal["none", "single_sample", "single_sample_thesis", "glr"] = described(
         "single_sample",
-        "test for a jump of 1/m: none, of one sample (single_sample_thesis: with the thesis's variance after it, meant "
-        "for small gains), or generalized likelihood ratio over a window of used samples",
+        "test for a jump of 1/m; single_sample_thesis: with the thesis's variance after it; glr: over a "
+        "window of used samples",
     )
     jump_false_alarm_rate: Real = described(
-        1e-6, "of that test, per used sample; 0.01 in the thesis", "-", ge=1e-100, lt=1.0
+        1e-6, "false alarms of the test per used sample; 0.01 in the thesis", "-", ge=1e-100, lt=1.0
     )
-    jump_window: Whole = described(5, "used samples that glr looks back", "-", ge=2, le=1000)
+    jump_window: Whole = described(5, "used samples in glr's window", "-", ge=2, le=1000)
     process_noise_std: Real = described(0.0, "1-sigma of the change of 1/m per sample", "1/slug | 1/kg", ge=0.0)
     disturbance_std: Real = described(
         0.0, "1-sigma per sample of unmodeled velocity increments", "ft/s | m/s", ge=0.0, span=plausible.VELOCITY_STEP
@@ -825,61 +789,58 @@ class JointBlock(Model):
 
     thrust_transient: Literal["none", "vehicle"] | None = described(
         None,
-        "none: thrust is instantaneous; vehicle: first-order lag with the vehicle file's time constants, corrected in "
-        "flight; null: what plant.thrust_transient says",
+        "none: instantaneous thrust; vehicle: first-order lag, its time constants estimated; null: as "
+        "plant.thrust_transient",
     )
     thrust_uncertainty: Real | None = described(
         None,
-        "1-sigma of each jet's constant, unknown thrust error, relative; 0 only where thrusts are exact; null: the "
-        "vehicle's, by kind of jet",
+        "1-sigma of each jet's constant thrust error, relative; 0 only where thrusts are exact; null: the vehicle's",
         "-",
         ge=0.0,
         le=0.3,
     )
     lag_uncertainty: Real | None = described(
         None,
-        "1-sigma of the time constants, relative, one error for each kind of jet; null: the vehicle's",
+        "1-sigma of the time constants, relative, one error per kind of jet; null: the vehicle's",
         "-",
         ge=0.0,
         le=1.0,
     )
     tank_fraction: Real | None = described(
         None,
-        "by how much used propellant may shift center of mass and inertia, as the vehicle's key; 0 only where it "
-        "shifts nothing, as in a simulated vehicle; null: the vehicle's",
+        "shift by used propellant, as the vehicle's key; 0 only where it shifts nothing; null: the vehicle's",
         "-",
         ge=0.0,
         le=1.0,
     )
     rate_walk: Real = described(
         0.0,
-        "what unmodeled torques add to the rate, 1-sigma after one second, growing with the root of time",
+        "random walk of the rate by unmodeled torques, 1-sigma after 1 s",
         "rad/s/sqrt(s)",
         ge=0.0,
         span=plausible.RATE_STEP,
     )
     velocity_walk: Real = described(
         0.0,
-        "what unmodeled forces add to the velocity, likewise",
+        "random walk of the velocity by unmodeled forces, likewise",
         "ft/s/sqrt(s) | m/s/sqrt(s)",
         ge=0.0,
         span=plausible.VELOCITY_STEP,
     )
     switching: Literal["ticks", "stamps"] = described(
         "ticks",
-        "when commands switch: ticks: at regular ticks, a sample period apart, about which a record's stamps may "
-        "scatter; stamps: at the stamps themselves, as where one task whose start jitters reads, stamps and commands",
+        "ticks: commands switch a sample period apart, stamps scatter about that; stamps: they switch at the stamps",
     )
     increment_rate: Real = described(
         1.5e-5,
-        "probability of rates as far off while all is well, below which the covariance is incremented during the start",
+        "probability of an innovation below which the covariance is inflated during the start",
         "-",
         ge=1e-100,
         lt=1.0,
     )
     settled_after: Whole = described(
         60,
-        "sample periods with a jet commanded, from convergence on, after which the start is over",
+        "sample periods with a jet commanded after convergence that end the start",
         "-",
         ge=0,
         le=1_000_000,
@@ -893,37 +854,31 @@ class CglrBlock(Model):
         "cglr",
         "off, or, usual with estimation.filter: thesis, the constrained generalized likelihood ratio of one sample",
     )
-    margin: Real = described(6.0, "by which a cluster, and a jet in it, must lead in likelihood argument", "-", gt=0.0)
+    margin: Real = described(6.0, "lead in likelihood argument that a cluster, and a jet in it, needs", "-", gt=0.0)
     threshold: Real = described(0.0, "least likelihood argument of an alarm", "-", ge=0.0)
     dispersion_threshold: Real = described(
         16.0,
-        "the same while jets fire, with thrust_uncertainty: thrust errors last, so a chance alarm would come again",
+        "the same while jets fire, with thrust_uncertainty",
         "-",
         ge=0.0,
     )
     magnitude_threshold: Real = described(0.0, "least magnitude of an alarm", "lbf | N", ge=0.0)
-    mirror_sign_rule: Flag = described(False, "whether a jet that is on cannot give too much")
-    signature_uncertainty: Flag = described(True, "whether signatures count as uncertain; not in the thesis")
+    mirror_sign_rule: Flag = described(False, "whether a jet that is on cannot give too much thrust")
+    signature_uncertainty: Flag = described(True, "whether signatures are uncertain; not in the thesis")
     unexplained_limit: Real | None = described(
         20.5,
-        "largest part of the innovations that a failed jet may leave unexplained (0.1 % of chi-square, 5 degrees); "
-        "null: any",
+        "largest unexplained part of the innovations (0.1 % of chi-square, 5 degrees); null: any",
         "-",
         gt=0.0,
     )
     on_detection: Literal["correct", "correct_thesis", "reject"] = described(
-        "correct", "what the filters do with a sample that shows a failure"
+        "correct", "use of a sample that shows a failure"
     )
-    reconfigure_after: Whole | None = described(
-        2, "alarms in a row that declare a failure and reset the jet logic; null: never", "-", ge=1
-    )
-    close_manifold: Flag = described(
-        False, "whether a declared failure closes the jet's manifold: its jets stop, and all are out of use"
-    )
+    reconfigure_after: Whole | None = described(2, "alarms in a row that declare a failure; null: never", "-", ge=1)
+    close_manifold: Flag = described(False, "whether a declared failure closes the jet's manifold")
     alarm_gap: Whole = described(
         3,
-        "cycles between two alarms in a row at the most, if samples tested in between show nothing; samples that "
-        "could not be tested do not break the row",
+        "largest number of samples between two alarms in a row; untested ones do not count",
         "-",
         ge=1,
     )
@@ -933,8 +888,8 @@ class CusumBlock(Model):
     """Detection of failed jets by a cumulative sum for each; a baseline."""
 
     kind: Literal["cusum"] = described(..., "cumulative sums, jet by jet")
-    drift: Real = described(1.0, "taken off each sum at a sample, in standard deviations of the sample", "-", gt=0.0)
-    threshold: Real = described(20.0, "of a sum, above which its jet is declared", "-", gt=0.0)
+    drift: Real = described(1.0, "taken off each sum at a sample, in its standard deviations", "-", gt=0.0)
+    threshold: Real = described(20.0, "sum above which a jet is declared", "-", gt=0.0)
 
 
 class HypothesesBlock(Model):
@@ -956,7 +911,7 @@ class JetFaults(Model):
 
     per_hour: Real | None = described(None, "failures of this jet; null: faults.jet_per_hour", "1/h", gt=0.0)
     modes: tuple[FaultMode, ...] | None = described(
-        None, "fault modes that it may have; null: faults.modes", min_length=1, reason=_NO_MODE
+        None, "its fault modes; null: faults.modes", min_length=1, reason=_NO_MODE
     )
 
     @property
@@ -975,82 +930,75 @@ class FaultsBlock(Model):
 
     jet_per_hour: Real = described(
         _PRIORS.jet_per_hour,
-        "failures of one jet; with one in a thousand hours, one in a given sample of 0.08 s has a probability of 2e-8",
+        "failures of one jet",
         "1/h",
         gt=0.0,
     )
     together: Real = described(
         _PRIORS.together,
-        "probability that a given other jet fails in the same interval as one: jets share drivers and feed lines",
+        "probability that a given other jet fails in the same interval, as by a shared driver",
         gt=0.0,
         lt=1.0,
     )
     full_thrust: Real = described(
         _PRIORS.full_thrust,
-        "share of failures that are of full thrust: a valve that sticks is mostly quite open, or closed",
+        "share of failures with full thrust, as of stuck valves",
         gt=0.0,
         lt=1.0,
     )
-    drifting: Real = described(
-        _PRIORS.drifting, "share of failures whose force grows slowly from nothing, as a seal wears", gt=0.0, lt=1.0
-    )
+    drifting: Real = described(_PRIORS.drifting, "share of failures whose force grows slowly", gt=0.0, lt=1.0)
     change_per_hour: Real = described(
         _PRIORS.change_per_hour,
-        "changes of a force that is known to be wrong: what has failed is seldom at rest",
+        "changes of a failed jet's force",
         "1/h",
         gt=0.0,
     )
     intermittent: Real = described(
         _PRIORS.intermittent,
-        "share of failures whose force changes all the time, as of a loose contact",
+        "share of failures whose force changes all the time",
         gt=0.0,
         lt=1.0,
     )
-    payload_per_hour: Real = described(
-        _PRIORS.payload_per_hour, "payloads that come or leave; more where such are planned", "1/h", gt=0.0
-    )
+    payload_per_hour: Real = described(_PRIORS.payload_per_hour, "payloads that come or leave", "1/h", gt=0.0)
     reading_per_hour: Real = described(
         _PRIORS.reading_per_hour,
-        "readings of one sensor component that begin to be wrong: as rare as a jet's failure",
+        "sensor components that begin to read falsely, each",
         "1/h",
         gt=0.0,
     )
     disturbed: Real = described(
         _PRIORS.disturbed,
-        "probability that something acts which neither vehicle nor scenario states, such as slosh, drag or a vent",
+        "probability of an unstated disturbance, such as slosh, drag or a vent",
         gt=0.0,
         lt=1.0,
     )
     unknown_per_hour: Real = described(
         _PRIORS.unknown_per_hour,
-        "pushes that nothing known explains: rarer than what is known, since they fit any reading",
+        "pushes that nothing known explains",
         "1/h",
         gt=0.0,
     )
     start: Real = described(
         _PRIORS.start,
-        "probability, when something contradicts a start, that this was stated too well, and no jet has failed",
+        "probability, when data contradict the start, that its uncertainty was stated too small",
         gt=0.0,
         lt=1.0,
     )
     false_per_hour: Real = described(
         _PRIORS.false_per_hour,
-        "false declarations of one jet, or of anything else, that are accepted; over its rate it is the probability "
-        "that a declaration may be wrong with",
+        "accepted false declarations of one jet, or of anything else",
         "1/h",
         gt=0.0,
     )
-    slots: Whole = described(
-        4, "failed jets whose forces are estimated at a time; each adds an element to the filter's state", ge=1, le=16
-    )
+    slots: Whole = described(4, "failed jets whose forces are estimated at a time; each adds a state", ge=1, le=16)
     modes: tuple[FaultMode, ...] = described(
         _MODES,
-        "fault modes that a jet may have: stuck_on and leak let it give more thrust than commanded, stuck_off and loss "
-        "less, drifting and intermittent either. More, or less, is looked for where a mode lets it",
+        "fault modes that a jet may have; stuck_on and leak give more thrust than commanded, stuck_off "
+        "and loss less, drifting and intermittent either",
         min_length=1,
         reason=_NO_MODE,
     )
-    jets: dict[Text, JetFaults] = described({}, "jets that are unlike the others, by designation")
+    jets: dict[Text, JetFaults] = described({}, "jets unlike the others, by designation")
 
     @model_validator(mode="after")
     def _consistent(self) -> FaultsBlock:
@@ -1081,12 +1029,11 @@ class ThrustFactorsBlock(Model):
     """Detection of jets that are weak or stand open, from the start or later, by hypotheses about their thrust."""
 
     kind: Literal["thrust_factors"] = described("thrust_factors", "usual with estimation.filter: pose")
-    lead: Real = described(6.0, "of the likeliest hypothesis over every other that names a jet, nats", "-", gt=0.0)
-    lead_nothing: Real = described(12.0, "over the one that nothing has failed, nats", "-", gt=0.0)
+    lead: Real = described(6.0, "log-likelihood lead of a hypothesis over others that name a jet, nats", "-", gt=0.0)
+    lead_nothing: Real = described(12.0, "lead over no failure, nats", "-", gt=0.0)
     least: Real = described(
         0.1,
-        "loss of thrust, or how far a jet stands open, that is named, of its thrust; above 3 sigma besides: a factor "
-        "that is a few percent off is no failure, however sure it is",
+        "least loss or opening that is declared, as a share of thrust; it must also exceed 3 sigma",
         "-",
         gt=0.0,
         lt=1.0,
@@ -1101,13 +1048,12 @@ class ExecutionBlock(Model):
 
     engine: Literal["diagram", "loop"] = described(
         "diagram",
-        "diagram: Drake's simulator; loop: the same functions in a plain loop, faster, for a plant that is stepped; a "
-        "vehicle with wheels or engines is flown by the diagram all the same",
+        "diagram: Drake's simulator; loop: the same functions in a plain loop, faster, for a stepped "
+        "plant without wheels and engines",
     )
     compiled: Flag = described(
         False,
-        "whether kernels are compiled, by numba of the extra `fast`, in either engine and where records are read; "
-        "results differ by rounding alone",
+        "whether kernels are compiled by numba, extra `fast`; results differ by rounding alone",
     )
 
 
@@ -1124,44 +1070,42 @@ class Scenario(Model):
 
     name: Text = described(
         "scenario",
-        "short name; the run's folder is named after it",
+        "short name, also of the run's folder",
         pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$",
         max_length=_LONGEST_NAME,
     )
     description: Text = described("", "one line")
     vehicle: Text | Vehicle = described(
-        _USUAL_VEHICLE, "a bundled vehicle, a file (relative to this one), or a vehicle's data"
+        _USUAL_VEHICLE, "bundled vehicle, file relative to this one, or a vehicle's data"
     )
     moving: tuple[MovingPart, ...] = described(
-        (), "parts that move inside the vehicle, of which the estimators are told, besides those in its own file"
+        (), "parts that move inside, as in a vehicle's file, besides those of the vehicle"
     )
     duration_s: Real = described(50.0, "length of the run", "s", gt=0.0, le=1e6)
-    seed: Whole = described(0, "of everything drawn by chance", "-", ge=0, lt=2**63)
+    seed: Whole = described(0, "seed of all random draws", "-", ge=0, lt=2**63)
     maneuver: tuple[HandControllerWindow, ...] = described((), "hand-controller windows, flown by the autopilot")
-    jet_schedule: tuple[JetPulse, ...] = described((), "jet commands prescribed instead, with no autopilot")
-    wheel_schedule: tuple[WheelPulse, ...] = described((), "torques of reaction wheels, prescribed")
-    engine_schedule: tuple[EngineBurn, ...] = described((), "levels and gimbal angles of engines, prescribed")
+    jet_schedule: tuple[JetPulse, ...] = described((), "prescribed jet commands")
+    wheel_schedule: tuple[WheelPulse, ...] = described((), "prescribed torques of reaction wheels")
+    engine_schedule: tuple[EngineBurn, ...] = described((), "prescribed levels and gimbal angles of engines")
     plant: Annotated[PlantBlock | MultibodyBlock, Field(discriminator="kind")] = described(
-        PlantBlock(), "the true vehicle; each kind has keys of its own, rigid unless one is named"
+        PlantBlock(), "the true vehicle"
     )
-    sensors: SensorsBlock = described(SensorsBlock(), "the sensors")
-    autopilot: AutopilotBlock = described(AutopilotBlock(), "the autopilot")
-    estimation: EstimationBlock = described(EstimationBlock(), "start of the estimators")
+    sensors: SensorsBlock = described(SensorsBlock(), "packages in use, and their true errors")
+    autopilot: AutopilotBlock = described(AutopilotBlock(), "attitude hold and hand controllers, by jets or wheels")
+    estimation: EstimationBlock = described(EstimationBlock(), "the filter and its start")
     rotation: RotationBlock = described(RotationBlock(), "filter for inverse inertia and center of mass")
     mass: MassBlock = described(MassBlock(), "filter for the mass reciprocal")
-    joint: JointBlock = described(JointBlock(), "with estimation.filter: joint")
+    joint: JointBlock = described(JointBlock(), "the filter of `estimation.filter: joint`")
     detector: DetectorBlock = described(
         HypothesesBlock(),
-        "detection of failed jets; each kind has keys of its own: hypotheses or off with estimation.filter: "
-        "joint, cglr, cusum or off with thesis, thrust_factors or off with pose; the first of them unless one is named",
+        "detection of failures: hypotheses or off with estimation.filter: joint; cglr, cusum or off with "
+        "thesis; thrust_factors or off with pose; the first unless named",
     )
-    faults: FaultsBlock = described(
-        FaultsBlock(), "with estimation.filter: joint; what may fail, and how likely that is"
-    )
+    faults: FaultsBlock = described(FaultsBlock(), "priors of faults, with estimation.filter: joint")
     failures: tuple[Failure, ...] = described((), "failures of jets")
     engine_failures: tuple[EngineFailureBlock, ...] = described((), "failures of engines")
-    jumps: tuple[MassJump, ...] = described((), "payloads that leave or come")
-    execution: ExecutionBlock = described(ExecutionBlock(), "how it is computed")
+    jumps: tuple[MassJump, ...] = described((), "payloads released or docked")
+    execution: ExecutionBlock = described(ExecutionBlock(), "how a run is computed")
 
     @model_validator(mode="before")
     @classmethod

@@ -61,7 +61,7 @@ _RESERVED = {
 }
 _RESERVED_BEGINNINGS = ("rotation_", "mass_", "joint_", "predicted_", "detector_")
 _SENSOR_NAME = r"^[A-Za-z][A-Za-z0-9_]*$"
-_RANGE = "largest reading either way, where the sensor saturates; the filters skip such a reading; null: unlimited"
+_RANGE = "reading either way at which the sensor saturates, skipped by filters; null: unlimited"
 _UNIT_LENGTH_TOLERANCE = 0.002  # of a direction, as printed tables have it
 _LARGEST_NUMBER = 1_000_000  # of a jet or a cluster
 _WITHOUT_RATES = "without measured rates neither inertia nor center of mass can be estimated"
@@ -95,10 +95,10 @@ class MassPropertiesModel(Model):
     """Mass, center of mass and inertia of a rigid body, as a file gives them."""
 
     mass: Real = described(..., "mass", "slug | kg", gt=0.0, span=plausible.MASS)
-    center_of_mass: Vector3 = described(..., "center of mass in the vehicle frame", "ft | m", span=plausible.POSITION)
+    center_of_mass: Vector3 = described(..., "center of mass, vehicle frame", "ft | m", span=plausible.POSITION)
     inertia: Matrix3 = described(
         ...,
-        "inertia matrix about the center of mass, body axes; products are the matrix entries (negative integrals)",
+        "inertia matrix about the center of mass, body axes; products are its entries (negative integrals)",
         "slug-ft^2 | kg-m^2",
         span=plausible.INERTIA,
     )
@@ -128,7 +128,7 @@ class JetKind(Model):
     """The properties that jets of one kind share."""
 
     nominal_thrust: Real = described(
-        ..., "thrust without plume impingement; gives the propellant flow", "lbf | N", gt=0.0, span=plausible.FORCE
+        ..., "thrust without plume impingement, for the propellant flow", "lbf | N", gt=0.0, span=plausible.FORCE
     )
     specific_impulse_s: Real = described(
         ..., "specific impulse; flow = thrust / (g0 x this)", "s", gt=0.0, span=plausible.SPECIFIC_IMPULSE
@@ -139,65 +139,63 @@ class JetKind(Model):
     minimum_on_time_s: Real = described(0.0, "shortest firing", "s", ge=0.0, span=plausible.VALVE)
     on_time_quantum_s: Real = described(
         0.0,
-        "step of the valve's clock, of which on-times by `autopilot.jet_selection.output: on_time` are whole ones; "
-        "0: none",
+        "step of the valve's clock, for `autopilot.jet_selection.output: on_time`",
         "s",
         ge=0.0,
         span=plausible.VALVE,
     )
     thrust_uncertainty: Real = described(
         0.01,
-        "1-sigma of each jet's constant, unknown thrust error, relative; used by `estimation.filter: joint`",
+        "1-sigma of each jet's constant thrust error, relative; for filter: joint, like the next four",
         "-",
         ge=0.0,
         le=0.3,
     )
     direction_std: Real = described(
-        0.0, "1-sigma of the direction of a jet about either axis, estimated; likewise", "rad", ge=0.0, le=0.3
+        0.0, "1-sigma of a jet's direction about either axis, estimated", "rad", ge=0.0, le=0.3
     )
     position_std: Real = described(
         0.0,
-        "1-sigma of the place of a jet's force across its direction, estimated; likewise",
+        "1-sigma of the force's place across its direction, estimated",
         "ft | m",
         ge=0.0,
         span=plausible.POSITION,
     )
     lag_uncertainty: Real = described(
-        0.2, "1-sigma of the time constant, relative; one error for the kind; likewise", "-", ge=0.0, le=1.0
+        0.2, "1-sigma of the time constant, relative, one error per kind", "-", ge=0.0, le=1.0
     )
     repeatability: Real = described(
         0.0,
-        "1-sigma of a jet's impulse over a sample, relative, white; from the data sheet, since it costs accuracy; "
-        "likewise",
+        "1-sigma of a jet's impulse over a sample, relative, white",
         "-",
         ge=0.0,
         le=1.0,
     )
     command_delay_s: Real = described(
         0.0,
-        "how long after its command a jet begins to act; negative where records pair readings with a command that is "
-        "in force already; used by `estimation.filter: pose`, like all below",
+        "delay from command to action; negative where records pair readings with a command already in "
+        "force; for filter: pose, like all below",
         "s",
         span=plausible.VALVE,
     )
     command_delay_std_s: Real = described(
         0.0,
-        "1-sigma of it, one error for the kind; 0: known, unless a record contradicts it",
+        "its 1-sigma, one error per kind; 0: known, unless a record contradicts it",
         "s",
         ge=0.0,
         span=plausible.VALVE,
     )
     opening_delay_s: Real = described(
         0.0,
-        "by how much later a valve opens than it closes, after a command; negative: pulses are longer than commanded",
+        "delay of opening beyond that of closing; negative: pulses are longer than commanded",
         "s",
         span=plausible.VALVE,
     )
     opening_delay_std_s: Real = described(
-        0.0, "1-sigma of it, one error for the kind; 0: known", "s", ge=0.0, span=plausible.VALVE
+        0.0, "its 1-sigma, one error per kind; 0: known", "s", ge=0.0, span=plausible.VALVE
     )
     pulse_scatter: Real = described(
-        0.0, "1-sigma of a whole pulse's impulse, relative, one error from opening to closing", "-", ge=0.0, le=1.0
+        0.0, "1-sigma of a pulse's impulse, relative, one error from opening to closing", "-", ge=0.0, le=1.0
     )
 
 
@@ -206,8 +204,8 @@ _MEANING: dict[str, Any] = {  # a word of Python, which a class cannot have as t
         Literal["level", "on_time"] | None,
         described(
             None,
-            "level: a share of the thrust, all through the sample; on_time: full thrust for a share of the sample; "
-            "null: on_time where a kind of jet can be on for less than a sample, by minimum_on_time_s, else level",
+            "level: share of thrust through the sample; on_time: full thrust for a share of the sample; null:"
+            " on_time where a minimum_on_time_s is above zero and below a sample, else level",
         ),
     )
 }
@@ -218,7 +216,7 @@ class JetCommands(_Meaning):  # type: ignore[misc] # made at run time
     """The meaning of a jet's command that is neither 0 nor 1."""
 
     at: Literal["start", "center", "end"] = described(
-        "start", "where in the sample an on-time lies of which no onset is told"
+        "start", "place of an on-time in its sample where no onset is told"
     )
 
 
@@ -227,30 +225,24 @@ class Jet(Model):
 
     number: Whole = described(..., "number in the vehicle's own table", ge=1, le=_LARGEST_NUMBER)
     designation: Name = described(..., "unique name, such as F1L", min_length=1)
-    cluster: Whole = described(
-        ..., "number of the cluster of neighboring, nearly parallel jets", ge=1, le=_LARGEST_NUMBER
-    )
+    cluster: Whole = described(..., "cluster of neighboring, nearly parallel jets", ge=1, le=_LARGEST_NUMBER)
     kind: Name = described(..., "one of jet_kinds")
     position: Vector3 = described(..., "where it thrusts, vehicle frame", "ft | m", span=plausible.POSITION)
-    direction: Vector3 = described(
-        ..., "direction of the force on the vehicle, body axes; length 1 within 0.002, normalized"
-    )
+    direction: Vector3 = described(..., "direction of the force on the vehicle, body axes, length 1 within 0.002")
     thrust: Real = described(
         ..., "force on the vehicle, plume impingement included", "lbf | N", gt=0.0, span=plausible.FORCE
     )
-    manifold: Name | None = described(
-        None, "name of the propellant manifold that feeds it; null: none that can be closed"
-    )
+    manifold: Name | None = described(None, "manifold that feeds it; null: none that can be closed")
     mass_flow: Real | None = described(
         None,
-        "propellant flow at full thrust; null: nominal thrust / (g0 x specific impulse) of its kind",
+        "flow at full thrust; null: by its kind",
         "slug/s | kg/s",
         gt=0.0,
         span=plausible.FLOW,
     )
     thrust_uncertainty: Real | None = described(
         None,
-        "1-sigma of this jet's constant, unknown thrust error, relative, as from a bench; null: that of its kind",
+        "1-sigma of its constant thrust error, relative, as from a bench; null: that of its kind",
         "-",
         ge=0.0,
         le=0.3,
@@ -268,7 +260,7 @@ def times_per_s(rates_hz: Sequence[float]) -> float:
     return float(np.unique(np.round(every, 6)).size) / _OVER_S
 
 
-_EACH_SAMPLE = "rate at which it is read, where that is another than the vehicle's; null: at every sample"
+_EACH_SAMPLE = "rate of readings; null: every sample"
 
 
 class SensorPackage(Model):
@@ -276,7 +268,7 @@ class SensorPackage(Model):
 
     name: Name = described(
         ...,
-        "unique name of letters, digits and underscores; its columns in telemetry are <name>_x, _y, _z",
+        "unique name of letters, digits and underscores; telemetry columns <name>_x, _y, _z",
         pattern=_SENSOR_NAME,
     )
     quantum: Real = described(0.0, "step of a reading", "rad/s | ft/s | m/s", ge=0.0)
@@ -309,7 +301,7 @@ class Gyro(SensorPackage):
 
     bias_std: Real = described(
         0.0,
-        "1-sigma of a constant bias per axis, which `estimation.filter: joint` then estimates",
+        "1-sigma of a constant bias per axis, estimated by filter: joint",
         "rad/s",
         ge=0.0,
         span=plausible.RATE_STEP,
@@ -323,10 +315,10 @@ class Gyro(SensorPackage):
 class Accelerometer(SensorPackage):
     """A package of three integrating accelerometers."""
 
-    position: Vector3 = described(..., "in the vehicle frame", "ft | m", span=plausible.POSITION)
+    position: Vector3 = described(..., "place in the vehicle frame", "ft | m", span=plausible.POSITION)
     bias_std: Real = described(
         0.0,
-        "1-sigma of a constant bias of the acceleration per axis, which `estimation.filter: joint` then estimates",
+        "1-sigma of a constant bias per axis, estimated by filter: joint",
         "ft/s^2 | m/s^2",
         ge=0.0,
         span=plausible.ACCELERATION,
@@ -343,34 +335,32 @@ class PoseSensor(Model):
 
     name: Name = described(
         ...,
-        "unique name of letters, digits and underscores; its columns in telemetry are <name>_x, _y, _z and, of the "
-        "quaternion from body to fixed frame, <name>_qw, _qx, _qy, _qz",
+        "unique name of letters, digits and underscores; telemetry columns <name>_x, _y, _z and, of the "
+        "quaternion from body to fixed frame, _qw, _qx, _qy, _qz",
         pattern=_SENSOR_NAME,
     )
     position_std: Real | None = described(
         None,
-        "white noise of each coordinate, 1-sigma; null: position is not measured",
+        "white noise of each coordinate, 1-sigma; null: not measured",
         "ft | m",
         gt=0.0,
         span=plausible.POSITION,
     )
     attitude_std: Real | None = described(
         None,
-        "white noise of the attitude about each axis, 1-sigma; null: attitude is not measured",
+        "white noise about each axis, 1-sigma; null: not measured",
         "rad",
         gt=0.0,
         le=1.0,
     )
     time_std_s: Real = described(0.0, "white error of the stamps, 1-sigma", "s", ge=0.0, span=plausible.PERIOD)
-    outliers: Real = described(
-        0.0, "share of samples that are poor, ten times as noisy, such as with a marker hidden", "-", ge=0.0, le=0.3
-    )
+    outliers: Real = described(0.0, "share of poor samples, ten times as noisy", "-", ge=0.0, le=0.3)
     point: Vector3 = described(
         (0.0, 0.0, 0.0), "point whose position is measured, vehicle frame", "ft | m", span=plausible.POSITION
     )
     point_std: Real = described(
         0.0,
-        "1-sigma of each of its coordinates, which are then estimated; 0: known",
+        "1-sigma of each coordinate, then estimated; 0: known",
         "ft | m",
         ge=0.0,
         span=plausible.POSITION,
@@ -394,7 +384,7 @@ class VelocitySensor(Model):
 
     name: Name = described(
         ...,
-        "unique name of letters, digits and underscores; its columns in telemetry are <name>_x, _y, _z",
+        "unique name of letters, digits and underscores; telemetry columns <name>_x, _y, _z",
         pattern=_SENSOR_NAME,
     )
     noise_std: Real = described(
@@ -418,22 +408,19 @@ class Wheel(Model):
 
     name: Name = described(
         ...,
-        "unique name of letters, digits and underscores; its column in telemetry is <name>_speed, rad/s",
+        "unique name, likewise; telemetry column <name>_speed, rad/s",
         pattern=_SENSOR_NAME,
     )
-    axis: Vector3 = described(
-        ..., "about which a positive speed turns it, body axes; length 1 within 0.002, normalized"
-    )
-    inertia: Real = described(..., "about its axis", "slug-ft^2 | kg-m^2", gt=0.0, span=plausible.WHEEL)
+    axis: Vector3 = described(..., "axis of positive speed, body axes, length 1")
+    inertia: Real = described(..., "inertia about its axis", "slug-ft^2 | kg-m^2", gt=0.0, span=plausible.WHEEL)
     inertia_uncertainty: Real = described(
-        0.01, "1-sigma of the inertia, relative, which is estimated; 0: known", "-", ge=0.0, le=0.3
+        0.01, "1-sigma of the inertia, relative, estimated; 0: known", "-", ge=0.0, le=0.3
     )
     quantum: Real = described(0.0, "step of a reading of its speed", "rad/s", ge=0.0, span=plausible.SPEED_STEP)
     noise_std: Real = described(0.01, "white noise of a reading, 1-sigma", "rad/s", ge=0.0, span=plausible.SPEED_STEP)
     torque: Real | None = described(
         None,
-        "largest torque of its motor; null: as much as gives it 1000 rad/s in a second; counts where readings of the "
-        "speed are missing",
+        "largest torque of its motor, used where readings are missing; null: 1000 rad/s in a second",
         "ft-lbf | N-m",
         gt=0.0,
         span=plausible.OUTSIDE_TORQUE,
@@ -441,7 +428,7 @@ class Wheel(Model):
     rate_hz: Real | None = described(None, _EACH_SAMPLE, "1/s", gt=0.0, span=plausible.FREQUENCY)
 
     speed_limit: Real | None = described(
-        None, "largest speed either way, at which its motor leaves it; null: any", "rad/s", gt=0.0, span=plausible.SPIN
+        None, "largest speed either way; null: any", "rad/s", gt=0.0, span=plausible.SPIN
     )
 
     _unit = field_validator("axis")(_of_length_1)
@@ -478,14 +465,14 @@ class Gimbal(Model):
 
     axes: tuple[Vector3, Vector3] = described(
         ...,
-        "about which it turns, body axes at zero; the second turns along with the first; length 1 within 0.002",
+        "axes at zero, body axes, length 1; the second turns along with the first",
     )
     stop: Real = described(..., "largest angle either way", "rad", gt=0.0, le=math.pi / 2.0)
     rate: Real = described(
-        1.0, "most that an angle changes by in a second; counts where readings are missing", "rad/s", gt=0.0, le=100.0
+        1.0, "largest change of an angle per second, used where readings are missing", "rad/s", gt=0.0, le=100.0
     )
-    time_constant_s: Real = described(0.0, "by which it follows a command", "s", ge=0.0, span=plausible.VALVE)
-    noise_std: Real = described(0.001, "error of a reading of an angle, 1-sigma", "rad", ge=0.0, le=0.3)
+    time_constant_s: Real = described(0.0, "lag behind a command", "s", ge=0.0, span=plausible.VALVE)
+    noise_std: Real = described(0.001, "error of a reading, 1-sigma", "rad", ge=0.0, le=0.3)
 
     @field_validator("axes")
     @classmethod
@@ -500,8 +487,8 @@ class Gimbal(Model):
 class ImpulseAtLevel(Model):
     """The specific impulse of an engine at one level of its throttle."""
 
-    level: Real = described(..., "1: full thrust", "-", gt=0.0, le=1.0)
-    specific_impulse_s: Real = described(..., "at it", "s", gt=0.0, span=plausible.SPECIFIC_IMPULSE)
+    level: Real = described(..., "level, 1: full thrust", "-", gt=0.0, le=1.0)
+    specific_impulse_s: Real = described(..., "specific impulse there", "s", gt=0.0, span=plausible.SPECIFIC_IMPULSE)
 
 
 class RocketEngine(Model):
@@ -513,20 +500,17 @@ class RocketEngine(Model):
 
     name: Name = described(
         ...,
-        "unique name of letters, digits and underscores; its columns in telemetry are <name>_level and, with a gimbal, "
-        "<name>_gimbal_1 and <name>_gimbal_2, rad",
+        "unique name, likewise; telemetry columns <name>_level and, with a gimbal, _gimbal_1 and _gimbal_2, rad",
         pattern=_SENSOR_NAME,
     )
-    position: Vector3 = described(
-        ..., "where its force acts, on the gimbal's axes, vehicle frame", "ft | m", span=plausible.POSITION
-    )
+    position: Vector3 = described(..., "where its force acts, vehicle frame", "ft | m", span=plausible.POSITION)
     direction: Vector3 = described(
-        ..., "direction of the force on the vehicle with the gimbal at zero, body axes; length 1 within 0.002"
+        ..., "direction of the force on the vehicle with the gimbal at zero, body axes, length 1"
     )
     thrust: Real = described(..., "force at level 1", "lbf | N", gt=0.0, span=plausible.FORCE)
     thrust_uncertainty: Real = described(
         0.01,
-        "1-sigma of the thrust at level 0 and at level 1, relative, linear in between; estimated",
+        "1-sigma of the thrust at levels 0 and 1, relative, linear in between; estimated",
         "-",
         ge=0.0,
         le=0.3,
@@ -536,29 +520,25 @@ class RocketEngine(Model):
     )
     position_std: Real = described(
         0.0,
-        "1-sigma of the place of the force across its direction, estimated",
+        "1-sigma of the force's place across its direction, estimated",
         "ft | m",
         ge=0.0,
         span=plausible.POSITION,
     )
     specific_impulse_s: PositiveReal | tuple[ImpulseAtLevel, ...] = described(
-        ..., "specific impulse, or those at some levels, rising; linear in between", "s"
+        ..., "specific impulse, or a list by rising level, linear in between", "s"
     )
     level_rate: Real = described(
-        10.0, "most that the level changes by in a second; counts where readings are missing", "1/s", gt=0.0, le=1e4
+        10.0, "largest change of the level per second, used where readings are missing", "1/s", gt=0.0, le=1e4
     )
-    level_time_constant_s: Real = described(0.0, "by which it follows a command", "s", ge=0.0, span=plausible.VALVE)
-    level_noise_std: Real = described(
-        0.002, "error of a reading of the level, 1-sigma, relative to it", "-", ge=0.0, le=0.3
-    )
-    least_level: Real = described(
-        0.0, "a level that is read and lies below says that the engine is shut", "-", ge=0.0, lt=1.0
-    )
-    gimbal: Gimbal | None = described(None, "what turns it; null: it is fixed")
+    level_time_constant_s: Real = described(0.0, "lag behind a command", "s", ge=0.0, span=plausible.VALVE)
+    level_noise_std: Real = described(0.002, "error of a reading, 1-sigma, relative to it", "-", ge=0.0, le=0.3)
+    least_level: Real = described(0.0, "a reading below it means that the engine is shut", "-", ge=0.0, lt=1.0)
+    gimbal: Gimbal | None = described(None, "its gimbal; null: fixed")
     telemetry: Literal["measured", "commanded"] = described(
         "measured",
-        "measured: level and angles as they are at a sample, straight in between; commanded: as they are told to be "
-        "from the sample on, which they follow by the time constants and rates above",
+        "measured: values at a sample, linear in between; commanded: values from the sample on, followed "
+        "by the time constants and rates above",
     )
 
     _unit = field_validator("direction")(_of_length_1)
@@ -598,28 +578,24 @@ class Tank(Model):
     """
 
     name: Name = described(..., "unique name", min_length=1)
-    outlet: Vector3 = described(
-        ..., "middle of the end at which propellant stands, vehicle frame", "ft | m", span=plausible.POSITION
-    )
-    axis: Vector3 = described(
-        ..., "from there along the column of propellant, body axes; length 1 within 0.002, normalized"
-    )
-    length: Real = described(..., "of the column when the tank is full", "ft | m", gt=0.0, span=plausible.SIZE)
-    radius: Real = described(0.0, "of the column; 0: thin", "ft | m", ge=0.0, span=plausible.POSITION)
-    capacity: Real = described(..., "propellant in it when it is full", "slug | kg", gt=0.0, span=plausible.MASS)
-    propellant: Real = described(..., "propellant in it at the start", "slug | kg", ge=0.0, span=plausible.PAYLOAD)
+    outlet: Vector3 = described(..., "middle of the outlet end, vehicle frame", "ft | m", span=plausible.POSITION)
+    axis: Vector3 = described(..., "direction from there along the propellant, body axes, length 1")
+    length: Real = described(..., "length of the full column", "ft | m", gt=0.0, span=plausible.SIZE)
+    radius: Real = described(0.0, "radius of the column", "ft | m", ge=0.0, span=plausible.POSITION)
+    capacity: Real = described(..., "propellant when full", "slug | kg", gt=0.0, span=plausible.MASS)
+    propellant: Real = described(..., "propellant at the start", "slug | kg", ge=0.0, span=plausible.PAYLOAD)
     propellant_std: Real = described(
-        0.0, "1-sigma of that, which is estimated; 0: known", "slug | kg", ge=0.0, span=plausible.PAYLOAD
+        0.0, "its 1-sigma, estimated; 0: known", "slug | kg", ge=0.0, span=plausible.PAYLOAD
     )
     flow_uncertainty: Real = described(
         0.01,
-        "1-sigma of a constant error of the flow out of it beside that of thrusts, relative, as by specific impulse, "
-        "which is estimated; 0: known",
+        "1-sigma of the flow's constant error besides that of thrusts, relative, as by specific impulse, "
+        "estimated; 0: known",
         "-",
         ge=0.0,
         le=0.3,
     )
-    feeds: tuple[Name, ...] = described(..., "jets, or kinds of jets, that draw from it", min_length=1)
+    feeds: tuple[Name, ...] = described(..., "jets, or kinds of jets, that it feeds", min_length=1)
 
     _unit = field_validator("axis")(_of_length_1)
 
@@ -635,41 +611,41 @@ class Surroundings(Model):
     """Forces and accelerations on the vehicle besides its jets'; used by `estimation.filter: pose`."""
 
     drag: Real = described(0.0, "force against the velocity", "lbf-s/ft | N-s/m", ge=0.0)
-    drag_std: Real = described(0.0, "1-sigma of it; 0: known", "lbf-s/ft | N-s/m", ge=0.0)
+    drag_std: Real = described(0.0, "its 1-sigma; 0: known", "lbf-s/ft | N-s/m", ge=0.0)
     angular_drag: Real = described(0.0, "torque against the rate", "ft-lbf-s | N-m-s", ge=0.0)
-    angular_drag_std: Real = described(0.0, "1-sigma of it; 0: known", "ft-lbf-s | N-m-s", ge=0.0)
+    angular_drag_std: Real = described(0.0, "its 1-sigma; 0: known", "ft-lbf-s | N-m-s", ge=0.0)
     slope_std: Real = described(
         0.0,
-        "1-sigma of a constant acceleration in the fixed frame, such as of a table that is not level; 0: none",
+        "1-sigma of a constant acceleration in the fixed frame, as on a table that is not level",
         "ft/s^2 | m/s^2",
         ge=0.0,
         span=plausible.ACCELERATION,
     )
-    slope_walk: Real = described(0.0, "1-sigma of its change in one second, growing with the root of time", "-", ge=0.0)
+    slope_walk: Real = described(0.0, "its random walk, 1-sigma after 1 s", "-", ge=0.0)
     turn_std: Real = described(
-        0.0, "1-sigma of a constant angular acceleration in body axes, such as by swirl; 0: none", "rad/s^2", ge=0.0
+        0.0, "1-sigma of a constant angular acceleration, body axes, as by swirl", "rad/s^2", ge=0.0
     )
-    turn_walk: Real = described(0.0, "1-sigma of its change in one second, growing with the root of time", "-", ge=0.0)
+    turn_walk: Real = described(0.0, "its random walk, 1-sigma after 1 s", "-", ge=0.0)
     heading_turn_std: Real = described(
         0.0,
-        "1-sigma of the cosine and the sine part of an angular acceleration about z that goes with the heading, such "
-        "as by a center of mass beside the middle of a tilted support; 0: none",
+        "1-sigma of the cosine and sine parts of an angular acceleration that goes with the heading, as "
+        "by an off-center mass on a tilted support",
         "rad/s^2",
         ge=0.0,
     )
     velocity_walk: Real = described(
         0.0,
-        "what unmodeled forces add to the velocity, 1-sigma after one second, growing with the root of time",
+        "random walk of the velocity by unmodeled forces, 1-sigma after 1 s",
         "ft/s/sqrt(s) | m/s/sqrt(s)",
         ge=0.0,
         span=plausible.VELOCITY_STEP,
     )
     rate_walk: Real = described(
-        0.0, "what unmodeled torques add to the rate, likewise", "rad/s/sqrt(s)", ge=0.0, span=plausible.RATE_STEP
+        0.0, "random walk of the rate by unmodeled torques, likewise", "rad/s/sqrt(s)", ge=0.0, span=plausible.RATE_STEP
     )
-    kicks_per_minute: Real = described(0.0, "how often something pushes the vehicle that nothing tells of", "-", ge=0.0)
-    kick_velocity: Real = described(0.0, "change of the velocity by that, 1-sigma", "ft/s | m/s", ge=0.0)
-    kick_rate: Real = described(0.0, "change of the rate by that, 1-sigma", "rad/s", ge=0.0)
+    kicks_per_minute: Real = described(0.0, "rate of unstated pushes", "-", ge=0.0)
+    kick_velocity: Real = described(0.0, "change of velocity by one, 1-sigma", "ft/s | m/s", ge=0.0)
+    kick_rate: Real = described(0.0, "change of rate by one, 1-sigma", "rad/s", ge=0.0)
 
 
 def _each_axis(value: Any) -> Any:
@@ -685,19 +661,17 @@ class Disturbance(Model):
 
     torque_std: Vector3 = described(
         (0.0, 0.0, 0.0),
-        "1-sigma of the torque about the center of mass; one number: of each component",
+        "1-sigma of the torque about the center of mass; one number: for each component",
         "ft-lbf | N-m",
         span=plausible.OUTSIDE_TORQUE,
     )
     force_std: Vector3 = described(
         (0.0, 0.0, 0.0),
-        "1-sigma of the force; one number: of each component",
+        "1-sigma of the force, likewise",
         "lbf | N",
         span=plausible.OUTSIDE_FORCE,
     )
-    time_constant_s: Real = described(
-        ..., "in which what acts keeps 37 % of itself", "s", gt=0.0, span=plausible.CORRELATION
-    )
+    time_constant_s: Real = described(..., "correlation time", "s", gt=0.0, span=plausible.CORRELATION)
 
     _axes = field_validator("torque_std", "force_std", mode="before")(_each_axis)
 
@@ -791,62 +765,52 @@ class Vehicle(Model):
     )
     tank_fraction: Real = described(
         0.01,
-        "share of the jets' RMS arm by which propellant that is used from no stated tank shifts center of mass and "
-        "inertia: 0.1 where tanks lie far out; used by `estimation.filter: joint`",
+        "share of the jets' RMS arm by which propellant from no stated tank shifts center of mass and "
+        "inertia; 0.1 where tanks lie far out; for filter: joint",
         "-",
         ge=0.0,
         le=1.0,
     )
     mass_std: Real | None = described(
         None,
-        "1-sigma of the nominal mass, as of scales; null: by `uncertainty`; used by `estimation.filter: pose`, like "
-        "all below up to the gyros",
+        "1-sigma of the nominal mass, as of scales; null: by `uncertainty`; for filter: pose, like the next four keys",
         "slug | kg",
         gt=0.0,
         span=plausible.MASS,
     )
     common_scale_uncertainty: Real = described(
         0.0,
-        "1-sigma of an error that the thrusts of all jets share, relative, as by their supply's pressure",
+        "1-sigma of the thrust error common to all jets, relative, as by supply pressure",
         "-",
         ge=0.0,
         le=0.3,
     )
-    common_scale_walk: Real = described(
-        0.0, "1-sigma of its change in one second, growing with the root of time", "1/sqrt(s)", ge=0.0, le=0.3
-    )
-    motion: Literal["free", "planar"] = described(
-        "free", "planar: x, y and the turn about z alone are possible, as on an air bearing"
-    )
-    fixed: tuple[_Fixable, ...] = described((), "parameters that are known and not estimated")
-    surroundings: Surroundings = described(Surroundings(), "what moves the vehicle besides its jets")
-    disturbance: Disturbance | None = described(
-        None, "torque and force that change slowly, estimated; null: none; used by `estimation.filter: joint`"
-    )
+    common_scale_walk: Real = described(0.0, "its random walk, 1-sigma after 1 s", "1/sqrt(s)", ge=0.0, le=0.3)
+    motion: Literal["free", "planar"] = described("free", "planar: in x, y and about z alone, as on an air bearing")
+    fixed: tuple[_Fixable, ...] = described((), "parameters that are known, not estimated")
+    surroundings: Surroundings = described(Surroundings(), "what moves the vehicle besides its jets; for filter: pose")
+    disturbance: Disturbance | None = described(None, "slowly changing torque and force, estimated; for filter: joint")
     poses: tuple[PoseSensor, ...] = described((), "sensors of position and attitude in a fixed frame")
     velocities: tuple[VelocitySensor, ...] = described((), "sensors of velocity in the fixed frame")
-    wheels: tuple[Wheel, ...] = described((), "reaction wheels; used by `estimation.filter: joint`", max_length=8)
+    wheels: tuple[Wheel, ...] = described((), "reaction wheels; for filter: joint", max_length=8)
     engines: tuple[RocketEngine, ...] = described(
-        (), "engines with a throttle or a gimbal; used by `estimation.filter: joint`", max_length=8
+        (), "engines with a throttle or a gimbal; for filter: joint", max_length=8
     )
-    tanks: tuple[Tank, ...] = described(
-        (), "propellant tanks that are emptied by jets; used by `estimation.filter: joint`", max_length=8
-    )
+    tanks: tuple[Tank, ...] = described((), "tanks from which jets draw; for filter: joint", max_length=8)
     moving: tuple[MovingPart, ...] = described(
         (),
-        "parts that move inside, such as sloshing propellant or panels on hinges; mass properties are those with them "
-        "at rest; used by `estimation.filter: joint`",
+        "parts that move inside; for filter: joint",
         max_length=8,
     )
     gyros: tuple[Gyro, ...] = described(
-        ..., "rate-gyro packages; [] only where a pose sensor gives the attitude", reason=_WITHOUT_RATES
+        ..., "rate-gyro packages; [] only with a pose sensor that gives attitude", reason=_WITHOUT_RATES
     )
     accelerometers: tuple[Accelerometer, ...] = described((), "integrating-accelerometer packages")
-    preferred_accelerometer: Text | None = described(None, "the package used where one is enough; null: the first")
+    preferred_accelerometer: Text | None = described(None, "package used where one is enough; null: the first")
     jet_kinds: dict[Name, JetKind] = described(..., "kinds of jets by name", min_length=1)
-    jet_commands: JetCommands = described(JetCommands(), "what a command of a jet says that is neither 0 nor 1")
+    jet_commands: JetCommands = described(JetCommands(), "meaning of a command between 0 and 1")
     jets: tuple[Jet, ...] = described(..., "reaction-control jets", min_length=1, max_length=_MOST_JETS)
-    shape: tuple[Solid, ...] = described((), "solids that draw it in the 3-D replay; empty: a box between the jets")
+    shape: tuple[Solid, ...] = described((), "solids of the 3-D replay; empty: a box between the jets")
 
     @model_validator(mode="after")
     def _planar(self) -> Vehicle:
