@@ -179,7 +179,7 @@ def fly(version: Version, card: Card, cases: Sequence[Case], *, compiled: bool, 
         "keep": "none",
         "folder": str(version.folder),
     }
-    work = engine.Work(setup, todo, frozenset(), _LIMIT_S, _LIMIT_MB)
+    work = engine.CampaignWork(setup, todo, frozenset(), _LIMIT_S, _LIMIT_MB)
     known = {one.case_id: one for one in todo}
     began = said = time.monotonic()
     flown = 0

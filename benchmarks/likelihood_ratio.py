@@ -36,8 +36,8 @@ from massprop_drake import simulate
 from massprop_drake.inputs.params import accelerometers, estimation_params, gyros
 from massprop_drake.maths.estimation.filter import Told
 from massprop_drake.maths.estimation.filters import joint
-from massprop_drake.maths.estimation.joint.cycle import JointEvidence, step
 from massprop_drake.maths.estimation.joint.hypotheses import Cause, Kind, opened, without_increments
+from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence, step
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.kernels import has_compiler
 

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 from massprop_drake.inputs.record_map import RecordMap
 from massprop_drake.inputs.scenario import resolved
-from massprop_drake.inputs.vehicle import load_vehicle
+from massprop_drake.inputs.vehicle_file import load_vehicle
 from massprop_drake.inputs.yaml import Document
 from massprop_drake.results.run import Run
 from massprop_drake.runners.recorded import estimate

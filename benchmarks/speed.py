@@ -207,8 +207,8 @@ def joint_cycles() -> list[dict[str, Any]]:
 
 def campaign_cases() -> list[dict[str, Any]]:
     """Measures processor time of a campaign's case, compiled, with a new body each, ms: median and largest."""
-    from massprop_drake.inputs.campaign import load_campaign  # noqa: PLC0415
-    from massprop_drake.studies.campaign.flight import Flights  # noqa: PLC0415
+    from massprop_drake.inputs.campaign_file import load_campaign  # noqa: PLC0415
+    from massprop_drake.studies.campaign.campaign_flight import Flights  # noqa: PLC0415
     from massprop_drake.studies.campaign.plan import planned  # noqa: PLC0415
 
     rows = []

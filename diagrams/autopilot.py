@@ -16,7 +16,7 @@ from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.systems.autopilot.attitude_reference import AttitudeReference
 from massprop_drake.systems.autopilot.hand_controllers import HandControllers
-from massprop_drake.systems.autopilot.jet_selection import JetSelection
+from massprop_drake.systems.autopilot.jet_selection_system import JetSelection
 from massprop_drake.systems.autopilot.phase_space_controller import PhaseSpaceController
 from massprop_drake.systems.autopilot.wheel_controller import WheelController
 

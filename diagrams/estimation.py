@@ -29,11 +29,11 @@ from pydrake.systems.framework import DiagramBuilder, InputPortIndex, LeafSystem
 from massprop_drake.diagrams._wiring import Diagram, export_outputs
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario, resolved
-from massprop_drake.inputs.vehicle import SensorPackage, Vehicle
+from massprop_drake.inputs.vehicle_file import SensorPackage, Vehicle
 from massprop_drake.maths.estimation.detector import Detector
 from massprop_drake.maths.mass_properties import N_ROTATION
 from massprop_drake.results.monitoring import FlightMonitor
-from massprop_drake.systems.estimation._readings import Package
+from massprop_drake.systems.estimation._readings import KnownPackage
 from massprop_drake.systems.estimation.convergence_monitor import ConvergenceMonitor
 from massprop_drake.systems.estimation.cycle_estimator import CycleEstimator
 from massprop_drake.systems.estimation.failure_detector import FailureDetector
@@ -286,5 +286,5 @@ def _add_findings(builder: DiagramBuilder, scenario: Scenario) -> None:
         builder.ExportOutput(monitor.GetOutputPort(name), name)
 
 
-def _packages(sensors: Sequence[SensorPackage]) -> tuple[Package, ...]:
-    return tuple(Package(sensor.name, sensor.limit) for sensor in sensors)
+def _packages(sensors: Sequence[SensorPackage]) -> tuple[KnownPackage, ...]:
+    return tuple(KnownPackage(sensor.name, sensor.limit) for sensor in sensors)

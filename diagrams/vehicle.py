@@ -25,13 +25,13 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from massprop_drake.diagrams._wiring import ONSETS, built, export_outputs
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import PlantBlock, Scenario
-from massprop_drake.inputs.vehicle import Accelerometer, PoseSensor, SensorPackage, VelocitySensor
-from massprop_drake.systems.vehicle.disturbance import Disturbance
+from massprop_drake.inputs.vehicle_file import Accelerometer, PoseSensor, SensorPackage, VelocitySensor
+from massprop_drake.systems.vehicle.disturbance_source import Disturbance
 from massprop_drake.systems.vehicle.engines import Engines
 from massprop_drake.systems.vehicle.integrating_accelerometer import IntegratingAccelerometer
 from massprop_drake.systems.vehicle.noise_source import NoiseSource, noise_seed
 from massprop_drake.systems.vehicle.rate_gyro import RateGyro
-from massprop_drake.systems.vehicle.reaction_jets import ReactionJets
+from massprop_drake.systems.vehicle.reaction_jets_system import ReactionJets
 from massprop_drake.systems.vehicle.reaction_wheels import ReactionWheels
 from massprop_drake.systems.vehicle.rigid_body_plant import RigidBodyPlant
 from massprop_drake.systems.vehicle.trackers import PoseTracker, VelocityTracker

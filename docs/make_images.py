@@ -21,7 +21,7 @@ from massprop_drake.display import graphs, write_replay, write_report
 from massprop_drake.display.comparison import comparison_html
 from massprop_drake.inputs.params import accelerometers, estimation_params, gyros
 from massprop_drake.maths.estimation import cycle
-from massprop_drake.maths.estimation.faults.events import Hypothesis
+from massprop_drake.maths.estimation.faults.fault_events import Hypothesis
 from massprop_drake.maths.estimation.faults.tree import Tree
 
 DOCS = Path(__file__).parent

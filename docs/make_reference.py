@@ -17,11 +17,11 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from massprop_drake.inputs.campaign import campaign_keys
+from massprop_drake.inputs.campaign_file import campaign_keys
 from massprop_drake.inputs.model import Key, keys
 from massprop_drake.inputs.record_map import map_keys
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.systems.views import JETS, PORTS, elements
 
 DOCS = Path(__file__).parent

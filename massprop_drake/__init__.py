@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from massprop_drake.errors import InputError as InputError
     from massprop_drake.inputs.scenario import Scenario as Scenario
     from massprop_drake.inputs.scenario import load_scenario as load_scenario
-    from massprop_drake.inputs.vehicle import Vehicle as Vehicle
-    from massprop_drake.inputs.vehicle import load_vehicle as load_vehicle
+    from massprop_drake.inputs.vehicle_file import Vehicle as Vehicle
+    from massprop_drake.inputs.vehicle_file import load_vehicle as load_vehicle
     from massprop_drake.results.run import Run as Run
     from massprop_drake.runners.estimator import Estimator as Estimator
     from massprop_drake.runners.estimator import EstimatorStep as EstimatorStep
@@ -42,8 +42,8 @@ _HOMES = {
     "Scenario": "inputs.scenario",
     "load_scenario": "inputs.scenario",
     "simulate": "runners.simulate",
-    "Vehicle": "inputs.vehicle",
-    "load_vehicle": "inputs.vehicle",
+    "Vehicle": "inputs.vehicle_file",
+    "load_vehicle": "inputs.vehicle_file",
 }
 
 __all__ = sorted(_HOMES)  # noqa: PLE0605 (the names are those of the mapping above)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.detector import STATUS
-from massprop_drake.maths.estimation.faults.report import HYPOTHESIS_REPORT
+from massprop_drake.maths.estimation.faults.fault_report import HYPOTHESIS_REPORT
 from massprop_drake.maths.estimation.filters.joint import JOINT_REPORT
 from massprop_drake.maths.estimation.filters.pose import POSE_REPORT
 from massprop_drake.maths.mass_properties import NAMES

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.inputs.scenario import HandControllerWindow, load_scenario
-from massprop_drake.inputs.vehicle import Vehicle, load_vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle, load_vehicle
 from reproduction.claims import Array, Measure, Phase, Pooled, Signals
 
 DIAGONAL, CENTER, MASS = slice(0, 3), slice(6, 9), 9

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from massprop_drake.inputs.campaign import load_campaign
+from massprop_drake.inputs.campaign_file import load_campaign
 from massprop_drake.maths.mass_properties import NAMES
 from massprop_drake.studies.campaign import store
 from massprop_drake.studies.campaign.campaign import Campaign

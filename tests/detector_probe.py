@@ -7,14 +7,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from joint_probe import vehicle_params
 
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.estimation.faults.declarations import Declaration, JetsDeclared, Word
 from massprop_drake.maths.estimation.faults.priors import Params, Priors
 from massprop_drake.maths.estimation.faults.tree import Tree, advance
 from massprop_drake.maths.estimation.faults.verdicts import Verdicts, judged
-from massprop_drake.maths.estimation.joint.cycle import JointEvidence, Sample, step
-from massprop_drake.maths.estimation.joint.cycle import initial as initial_filter
 from massprop_drake.maths.estimation.joint.hypotheses import without_increments
+from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence, JointSample, step
+from massprop_drake.maths.estimation.joint.joint_cycle import initial as initial_filter
 from massprop_drake.maths.estimation.joint.layout import JointState, make_places
 from massprop_drake.maths.estimation.joint.ticks import on_ticks
 from massprop_drake.maths.linear_algebra import Array
@@ -230,7 +230,7 @@ def watched(
     state, tree, verdicts, time_s = watching
     for command, rate, velocity in zip(commands, rates, velocities, strict=True):
         time_s += period
-        sample = Sample(time_s, np.array([period]), command[None], np.zeros(6), rate, velocity, on_ticks())
+        sample = JointSample(time_s, np.array([period]), command[None], np.zeros(6), rate, velocity, on_ticks())
         after, report = step(state, sample, params.joint)
         tree = advance(tree, JointEvidence(state, after, report, sample, False), own)
         verdicts, more = judged(verdicts, tree, own)

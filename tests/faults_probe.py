@@ -13,10 +13,10 @@ from massprop_drake.maths.estimation.faults.declarations import Declaration
 from massprop_drake.maths.estimation.faults.priors import Params, Priors
 from massprop_drake.maths.estimation.faults.tree import Tree, advance
 from massprop_drake.maths.estimation.faults.verdicts import Verdicts, judged, odds
-from massprop_drake.maths.estimation.joint import disturbance
-from massprop_drake.maths.estimation.joint.cycle import JointEvidence, Sample, driven, initial, step
+from massprop_drake.maths.estimation.joint import disturbance_states
 from massprop_drake.maths.estimation.joint.hypotheses import without_increments
-from massprop_drake.maths.estimation.joint.impulses import effects_of
+from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence, JointSample, driven, initial, step
+from massprop_drake.maths.estimation.joint.lagged_impulses import effects_of
 from massprop_drake.maths.estimation.joint.layout import CENTER, MASS, JointParams, JointState, make_places
 from massprop_drake.maths.estimation.joint.measurement import outputs, rebased
 from massprop_drake.maths.estimation.joint.prediction import predict
@@ -51,7 +51,7 @@ def make_params(*, quantum: float = 0.0, unstated: int = 0, **priors: float) -> 
         dithered=np.full(12, float(quantum == 0.0)),
     )
     if unstated:
-        joint = joint._replace(unstated=disturbance.unstated(effects_of(joint.wrenches, TRUTH), 2))
+        joint = joint._replace(unstated=disturbance_states.unstated(effects_of(joint.wrenches, TRUTH), 2))
     return Params(without_increments(joint), Priors(**priors), np.ones(2 * JETS), np.ones(JETS))
 
 
@@ -113,7 +113,7 @@ class Flown:
     """A flight: trees, verdicts, declarations and true states after each sample."""
 
     params: Params
-    samples: list[Sample]
+    samples: list[JointSample]
     trees: list[Tree]
     verdicts: list[Verdicts]
     said: list[tuple[float, Declaration]]
@@ -142,7 +142,7 @@ def samples_of(
     commands: Array,
     changes: dict[int, Change] | None = None,
     false: dict[int, Array] | None = None,
-) -> tuple[list[Sample], list[JointState]]:
+) -> tuple[list[JointSample], list[JointState]]:
     """Samples of a flight, and the truth after each.
 
     Args:

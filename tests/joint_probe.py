@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2
 
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.estimation.joint import ticks
-from massprop_drake.maths.estimation.joint.cycle import Sample, driven, initial
-from massprop_drake.maths.estimation.joint.disturbance import NO_DISTURBANCE
+from massprop_drake.maths.estimation.joint.disturbance_states import NO_DISTURBANCE
+from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, driven, initial
 from massprop_drake.maths.estimation.joint.layout import NO_ATTITUDE_SENSORS, JointParams, JointState, make_places
 from massprop_drake.maths.estimation.joint.prediction import RateRead, predict, propagated
 from massprop_drake.maths.estimation.joint.quantized import DITHER, FLOOR
@@ -34,7 +34,7 @@ def elapsed(clock: Clock, stamp_s: float, levels: tuple[Array, Array | None], pa
     return ticks.elapsed(clock, stamp_s, (before, coming), pace)
 
 
-def derivatives(state: JointState, sample: Sample, params: JointParams) -> tuple[Array, Array]:
+def derivatives(state: JointState, sample: JointSample, params: JointParams) -> tuple[Array, Array]:
     """Derivative of the predicted state by the state: as the covariance goes over, and by central differences."""
 
     def after(mean: Array) -> Array:
@@ -116,10 +116,10 @@ def some_state(params: JointParams, seed: int = 0) -> JointState:
     )
 
 
-def some_sample(params: JointParams, **changed: Any) -> Sample:
+def some_sample(params: JointParams, **changed: Any) -> JointSample:
     """A sample of one piece, three jets on, nothing read."""
     places = params.places
-    sample = Sample(
+    sample = JointSample(
         time_s=PERIOD,
         durations_s=np.array([PERIOD]),
         commands=np.array([[1.0, 0, 1, 0, 0, 1]]),

@@ -30,7 +30,7 @@ from telemetry_probe import Log
 from massprop_drake import Run, estimate, load_scenario, simulate
 from massprop_drake.cli import main as cli
 from massprop_drake.inputs.model import yaml_text
-from massprop_drake.inputs.vehicle import load_vehicle
+from massprop_drake.inputs.vehicle_file import load_vehicle
 from massprop_drake.inputs.yaml import to_yaml
 from massprop_drake.results.manifest import sealed_kind
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
 from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, Detector, Judgment
 from massprop_drake.maths.estimation.faults.declarations import Mode
-from massprop_drake.maths.estimation.faults.report import HYPOTHESIS_REPORT, History, Odds, own_row, status_row
+from massprop_drake.maths.estimation.faults.fault_report import HYPOTHESIS_REPORT, History, Odds, own_row, status_row
 from massprop_drake.maths.estimation.joint.hypotheses import Score
 
 Array = NDArray[np.float64]

@@ -40,7 +40,7 @@ def rotation_params(**changes: Any) -> RotationParams:
         gyro_variances=np.zeros(1),
         rule=Rule.SINGLE,
         second_order=True,
-        coupling=rotation_filter.Coupling.IGNORE,
+        coupling=rotation_filter.RotationCoupling.IGNORE,
         coupling_limit=50.0,
         jump_threshold=np.inf,
         jump_covariance=np.zeros((9, 9)),

@@ -9,14 +9,14 @@ from scipy.spatial.transform import Rotation
 
 from massprop_drake.inputs.params import estimation_params
 from massprop_drake.inputs.scenario import resolved
-from massprop_drake.inputs.vehicle import Surroundings, Vehicle, load_vehicle
-from massprop_drake.maths.estimation.pose.layout import (
-    Bank,
+from massprop_drake.inputs.vehicle_file import Surroundings, Vehicle, load_vehicle
+from massprop_drake.maths.estimation.pose.pose_layout import (
     Commands,
     Delays,
+    PoseBank,
     PoseParams,
+    PoseReadings,
     Poses,
-    Readings,
     make_parts,
 )
 from massprop_drake.maths.linear_algebra import Array
@@ -104,7 +104,7 @@ def in_plane(parts: Any) -> np.ndarray:
     return np.array(kept)
 
 
-def some_bank(params: PoseParams, opens: tuple[int, ...] = (-1, 2), seed: int = 3) -> Bank:
+def some_bank(params: PoseParams, opens: tuple[int, ...] = (-1, 2), seed: int = 3) -> PoseBank:
     """Filters in flight, each with a state and a covariance of its own."""
     random, parts, count = np.random.default_rng(seed), params.parts, len(opens)
     off = np.zeros((count, parts.size))
@@ -122,7 +122,7 @@ def some_bank(params: PoseParams, opens: tuple[int, ...] = (-1, 2), seed: int = 
     turn = random.standard_normal((count, 3)) * ([0.0, 0.0, 1.0] if params.planar else [1.0, 1.0, 1.0])
     root = 1e-3 * random.standard_normal((count, params.free.size, params.free.size))
     spun = 0.01 * random.standard_normal((count, 3, 3))
-    return Bank(
+    return PoseBank(
         mean,
         root @ np.swapaxes(root, 1, 2),
         Rotation.from_rotvec(turn).as_matrix(),
@@ -132,7 +132,7 @@ def some_bank(params: PoseParams, opens: tuple[int, ...] = (-1, 2), seed: int = 
     )
 
 
-def moved(bank: Bank, params: PoseParams, place: int, by: float) -> Bank:
+def moved(bank: PoseBank, params: PoseParams, place: int, by: float) -> PoseBank:
     """The bank with one element changed; the attitude by turning."""
     mean, rotation, turn = bank.mean.copy(), bank.rotation, params.parts.attitude
     if turn.start <= place < turn.stop:
@@ -148,12 +148,12 @@ def pulses() -> Commands:
     return Commands(np.array([0.8, 0.95, 1.0, 1.05]), levels)
 
 
-def nothing_read(params: PoseParams) -> Readings:
+def nothing_read(params: PoseParams) -> PoseReadings:
     """No sensor has read anything."""
     counts = (params.pose.position_variances.size, params.velocity_variances.size)
     more = (params.gyro_variances.size, params.accelerometer_variances.size)
     poses, velocities, gyros, accelerometers = (np.full((count, 3), np.nan) for count in (*counts, *more))
-    return Readings(poses, np.full((counts[0], 3, 3), np.nan), velocities, gyros, accelerometers)
+    return PoseReadings(poses, np.full((counts[0], 3, 3), np.nan), velocities, gyros, accelerometers)
 
 
 # ------------------------------------------------------------------------------------------- flights

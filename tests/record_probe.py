@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.inputs.model import validated
 from massprop_drake.inputs.record_map import RecordMap
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.yaml import Document
 from massprop_drake.records.mapping import MappedTable, mapped, table
 from massprop_drake.records.recording import open_recording

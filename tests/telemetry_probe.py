@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from massprop_drake.inputs.model import validated
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.records.reader import columns
 
 PERIOD_S = 0.1  # of the toy vehicle

@@ -12,12 +12,12 @@ import pytest
 from conftest import REPOSITORY
 from script_probe import script
 
-from massprop_drake.inputs.campaign import bundled_campaigns, campaign_from, load_campaign
+from massprop_drake.inputs.campaign_file import bundled_campaigns, campaign_from, load_campaign
 from massprop_drake.inputs.model import yaml_text
 from massprop_drake.inputs.yaml import Document
 from massprop_drake.studies.campaign import store
 from massprop_drake.studies.campaign.campaign import Campaign
-from massprop_drake.studies.campaign.flight import Flights
+from massprop_drake.studies.campaign.campaign_flight import Flights
 from massprop_drake.studies.campaign.plan import design, planned
 
 PAGES = {"every_jet", "healthy_maneuver", "thrust_dispersion"}  # that the repository keeps

@@ -22,7 +22,7 @@ from telemetry_probe import Log, toy_vehicle
 
 from massprop_drake import InputError, Scenario, estimate, load_vehicle
 from massprop_drake.inputs.scenario import EstimationBlock
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.yaml import to_yaml
 from massprop_drake.records.reader import Reader, check
 

@@ -13,11 +13,11 @@ from script_probe import script
 from massprop_drake import load_scenario, load_vehicle, simulate
 from massprop_drake.cli import main as cli
 from massprop_drake.display import figures
-from massprop_drake.inputs.campaign import campaign_from, campaign_keys
+from massprop_drake.inputs.campaign_file import campaign_from, campaign_keys
 from massprop_drake.inputs.model import Key, keys
 from massprop_drake.inputs.record_map import map_keys
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.yaml import Document
 
 DOCS = Path(__file__).parent.parent / "docs"

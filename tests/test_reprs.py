@@ -11,7 +11,7 @@ from massprop_drake import Campaign, Estimator, Run
 from massprop_drake.diagrams import autopilot, closed_loop, estimation, open_loop, replay, vehicle
 from massprop_drake.display import graphs
 from massprop_drake.inputs.scenario import Scenario, load_scenario
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.results.spool import Spool
 
 

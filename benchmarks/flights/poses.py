@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from flights.flight import Array
-from massprop_drake.inputs.vehicle import Vehicle, load_vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle, load_vehicle
 
 _STEP_S = 0.005
 _BEHIND = 400  # steps of commands that are kept

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from massprop_drake import Estimator, load_scenario, load_vehicle, simulate
-from massprop_drake.studies.vehicle import vehicle_report
+from massprop_drake.studies.vehicle_report import vehicle_report
 
 here = Path(__file__).parent
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp())

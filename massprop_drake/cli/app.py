@@ -61,9 +61,9 @@ def list_everything(as_json: Json = False) -> None:
     """Lists the bundled vehicles, scenarios, diagrams and campaigns, a line each."""
     from massprop_drake.cli import show
     from massprop_drake.display import graphs
-    from massprop_drake.inputs.campaign import bundled_campaigns, campaign_description
+    from massprop_drake.inputs.campaign_file import bundled_campaigns, campaign_description
     from massprop_drake.inputs.scenario import bundled_scenarios, load_scenario
-    from massprop_drake.inputs.vehicle import bundled_vehicles, load_vehicle
+    from massprop_drake.inputs.vehicle_file import bundled_vehicles, load_vehicle
 
     found = {
         "vehicles": {name: load_vehicle(name).description for name in bundled_vehicles()},
@@ -239,7 +239,7 @@ def design(
         show.designed(saving.verdict(made), saving.firings(made), place.shown)
 
 
-class Start(StrEnum):
+class StartChoice(StrEnum):
     """The mass properties that the estimators start from."""
 
     nominal = "nominal"
@@ -274,7 +274,7 @@ def estimate(
         ),
     ] = None,
     start: Annotated[
-        Start | None,
+        StartChoice | None,
         typer.Option(help="Begin at the nominal mass properties, or at zero; default as the settings say."),
     ] = None,
     resume_from: Annotated[
@@ -302,7 +302,7 @@ def estimate(
     from massprop_drake.records.reader import scenario_name
     from massprop_drake.results.folder import reserved
     from massprop_drake.results.run import read_summary
-    from massprop_drake.runners.against import beside, require_comparable
+    from massprop_drake.runners.simulated_beside import beside, require_comparable
 
     telemetry: str | list[str] = records[0] if len(records) == 1 else records
     name = scenario_name(records[0])
@@ -373,7 +373,7 @@ def map_record(
 ) -> None:
     """Proposes what the columns of a record mean, with reasons, and shows its first rows as understood."""
     from massprop_drake.cli import records
-    from massprop_drake.inputs.vehicle import load_vehicle
+    from massprop_drake.inputs.vehicle_file import load_vehicle
 
     how = records.How(force=force, as_json=as_json, quiet=quiet)
     if make_vehicle is not None:
@@ -586,7 +586,7 @@ def check(
     Of a good vehicle it also reports how the jets push, which mass properties they show, and which jets look alike.
     """
     from massprop_drake.cli import show, sources
-    from massprop_drake.inputs.vehicle import Vehicle, load_vehicle
+    from massprop_drake.inputs.vehicle_file import Vehicle, load_vehicle
 
     if schema is not None:
         found = sources.KEYS[schema]()
@@ -617,7 +617,7 @@ def check(
         lines.append(f"{name}: ok: {about}")
         lines += [f"{name}: warning: {doubt}" for doubt in doubts]
         if isinstance(good, Vehicle) and not quiet:
-            from massprop_drake.studies.vehicle import vehicle_report
+            from massprop_drake.studies.vehicle_report import vehicle_report
 
             findings[-1]["report"] = vehicle_report(good, pairs)
             lines += show.vehicle_lines(findings[-1]["report"], good.unit_names)

@@ -12,7 +12,7 @@ from massprop_drake.cli.streams import note, say
 from massprop_drake.errors import InputError, moment
 from massprop_drake.inputs.model import validated
 from massprop_drake.inputs.record_map import RecordMap, load_map
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.yaml import Document, to_yaml
 from massprop_drake.records import mapping
 from massprop_drake.records.proposal import ROWS, Proposal, propose

@@ -20,11 +20,11 @@ from rich.text import Text
 
 from massprop_drake.cli.streams import say, visible
 from massprop_drake.errors import moment
-from massprop_drake.inputs.campaign import CampaignSpec
+from massprop_drake.inputs.campaign_file import CampaignSpec
 from massprop_drake.inputs.model import Key
 from massprop_drake.inputs.record_map import RecordMap
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.signals import SYMBOLS, mass_property_units
 
 if TYPE_CHECKING:
@@ -412,7 +412,7 @@ def _consistency(found: Consistency) -> str:
 
 def _say_doubts(console: Terminal, results: Summary) -> None:
     """Explains why estimates are not to be relied on, and which."""
-    from massprop_drake.results.identifiability import in_words  # noqa: PLC0415 (slow to load)
+    from massprop_drake.results.identified import in_words  # noqa: PLC0415 (slow to load)
 
     for reason in results.consistency.reasons:
         console.say(("inconsistent:", "bold red"), f" {reason}")
@@ -543,7 +543,7 @@ def vehicle_lines(report: Mapping[str, Any], units: Mapping[str, str]) -> list[s
     """Puts the report on a vehicle into words.
 
     Args:
-        report: as `studies.vehicle.vehicle_report` returns it.
+        report: as `studies.vehicle_report.vehicle_report` returns it.
         units: of mass, length and force.
 
     Returns:

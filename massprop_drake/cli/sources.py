@@ -14,7 +14,7 @@ from massprop_drake.cli import functions, show
 from massprop_drake.cli.options import Schema
 from massprop_drake.cli.streams import note
 from massprop_drake.errors import InputError, in_words, suggestion
-from massprop_drake.inputs.campaign import (
+from massprop_drake.inputs.campaign_file import (
     CampaignSpec,
     bundled_campaigns,
     campaign_from,
@@ -26,7 +26,7 @@ from massprop_drake.inputs.model import Key, keys, validated
 from massprop_drake.inputs.plausible import Finding
 from massprop_drake.inputs.record_map import RecordMap, map_keys
 from massprop_drake.inputs.scenario import Scenario, bundled_scenarios, load_scenario, resolved
-from massprop_drake.inputs.vehicle import Vehicle, bundled_vehicles, load_vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle, bundled_vehicles, load_vehicle
 from massprop_drake.inputs.yaml import Document, exists, read_text
 from massprop_drake.maths.kernels import compiler
 from massprop_drake.records.reader import check as check_telemetry

@@ -33,9 +33,9 @@ from massprop_drake.display.spec import (
     Panel,
     Plot,
     Points,
+    ShadedWindow,
     SymmetricLog,
     Whiskers,
-    Window,
     Zone,
 )
 from massprop_drake.display.style import (
@@ -441,7 +441,7 @@ def _draw_times(axes: Axes, plot: Plot) -> None:
             axes.add_collection(rules, autolim=False)
 
 
-def _levels(windows: Sequence[Window], seconds_per_inch: float) -> list[int]:
+def _levels(windows: Sequence[ShadedWindow], seconds_per_inch: float) -> list[int]:
     """Stacks the windows' names: each goes to the lowest level with room beside those before it."""
     ends: list[float] = []  # of the names at each level, s
     levels = []
@@ -452,7 +452,7 @@ def _levels(windows: Sequence[Window], seconds_per_inch: float) -> list[int]:
     return levels
 
 
-def _label_window(axes: Axes, window: Window, level: int) -> None:
+def _label_window(axes: Axes, window: ShadedWindow, level: int) -> None:
     above = 1.0 + (0.03 + _WINDOW_STEP * level) * axes.figure.dpi / axes.bbox.height
     transform = axes.get_xaxis_transform()
     axes.text(window.start_s, above, window.text, transform=transform, fontsize=WINDOW_SIZE, color="#555555")

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.display import events, instruments, interactive, motion, plots, templates
+from massprop_drake.display import event_marks, instruments, interactive, motion, plots, templates
 from massprop_drake.display.links import Links
-from massprop_drake.display.stage import Stage
+from massprop_drake.display.stage import MeshcatStage
 from massprop_drake.display.style import (
     ESTIMATE_COLOR,
     FAILED_COLOR,
@@ -118,10 +118,10 @@ def _scripts(page: str) -> list[str]:
     return [text for text in reader.texts if text]
 
 
-def scene(scenario: Scenario, *, truth: bool) -> tuple[str, Stage]:
+def scene(scenario: Scenario, *, truth: bool) -> tuple[str, MeshcatStage]:
     """Returns Meshcat's page with the vehicle, in which no text of the user's is, and its stage."""
     links = Links(scenario.plant) if isinstance(scenario.plant, MultibodyBlock) else None
-    stage = Stage(scenario.vehicle_data, truth=truth, links=links)
+    stage = MeshcatStage(scenario.vehicle_data, truth=truth, links=links)
     for jet in range(len(scenario.vehicle_data.jets)):
         for kind in ("failed", "found"):
             stage.add_mark(kind, jet)
@@ -135,7 +135,7 @@ LINKS = "links"  # one more, of a multibody model: pose of each link in the vehi
 LISTS = ("given", "untold", "withheld", "failed", "found")  # of jets, for each row
 
 
-def described(scenario: Scenario, stage: Stage, *, truth: bool) -> dict[str, Any]:
+def described(scenario: Scenario, stage: MeshcatStage, *, truth: bool) -> dict[str, Any]:
     """Returns the page's data of a scenario, before its rows."""
     vehicle = scenario.vehicle_data
     return {
@@ -164,14 +164,14 @@ def described(scenario: Scenario, stage: Stage, *, truth: bool) -> dict[str, Any
     }
 
 
-def _flight(run: Run, stage: Stage) -> dict[str, Any]:
+def _flight(run: Run, stage: MeshcatStage) -> dict[str, Any]:
     """Collects all that the page shows and says, with times.
 
     Nothing is shown before its time: the page shows the last row at or before the time it stands at, and only the
     attitude is turned on between two rows.
     """
     scenario, time_s = run.scenario, np.asarray(run.time_s)
-    failed, found = events.failures(scenario, float(time_s[-1])), events.found(run)
+    failed, found = event_marks.failures(scenario, float(time_s[-1])), event_marks.found(run)
     asked = np.nan_to_num(np.asarray(run["command"])) > 0.0
     lists = {
         **motion.plumes(_levels(run), asked, plots.failing(time_s, scenario)),
@@ -213,7 +213,7 @@ def _listed(values: Array) -> list[Any]:
     return flat if width == 1 else [flat[start : start + width] for start in range(0, len(flat), width)]
 
 
-def _marked(run: Run, marks: Sequence[events.Mark]) -> NDArray[np.bool_]:
+def _marked(run: Run, marks: Sequence[event_marks.Mark]) -> NDArray[np.bool_]:
     """Returns which jets are marked in which row, shape (n, n_jets)."""
     time_s = np.asarray(run.time_s)
     marked = np.zeros((time_s.size, len(run.scenario.vehicle_data.jets)), dtype=bool)
@@ -225,7 +225,7 @@ def _marked(run: Run, marks: Sequence[events.Mark]) -> NDArray[np.bool_]:
 
 
 def narration(
-    scenario: Scenario, start_s: float, failed: Sequence[events.Mark], found: Sequence[events.Mark]
+    scenario: Scenario, start_s: float, failed: Sequence[event_marks.Mark], found: Sequence[event_marks.Mark]
 ) -> list[dict[str, object]]:
     """Lists the starts of all intervals, with the text of each."""
     edges = {start_s}
@@ -234,13 +234,13 @@ def narration(
     for mark in (*failed, *found):
         edges |= {mark.start_s, mark.end_s} - {math.inf}
 
-    def texts(marks: Sequence[events.Mark], edge: float) -> list[str]:
+    def texts(marks: Sequence[event_marks.Mark], edge: float) -> list[str]:
         return [mark.text for mark in marks if mark.start_s <= edge < mark.end_s or edge == mark.start_s]
 
     return [
         {
             "at": edge,
-            "command": events.commanded(scenario, edge),
+            "command": event_marks.commanded(scenario, edge),
             "failed": texts(failed, edge),
             "found": texts(found, edge),
         }
@@ -248,7 +248,7 @@ def narration(
     ]
 
 
-def _ticks(run: Run, failed: Sequence[events.Mark], found: Sequence[events.Mark]) -> list[dict[str, object]]:
+def _ticks(run: Run, failed: Sequence[event_marks.Mark], found: Sequence[event_marks.Mark]) -> list[dict[str, object]]:
     """Lists the events for the slider: failures and jumps, and declarations."""
     end_s, units = float(run.time_s[-1]), run.scenario.vehicle_data.unit_names
     ticks = [{"at": mark.start_s, "kind": "failed", "text": mark.text} for mark in failed]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.display import events, flight3d, instruments, interactive, motion, plots
+from massprop_drake.display import event_marks, flight3d, instruments, interactive, motion, plots
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS
 
@@ -40,7 +40,7 @@ class Live:
         self._before: Moment | None = None
         self._said: list[str] = []
         self._news = threading.Condition()
-        failed = events.failures(scenario, scenario.duration_s)
+        failed = event_marks.failures(scenario, scenario.duration_s)
         page, stage = flight3d.scene(scenario, truth=True)
         self._links = stage.links
         data = {

@@ -18,7 +18,7 @@ from massprop_drake.results.consistency import INCONSISTENT
 from massprop_drake.results.detections import JUMP, DetectionRecord, remarks, size
 from massprop_drake.results.fault_probabilities import rounded
 from massprop_drake.results.folder import write_page
-from massprop_drake.results.identifiability import in_words
+from massprop_drake.results.identified import in_words
 from massprop_drake.results.summary import Summary
 from massprop_drake.signals import SYMBOLS
 

@@ -19,22 +19,22 @@ from massprop_drake.display.spec import (
     Level,
     Line,
     Mark,
-    Moment,
+    MomentLine,
     Over,
     Panel,
     Plot,
     Points,
+    ShadedWindow,
     SymmetricLog,
     Whiskers,
-    Window,
     Zone,
 )
 from massprop_drake.display.style import BAND_COLOR, COLORS, FAILED_COLOR, POINT_SIZE, THIN_LINE, TRUTH_COLOR
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, commanded_rate
-from massprop_drake.maths.estimation.detector import Event as Code
+from massprop_drake.maths.estimation.detector import Verdict as Code
 from massprop_drake.maths.estimation.faults.declarations import Word
 from massprop_drake.results.against_followed import turned
 from massprop_drake.results.consistency import ruled
@@ -923,10 +923,10 @@ def _plot(run: Source, name: str, title: str, panels: Sequence[Panel], *, meanin
     return Plot(name, title, caption, run.time_s, tuple(panels), windows, moments, note, meaning)
 
 
-def _windows(run: Source) -> tuple[Window, ...]:
+def _windows(run: Source) -> tuple[ShadedWindow, ...]:
     """Returns windows in which a hand controller is out of detent, or the detector is not armed."""
     commanded = tuple(
-        Window(window.start_s, window.end_s, f"{window.controller.upper()} {window.axis}")
+        ShadedWindow(window.start_s, window.end_s, f"{window.controller.upper()} {window.axis}")
         for window in run.scenario.maneuver
         if window.start_s < run.time_s[-1]
     )
@@ -934,7 +934,7 @@ def _windows(run: Source) -> tuple[Window, ...]:
         return commanded
     start_s, until_s = float(run.time_s[0]), armed_from(run)
     end_s = float(run.time_s[-1]) if until_s is None else until_s
-    return (Window(start_s, end_s, "", armed=False), *commanded) if end_s - start_s > PROMPT_S else commanded
+    return (ShadedWindow(start_s, end_s, "", armed=False), *commanded) if end_s - start_s > PROMPT_S else commanded
 
 
 def armed_from(run: Source) -> float | None:
@@ -943,11 +943,11 @@ def armed_from(run: Source) -> float | None:
     return float(run.time_s[tested[0]]) if tested.size else None
 
 
-def _moments(run: Source) -> tuple[Moment, ...]:
+def _moments(run: Source) -> tuple[MomentLine, ...]:
     """Returns moments at which jets fail and mass properties jump, and at which the detector declares it."""
     happens = [failure.start_s for failure in run.scenario.failures] + [jump.time_s for jump in run.scenario.jumps]
     declared = run.time_s[run.where("detector_event")].tolist() if "detector_event" in run.signals else []
     return (
-        *(Moment(time_s, declared=False) for time_s in happens if time_s <= run.time_s[-1]),
-        *(Moment(time_s, declared=True) for time_s in declared),
+        *(MomentLine(time_s, declared=False) for time_s in happens if time_s <= run.time_s[-1]),
+        *(MomentLine(time_s, declared=True) for time_s in declared),
     )

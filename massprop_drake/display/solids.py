@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.inputs.vehicle import (
+from massprop_drake.inputs.vehicle_file import (
     BoxSolid,
     ConeSolid,
     CylinderSolid,

@@ -207,7 +207,7 @@ class Panel(NamedTuple):
         return f"{self.label}, {self.unit}" if self.unit else self.label
 
 
-class Window(NamedTuple):
+class ShadedWindow(NamedTuple):
     """A shaded interval of time, s, and its name: something is commanded, or the detector is not armed."""
 
     start_s: float
@@ -216,7 +216,7 @@ class Window(NamedTuple):
     armed: bool = True
 
 
-class Moment(NamedTuple):
+class MomentLine(NamedTuple):
     """A vertical line at a time, s: something happens (dotted) or is declared by the detector (solid)."""
 
     time_s: float
@@ -243,8 +243,8 @@ class Plot(NamedTuple):
     caption: str
     time_s: Array
     panels: tuple[Panel, ...]
-    windows: tuple[Window, ...] = ()
-    moments: tuple[Moment, ...] = ()
+    windows: tuple[ShadedWindow, ...] = ()
+    moments: tuple[MomentLine, ...] = ()
     note: str = ""
     meaning: str = ""
     folded: bool = False

@@ -22,7 +22,7 @@ from massprop_drake.display.style import (
     SUSPECT_COLOR,
     TRUTH_COLOR,
 )
-from massprop_drake.inputs.vehicle import (
+from massprop_drake.inputs.vehicle_file import (
     BoxSolid,
     ConeSolid,
     CylinderSolid,
@@ -44,7 +44,7 @@ _STRUCTURE = f"{_BODY}/structure"  # the vehicle frame
 _MARKS = {"failed": FAILED_COLOR, "found": SUSPECT_COLOR}
 
 
-class Stage:
+class MeshcatStage:
     """Shows a vehicle in Meshcat; the page moves it.
 
     Attributes:

@@ -27,7 +27,7 @@ from massprop_drake.inputs.scenario import (
     SensorErrors,
     jump_terms,
 )
-from massprop_drake.inputs.vehicle import (
+from massprop_drake.inputs.vehicle_file import (
     STANDARD_GRAVITY,
     Accelerometer,
     Gyro,
@@ -44,7 +44,7 @@ from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, Window
 from massprop_drake.maths.autopilot.pulses import Pulses, most_edges, valve_pulses, whole_cycles
 from massprop_drake.maths.autopilot.wheel_control import WheelControlParams, shares_of
 from massprop_drake.maths.estimation.cycle import EstimationParams
-from massprop_drake.maths.estimation.detector import Detector, Jets
+from massprop_drake.maths.estimation.detector import Detector, KnownJets
 from massprop_drake.maths.estimation.detectors import DETECTORS
 from massprop_drake.maths.estimation.filter import Instruments, Setup, ThrustModel
 from massprop_drake.maths.estimation.filters import joint, thesis
@@ -53,7 +53,7 @@ from massprop_drake.maths.estimation.filters.mass_filter import MassParams
 from massprop_drake.maths.estimation.filters.registry import FILTERS
 from massprop_drake.maths.estimation.filters.rotation_filter import RotationParams
 from massprop_drake.maths.estimation.filters.thesis import ThesisParams
-from massprop_drake.maths.estimation.joint.disturbance import NO_DISTURBANCE, DisturbanceParams
+from massprop_drake.maths.estimation.joint.disturbance_states import NO_DISTURBANCE, DisturbanceParams
 from massprop_drake.maths.estimation.joint.layout import AttitudeSensors
 from massprop_drake.maths.estimation.joint.modes import ModeParams
 from massprop_drake.maths.estimation.joint.rates import EVERY_PERIOD, Rates
@@ -72,7 +72,6 @@ from massprop_drake.maths.mass_properties import (
 )
 from massprop_drake.maths.noise import normal_sample
 from massprop_drake.maths.vehicle import true_failures as failures
-from massprop_drake.maths.vehicle.cycle import NO_FILL, VehicleParams, truth
 from massprop_drake.maths.vehicle.depletion import NO_TANKS, Tanks
 from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, deviation_before, kept_share
 from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS, N_ERRORS, NO_ENGINES, EngineParams
@@ -101,6 +100,7 @@ from massprop_drake.maths.vehicle.thrust import lag_factors
 from massprop_drake.maths.vehicle.tracking import PoseModel
 from massprop_drake.maths.vehicle.true_engines import OUT, EngineFailure, EnginesModel
 from massprop_drake.maths.vehicle.true_failures import as_levels
+from massprop_drake.maths.vehicle.vehicle_cycle import NO_FILL, VehicleParams, truth
 from massprop_drake.maths.vehicle.wheel_motors import WheelsModel
 
 Array = NDArray[np.float64]
@@ -941,10 +941,10 @@ def _manifolds(vehicle: Vehicle) -> NDArray[np.int_]:
     return np.array([-1 if jet.manifold is None else names.index(jet.manifold) for jet in vehicle.jets])
 
 
-def jets(scenario: Scenario) -> Jets:
+def jets(scenario: Scenario) -> KnownJets:
     """Makes the jets as a detector knows them."""
     vehicle = scenario.vehicle_data
-    return Jets(
+    return KnownJets(
         period_s=vehicle.sample_period_s,
         clusters=np.array([jet.cluster for jet in vehicle.jets]),
         unit_wrenches=unit_wrenches(vehicle),

@@ -37,7 +37,7 @@ from massprop_drake.inputs.model import (
 )
 from massprop_drake.inputs.model_file import model_joints, model_text
 from massprop_drake.inputs.moving import MovingPart, not_followed
-from massprop_drake.inputs.vehicle import MassPropertiesModel, Vehicle, load_vehicle, symmetric_inertia
+from massprop_drake.inputs.vehicle_file import MassPropertiesModel, Vehicle, load_vehicle, symmetric_inertia
 from massprop_drake.inputs.yaml import Document, FieldPath, exists, read_text
 from massprop_drake.maths.estimation.faults.priors import Priors
 from massprop_drake.maths.linear_algebra import is_covariance

@@ -4,7 +4,7 @@ Of a sample come its readings, then the estimators, see `estimation.whole` and `
 jet selection, which is a linear program that Python solves, and the jets and the body up to the next sample. `fly` goes
 from the autopilot to the next readings, and stops on the way where Python has to do something; `onward` has the cycles
 of the thesis's filters in between, and goes on from sample to sample until then. What they keep is in holders; what
-Python reads and writes is in arrays that both have, see `Desk` and `Rows`.
+Python reads and writes is in arrays that both have, see `Desk` and `FlightRows`.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from massprop_drake.maths.autopilot.jet_selection import delivered_velocity, mus
 from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, PilotMemory, initial_memory, piloted
 from massprop_drake.maths.autopilot.pulses import Pulses, after_pulse, coming_pulse, pulse_onsets
 from massprop_drake.maths.estimation import whole
-from massprop_drake.maths.estimation.whole import Asked
+from massprop_drake.maths.estimation.whole import ThesisAsked
 from massprop_drake.maths.kernels import fill, kernel
 from massprop_drake.maths.linear_algebra import Array, nonzero
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, converged
-from massprop_drake.maths.vehicle import cycle
-from massprop_drake.maths.vehicle.cycle import Ahead, Truth, VehicleState
+from massprop_drake.maths.vehicle import vehicle_cycle
 from massprop_drake.maths.vehicle.on_times import levels_alone
 from massprop_drake.maths.vehicle.rigid_body import N_STATE, STRUCTURE
 from massprop_drake.maths.vehicle.sensing import unsaturated
+from massprop_drake.maths.vehicle.vehicle_cycle import Ahead, Truth, VehicleState
 
 ROW, PHASE, SAMPLE, UNTIL = range(4)  # of what is reached; the row at whose readings to stop
 SENSING, PILOTING, JUMPING, STEPPING = range(4)  # phases: what comes next
@@ -91,7 +91,7 @@ class FlightState(NamedTuple):
     delivered: Array
 
 
-class Rows(NamedTuple):
+class FlightRows(NamedTuple):
     """Log rows, one per sample; `hand_controllers`, and `command` where it is prescribed, are given.
 
     Attributes:
@@ -139,10 +139,10 @@ class Desk(NamedTuple):
     wrench: Array
     estimate: Array
     deviation: Array
-    asked: Asked
+    asked: ThesisAsked
 
 
-def desk(n_jets: int, asked: Asked) -> Desk:
+def desk(n_jets: int, asked: ThesisAsked) -> Desk:
     """Makes an empty desk.
 
     Args:
@@ -154,7 +154,7 @@ def desk(n_jets: int, asked: Asked) -> Desk:
     return Desk(remaining, counts, refused, out_of_use, owed, wrench, estimate, deviation, asked)
 
 
-def rows(count: int, sizes: tuple[int, int], params: FlightParams) -> Rows:
+def rows(count: int, sizes: tuple[int, int], params: FlightParams) -> FlightRows:
     """Makes rows to be filled in.
 
     Args:
@@ -172,13 +172,13 @@ def rows(count: int, sizes: tuple[int, int], params: FlightParams) -> Rows:
     of_pilot = (controllers, error, request, counts, out_of_use)
     used_up = np.zeros((count, params.truth.tanks.outlets.shape[0]))
     told_of = told, told_onset, used_up
-    return Rows(body, structure, command, onset, thrust, *of_pilot, readings, rates, velocities, *told_of)
+    return FlightRows(body, structure, command, onset, thrust, *of_pilot, readings, rates, velocities, *told_of)
 
 
 class FlightBlock(NamedTuple):
     """Rows, the random draws of each, and the desk."""
 
-    rows: Rows
+    rows: FlightRows
     coming: Ahead
     desk: Desk
 
@@ -252,7 +252,7 @@ def onward(holder: Any, known: Any, block: Any, reached: NDArray[np.int_], param
     Args:
         holder: of `FlightState`.
         known: holder of the state of estimation.
-        block: holder of the rows of both, a `FlightBlock` and a `whole.Block`, see `Together`.
+        block: holder of the rows of both, a `FlightBlock` and a `whole.ThesisBlock`, see `Together`.
         reached: row, phase and number of the sample, and the row at whose readings to stop, shape (4,).
         params: holder of `FlightParams` and `whole.WholeParams`.
 
@@ -271,10 +271,10 @@ def onward(holder: Any, known: Any, block: Any, reached: NDArray[np.int_], param
 
 
 @kernel
-def _sensed(state: FlightState, row: int, rows: Rows, coming: Ahead, params: FlightParams) -> FlightState:
+def _sensed(state: FlightState, row: int, rows: FlightRows, coming: Ahead, params: FlightParams) -> FlightState:
     """Computes the readings of a sample, as they are and as the estimators see them."""
     vehicle, truth = state.vehicle, params.truth
-    readings, memories = cycle.sense(vehicle, row, coming, truth)
+    readings, memories = vehicle_cycle.sense(vehicle, row, coming, truth)
     rows.body_state[row] = vehicle.body
     rows.structure[row] = vehicle.structure
     rows.propellant[row] = vehicle.fill
@@ -300,7 +300,9 @@ def _sensed(state: FlightState, row: int, rows: Rows, coming: Ahead, params: Fli
 
 
 @kernel
-def _piloted(state: FlightState, row: int, rows: Rows, desk: Desk, params: FlightParams) -> tuple[FlightState, bool]:
+def _piloted(
+    state: FlightState, row: int, rows: FlightRows, desk: Desk, params: FlightParams
+) -> tuple[FlightState, bool]:
     """Computes the autopilot's request, and whether jets are to be selected for it."""
     pilot, asked = params.pilot, desk.asked
     rate = rows.readings[row, params.gyros[0]]
@@ -322,7 +324,7 @@ def _piloted(state: FlightState, row: int, rows: Rows, desk: Desk, params: Fligh
 
 @kernel
 def _stepped(
-    state: FlightState, at: tuple[int, int], given: tuple[Rows, Ahead], desk: Desk, params: FlightParams
+    state: FlightState, at: tuple[int, int], given: tuple[FlightRows, Ahead], desk: Desk, params: FlightParams
 ) -> FlightState:
     """Advances jets and body to the next sample; ``at``: the row, and the number of the sample."""
     row, sample = at
@@ -341,6 +343,6 @@ def _stepped(
         command = rows.command[row].copy()
     onset = rows.onset[row].copy()
     closed = desk.asked.closed if params.closes else np.zeros(command.size)
-    after, thrust = cycle.step(vehicle, (command, onset, closed), sample, (coming, row), params.truth)
+    after, thrust = vehicle_cycle.step(vehicle, (command, onset, closed), sample, (coming, row), params.truth)
     rows.thrust[row] = thrust
     return FlightState(after, state.pilot, command, onset, delivered)

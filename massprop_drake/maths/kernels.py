@@ -234,12 +234,12 @@ class Compiler(NamedTuple):
 def _gathered() -> None:
     """Loads every module that holds kernels, so that all are known."""
     from massprop_drake.maths import attitude, flight, linear_algebra, mass_properties  # noqa: F401, PLC0415
+    from massprop_drake.maths.autopilot import autopilot_ports as of_autopilot  # noqa: F401, PLC0415
     from massprop_drake.maths.autopilot import phase_space  # noqa: F401, PLC0415
-    from massprop_drake.maths.autopilot import ports as of_autopilot  # noqa: F401, PLC0415
+    from massprop_drake.maths.estimation import estimation_ports as of_estimation  # noqa: F401, PLC0415
     from massprop_drake.maths.estimation import hindsight, whole, whole_joint  # noqa: F401, PLC0415
-    from massprop_drake.maths.estimation import ports as of_estimation  # noqa: F401, PLC0415
-    from massprop_drake.maths.vehicle import ports as of_vehicle  # noqa: F401, PLC0415
     from massprop_drake.maths.vehicle import reaction_jets, rigid_body, sensing, thrust  # noqa: F401, PLC0415
+    from massprop_drake.maths.vehicle import vehicle_ports as of_vehicle  # noqa: F401, PLC0415
 
 
 def has_compiler() -> bool:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.records.mapping import Channel, Mapped, mean_over
 
 Array = NDArray[np.float64]

@@ -30,7 +30,7 @@ from massprop_drake.inputs.record_map import (
     rotation_of,
 )
 from massprop_drake.inputs.units import factor, is_of
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.attitude import propagated
 from massprop_drake.maths.vehicle.on_times import onsets
 from massprop_drake.records.reader import JITTER, WRENCH, onset_columns
@@ -104,7 +104,7 @@ class Channel(NamedTuple):
         return float(np.median(np.diff(self.time_s))) if self.time_s.size > 1 else math.nan
 
 
-class Held(NamedTuple):
+class HeldValues(NamedTuple):
     """Values that each hold for a while: commands, or a known outside wrench.
 
     Attributes:
@@ -137,9 +137,9 @@ class Mapped:
     source: str
     vehicle: Vehicle
     channels: Mapping[str, Channel]
-    commands: Held
-    known_force: Held | None
-    known_torque: Held | None
+    commands: HeldValues
+    known_force: HeldValues | None
+    known_torque: HeldValues | None
     notes: tuple[str, ...]
 
     @property
@@ -472,7 +472,7 @@ class _Mapping:
 
     # -------------------------------------------------------------------------------- commands
 
-    def commands(self, part: CommandMap) -> Held:
+    def commands(self, part: CommandMap) -> HeldValues:
         """Reads the commands to the jets, and how long each held."""
         time_s, places = self._stamps(part)
         topic = self._recording.topic(self._by.topic_of(part))
@@ -487,7 +487,7 @@ class _Mapping:
             values = np.nan_to_num(values, nan=0.0)
         return _held(time_s, values, until=part.acts == "until_row", on_change=part.on_change)
 
-    def held(self, part: Any) -> Held:
+    def held(self, part: Any) -> HeldValues:
         """Reads a known outside force or torque, which acts from its row on."""
         time_s, places = self._stamps(part)
         topic = self._recording.topic(self._by.topic_of(part))
@@ -603,18 +603,18 @@ def _quantum(values: Array) -> float:
     return max(1e-12 * largest, 1e-300)
 
 
-def _held(time_s: Array, values: Array, *, until: bool = False, on_change: bool = False) -> Held:
+def _held(time_s: Array, values: Array, *, until: bool = False, on_change: bool = False) -> HeldValues:
     """Makes values that hold from their time until the next one's, or since the one's before."""
     if time_s.size == 1 and on_change and not until:
-        return Held(time_s, np.array([math.inf]), values)
+        return HeldValues(time_s, np.array([math.inf]), values)
     if time_s.size < 2:
-        return Held(time_s[:0], time_s[:0], values[:0])
+        return HeldValues(time_s[:0], time_s[:0], values[:0])
     steps = np.diff(time_s)
     longest = math.inf if on_change else _HOLE * float(np.median(steps))
     if until:
-        return Held(np.maximum(time_s[:-1], time_s[1:] - longest), time_s[1:], values[1:])
+        return HeldValues(np.maximum(time_s[:-1], time_s[1:] - longest), time_s[1:], values[1:])
     end = np.append(time_s[1:], time_s[-1] + (math.inf if on_change else float(np.median(steps))))
-    return Held(time_s, np.minimum(end, time_s + longest), values)
+    return HeldValues(time_s, np.minimum(end, time_s + longest), values)
 
 
 # ------------------------------------------------------------------------------------------- rows
@@ -926,7 +926,7 @@ def _mean_acceleration(channel: Channel, time_s: Array, vehicle: Vehicle, notes:
     return mean
 
 
-def mean_over(held: Held, time_s: Array) -> Array:
+def mean_over(held: HeldValues, time_s: Array) -> Array:
     """Computes the mean over the interval that starts at each row, NaN where part is unknown, shape (n, m)."""
     count, width = time_s.size, held.values.shape[1]
     if not held.begin_s.size or count < 2:
@@ -988,7 +988,7 @@ def _switches_within(record: Mapped, fractions: Array) -> bool:
     return bool(whole.all() and _partial(fractions).any())
 
 
-def _onsets(held: Held, time_s: Array, fractions: Array, period_s: float) -> Array:
+def _onsets(held: HeldValues, time_s: Array, fractions: Array, period_s: float) -> Array:
     """Onsets by which each jet is open about the middle of all its time in a row, s, shape (n, n_jets)."""
     ends_s = np.append(time_s[1:], time_s[-1] + period_s)
     found = np.full_like(fractions, np.nan)

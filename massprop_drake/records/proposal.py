@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.record_map import RecordMap
 from massprop_drake.inputs.units import factor
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.records import evidence, mapping
 from massprop_drake.records.clocks import TopicClock, clock_fault, find_clock
 from massprop_drake.records.command_scales import CommandScale, Levels, possible_scales, two_levels, without_rare

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from massprop_drake.errors import InputError, moment
 from massprop_drake.inputs import factors
 from massprop_drake.inputs.scenario import Scenario, filter_of, resolved, set_field
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.vehicle.on_times import continued, levels_alone, onsets
 from massprop_drake.records.command_scales import CommandTally, hint_about
 from massprop_drake.records.tables import Block, CsvTable, Loss, Table, completeness, open_table

@@ -14,8 +14,8 @@ from massprop_drake.inputs.model import Real, Text
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.estimation import hindsight
 from massprop_drake.maths.estimation.filters.joint import chi_square_limit
-from massprop_drake.maths.estimation.hindsight import Model, Normal, Stretch
-from massprop_drake.results.hindsight import RATE, Names, model, names_of, pieces, steady
+from massprop_drake.maths.estimation.hindsight import FlightModel, NormalEquations, Stretch
+from massprop_drake.results.shown_in_hindsight import RATE, Names, model, names_of, pieces, steady
 from massprop_drake.results.spool import Spool
 from massprop_drake.signals import AGAINST, AXES, SYMBOLS, in_units, mass_property_units
 
@@ -70,7 +70,7 @@ class Explanation(NamedTuple):
     alike: tuple[Text, ...] = ()
 
 
-class Simulated(NamedTuple):
+class SimulatedSide(NamedTuple):
     """Quantities of a simulation that a record may contradict.
 
     Attributes:
@@ -173,7 +173,7 @@ def summed_up(named: Sequence[str], unit: str, noise: float, left: Iterable[tupl
 
 
 def explained(
-    scenario: Scenario, signals: Spool, reference: Simulated, until_s: float
+    scenario: Scenario, signals: Spool, reference: SimulatedSide, until_s: float
 ) -> tuple[float | None, tuple[Explanation, ...]]:
     """Finds the unknowns that explain the difference between readings and a simulation of the commands.
 
@@ -200,7 +200,7 @@ def explained(
         return causes(lambda there: _normal(parts, there, made), (at, called), hindsight.possible, chance=_CHANCE)
 
 
-def _normal(parts: Sequence[Stretch], at: Array, made: Model) -> Normal:
+def _normal(parts: Sequence[Stretch], at: Array, made: FlightModel) -> NormalEquations:
     total = hindsight.empty(made)
     for part in parts:
         total = total.plus(hindsight.normal(part, at, made))
@@ -358,7 +358,7 @@ def called_mass_property(symbol: str, unit: str, value: float) -> Called:
     return Called(symbol, "%", 100.0 / float(abs(value))) if of_itself else Called(symbol, unit, 1.0)
 
 
-def _called(scenario: Scenario, made: Model, at: Array) -> list[Called | None]:
+def _called(scenario: Scenario, made: FlightModel, at: Array) -> list[Called | None]:
     """Returns the name of each unknown; None: it is left as it is."""
     names: Names = names_of(scenario)
     places = hindsight.columns(made)

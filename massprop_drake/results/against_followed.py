@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.inputs.vehicle import PoseSensor, VelocitySensor
+from massprop_drake.inputs.vehicle_file import PoseSensor, VelocitySensor
 from massprop_drake.maths import attitude
-from massprop_drake.maths.estimation.pose import hindsight, setting
-from massprop_drake.maths.estimation.pose.hindsight import Assumed, Record
-from massprop_drake.maths.estimation.pose.layout import PoseParams
+from massprop_drake.maths.estimation.pose import pose_hindsight, setting
+from massprop_drake.maths.estimation.pose.pose_hindsight import Assumed, PoseRecord
+from massprop_drake.maths.estimation.pose.pose_layout import PoseParams
 from massprop_drake.results import against
 from massprop_drake.results.against import Called, Explanation, Residual, called_mass_property
 from massprop_drake.results.spool import Spool
@@ -74,7 +74,7 @@ def turned(read: Array, simulated: Array) -> Array:
 
 
 def explained(
-    scenario: Scenario, record: Record, vehicle: Assumed, made: PoseParams
+    scenario: Scenario, record: PoseRecord, vehicle: Assumed, made: PoseParams
 ) -> tuple[float | None, tuple[Explanation, ...]]:
     """Finds the unknowns that explain the difference between readings and a simulation of the commands.
 
@@ -90,9 +90,9 @@ def explained(
     movable = setting.movable(params.setup(scenario), made.parts)
     with np.errstate(all="ignore"):
         return against.causes(
-            lambda at: hindsight.equations(record, vehicle._replace(at=at), movable, made),
+            lambda at: pose_hindsight.equations(record, vehicle._replace(at=at), movable, made),
             (vehicle.at, _called(scenario, made, vehicle.at)),
-            lambda at: hindsight.possible(at, made.parts),
+            lambda at: pose_hindsight.possible(at, made.parts),
         )
 
 

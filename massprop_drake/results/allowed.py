@@ -14,13 +14,13 @@ from massprop_drake.inputs.model import Flag, Real, Text
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths import mass_properties
 from massprop_drake.maths.estimation import hindsight, intervals
-from massprop_drake.maths.estimation.hindsight import Model, Stretch
+from massprop_drake.maths.estimation.hindsight import FlightModel, Stretch
 from massprop_drake.maths.estimation.intervals import Cells, Confined, Solve
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, ELEMENT, MASS_RECIPROCAL
 from massprop_drake.maths.vehicle.on_times import opens_within
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.events import EventRecord
-from massprop_drake.results.hindsight import believed, model
+from massprop_drake.results.shown_in_hindsight import believed, model
 from massprop_drake.results.spool import Spool
 
 Array = NDArray[np.float64]
@@ -160,7 +160,7 @@ def _confines(quantum: float, noise: float) -> bool:
     return quantum > 0.0 and noise <= _QUIET * quantum
 
 
-def _cells(scenario: Scenario, made: Model) -> Cells:
+def _cells(scenario: Scenario, made: FlightModel) -> Cells:
     setup = params.setup(scenario)
     packages = [*params.gyros(scenario), *params.accelerometers(scenario)]
     quanta, noise = np.array([[one.quantum, one.noise_std] for one in packages]).T
@@ -168,7 +168,7 @@ def _cells(scenario: Scenario, made: Model) -> Cells:
     return Cells(np.where(used, quanta, 0.0), noise, setup.gyros.bias_std, _WIDEST * setup.widest)
 
 
-def _given(made: Model, cells: Cells, parts: Sequence[Stretch]) -> tuple[str, ...]:
+def _given(made: FlightModel, cells: Cells, parts: Sequence[Stretch]) -> tuple[str, ...]:
     """Names the quantities stated with a 1-sigma that are taken for bounded."""
     places = hindsight.columns(made)
     used = cells.quanta[made.gyros :] > 0.0

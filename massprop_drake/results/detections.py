@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.inputs.model import Count, NotNegative, Real, Text, Whole
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.results.events import EventRecord, gained, place, said, telling_apart
 from massprop_drake.signals import with_deviation
 

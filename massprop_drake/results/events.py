@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.inputs.model import Count, NotNegative, Real, Text, Whole
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.estimation.detector import STATUS
-from massprop_drake.maths.estimation.detector import Event as Code
+from massprop_drake.maths.estimation.detector import Verdict as Code
 from massprop_drake.maths.estimation.faults.declarations import Word
-from massprop_drake.maths.estimation.faults.report import HYPOTHESIS_REPORT, named
+from massprop_drake.maths.estimation.faults.fault_report import HYPOTHESIS_REPORT, named
 from massprop_drake.signals import AXES, with_deviation
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from massprop_drake.inputs.model import NotNegative, Real
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.estimation.faults.declarations import Mode as Code
 from massprop_drake.results.detections import Mode
 from massprop_drake.results.spool import Spool

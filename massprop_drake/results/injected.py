@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from massprop_drake.inputs import params
 from massprop_drake.inputs.model import Real, Text
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.vehicle.thrust import lag_factors, level_after, mean_level
 from massprop_drake.results.detections import JUMP, DetectionRecord
 from massprop_drake.results.spool import blocks

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.arrays import NUMBER, Layout
 from massprop_drake.results.consistency import COMPONENTS, Consistency, Tally, fork_signals, judged
 from massprop_drake.results.detections import JUMP, DetectionRecord, followed, settled, weighed_before

@@ -26,7 +26,7 @@ from massprop_drake.errors import InputError, dotted, moment
 from massprop_drake.inputs.model import Count, Model, Real, Text, Vector3, Whole, digest, validated
 from massprop_drake.inputs.renamed import RenamedWarning
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.yaml import read_text
 from massprop_drake.maths.estimation.detector import STATUS
 from massprop_drake.maths.estimation.filter import MASS_REPORT, ROTATION_REPORT

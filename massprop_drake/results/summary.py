@@ -16,7 +16,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, field_validator
 from massprop_drake.inputs import params
 from massprop_drake.inputs.model import Count, Flag, Model, NotNegative, Real, Text, Whole, digest, validated
 from massprop_drake.inputs.scenario import MultibodyBlock, Scenario
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths import mass_properties, possible_inertia
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, N_ROTATION, Derived, six_elements
 from massprop_drake.records.tables import Completeness, Loss, completeness
@@ -38,10 +38,10 @@ from massprop_drake.results.consistency import (
 from massprop_drake.results.detections import JUMP, DetectionRecord
 from massprop_drake.results.events import EventRecord
 from massprop_drake.results.fault_probabilities import FaultProbabilities, by_jet, gives_probabilities
-from massprop_drake.results.hindsight import looked_back
-from massprop_drake.results.identifiability import Identifiability, bound_in_words, identified
+from massprop_drake.results.identified import Identifiability, bound_in_words, identified
 from massprop_drake.results.injected import InjectedRecord, what_became
 from massprop_drake.results.parts import Ended, PartsMade
+from massprop_drake.results.shown_in_hindsight import looked_back
 from massprop_drake.results.spool import Spool, blocks
 from massprop_drake.results.unconfirmed import UnconfirmedRecord, UntestedRecord
 from massprop_drake.signals import SYMBOLS
@@ -144,7 +144,7 @@ class Provenance(NamedTuple):
     engine: Text | None = None
 
 
-class Timing(NamedTuple):
+class RunTiming(NamedTuple):
     """Duration of a run.
 
     Attributes:
@@ -209,7 +209,7 @@ class Summary:
     consistency: Consistency
     autopilot: AutopilotSummary
     provenance: Provenance
-    timing: Timing
+    timing: RunTiming
     data_quality: Mapping[str, Any] | None = None
     injected: tuple[InjectedRecord, ...] | None = None
     identifiability: tuple[Identifiability, ...] = ()
@@ -429,7 +429,7 @@ class SummaryFile(_Stored):
     consistency: Annotated[Consistency, _known_to(Consistency)]
     autopilot: Annotated[AutopilotSummary, _known_to(AutopilotSummary)]
     provenance: Annotated[Provenance, _known_to(Provenance)]
-    timing: Annotated[Timing, _known_to(Timing)]
+    timing: Annotated[RunTiming, _known_to(RunTiming)]
     data_quality: dict[str, Any] | None = None
     injected: tuple[Annotated[InjectedRecord, _known_to(InjectedRecord)], ...] | None = None
     identifiability: tuple[Annotated[Identifiability, _known_to(Identifiability)], ...] = ()
@@ -461,7 +461,7 @@ def summarize(
     signals: Spool,
     found: Findings,
     covariance: Array,
-    timing: Timing,
+    timing: RunTiming,
     parts: PartsMade,
 ) -> Summary:
     """Sums up a simulated run, but for what `looked_back_on` and the autopilot's authority add.
@@ -521,7 +521,7 @@ def _flown(scenario: Scenario, signals: Spool) -> AutopilotSummary:
     )
 
 
-def not_summed_up(scenario: Scenario, signals: Spool, timing: Timing) -> Summary:
+def not_summed_up(scenario: Scenario, signals: Spool, timing: RunTiming) -> Summary:
     """Makes the summary of a run of which only its last estimates are known.
 
     Args:
@@ -594,7 +594,7 @@ def composed(
     consistency: Consistency,
     bound: Array | None,
     autopilot: AutopilotSummary,
-    timing: Timing,
+    timing: RunTiming,
     telemetry: str | None = None,
     telemetry_sha256: str | None = None,
     data_quality: Mapping[str, Any] | None = None,

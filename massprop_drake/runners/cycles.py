@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.estimation import cycle, whole, whole_joint
 from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationState, EstimationStep, Sample
-from massprop_drake.maths.estimation.detector import Event
-from massprop_drake.maths.estimation.whole import Asked, Rows, Samples
+from massprop_drake.maths.estimation.detector import Verdict
+from massprop_drake.maths.estimation.whole import Samples, ThesisAsked, ThesisRows
 from massprop_drake.maths.kernels import chosen, held, released, shared
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.maths.mass_properties import all_ten
@@ -56,7 +56,7 @@ class Cycles(Protocol):
     """
 
     spent_s: dict[str, float]
-    asked: Asked
+    asked: ThesisAsked
 
     def state(self) -> EstimationState:
         """Returns the state with which the next cycle begins."""
@@ -128,7 +128,7 @@ class Stepped:
         self._state, self._done = done.state, done
         if done.judgment is not None:
             after = done.judgment.state
-            declared = done.judgment.status.detector_event == Event.DECLARED
+            declared = done.judgment.status.detector_event == Verdict.DECLARED
             for place, value in zip(self.asked, (declared, after.force, after.removed, after.closed), strict=True):
                 place[:] = value
 
@@ -188,7 +188,7 @@ class Watched(Stepped):
             self._watch.on = False
         samples = _writable(record.samples)
         stamps_s = samples.time_s if record.stamps_s is None else np.require(record.stamps_s, requirements=["C", "W"])
-        rows = whole_joint.Rows(*(log.rows[name] for name in whole_joint.Rows._fields))
+        rows = whole_joint.JointRows(*(log.rows[name] for name in whole_joint.JointRows._fields))
         onsets_s = None if record.onsets_s is None else record.onsets_s[:-1]
         self._watch.begin(samples, stamps_s, (record.tracked, onsets_s), rows)
 
@@ -269,7 +269,7 @@ class Whole:
         self.given, self.holder = whole.params_of(made), held(state, compiled)
         self._next, self._reached = 0, np.zeros(2, dtype=np.int_)  # rows
         self._has_detector = made.detector is not None
-        self._rows: Rows | None = None
+        self._rows: ThesisRows | None = None
         self._shared: Any = None  # the rows
 
     @cached_property
@@ -284,10 +284,10 @@ class Whole:
     def begin(self, record: RecordRows, log: EstimationLog) -> None:
         """Takes rows that cycles are to go through, and the log whose rows they fill in."""
         samples, rows = _writable(record.samples), log.rows
-        self._rows = Rows(
+        self._rows = ThesisRows(
             rows["impulses"], rows["rotation_report"], rows["mass_report"], rows.get("detector_report", _NO_ROWS)
         )
-        self.block = whole.Block(samples, self._rows, self.asked)
+        self.block = whole.ThesisBlock(samples, self._rows, self.asked)
         self._shared = None
         self._times_s, self._next = samples.time_s, 0
 

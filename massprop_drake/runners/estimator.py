@@ -14,11 +14,11 @@ from massprop_drake.errors import InputError, dotted, moment
 from massprop_drake.inputs import params
 from massprop_drake.inputs.model import validated
 from massprop_drake.inputs.scenario import Scenario, check_against_vehicle
-from massprop_drake.inputs.vehicle import SensorPackage, Vehicle
+from massprop_drake.inputs.vehicle_file import SensorPackage, Vehicle
 from massprop_drake.maths.estimation import cycle, whole
-from massprop_drake.maths.estimation.detector import Event
+from massprop_drake.maths.estimation.detector import Verdict
 from massprop_drake.maths.estimation.faults.declarations import Word
-from massprop_drake.maths.estimation.faults.report import named
+from massprop_drake.maths.estimation.faults.fault_report import named
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import JointFilterState
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
@@ -413,18 +413,18 @@ class Estimator:
         return bool(converged_rows(deviation[None], ten[None], self._params.limits, self._not_estimated)[0])
 
     def _detection(self, status: Any, own: Any) -> Detection | None:
-        event = Event(int(status.detector_event))
-        if event == Event.NOTHING:
+        event = Verdict(int(status.detector_event))
+        if event == Verdict.NOTHING:
             return None
-        if event == Event.JUMP or math.isnan(status.suspected_jet):
+        if event == Verdict.JUMP or math.isnan(status.suspected_jet):
             of_it = {} if own is None else self._of_no_jet(own)
-            kind = "mass_property_jump" if event == Event.JUMP else _kind(own, of_it.get("sensor"), self._vehicle)
+            kind = "mass_property_jump" if event == Verdict.JUMP else _kind(own, of_it.get("sensor"), self._vehicle)
             return Detection(kind, status.onset, None, None, False, 0.0, 0.0)._replace(**of_it)
         jet = self._vehicle.jets[int(status.suspected_jet)]
         jets = [int(status.suspected_jet)] if status.jet_isolated else []
         if own is not None:
             jets, *_ = named(own.verdict_group, own.verdict_place)
-        kinds = {Event.DECLARED: "jet", Event.WITHDRAWN: "withdrawn"}
+        kinds = {Verdict.DECLARED: "jet", Verdict.WITHDRAWN: "withdrawn"}
         erratic = own is not None and own.verdict[int(status.suspected_jet)] == Word.ERRATIC
         apart: dict[str, Any] = {}
         if own is not None and not status.jet_isolated:

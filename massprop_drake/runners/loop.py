@@ -27,20 +27,20 @@ from massprop_drake.maths.flight import (
     UNTIL,
     Desk,
     FlightBlock,
-    Rows,
+    FlightRows,
     Together,
 )
 from massprop_drake.maths.kernels import chosen, held, released, shared
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.maths.mass_properties import converged
-from massprop_drake.maths.vehicle import cycle as vehicle_cycle
+from massprop_drake.maths.vehicle import vehicle_cycle
 from massprop_drake.maths.vehicle.depletion import OutOfPropellantError
 from massprop_drake.maths.vehicle.on_times import levels_alone
 from massprop_drake.maths.vehicle.rigid_body import QUATERNION, RATE, STRUCTURE, OutOfMassError, SpunUpError
 from massprop_drake.runners.cycles import ESTIMATOR, Cycles, RecordRows, Whole, cycles
 from massprop_drake.runners.logs import EstimationLog
 from massprop_drake.runners.moment import Moment
-from massprop_drake.runners.trackers import Trackers
+from massprop_drake.runners.tracker_readings import Trackers
 from massprop_drake.signals import PROPELLANT
 from massprop_drake.systems.autopilot.selector import Reconfiguration, SelectionState, Selector
 from massprop_drake.systems.layouts import REQUEST
@@ -84,7 +84,7 @@ class _Selection:
 class _Block(NamedTuple):
     """Rows of the logs that are filled in together."""
 
-    rows: Rows
+    rows: FlightRows
     tracked: Array  # readings in a fixed frame, see `Trackers`
     log: EstimationLog
     shared: Any  # what the kernel has of it

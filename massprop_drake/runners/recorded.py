@@ -18,7 +18,7 @@ from massprop_drake.inputs import params
 from massprop_drake.inputs.model import validated
 from massprop_drake.inputs.record_map import RecordMap, load_map
 from massprop_drake.inputs.scenario import PlantBlock, Scenario
-from massprop_drake.inputs.vehicle import SensorPackage, Vehicle
+from massprop_drake.inputs.vehicle_file import SensorPackage, Vehicle
 from massprop_drake.maths.estimation import cycle
 from massprop_drake.maths.estimation.whole import Samples
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
@@ -35,15 +35,15 @@ from massprop_drake.results.consistency import TOO_LITTLE, Consistency, Tally, j
 from massprop_drake.results.detections import JUMP, DetectionRecord
 from massprop_drake.results.events import EventRecord
 from massprop_drake.results.exchange import recover
-from massprop_drake.results.hindsight import Hindsight, looked_back
 from massprop_drake.results.parts import PartsMade
 from massprop_drake.results.run import Run
+from massprop_drake.results.shown_in_hindsight import Hindsight, looked_back
 from massprop_drake.results.stored import STATE_FILE, FilterState, read_json, require_made_with
 from massprop_drake.results.summary import (
     AutopilotSummary,
     Findings,
+    RunTiming,
     Summary,
-    Timing,
     composed,
     explained,
     firings,
@@ -343,7 +343,7 @@ class _Estimation:
         duration_s = float(self._intake.spool.last("time_s")) - reader.record.first_s
         if self._period_s <= duration_s <= _LONGEST_S:
             self._scenario = self._scenario.model_copy(update={"duration_s": duration_s})
-        timing = Timing(wall_s, duration_s / wall_s, self._cycle_times())
+        timing = RunTiming(wall_s, duration_s / wall_s, self._cycle_times())
         results = parts.make(
             "summary", lambda: self._composed(reader, telemetry, timing, parts), None
         ) or not_summed_up(self._scenario, self._intake.spool, timing)
@@ -352,7 +352,7 @@ class _Estimation:
         return Run(self._scenario, replace(results, missing=tuple(parts.missing)), None, self._intake.spool, state)
 
     def _composed(
-        self, reader: Reader, telemetry: str | Path | Sequence[str | Path], timing: Timing, parts: PartsMade
+        self, reader: Reader, telemetry: str | Path | Sequence[str | Path], timing: RunTiming, parts: PartsMade
     ) -> Summary:
         """Makes the summary; arguments as those of `finish`."""
         last = self._intake.spool.last

@@ -34,7 +34,7 @@ from massprop_drake.maths.vehicle.rigid_body import (
 from massprop_drake.results.parts import PartsMade
 from massprop_drake.results.run import Run
 from massprop_drake.results.spool import Spool
-from massprop_drake.results.summary import Findings, Timing, looked_back_on, not_summed_up, summarize
+from massprop_drake.results.summary import Findings, RunTiming, looked_back_on, not_summed_up, summarize
 from massprop_drake.runners.logs import Intake, estimation_signals, for_json
 from massprop_drake.runners.moment import Moment
 from massprop_drake.signals import JOINTS, PROPELLANT, is_own
@@ -192,7 +192,7 @@ class _FlyingRun:
         scenario, intake, signals = self._scenario, self._intake, self._intake.spool
         covariance, groups = self._state
         flown_s, wall_s = float(signals.last("time_s")), time.perf_counter() - self._began
-        timing = Timing(wall_s, flown_s / wall_s, self._engine.cycle_times(signals.n_rows))
+        timing = RunTiming(wall_s, flown_s / wall_s, self._engine.cycle_times(signals.n_rows))
         found = parts.make("detections", intake.found, Findings())
         results = parts.make(
             "summary", lambda: summarize(scenario, signals, found, covariance, timing, parts), None

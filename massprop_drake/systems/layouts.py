@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from massprop_drake.maths.arrays import NUMBER, Array, Layout
-from massprop_drake.maths.autopilot.ports import (
+from massprop_drake.maths.autopilot.autopilot_ports import (
     ATTITUDE_MEMORY,
     HAND_CONTROLLERS,
     RECONFIGURATION,
@@ -19,7 +19,7 @@ from massprop_drake.maths.autopilot.ports import (
 from massprop_drake.maths.estimation.adaptation import LAYOUT as ADAPTATION
 from massprop_drake.maths.estimation.cycle import MEMORY as IMPULSE_MEMORY
 from massprop_drake.maths.estimation.detector import KNOWN_FORCE, STATUS, Judgment
-from massprop_drake.maths.estimation.faults.report import HYPOTHESIS_REPORT
+from massprop_drake.maths.estimation.faults.fault_report import HYPOTHESIS_REPORT
 from massprop_drake.maths.estimation.filter import JOINT as EVIDENCE
 from massprop_drake.maths.estimation.filter import MASS_REPORT, ROTATION_REPORT
 from massprop_drake.maths.estimation.filters.joint import JOINT_REPORT

@@ -14,7 +14,7 @@ from command_probe import Massprop, Outcome
 
 from massprop_drake import Campaign, Run
 from massprop_drake.inputs.model import yaml_text
-from massprop_drake.inputs.vehicle import load_vehicle
+from massprop_drake.inputs.vehicle_file import load_vehicle
 
 SHORT = """
 name: short

@@ -12,7 +12,7 @@ from command_probe import FILES, Massprop, Outcome
 from telemetry_probe import Log, toy_vehicle
 
 from massprop_drake import Run, load_scenario
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.yaml import to_yaml
 
 

@@ -16,7 +16,7 @@ from record_probe import Flight, flight, px4_topics, usual_columns, usual_map, w
 
 from massprop_drake import estimate, load_scenario, simulate
 from massprop_drake.inputs.record_map import load_map
-from massprop_drake.inputs.vehicle import load_vehicle
+from massprop_drake.inputs.vehicle_file import load_vehicle
 from massprop_drake.results.run import Run
 
 FREE_FLYER = ("--vehicle", "free_flyer")

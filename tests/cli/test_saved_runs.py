@@ -212,9 +212,9 @@ def test_a_comparison_that_fails_leaves_the_estimate(
     massprop: Massprop, record: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert record
-    _failing(monkeypatch, "runners.against.explained", ValueError("no way"))
+    _failing(monkeypatch, "runners.simulated_beside.explained", ValueError("no way"))
     done = massprop(*ESTIMATE, "--against", "whole")
     assert done == (1, "", "massprop: internal failure: ValueError: no way; the run is saved in there/\n")
     assert _saved()["missing"] == ["ValueError: no way"]
-    monkeypatch.setattr("massprop_drake.runners.against.explained", _always(InputError("not comparable")))
+    monkeypatch.setattr("massprop_drake.runners.simulated_beside.explained", _always(InputError("not comparable")))
     assert massprop(*ESTIMATE, "--against", "whole").err == "massprop: not comparable; the run is saved in there/\n"

@@ -16,7 +16,7 @@ from massprop_drake import Run
 from massprop_drake.cli import show, streams
 from massprop_drake.inputs.model import keys
 from massprop_drake.inputs.scenario import Scenario, load_scenario
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.results import table
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.fault_probabilities import FaultProbabilities, JetProbability

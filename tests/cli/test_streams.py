@@ -19,7 +19,7 @@ from rich.table import Table
 from massprop_drake import Run
 from massprop_drake.cli import progress, show, streams
 from massprop_drake.cli.streams import Stream, visible
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 
 HOSTILE = {
     "[/red]": "[/red]",

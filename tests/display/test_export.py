@@ -23,7 +23,7 @@ from massprop_drake import InputError, Run, estimate, load_scenario, load_vehicl
 from massprop_drake.display import export, solids
 from massprop_drake.display.export import protobuf
 from massprop_drake.display.export.content import Content, component_units
-from massprop_drake.inputs.vehicle import bundled_vehicles
+from massprop_drake.inputs.vehicle_file import bundled_vehicles
 from massprop_drake.maths.attitude import rotation_matrix
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS
 from massprop_drake.results.spool import Spool

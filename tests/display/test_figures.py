@@ -20,23 +20,23 @@ from massprop_drake.display.spec import (
     Level,
     Line,
     Mark,
-    Moment,
+    MomentLine,
     Panel,
     Plot,
     Points,
+    ShadedWindow,
     SymmetricLog,
     Whiskers,
-    Window,
     Zone,
 )
-from massprop_drake.inputs.vehicle import PoseSensor
+from massprop_drake.inputs.vehicle_file import PoseSensor
 from massprop_drake.results.run import Run
 
 TIME = np.linspace(0.0, 10.0, 11)
 BLUE = "#0072B2"
 
 
-def plot(*panels: Panel, windows: tuple[Window, ...] = (), moments: tuple[Moment, ...] = ()) -> Plot:
+def plot(*panels: Panel, windows: tuple[ShadedWindow, ...] = (), moments: tuple[MomentLine, ...] = ()) -> Plot:
     return Plot("some", "Title", "caption", TIME, panels, windows, moments, "note")
 
 
@@ -132,8 +132,8 @@ def test_panels_share_their_time_which_stands_below_the_lowest() -> None:
 def test_windows_and_moments_are_in_every_panel() -> None:
     line = Line(TIME, TIME, BLUE)
     panels = (Panel("a", "", (line,)), Panel("b", "", (line,)))
-    moments = (Moment(3.0, declared=False), Moment(4.0, declared=True))
-    figure = figures.drawn(plot(*panels, windows=(Window(1.0, 2.0, "RHC +x"),), moments=moments))
+    moments = (MomentLine(3.0, declared=False), MomentLine(4.0, declared=True))
+    figure = figures.drawn(plot(*panels, windows=(ShadedWindow(1.0, 2.0, "RHC +x"),), moments=moments))
     for axes in figure.axes:
         (shade,) = [found for found in axes.collections if isinstance(found, PolyCollection)]
         assert (shade.get_paths()[0].get_extents().x0, shade.get_paths()[0].get_extents().x1) == (1.0, 2.0)
@@ -143,7 +143,7 @@ def test_windows_and_moments_are_in_every_panel() -> None:
 
 
 def test_names_of_windows_do_not_overlap() -> None:
-    windows = tuple(Window(start, start + 0.2, "RHC +x") for start in (1.0, 1.0, 1.2, 6.0))
+    windows = tuple(ShadedWindow(start, start + 0.2, "RHC +x") for start in (1.0, 1.0, 1.2, 6.0))
     figure = figures.drawn(plot(Panel("a", "", ()), windows=windows))
     figure.canvas.draw()
     boxes = [text.get_window_extent() for text in figure.findobj(Text) if text.get_text() == "RHC +x"]

@@ -22,11 +22,11 @@ from massprop_drake import load_scenario
 from massprop_drake.display import interactive, write_replay, write_report
 from massprop_drake.display.page import summary_html
 from massprop_drake.display.spec import Bars, Panel, Plot
-from massprop_drake.display.stage import Stage
+from massprop_drake.display.stage import MeshcatStage
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.model import Model, validated
 from massprop_drake.inputs.scenario import Scenario, StuckOn
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.run import Run
 from massprop_drake.runners.recorded import estimate
@@ -320,7 +320,7 @@ def test_no_text_of_the_user_reaches_the_scene(orbiter: Vehicle, stuck_run: Run)
     spoilt = hostile(stuck_run, Texts(0)).scenario.vehicle_data
     scenes = []
     for vehicle in (orbiter, spoilt):
-        stage = Stage(vehicle, truth=True)
+        stage = MeshcatStage(vehicle, truth=True)
         stage.add_mark("found", 0)
         scenes.append(stage.meshcat.StaticHtml())
     assert scenes[0] == scenes[1]

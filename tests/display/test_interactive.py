@@ -15,14 +15,14 @@ from massprop_drake.display.spec import (
     Level,
     Line,
     Mark,
-    Moment,
+    MomentLine,
     Over,
     Panel,
     Plot,
     Points,
+    ShadedWindow,
     SymmetricLog,
     Whiskers,
-    Window,
     Zone,
 )
 from massprop_drake.results.run import Run
@@ -108,8 +108,8 @@ def test_a_symmetric_logarithmic_panel_has_a_linear_view_and_one_of_magnitudes()
 
 def test_panels_stand_one_above_the_other_over_one_axis_of_time() -> None:
     panels = tuple(Panel(name, "", (Line(TIME, TIME, BLUE),)) for name in "abc")
-    moments = (Moment(3.0, declared=False), Moment(4.0, declared=True))
-    layout = interactive.drawn(Plot("some", "T", "c", TIME, panels, (Window(1.0, 2.0, "w"),), moments))["layout"]
+    moments = (MomentLine(3.0, declared=False), MomentLine(4.0, declared=True))
+    layout = interactive.drawn(Plot("some", "T", "c", TIME, panels, (ShadedWindow(1.0, 2.0, "w"),), moments))["layout"]
     domains = [layout[axis]["domain"] for axis in ("yaxis", "yaxis2", "yaxis3")]
     assert 1.0 > domains[0][1] > domains[0][0] > domains[1][1] > domains[1][0] > domains[2][1]
     assert domains[2][0] == pytest.approx(0.0, abs=1e-12)
@@ -122,7 +122,7 @@ def test_panels_over_a_quantity_have_axes_of_their_own_and_a_path_to_read() -> N
     over = [Over(f"error {letter}", "deg", (-2.0, 2.0)) for letter in "xy"]
     marks = (Line(TIME, TIME, BLUE, "path"), Line(TIME[:2], TIME[:2], BLUE, "wanted"))
     panels = tuple(Panel(f"rate {letter}", "deg/s", marks, over=each) for letter, each in zip("xy", over, strict=True))
-    moments = (Moment(3.0, declared=False),)
+    moments = (MomentLine(3.0, declared=False),)
     figure = interactive.drawn(Plot("some", "T", "c", TIME, panels, (), moments))
     assert [(trace["xaxis"], trace["yaxis"]) for trace in figure["traces"]] == [("x", "y")] * 2 + [("x2", "y2")] * 2
     assert [trace.get("meta") for trace in figure["traces"]] == [

@@ -15,10 +15,10 @@ from contrast_probe import faint
 from matplotlib.image import imread
 
 from massprop_drake import load_scenario, simulate
-from massprop_drake.display import events, instruments, write_replay
+from massprop_drake.display import event_marks, instruments, write_replay
 from massprop_drake.display.flight3d import replay_html
 from massprop_drake.display.live import Live
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.results.run import Run
 
 
@@ -29,7 +29,7 @@ def test_it_is_one_file_that_needs_no_network(stuck_run: Run, tmp_path: Path) ->
 
 
 def test_the_failed_jet_and_the_one_found_are_marked(stuck_run: Run) -> None:
-    failed, found = *events.failures(stuck_run.scenario, 6.0), *events.found(stuck_run)
+    failed, found = *event_marks.failures(stuck_run.scenario, 6.0), *event_marks.found(stuck_run)
     assert failed.jets == found.jets == (stuck_run.scenario.vehicle_data.jet_index("R4R"),)
     assert failed.start_s == 1.0
     assert 1.0 < found.start_s < 3.0
@@ -41,13 +41,13 @@ def test_a_cluster_found_marks_all_its_jets(stuck_run: Run) -> None:
     results = replace(stuck_run.results, detections=(entry,))
     run = Run(stuck_run.scenario, results, stuck_run.time_s, stuck_run.signals)
     jets = run.scenario.vehicle_data.jets
-    assert {jets[index].cluster for index in events.found(run)[0].jets} == {12}
-    assert len(events.found(run)[0].jets) == 5
+    assert {jets[index].cluster for index in event_marks.found(run)[0].jets} == {12}
+    assert len(event_marks.found(run)[0].jets) == 5
 
 
 def test_what_is_commanded_is_said(stuck_run: Run) -> None:
-    assert events.commanded(stuck_run.scenario, 0.5) == "RHC +x"
-    assert events.commanded(stuck_run.scenario, 3.0) == "hold"
+    assert event_marks.commanded(stuck_run.scenario, 0.5) == "RHC +x"
+    assert event_marks.commanded(stuck_run.scenario, 3.0) == "hold"
 
 
 def test_a_script_in_a_name_stays_text(toy_data: dict[str, Any]) -> None:

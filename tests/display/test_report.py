@@ -19,7 +19,7 @@ from massprop_drake import load_scenario, simulate
 from massprop_drake.cli import show
 from massprop_drake.display import interactive, page, plots, write_report
 from massprop_drake.display.page import report_html, summary_html
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.results import table
 from massprop_drake.results.allowed import Intervals
 from massprop_drake.results.detections import size

@@ -16,9 +16,9 @@ from malformed_probe import spoil_data, spoil_number, spoil_text
 from ruamel.yaml import YAML
 
 from massprop_drake import InputError, load_scenario
-from massprop_drake.inputs.campaign import MOST_CASES, Dispersion, load_campaign, settings_of, with_settings
+from massprop_drake.inputs.campaign_file import MOST_CASES, Dispersion, load_campaign, settings_of, with_settings
 from massprop_drake.inputs.params import true_properties
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.yaml import to_yaml
 from massprop_drake.maths.mass_properties import could_be_inertia, drawn_body
 from massprop_drake.studies.campaign.plan import planned

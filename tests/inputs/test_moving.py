@@ -13,7 +13,7 @@ from massprop_drake.errors import InputError
 from massprop_drake.inputs.moving import HingedPanel, Slosh
 from massprop_drake.inputs.params import modes
 from massprop_drake.inputs.scenario import load_scenario
-from massprop_drake.inputs.vehicle import load_vehicle
+from massprop_drake.inputs.vehicle_file import load_vehicle
 
 SLOSH: dict[str, Any] = {
     **{"name": "tank", "kind": "slosh", "mass": 4.0, "position": [0.1, 0.2, 0.3], "axes": ["x", [0, 0.6, 0.8]]},

@@ -75,7 +75,7 @@ def test_settings_of_the_rotation_filter() -> None:
     default = params.rotation_params(load_scenario("sample_maneuver"))
     assert (default.second_order, default.coupling, default.coupling_limit) == (
         True,
-        rotation_filter.Coupling.HYBRID,
+        rotation_filter.RotationCoupling.HYBRID,
         50.0,
     )
     assert default.jump_threshold == 25.0
@@ -89,7 +89,7 @@ def test_settings_of_the_rotation_filter() -> None:
             ],
         )
     )
-    assert (changed.second_order, changed.coupling) == (False, rotation_filter.Coupling.IGNORE)
+    assert (changed.second_order, changed.coupling) == (False, rotation_filter.RotationCoupling.IGNORE)
     assert changed.jump_threshold == math.inf
     np.testing.assert_allclose(changed.disturbance_covariance, 0.01 * np.eye(3), rtol=1e-15)
     np.testing.assert_allclose(changed.process_noise, np.diag([0, 0, 0, 0, 0, 0, 4.0, 0, 0]), rtol=1e-15)

@@ -14,7 +14,7 @@ from massprop_drake import InputError, load_scenario, load_vehicle, simulate
 from massprop_drake.inputs import plausible
 from massprop_drake.inputs.model import validated
 from massprop_drake.inputs.scenario import Scenario, bundled_scenarios, resolved
-from massprop_drake.inputs.vehicle import Vehicle, bundled_vehicles
+from massprop_drake.inputs.vehicle_file import Vehicle, bundled_vehicles
 from massprop_drake.inputs.yaml import Document, to_yaml
 from massprop_drake.records.reader import columns
 

@@ -15,7 +15,7 @@ from test_vehicle_file import DELETED
 from massprop_drake import InputError, load_scenario, load_vehicle, simulate
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import resolved
-from massprop_drake.inputs.vehicle import PoseSensor, Vehicle, VelocitySensor, bundled_vehicles
+from massprop_drake.inputs.vehicle_file import PoseSensor, Vehicle, VelocitySensor, bundled_vehicles
 from massprop_drake.inputs.yaml import Document, to_yaml
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, NAMES
 

@@ -21,7 +21,7 @@ from massprop_drake.inputs.params import thrust_factors, true_properties
 from massprop_drake.inputs.scenario import FaultsBlock, JointBlock, bundled_scenarios, resolved, set_field
 from massprop_drake.inputs.yaml import to_yaml
 from massprop_drake.maths.estimation.detector import STATUS
-from massprop_drake.maths.estimation.faults.report import HYPOTHESIS_REPORT
+from massprop_drake.maths.estimation.faults.fault_report import HYPOTHESIS_REPORT
 
 DATA = REPOSITORY / "tests" / "data"
 MANEUVER = "maneuver:\n  - {controller: rhc, axis: +x, start_s: 1, end_s: 3}\n"

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from massprop_drake import InputError, load_vehicle
 from massprop_drake.inputs.model import validated, yaml_text
-from massprop_drake.inputs.vehicle import MassPropertiesModel, Vehicle, bundled_vehicles
+from massprop_drake.inputs.vehicle_file import MassPropertiesModel, Vehicle, bundled_vehicles
 from massprop_drake.inputs.yaml import to_yaml
 from massprop_drake.maths.mass_properties import six_elements, symmetric
 

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from massprop_drake import load_scenario, load_vehicle, simulate
 from massprop_drake.inputs import params
-from massprop_drake.inputs.vehicle import bundled_vehicles
+from massprop_drake.inputs.vehicle_file import bundled_vehicles
 from massprop_drake.maths.mass_properties import could_be_inertia
 from massprop_drake.results.run import Run
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from record_probe import Flight
 
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from pose_probe import again
 
 from massprop_drake import InputError, estimate, load_vehicle
 from massprop_drake.inputs.scenario import resolved
-from massprop_drake.inputs.vehicle import Accelerometer, Vehicle
+from massprop_drake.inputs.vehicle_file import Accelerometer, Vehicle
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.records.reader import Reader, Rows, columns, write_csv
 

@@ -20,7 +20,7 @@ from record_probe import (
 )
 
 from massprop_drake.errors import InputError
-from massprop_drake.inputs.vehicle import load_vehicle
+from massprop_drake.inputs.vehicle_file import load_vehicle
 from massprop_drake.records.mapping import Mapped, MappedTable, comes_faster, mapped, preview, table
 from massprop_drake.records.recording import open_recording
 

@@ -11,7 +11,7 @@ import pytest
 from pose_probe import again
 
 from massprop_drake import InputError, load_vehicle
-from massprop_drake.inputs.vehicle import Vehicle, times_per_s
+from massprop_drake.inputs.vehicle_file import Vehicle, times_per_s
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.on_times import continued, pieces
 from massprop_drake.records.control_rows import Thinning

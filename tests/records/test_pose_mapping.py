@@ -12,7 +12,7 @@ from record_probe import as_map, write_csv
 
 from massprop_drake import InputError, estimate, load_vehicle
 from massprop_drake.inputs.scenario import resolved
-from massprop_drake.inputs.vehicle import Gyro, PoseSensor, Vehicle, VelocitySensor
+from massprop_drake.inputs.vehicle_file import Gyro, PoseSensor, Vehicle, VelocitySensor
 from massprop_drake.maths.attitude import from_rotation_vector
 from massprop_drake.records.mapping import MappedTable, mapped, table
 from massprop_drake.records.recording import open_recording

@@ -23,7 +23,7 @@ from record_probe import (
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.model import validated
 from massprop_drake.inputs.record_map import RecordMap
-from massprop_drake.inputs.vehicle import Vehicle, load_vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle, load_vehicle
 from massprop_drake.inputs.yaml import to_yaml
 from massprop_drake.records.names import read_name
 from massprop_drake.records.proposal import Proposal, propose

@@ -25,7 +25,7 @@ from record_probe import (
 
 from massprop_drake.cli.sources import checked
 from massprop_drake.errors import InputError
-from massprop_drake.inputs.vehicle import load_vehicle
+from massprop_drake.inputs.vehicle_file import load_vehicle
 from massprop_drake.records.reader import vehicle_scenario
 from massprop_drake.records.recording import open_recording
 from massprop_drake.records.tables import Loss

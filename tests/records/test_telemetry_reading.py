@@ -15,7 +15,7 @@ from pose_probe import again
 from telemetry_probe import PERIOD_S, Log, toy_vehicle
 
 from massprop_drake import InputError
-from massprop_drake.inputs.vehicle import JetCommands, Vehicle
+from massprop_drake.inputs.vehicle_file import JetCommands, Vehicle
 from massprop_drake.records.reader import (
     AT_STAMPS,
     WRENCH,

@@ -9,7 +9,7 @@ import pytest
 
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.record_map import RecordMap
-from massprop_drake.inputs.vehicle import Vehicle, load_vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle, load_vehicle
 from massprop_drake.records import mapping, proposal
 from massprop_drake.records.recording import open_recording
 

@@ -11,9 +11,9 @@ import pytest
 from odds_probe import odds
 
 from massprop_drake import InputError, Run
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.estimation.faults.declarations import Mode
-from massprop_drake.maths.estimation.faults.report import HYPOTHESIS_REPORT, Odds, own_row
+from massprop_drake.maths.estimation.faults.fault_report import HYPOTHESIS_REPORT, Odds, own_row
 from massprop_drake.results.fault_probabilities import FaultProbabilities, JetProbability, at_end, rounded
 from massprop_drake.results.spool import Spool
 from massprop_drake.results.summary import Summary

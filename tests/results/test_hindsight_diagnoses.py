@@ -14,7 +14,7 @@ from massprop_drake.maths.estimation import hindsight
 from massprop_drake.results.consistency import Diagnosis, Tally, judged
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.events import EventRecord
-from massprop_drake.results.hindsight import Hindsight, looked_back, model, stretches
+from massprop_drake.results.shown_in_hindsight import Hindsight, looked_back, model, stretches
 from massprop_drake.results.spool import Spool
 from massprop_drake.results.summary import Summary
 

@@ -11,7 +11,7 @@ from massprop_drake import Run, load_scenario, load_vehicle
 from massprop_drake.display.page import report_html
 from massprop_drake.inputs import params
 from massprop_drake.maths.mass_properties import NAMES
-from massprop_drake.results.identifiability import bound_in_words, identified, unobservable
+from massprop_drake.results.identified import bound_in_words, identified, unobservable
 from massprop_drake.results.summary import Summary
 
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from odds_probe import history, odds
 
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.arrays import Layout
-from massprop_drake.maths.estimation.faults.report import History, own_row
+from massprop_drake.maths.estimation.faults.fault_report import History, own_row
 from massprop_drake.results.consistency import Tally
 from massprop_drake.results.monitoring import FlightMonitor
 from massprop_drake.results.recent import nothing_seen

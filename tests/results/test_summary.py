@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from massprop_drake import InputError, Run
-from massprop_drake.inputs.vehicle import Vehicle
-from massprop_drake.maths.estimation.detector import STATUS, Event
+from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.maths.estimation.detector import STATUS, Verdict
 from massprop_drake.maths.mass_properties import NAMES, derived
 from massprop_drake.results.detections import DetectionRecord, detection_entries, settled
 from massprop_drake.results.summary import Parameter, Summary, by_name, from_names, null_for_nan
@@ -219,7 +219,7 @@ def test_kind_and_mode_follow_from_the_force(
     jet = orbiter.jet_index("R4R")
     signals = _signals(
         3,
-        detector_event={1: float(Event.DECLARED)},
+        detector_event={1: float(Verdict.DECLARED)},
         suspected_jet={1: float(jet)},
         jet_isolated={1: 1.0},
         suspected_magnitude={1: magnitude},
@@ -249,13 +249,13 @@ def test_kind_and_mode_follow_from_the_force(
 
 
 def test_a_jet_that_is_not_isolated_is_named_by_its_cluster(orbiter: Vehicle) -> None:
-    signals = _signals(2, detector_event={0: float(Event.DECLARED)}, suspected_jet={0: 28.0})
+    signals = _signals(2, detector_event={0: float(Verdict.DECLARED)}, suspected_jet={0: 28.0})
     (record,) = detection_entries(orbiter, np.zeros(2), signals)
     assert (record.cluster, record.jet, record.isolated_to, record.jet_index) == (12, None, "cluster", 28)
 
 
 def test_a_jump_has_no_jet_and_the_nis_for_a_statistic(orbiter: Vehicle) -> None:
-    signals = _signals(2, detector_event={1: float(Event.JUMP)}, rotation_nis={1: 99.0}, alarms={1: 4.0})
+    signals = _signals(2, detector_event={1: float(Verdict.JUMP)}, rotation_nis={1: 99.0}, alarms={1: 4.0})
     (record,) = detection_entries(orbiter, np.array([0.0, 0.08]), signals)
     assert (record.kind, record.cluster, record.jet, record.magnitude) == ("mass_property_jump", None, None, None)
     assert (record.statistic, record.alarms, record.jet_index) == (99.0, 4, None)
@@ -264,7 +264,7 @@ def test_a_jump_has_no_jet_and_the_nis_for_a_statistic(orbiter: Vehicle) -> None
 def test_a_withdrawal_marks_the_standing_declaration_of_its_jet(orbiter: Vehicle) -> None:
     other = STUCK_ON._replace(jet="F2R", jet_index=3)
     before = STUCK_ON._replace(withdrawn_s=51.0)
-    signals = _signals(2, detector_event={1: float(Event.WITHDRAWN)}, suspected_jet={1: 28.0})
+    signals = _signals(2, detector_event={1: float(Verdict.WITHDRAWN)}, suspected_jet={1: 28.0})
     records = detection_entries(orbiter, np.array([52.0, 52.08]), signals, (before, other, STUCK_ON))
     assert records == [before, other, STUCK_ON._replace(withdrawn_s=52.08)]
 

@@ -17,7 +17,7 @@ from massprop_drake.errors import InputError
 from massprop_drake.results import table
 from massprop_drake.results.against import Against
 from massprop_drake.results.summary import Summary
-from massprop_drake.runners.against import _before_jumps, beside
+from massprop_drake.runners.simulated_beside import _before_jumps, beside
 
 FLIGHT = [
     "duration_s=30",

@@ -18,8 +18,8 @@ from massprop_drake.results.against import Against
 from massprop_drake.results.against_followed import turned
 from massprop_drake.results.stored import STATE_FILE
 from massprop_drake.results.summary import Summary
-from massprop_drake.runners import against_followed
-from massprop_drake.runners.against import beside
+from massprop_drake.runners import followed_beside
+from massprop_drake.runners.simulated_beside import beside
 
 FLIGHT = ["duration_s=14", "detector.kind=off", "execution.engine=loop", "plant.thrust_dispersion=0"]
 WEAK = "failures=[{kind: degraded, jet: T6, start_s: 0, fraction: 0.4}]"
@@ -81,8 +81,8 @@ def test_residuals_are_those_of_what_was_simulated(weak: Run) -> None:
 
 def test_it_begins_where_the_record_is_and_begins_anew(weak: Run) -> None:
     there = np.flatnonzero(np.isfinite(weak["against.mocap"][:, 0]))
-    assert weak.time_s[there[0]] == pytest.approx(against_followed.SETTLING_S, abs=0.07)
-    anew = int(np.searchsorted(weak.time_s, weak.time_s[there[0]] + against_followed.SPAN_S))
+    assert weak.time_s[there[0]] == pytest.approx(followed_beside.SETTLING_S, abs=0.07)
+    anew = int(np.searchsorted(weak.time_s, weak.time_s[there[0]] + followed_beside.SPAN_S))
     for row in (there[0], anew):
         assert np.abs((weak["mocap"] - weak["against.mocap"])[row, :2]).max() < 1e-12
     assert np.abs((weak["mocap"] - weak["against.mocap"])[anew - 1, :2]).max() > 4e-3

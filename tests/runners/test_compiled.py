@@ -316,7 +316,7 @@ def test_where_nothing_can_be_kept_it_is_said_and_nothing_is_left_beside_the_sou
         "from massprop_drake.maths import kernels; compiler = kernels.compiler(); assert compiler.folder is None; "
         "from massprop_drake.maths._holding import hold, _compiled; "
         "from numba.core.caching import NullCache; assert isinstance(hold._cache, NullCache); "
-        "from massprop_drake.maths.estimation.joint.impulses import fire; "
+        "from massprop_drake.maths.estimation.joint.lagged_impulses import fire; "
         "assert isinstance(kernels.compiled(fire)._cache, NullCache)"
     )
     environ = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "file")}

@@ -14,7 +14,7 @@ from systems_probe import feedthrough
 from massprop_drake import Estimator, Run, Scenario, estimate, load_scenario, simulate
 from massprop_drake.diagrams import closed_loop, estimation
 from massprop_drake.maths.estimation.detectors import DETECTORS
-from massprop_drake.maths.estimation.faults.report import History, Odds
+from massprop_drake.maths.estimation.faults.fault_report import History, Odds
 from massprop_drake.systems.views import port_view
 
 N, R4R, F1U = 44, 28, 10

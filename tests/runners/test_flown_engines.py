@@ -11,7 +11,7 @@ import pytest
 
 from massprop_drake import Run, estimate, simulate
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.inputs.vehicle import load_vehicle
+from massprop_drake.inputs.vehicle_file import load_vehicle
 
 
 def scenario(seed: int, telemetry: str = "measured", **changed: Any) -> Scenario:

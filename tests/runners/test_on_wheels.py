@@ -15,7 +15,7 @@ from pydrake.systems.primitives import LogVectorOutput
 from massprop_drake import InputError, Scenario, estimate, load_scenario, load_vehicle, simulate
 from massprop_drake.diagrams import autopilot, vehicle
 from massprop_drake.inputs.scenario import resolved
-from massprop_drake.inputs.vehicle import Vehicle, Wheel
+from massprop_drake.inputs.vehicle_file import Vehicle, Wheel
 
 PYRAMID = [[0.57735, 0.57735, 0.57735], [0.57735, -0.57735, 0.57735], [0.57735, -0.57735, -0.57735]]
 PYRAMID += [[0.57735, 0.57735, -0.57735]]

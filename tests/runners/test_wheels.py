@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from massprop_drake import Estimator, Run, estimate, load_scenario, simulate
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.inputs.vehicle import load_vehicle
+from massprop_drake.inputs.vehicle_file import load_vehicle
 
 Array = NDArray[np.float64]
 HALF = 0.5**0.5

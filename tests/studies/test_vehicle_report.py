@@ -12,9 +12,9 @@ from scipy.optimize import linprog
 
 from massprop_drake import load_vehicle
 from massprop_drake.inputs.model import validated
-from massprop_drake.inputs.vehicle import Vehicle, bundled_vehicles
+from massprop_drake.inputs.vehicle_file import Vehicle, bundled_vehicles
 from massprop_drake.maths.autopilot.jet_selection import activity_vectors
-from massprop_drake.studies.vehicle import DIRECTIONS, reaches, vehicle_report
+from massprop_drake.studies.vehicle_report import DIRECTIONS, reaches, vehicle_report
 
 
 def _vehicle(data: dict[str, Any]) -> Vehicle:

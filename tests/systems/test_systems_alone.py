@@ -14,7 +14,7 @@ from pydrake.systems.framework import Diagram, LeafSystem, System
 
 from massprop_drake import InputError, load_scenario, load_vehicle, systems
 from massprop_drake.diagrams import closed_loop, open_loop, replay
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.vehicle.rigid_body import N_STATE, RATE
 from massprop_drake.systems import ImpulseModel, IntegratingAccelerometer, RateGyro
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.display import events, motion, plots, solids
+from massprop_drake.display import event_marks, motion, plots, solids
 from massprop_drake.display.style import (
     ESTIMATE_COLOR,
     FAILED_COLOR,
@@ -198,7 +198,7 @@ class Content:
         self._simulated = "thrust" in self._names
         self._end_s = float(time_s[-1])
         self._messages = _messages(run, self._notes())
-        self._found = events.found(run)
+        self._found = event_marks.found(run)
         self._before: dict[str, Arrows | Balls] = {}
         self.outline = self._outline(int(self._ns(time_s[:1])[0]), has_epoch=epoch_s is not None)
 
@@ -347,8 +347,8 @@ class Content:
                 [_rgba(_MARKS[kind], 0.55) for _, kind in shown],
             )
 
-    def _failures(self) -> list[events.Mark]:
-        return events.failures(self._scenario, self._end_s) if self._simulated else []
+    def _failures(self) -> list[event_marks.Mark]:
+        return event_marks.failures(self._scenario, self._end_s) if self._simulated else []
 
     def _centers(self, signals: Mapping[str, Array]) -> Iterator[Balls]:
         """Returns true and estimated center of mass, and the latter's 3-sigma ellipsoid along the axes."""
@@ -398,7 +398,7 @@ def _messages(run: Run, notes: Sequence[str]) -> list[LogEntry]:
         found += [LogEntry(start_s, "warning", "record", text) for text in of_record]
     if "thrust" in run.signals:
         found += [LogEntry(start_s, "warning", "scenario", str(doubt)) for doubt in scenario.simulation_doubts]
-        for mark in events.failures(scenario, end_s):
+        for mark in event_marks.failures(scenario, end_s):
             found.append(LogEntry(mark.start_s, "error", "scenario", f"{mark.text} begins"))
             if mark.end_s <= end_s:
                 found.append(LogEntry(mark.end_s, "info", "scenario", f"{mark.text} ends"))

@@ -20,7 +20,7 @@ from massprop_drake.maths.linear_algebra import Array, nonzero
 TRANSLATION, ROTATION = slice(0, 3), slice(3, 6)  # parts of the innovation that a detector sees
 
 
-class Event(IntEnum):
+class Verdict(IntEnum):
     """Event that a detector declares in a cycle."""
 
     NOTHING = 0
@@ -30,7 +30,7 @@ class Event(IntEnum):
     OTHER = 4  # something else, which the method's own report says
 
 
-class Jets(NamedTuple):
+class KnownJets(NamedTuple):
     """The jets as a detector knows them.
 
     Attributes:

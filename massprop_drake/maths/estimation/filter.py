@@ -15,7 +15,7 @@ from massprop_drake.maths.arrays import FLAG, NUMBER, Layout
 from massprop_drake.maths.estimation.adaptation import Adaptation
 from massprop_drake.maths.estimation.detector import KnownForce
 from massprop_drake.maths.estimation.impulses import Impulses
-from massprop_drake.maths.estimation.joint.disturbance import NO_DISTURBANCE, DisturbanceParams
+from massprop_drake.maths.estimation.joint.disturbance_states import NO_DISTURBANCE, DisturbanceParams
 from massprop_drake.maths.estimation.joint.layout import AttitudeSensors
 from massprop_drake.maths.estimation.joint.modes import NO_MODES, ModeParams
 from massprop_drake.maths.estimation.joint.rates import EVERY_PERIOD, Rates

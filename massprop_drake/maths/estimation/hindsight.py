@@ -36,8 +36,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.joint.burns import pushes
-from massprop_drake.maths.estimation.joint.disturbance import NO_DISTURBANCE, DisturbanceParams
-from massprop_drake.maths.estimation.joint.impulses import LEAST_LAG, Lingering, fire, lingering
+from massprop_drake.maths.estimation.joint.disturbance_states import NO_DISTURBANCE, DisturbanceParams
+from massprop_drake.maths.estimation.joint.lagged_impulses import LEAST_LAG, Lingering, fire, lingering
 from massprop_drake.maths.estimation.joint.modes import ERRORS, NO_MODES, ModeParams
 from massprop_drake.maths.estimation.joint.prediction import PARABOLA
 from massprop_drake.maths.estimation.joint.swing import swung
@@ -177,7 +177,7 @@ class Columns(NamedTuple):
     shift: slice  # of elements 0 to 8, for each unit of propellant from no tank that is still to be used
 
 
-class Model(NamedTuple):
+class FlightModel(NamedTuple):
     """Model of the vehicle before a flight.
 
     Attributes:
@@ -229,7 +229,7 @@ class Model(NamedTuple):
     own_times: bool = False
 
 
-def gathers(model: Model) -> bool:
+def gathers(model: FlightModel) -> bool:
     """Tests whether noise accumulates in rates or velocities, by walks or by a disturbance."""
     return any(model.walks) or bool(model.disturbance.accelerations.any())
 
@@ -266,7 +266,7 @@ class Stretch(NamedTuple):
     seconds: Array | None = None
 
 
-class Normal(NamedTuple):
+class NormalEquations(NamedTuple):
     """The normal equations of some readings about a point.
 
     Attributes:
@@ -297,9 +297,9 @@ class Normal(NamedTuple):
         """Unexplained rest per reading, in units of its variance."""
         return self.misfit / max(self.readings, 1.0)
 
-    def plus(self, other: Normal) -> Normal:
+    def plus(self, other: NormalEquations) -> NormalEquations:
         """Adds the equations of other readings."""
-        return Normal(
+        return NormalEquations(
             self.information + other.information,
             self.score + other.score,
             self.misfit + other.misfit,
@@ -310,7 +310,7 @@ class Normal(NamedTuple):
         )
 
 
-class Fit(NamedTuple):
+class FlightFit(NamedTuple):
     """Fit of the readings by the unknowns that are estimated.
 
     Attributes:
@@ -320,7 +320,7 @@ class Fit(NamedTuple):
     """
 
     at: Array
-    normal: Normal
+    normal: NormalEquations
     settled: bool
 
 
@@ -340,7 +340,7 @@ class ScoreTest(NamedTuple):
     least: float
 
 
-def columns(model: Model) -> Columns:
+def columns(model: FlightModel) -> Columns:
     """Returns the places of a vehicle's unknowns."""
     counts = model.flows.size, model.positions.shape[0], model.wheels.inertias.size
     sizes = model.engines.thrusts.size, model.mounting.jets.size, model.modes.sigmas.shape[0], model.tanks.fill.size
@@ -374,7 +374,7 @@ def _common(lengths_s: Lengths) -> float:
     return 1.0 if isinstance(lengths_s, np.ndarray) else lengths_s
 
 
-class _Read(NamedTuple):
+class _ReadRecord(NamedTuple):
     """Data of a stretch that do not depend on the unknowns."""
 
     stretch: Stretch
@@ -395,7 +395,7 @@ class _Read(NamedTuple):
     through: _Through | None = None  # None: without tanks
 
 
-def _read(stretch: Stretch, model: Model) -> _Read:
+def _read(stretch: Stretch, model: FlightModel) -> _ReadRecord:
     told = (stretch.commands[:-1] != 0.0).any(axis=0)
     on = np.flatnonzero(told | (stretch.before != 0.0).any(axis=0))
     rates = _by_columns(stretch.readings[:, : model.gyros].swapaxes(0, 1))
@@ -415,23 +415,23 @@ def _read(stretch: Stretch, model: Model) -> _Read:
     of_tanks = to_draw - drawn[:, drawn.shape[1] // 2, None], *none
     commands, each = stretch.commands[:-1, on], lengths if model.own_times else period
     seen = stretch, each, late, lengths, on, commands, rate, there, known, to_use, readings, momenta
-    return _Read(*seen, *of_tanks)
+    return _ReadRecord(*seen, *of_tanks)
 
 
-def _drawn(stretch: Stretch, model: Model) -> Array:
+def _drawn(stretch: Stretch, model: FlightModel) -> Array:
     """Computes the propellant drawn from each tank from each row to the end of the flight, as stated, shape (n, m)."""
     if stretch.seconds is None or not model.tanks.fill.size:
         return np.zeros((0, stretch.time_s.size))
     return np.asarray((model.tanks.feeds * model.flows) @ stretch.seconds[:, 1].T)
 
 
-def _standing(at: Array, seconds: Array, model: Model, more: Array | None = None) -> Array:
+def _standing(at: Array, seconds: Array, model: FlightModel, more: Array | None = None) -> Array:
     """Computes the ten parameters at some times of a flight, see `vehicle.depletion`, shape (..., 10).
 
     Args:
         at: all unknowns, of the end, shape (n,).
         seconds: of full thrust of each jet until then, and from then to the end, shape (..., 2, n_jets).
-        model: see `Model`.
+        model: see `FlightModel`.
         more: further propellant that is still to be drawn from each tank, shape (n_tanks,).
     """
     places, tanks = columns(model), model.tanks
@@ -477,13 +477,13 @@ class _Through(NamedTuple):
     by_jets: Array
 
 
-def _about_middle(course: _Course, at: Array, model: Model) -> tuple[_Course, Array]:
+def _about_middle(course: _Course, at: Array, model: FlightModel) -> tuple[_Course, Array]:
     """Expands a stretch and all unknowns about its middle; without tanks both stay.
 
     Args:
         course: of the stretch.
         at: all unknowns, of the end of the flight, shape (n,).
-        model: see `Model`.
+        model: see `FlightModel`.
     """
     read = course.read
     stretch, n = read.stretch, model.tanks.fill.size
@@ -519,7 +519,7 @@ def _about_middle(course: _Course, at: Array, model: Model) -> tuple[_Course, Ar
     return course._replace(read=read._replace(stretch=cut, **of_tanks)), middle
 
 
-def _slopes(at: Array, seconds: Array, model: Model) -> Array:
+def _slopes(at: Array, seconds: Array, model: FlightModel) -> Array:
     """Computes derivatives of elements 0 to 8 by propellant still to be drawn from each tank, (n_tanks, 9)."""
     slopes = np.empty((model.tanks.fill.size, _MASS))
     for tank, capacity in enumerate(model.tanks.capacities.tolist()):
@@ -530,12 +530,12 @@ def _slopes(at: Array, seconds: Array, model: Model) -> Array:
     return slopes
 
 
-def _places_of(stretch: Stretch, model: Model) -> Array:
+def _places_of(stretch: Stretch, model: FlightModel) -> Array:
     """Returns the places of the rows along a straight line, shape (m,)."""
     return stretch.time_s if model.own_times else np.arange(stretch.time_s.size, dtype=np.float64)
 
 
-def _momenta(stretch: Stretch, model: Model) -> Array:
+def _momenta(stretch: Stretch, model: FlightModel) -> Array:
     """Computes J_k W_k a_k of each wheel at the rows, shape (w, 3, m); zero for wheels that are never read."""
     wheels = model.wheels
     if stretch.speeds is None:
@@ -549,7 +549,7 @@ def _momenta(stretch: Stretch, model: Model) -> Array:
 class _Course(NamedTuple):
     """Course of the jets' thrust over a stretch, by rows; jets that are not listed gave none."""
 
-    read: _Read
+    read: _ReadRecord
     amount: Array  # seconds of full thrust, (m - 1, j)
     by_lag: Array  # its derivative by the time constant
     lacking: Array  # how far each level is off at the beginning, (m - 1, j): times
@@ -558,7 +558,7 @@ class _Course(NamedTuple):
     bent: Array | None  # bow besides, of jets that open or close within a sample, s, (3, m - 1, j)
 
 
-def _course(read: _Read, lag_error: Array, model: Model) -> _Course:
+def _course(read: _ReadRecord, lag_error: Array, model: FlightModel) -> _Course:
     on, commands, period, late = read.on, read.commands, read.period_s, read.late_s
     m = late.shape[0]
     given, lag_error = model.time_constants_s[on], lag_error[on]
@@ -625,7 +625,7 @@ class _Pulses(NamedTuple):
     bow: Array  # see `Firing`, s, (3, m - 1, j)
 
 
-def _pulses(read: _Read, constants: Array, left: Lingering, period_s: Lengths) -> _Pulses | None:
+def _pulses(read: _ReadRecord, constants: Array, left: Lingering, period_s: Lengths) -> _Pulses | None:
     """Computes the corrections of a stretch, see `_Pulses`; None: all jets switch with samples.
 
     Args:
@@ -678,7 +678,7 @@ def _ticks(time_s: Array, period_s: float) -> tuple[float, Array]:
     return period, np.where(np.abs(late) < _EXACT * period, 0.0, late)
 
 
-def off_ticks(stretch: Stretch, model: Model) -> bool:
+def off_ticks(stretch: Stretch, model: FlightModel) -> bool:
     """Tests whether stamps of a stretch are off their ticks."""
     return not model.own_times and bool(_ticks(stretch.time_s, model.period_s)[1].any())
 
@@ -888,7 +888,7 @@ class _Expected(NamedTuple):
         return self.gained.rate
 
 
-def _expected(at: Array, course: _Course, model: Model) -> _Expected:
+def _expected(at: Array, course: _Course, model: FlightModel) -> _Expected:
     places, read = columns(model), course.read
     wrenches, rate, stretch = _wrenches(at, course, model), read.rate, read.stretch
     impulse = wrenches @ course.amount.T + stretch.outside[:-1].T * read.lengths_s
@@ -936,7 +936,7 @@ def _expected(at: Array, course: _Course, model: Model) -> _Expected:
     return expected._replace(gained=gained._replace(rate=swings.rate), velocity=swings.velocity)
 
 
-def _swings(expected: _Expected, derivatives: tuple[Array, Array], at: Array, model: Model) -> Swings:
+def _swings(expected: _Expected, derivatives: tuple[Array, Array], at: Array, model: FlightModel) -> Swings:
     """Computes a stretch with its modes, and derivatives of rate and velocity by k unknowns, shape (k, 3, m) each."""
     read, places = expected.course.read, columns(model)
     rate = read.rate - at[places.gyro_bias, None]
@@ -944,7 +944,7 @@ def _swings(expected: _Expected, derivatives: tuple[Array, Array], at: Array, mo
     return with_modes(locked, at[:_N], at[places.moving], model.modes, model.compute.swing)
 
 
-def _gained_from(rate: Array, sums: _Sums, read: _Read, at: Array, model: Model) -> _Gained:
+def _gained_from(rate: Array, sums: _Sums, read: _ReadRecord, at: Array, model: FlightModel) -> _Gained:
     """Computes `_gained` with the coupling of rates at the rows as they are read, shape (3, m)."""
     rate, held = rate - at[columns(model).gyro_bias, None], _held(read, at, model)
     bows = _bows(sums, rate, held, read.period_s, at)
@@ -956,7 +956,7 @@ def _gained_from(rate: Array, sums: _Sums, read: _Read, at: Array, model: Model)
     return _gained(sums, _moving(rate), bows, read.period_s, at)
 
 
-def _held(read: _Read, at: Array, model: Model) -> Array:
+def _held(read: _ReadRecord, at: Array, model: FlightModel) -> Array:
     """Computes the angular momentum of the wheels at the rows, shape (3, m)."""
     return np.tensordot(1.0 + at[columns(model).wheel], read.momenta, 1)
 
@@ -967,14 +967,14 @@ def _crossed(rate: Array, momentum: Array) -> Array:
     return ((2.0 * crosses(w0, h0) + crosses(w0, h1) + crosses(w1, h0) + 2.0 * crosses(w1, h1)) / 6.0).T
 
 
-def _wrenches(at: Array, course: _Course, model: Model) -> Array:
+def _wrenches(at: Array, course: _Course, model: FlightModel) -> Array:
     """Computes wrenches about the vehicle origin of the jets that ever act in the stretch, shape (6, j)."""
     gains = 1.0 + at[columns(model).thrust][course.read.on]
     wrenches: Array = (gains[:, None] * _mounted(at, model)[course.read.on]).T
     return wrenches
 
 
-def _mounted(at: Array, model: Model) -> Array:
+def _mounted(at: Array, model: FlightModel) -> Array:
     """Computes wrenches of all jets at full thrust, with their mounting as assumed, shape (n_jets, 6)."""
     return displaced(model.wrenches, at[columns(model).mount], model.mounting)
 
@@ -999,7 +999,7 @@ class _Design(NamedTuple):
     by_center: Array | None = None  # of the center of mass in the middle, (k, 3); None: it is one of the unknowns
 
 
-def _design(expected: _Expected, at: Array, model: Model, wanted: NDArray[np.bool_]) -> _Design:
+def _design(expected: _Expected, at: Array, model: FlightModel, wanted: NDArray[np.bool_]) -> _Design:
     """Computes derivatives by at least the wanted unknowns; those of a group, but jets and gains, come together."""
     places, course, read, light = columns(model), expected.course, expected.course.read, expected.lightness
     there = wanted[places.thrust][read.on]
@@ -1054,7 +1054,7 @@ def _of_stretch(
     place: NDArray[np.int_],
     expected: _Expected,
     at: Array,
-    model: Model,
+    model: FlightModel,
 ) -> _Design:
     """Computes the design of a stretch, tanks and modes included.
 
@@ -1063,7 +1063,7 @@ def _of_stretch(
         kept, place: see `_Design`.
         expected: see `_Expected`.
         at: all unknowns, shape (n,).
-        model: see `Model`.
+        model: see `FlightModel`.
     """
     read, places, by_center = expected.course.read, columns(model), None
     if read.through is not None:
@@ -1078,7 +1078,7 @@ def _of_stretch(
 
 
 def _with_modes(
-    expected: _Expected, locked: tuple[Array, Array], moving: NDArray[np.int_], at: Array, model: Model
+    expected: _Expected, locked: tuple[Array, Array], moving: NDArray[np.int_], at: Array, model: FlightModel
 ) -> tuple[Array, Array]:
     """Adds the effects of modes to derivatives of rate and velocity, those by eta and eta' at the beginning last.
 
@@ -1087,7 +1087,7 @@ def _with_modes(
         locked: derivatives of rate and velocity with the modes locked, shape (k, 3, m) each.
         moving: places of the errors of the parts among them, shape (p,).
         at: all unknowns, shape (n,).
-        model: see `Model`.
+        model: see `FlightModel`.
     """
     swings, k = _swings(expected, locked, at, model), locked[0].shape[0]
     own = np.concatenate((np.arange(k), np.arange(k + moving.size, swings.by_rate.shape[0])))
@@ -1098,7 +1098,7 @@ def _with_modes(
 
 
 def _from_middle(
-    found: tuple[Array, Array], kept: NDArray[np.int_], expected: _Expected, at: Array, model: Model
+    found: tuple[Array, Array], kept: NDArray[np.int_], expected: _Expected, at: Array, model: FlightModel
 ) -> None:
     """Turns derivatives by the ten parameters in the middle of a stretch into those by all unknowns, in place.
 
@@ -1107,7 +1107,7 @@ def _from_middle(
         kept: unknowns of the first k of these, the ten parameters first.
         expected: see `_Expected`.
         at: all unknowns about the middle, shape (n,).
-        model: see `Model`.
+        model: see `FlightModel`.
     """
     read, places, k = expected.course.read, columns(model), kept.size
     through = read.through
@@ -1133,7 +1133,7 @@ def _from_middle(
             by_velocity[place] += _since(lighter * more)
 
 
-def _by_wheels(expected: _Expected, at: Array, model: Model) -> tuple[Array, Array]:
+def _by_wheels(expected: _Expected, at: Array, model: FlightModel) -> tuple[Array, Array]:
     """Computes derivatives of rate and velocity by the errors of the wheels' inertias, shape (w, 3, m) each."""
     read = expected.course.read
     rate = read.rate - at[columns(model).gyro_bias, None]
@@ -1143,7 +1143,7 @@ def _by_wheels(expected: _Expected, at: Array, model: Model) -> tuple[Array, Arr
     return result, np.zeros_like(result)
 
 
-def _by_engines(expected: _Expected, at: Array, model: Model) -> tuple[Array, Array]:
+def _by_engines(expected: _Expected, at: Array, model: FlightModel) -> tuple[Array, Array]:
     """Computes derivatives of rate and velocity by the errors of the engines, shape (e, 3, m) each."""
     _, by_errors = _impulses(expected.course.read, at, model)
     turned, forces = by_errors[..., :3], by_errors[..., 3:]
@@ -1152,7 +1152,7 @@ def _by_engines(expected: _Expected, at: Array, model: Model) -> tuple[Array, Ar
     return _since(moments.transpose(0, 2, 1)), _since(by_velocity.transpose(0, 2, 1))
 
 
-def _by_mounting(expected: _Expected, at: Array, model: Model) -> tuple[Array, Array]:
+def _by_mounting(expected: _Expected, at: Array, model: FlightModel) -> tuple[Array, Array]:
     """Computes derivatives of rate and velocity by the errors of the jets' mounting, shape (e, 3, m) each."""
     course, jets, wrenches = expected.course, model.mounting.jets, model.mounting.wrenches
     amounts = np.zeros((model.flows.size, course.amount.shape[0]))  # of jets that are on at some time, and of others
@@ -1163,7 +1163,7 @@ def _by_mounting(expected: _Expected, at: Array, model: Model) -> tuple[Array, A
     return by_rate, wrenches[:, 3:, None] * _since(given * expected.lightness)[:, None]
 
 
-def _impulses(read: _Read, at: Array, model: Model) -> tuple[Array, Array]:
+def _impulses(read: _ReadRecord, at: Array, model: FlightModel) -> tuple[Array, Array]:
     """Computes impulses of the engines, shape (m - 1, 6), and their derivatives by the errors, shape (e, m - 1, 6)."""
     errors, rows, lengths = at[columns(model).engine], read.stretch.time_s.size - 1, read.lengths_s[:, None]
     impulse, by_errors = np.zeros((rows, 6)), np.zeros((errors.size, rows, 6))
@@ -1188,7 +1188,7 @@ def _by_bias_of(held: Array, turned: Array, lengths_s: Lengths) -> Array:
     return np.asarray(np.einsum("ij,kjm->kim", turned, np.einsum("jkl,lm->kjm", _CROSS, summed)))
 
 
-def _with_initial(by_rate: Array, biases: NDArray[np.int_], read: _Read) -> Array:
+def _with_initial(by_rate: Array, biases: NDArray[np.int_], read: _ReadRecord) -> Array:
     """Adds initial values to the rate's derivatives: their mean is the readings', less biases, see `_fixed`."""
     counted = by_rate * read.there
     whole = by_rate - counted.sum(axis=2, keepdims=True) / read.there.sum(axis=1)[:, None]
@@ -1219,7 +1219,7 @@ def _by_mass(expected: _Expected, at: Array) -> Array:
     return _since(expected.sums.impulse[3:] * (expected.lightness / at[_MASS]) ** 2)
 
 
-def _by_lag(expected: _Expected, pulls: Array, at: Array, model: Model) -> Array:
+def _by_lag(expected: _Expected, pulls: Array, at: Array, model: FlightModel) -> Array:
     """Computes derivatives of rate and velocity by the lags; ``pulls``: those by the jets' impulses, shape (j, 6).
 
     Returns:
@@ -1234,7 +1234,7 @@ def _by_lag(expected: _Expected, pulls: Array, at: Array, model: Model) -> Array
     return _since(gained)
 
 
-def _by_ticks(expected: _Expected, at: Array, model: Model) -> Array:
+def _by_ticks(expected: _Expected, at: Array, model: FlightModel) -> Array:
     """Computes derivatives of rate and velocity by the offset and the period error of all ticks.
 
     Until a stamp a jet gives what it gives then for as much longer as its tick is earlier; with a shorter period, less
@@ -1318,7 +1318,7 @@ class _Fixed(NamedTuple):
     drawn: Array | None  # what accelerometers show by the center of mass that moves as tanks are emptied, (3, m)
 
 
-def _fixed(expected: _Expected, at: Array, model: Model) -> _Fixed:
+def _fixed(expected: _Expected, at: Array, model: FlightModel) -> _Fixed:
     read, rate = expected.course.read, expected.rate
     off = np.where(read.there, read.rate - rate, 0.0).sum(axis=1, keepdims=True) / read.there.sum(axis=1, keepdims=True)
     whole = rate + off - at[columns(model).gyro_bias, None]
@@ -1332,7 +1332,7 @@ def _fixed(expected: _Expected, at: Array, model: Model) -> _Fixed:
     return _Fixed(turn, whole, held, read.period_s, since_s, later, drawn)
 
 
-def _own(package: int, model: Model) -> tuple[slice, slice]:
+def _own(package: int, model: FlightModel) -> tuple[slice, slice]:
     """Returns the places of a package's gains, and of its biases; a gyro has none of its own."""
     places, number = columns(model), package - model.gyros
     if number < 0:
@@ -1342,7 +1342,7 @@ def _own(package: int, model: Model) -> tuple[slice, slice]:
 
 
 def _components(
-    expected: _Expected, fixed: _Fixed, at: Array, model: Model, held: _Held | None = None
+    expected: _Expected, fixed: _Fixed, at: Array, model: FlightModel, held: _Held | None = None
 ) -> Iterator[_Component]:
     """Yields every component of which there are two rows, gyros first; rows that are held are taken, others noted."""
     read, held = expected.course.read, {} if held is None else held
@@ -1410,7 +1410,7 @@ def _batches(parts: Iterator[_Component], gyros: int) -> Iterator[_Batch]:
         yield _batch(waiting)
 
 
-def _derivatives(design: _Design, batch: _Batch, fixed: _Fixed, at: Array, model: Model) -> Array:
+def _derivatives(design: _Design, batch: _Batch, fixed: _Fixed, at: Array, model: FlightModel) -> Array:
     """Computes derivatives of the expected components, shape (n, r); those by ticks that are late are the last."""
     places, place = columns(model), design.place
     x = np.empty((design.by_rate.shape[0], batch.rows.size))
@@ -1434,7 +1434,7 @@ def _derivatives(design: _Design, batch: _Batch, fixed: _Fixed, at: Array, model
     return x
 
 
-def _add_own(x: Array, place: NDArray[np.int_], batch: _Batch, fixed: _Fixed, at: Array, model: Model) -> None:
+def _add_own(x: Array, place: NDArray[np.int_], batch: _Batch, fixed: _Fixed, at: Array, model: FlightModel) -> None:
     """Applies the gain of each component, and fills in the derivatives by it and by its bias."""
     of_gains, of_biases = zip(*(_own(part.package, model) for part in batch.parts), strict=True)
     gains = [gain.start + part.axis for gain, part in zip(of_gains, batch.parts, strict=True)]
@@ -1448,31 +1448,31 @@ def _add_own(x: Array, place: NDArray[np.int_], batch: _Batch, fixed: _Fixed, at
             x[place[bias.start + part.axis], rows] = fixed.since_s[part.rows]
 
 
-def normal(stretch: Stretch, at: Array, model: Model, wanted: NDArray[np.bool_] | None = None) -> Normal:
+def normal(stretch: Stretch, at: Array, model: FlightModel, wanted: NDArray[np.bool_] | None = None) -> NormalEquations:
     """Computes the normal equations of a stretch about a point.
 
     Args:
         stretch: of at least two rows.
         at: all unknowns, shape (n,); the inverse inertia positive definite.
-        model: see `Model`.
+        model: see `FlightModel`.
         wanted: unknowns of which they are to be, shape (n,); None: all. Of others they may be zero.
     """
     return _normal(at, _course_at(_read(stretch, model), at, model), model, wanted)
 
 
-def reckoned(model: Model) -> NDArray[np.bool_]:
+def reckoned(model: FlightModel) -> NDArray[np.bool_]:
     """Selects the unknowns that a fit, and the variances it allows for, depend on, shape (n,)."""
     return (model.sigma > 0.0) | (np.arange(model.sigma.size) < _N)
 
 
-def _course_at(read: _Read, at: Array, model: Model) -> _Course:
+def _course_at(read: _ReadRecord, at: Array, model: FlightModel) -> _Course:
     """Computes the course of the jets' thrust over a stretch, which depends on the lag alone."""
     return _course(read, at[columns(model).lag][model.kinds], model)
 
 
 def _normal(
-    at: Array, course: _Course, model: Model, wanted: NDArray[np.bool_] | None = None, held: _Held | None = None
-) -> Normal:
+    at: Array, course: _Course, model: FlightModel, wanted: NDArray[np.bool_] | None = None, held: _Held | None = None
+) -> NormalEquations:
     course, at = _about_middle(course, at, model)
     expected, followed = _expected(at, course, model), model.followed and bool(course.read.known.all())
     if followed:
@@ -1515,7 +1515,7 @@ def _normal(
     return total._replace(misfit=misfit + float(shift @ (shift / own)) if shift.size else misfit, readings=count)
 
 
-def gathering(package: int, axis: int, at: Array, model: Model) -> Gathering:
+def gathering(package: int, axis: int, at: Array, model: FlightModel) -> Gathering:
     """Returns the noise that accumulates in a component of a sensor, by the stated walks and disturbance.
 
     Components are made white each by itself. The torque that a disturbance gives is in gyros and accelerometers alike:
@@ -1524,7 +1524,7 @@ def gathering(package: int, axis: int, at: Array, model: Model) -> Gathering:
     Args:
         package, axis: of the component.
         at: all unknowns, for the center of mass, shape (n,).
-        model: see `Model`.
+        model: see `FlightModel`.
     """
     turning, pushing = model.disturbance.accelerations[:3], model.disturbance.accelerations[3:]
     (of_rate, of_velocity), number = model.walks, package - model.gyros
@@ -1539,7 +1539,7 @@ def gathering(package: int, axis: int, at: Array, model: Model) -> Gathering:
     return Gathering(walk / variance, float(acting @ acting) / variance, model.disturbance.time_constant_s)
 
 
-def _whitener(one: _Component, fixed: _Fixed, at: Array, model: Model) -> Whitener:
+def _whitener(one: _Component, fixed: _Fixed, at: Array, model: FlightModel) -> Whitener:
     """Makes the whitener of a component; noise common to n packages counts n times for each."""
     noise = gathering(one.package, one.axis, at, model)
     packages = model.gyros if one.package < model.gyros else model.positions.shape[0]
@@ -1547,7 +1547,7 @@ def _whitener(one: _Component, fixed: _Fixed, at: Array, model: Model) -> Whiten
     return whitener(fixed.since_s[one.rows], common)
 
 
-def _followed(expected: _Expected, at: Array, model: Model) -> _Expected:
+def _followed(expected: _Expected, at: Array, model: FlightModel) -> _Expected:
     """Computes the expected readings with the coupling of the rates that result, whose mean is that of the readings.
 
     With properties so wrong that these rates run away from the readings it is that of the readings, as given.
@@ -1578,7 +1578,7 @@ def _followed(expected: _Expected, at: Array, model: Model) -> _Expected:
     return expected
 
 
-def _with_coupling(design: _Design, fixed: _Fixed, at: Array, model: Model) -> _Design:
+def _with_coupling(design: _Design, fixed: _Fixed, at: Array, model: FlightModel) -> _Design:
     """Adds the coupling to derivatives of the rate, and appends those by the rate at the beginning."""
     place, m = design.place[columns(model).gyro_bias], fixed.rate.shape[1]
     straight = design.by_rate.copy()
@@ -1617,13 +1617,13 @@ class Residuals(NamedTuple):
     scale: float
 
 
-def residuals(stretch: Stretch, at: Array, model: Model) -> tuple[list[Residuals], Array]:
+def residuals(stretch: Stretch, at: Array, model: FlightModel) -> tuple[list[Residuals], Array]:
     """Computes residuals about a point, and the motion that is expected there.
 
     Args:
         stretch: of at least two rows.
         at: all unknowns, shape (n,); see `possible`.
-        model: see `Model`.
+        model: see `FlightModel`.
 
     Returns:
         Of every component with two rows at least; then rate and velocity that jets and coupling have given since the
@@ -1642,12 +1642,12 @@ def residuals(stretch: Stretch, at: Array, model: Model) -> tuple[list[Residuals
     return found, np.concatenate((expected.rate, expected.velocity))
 
 
-def unexplained(stretches: Sequence[Stretch], model: Model) -> tuple[float, float]:
+def unexplained(stretches: Sequence[Stretch], model: FlightModel) -> tuple[float, float]:
     """Computes the largest angular momentum and impulse that no jets explain, whatever their thrusts and the inertia.
 
     Args:
         stretches: of the flight, of at least two rows.
-        model: see `Model`; momentum and impulse are by its mass properties.
+        model: see `FlightModel`; momentum and impulse are by its mass properties.
 
     Returns:
         In ft-lbf-s or N-m-s, and in lbf-s or N-s; zero where nothing is read.
@@ -1671,7 +1671,7 @@ def unexplained(stretches: Sequence[Stretch], model: Model) -> tuple[float, floa
     return momentum, mass * float(np.abs(_left_over(pushed, 1)).max(initial=0.0))
 
 
-def _pushed(expected: _Expected, moving: _Moving, model: Model) -> list[Array]:
+def _pushed(expected: _Expected, moving: _Moving, model: FlightModel) -> list[Array]:
     """Returns accelerometer velocities by component, freed of the turning that gyros read, and their possible causes.
 
     Returns:
@@ -1717,7 +1717,7 @@ def _left_over(parts: Sequence[Array], outputs: int) -> Array:
     return result
 
 
-def _fast(expected: _Expected, model: Model) -> Array:
+def _fast(expected: _Expected, model: FlightModel) -> Array:
     """Computes the variance of the rate at each row by the error of its stamp, shape (m,)."""
     squares = np.zeros(expected.rate.shape[1] + 1)
     length_s = expected.course.read.period_s if model.own_times else model.period_s
@@ -1726,7 +1726,7 @@ def _fast(expected: _Expected, model: Model) -> Array:
     return variance
 
 
-def _tally(total: Normal, batch: _Batch, left: Array, fast: Array, model: Model) -> None:
+def _tally(total: NormalEquations, batch: _Batch, left: Array, fast: Array, model: FlightModel) -> None:
     """Adds up the residuals of components, shape (r,), by packages, and of gyros by how fast the rate changes."""
     squares, serial = left * left, np.zeros_like(left)
     serial[:-1] = left[:-1] * left[1:]
@@ -1761,21 +1761,21 @@ def _of_ticks(late_s: Array) -> Array:
     return variance / np.array([late_s.shape[0], float(counts @ counts)])
 
 
-def empty(model: Model) -> Normal:
+def empty(model: FlightModel) -> NormalEquations:
     """Returns the normal equations of no readings."""
     n = model.prior.shape[0]
     packages = model.variances.shape[0]
-    return Normal(np.zeros((n, n)), np.zeros(n), 0.0, 0.0, np.zeros((packages, 3)), np.zeros(2), np.zeros(2))
+    return NormalEquations(np.zeros((n, n)), np.zeros(n), 0.0, 0.0, np.zeros((packages, 3)), np.zeros(2), np.zeros(2))
 
 
-def _together(parts: Sequence[Normal], model: Model) -> Normal:
-    return reduce(Normal.plus, parts) if parts else empty(model)
+def _together(parts: Sequence[NormalEquations], model: FlightModel) -> NormalEquations:
+    return reduce(NormalEquations.plus, parts) if parts else empty(model)
 
 
 # ---------------------------------------------------------------------------------------------- fit
 
 
-def fitted(stretches: Sequence[Stretch], start: Array, model: Model) -> Fit:
+def fitted(stretches: Sequence[Stretch], start: Array, model: FlightModel) -> FlightFit:
     """Fits the unknowns to the readings by Gauss-Newton iterations.
 
     What begins far from the truth may go farther with every pass: where they do not settle, the point of those gone
@@ -1784,14 +1784,14 @@ def fitted(stretches: Sequence[Stretch], start: Array, model: Model) -> Fit:
     Args:
         stretches: of the flight.
         start: where to begin, shape (n,).
-        model: see `Model`.
+        model: see `FlightModel`.
     """
     alone = gathers(model)  # what gathers is in the rates that are read, and in no others
     fit = _fitted(stretches, start, model, last=alone)
     return fit if alone or not fit.settled else _fitted(stretches, fit.at, model._replace(followed=True))
 
 
-def _fitted(stretches: Sequence[Stretch], start: Array, model: Model, *, last: bool = True) -> Fit:
+def _fitted(stretches: Sequence[Stretch], start: Array, model: FlightModel, *, last: bool = True) -> FlightFit:
     """Iterates until the fit settles; where others follow, unknowns that are only tested are left out.
 
     Once they are near, the readings that count stay the same: else each pass may choose those that the next does not.
@@ -1823,7 +1823,7 @@ def _fitted(stretches: Sequence[Stretch], start: Array, model: Model, *, last: b
         if not sound:
             break
         if gain < _SETTLED and (complete or not last):
-            return Fit(at, total, True)
+            return FlightFit(at, total, True)
         complete = gain < _NEARLY
         near = near or complete
         if gain < _SETTLED:
@@ -1835,7 +1835,7 @@ def _fitted(stretches: Sequence[Stretch], start: Array, model: Model, *, last: b
         at = at + move
     parts = [_normal(best, _course_at(one, best, model), model, None) for one in read]
     total = _together(parts, model)
-    return Fit(best, total, False)
+    return FlightFit(best, total, False)
 
 
 def possible(at: Array) -> bool:
@@ -1843,7 +1843,7 @@ def possible(at: Array) -> bool:
     return is_positive_definite(at[:6][ELEMENT]) and bool(at[_MASS] > 0.0)
 
 
-def _leaves_swinging(at: Array, model: Model) -> bool:
+def _leaves_swinging(at: Array, model: FlightModel) -> bool:
     """Tests whether modes swing: those that have more than all of the inertia run away."""
     return can_swing(at[:_N], at[columns(model).moving], model.modes)
 
@@ -1865,12 +1865,12 @@ class Reckoned(NamedTuple):
     solved: Array
 
 
-def reckoned_in(fit: Fit, model: Model, besides: NDArray[np.int_] | slice = slice(0)) -> Reckoned:
+def reckoned_in(fit: FlightFit, model: FlightModel, besides: NDArray[np.int_] | slice = slice(0)) -> Reckoned:
     """Collects the estimated unknowns, but for some that are tested.
 
     Args:
-        fit: see `Fit`.
-        model: see `Model`.
+        fit: see `FlightFit`.
+        model: see `FlightModel`.
         besides: places of those unknowns.
     """
     total, others = fit.normal, model.sigma > 0.0
@@ -1887,9 +1887,9 @@ def reckoned_in(fit: Fit, model: Model, besides: NDArray[np.int_] | slice = slic
 
 
 def score(
-    fit: Fit,
+    fit: FlightFit,
     group: NDArray[np.int_],
-    model: Model,
+    model: FlightModel,
     stated: float = 0.0,
     clear: float = np.inf,
     common: Reckoned | None = None,
@@ -1897,9 +1897,9 @@ def score(
     """Tests whether some unknowns have their stated values.
 
     Args:
-        fit: see `Fit`.
+        fit: see `FlightFit`.
         group: their places, in units that are alike, integers, shape (k,).
-        model: see `Model`; where they are reckoned with, they are no longer.
+        model: see `FlightModel`; where they are reckoned with, they are no longer.
         stated: their 1-sigma; zero: that they are zero.
         clear: largest 1-sigma of a combination of them that is tested.
         common: what is reckoned with at all, which it is that serves where they are not.
@@ -1932,13 +1932,13 @@ _CLEAR = 7.0  # 1-sigma of a reading, two quanta and more, that jets must give o
 _FEWEST = 10  # spans whose median is told
 
 
-def gain_ratios(stretches: Sequence[Stretch], at: Array, model: Model) -> Array:
+def gain_ratios(stretches: Sequence[Stretch], at: Array, model: FlightModel) -> Array:
     """Computes medians of what each package's readings gained, over what jets alone would have given them.
 
     Args:
         stretches: of the flight.
         at: all unknowns, shape (n,); see `possible`.
-        model: see `Model`.
+        model: see `FlightModel`.
 
     Returns:
         NaN where readings tell too little, shape (n_packages,).
@@ -1959,7 +1959,7 @@ def gain_ratios(stretches: Sequence[Stretch], at: Array, model: Model) -> Array:
     return found
 
 
-def _gains(stretch: Stretch, at: Array, model: Model) -> Iterator[tuple[Array, Array]]:
+def _gains(stretch: Stretch, at: Array, model: FlightModel) -> Iterator[tuple[Array, Array]]:
     """Yields each package's readings, and the part that jets alone explain, where it reads, shape (m, 3) each."""
     course, at = _about_middle(_course_at(_read(stretch, model), at, model), at, model)
     expected, read = _expected(at, course, model), course.read
@@ -1999,7 +1999,7 @@ class _Shown(NamedTuple):
     variances: Array
 
 
-def _shown(stretch: Stretch, cuts: NDArray[np.int_], at: Array, model: Model) -> _Shown:
+def _shown(stretch: Stretch, cuts: NDArray[np.int_], at: Array, model: FlightModel) -> _Shown:
     """Computes the information of parts of a stretch between some rows, shape (p + 1,), about a point; unit noise."""
     course, at = _about_middle(_course_at(_read(stretch, model), at, model), at, model)
     expected, wanted = _expected(at, course, model), reckoned(model)
@@ -2050,7 +2050,7 @@ def least_deviation(
     at: Array,
     start: Array,
     drift: Array,
-    model: Model,
+    model: FlightModel,
     information: Array | None = None,
 ) -> Array:
     """Computes least 1-sigmas of the ten parameters, rounding taken as noise, NaN where unknown, shape (10,).
@@ -2088,7 +2088,9 @@ def _deviation(root: Array) -> Array:
     return result
 
 
-def _drifting(root: Array, stretches: Sequence[Stretch], at: Array, drift: Array, model: Model, rows: int) -> Array:
+def _drifting(
+    root: Array, stretches: Sequence[Stretch], at: Array, drift: Array, model: FlightModel, rows: int
+) -> Array:
     """Computes a root of the unknowns' covariance after a flight from one before it, by parts of so many rows."""
     used_after = stretches[0].used_after[0] if stretches else 0.0
     for stretch in stretches:

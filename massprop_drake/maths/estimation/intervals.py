@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation import hindsight
-from massprop_drake.maths.estimation.hindsight import Model, Stretch, coupled, crossing
+from massprop_drake.maths.estimation.hindsight import FlightModel, Stretch, coupled, crossing
 from massprop_drake.maths.linear_algebra import Array
 
 SIGMAS = 4.0  # of what is stated, to which it is confined: one of thirty jets is beyond in one of 500 flights
@@ -238,7 +238,7 @@ class _Outputs(NamedTuple):
     rate: Array
 
 
-def _outputs(stretch: Stretch, at: Array, rate: Array, biases: Array, model: Model) -> _Outputs:
+def _outputs(stretch: Stretch, at: Array, rate: Array, biases: Array, model: FlightModel) -> _Outputs:
     """Computes outputs about a point; an unknown initial rate is the average by the readings.
 
     Coupling is with true rates: biases of gyros, which have unknowns of their own, play no part in it.
@@ -274,7 +274,7 @@ def _outputs(stretch: Stretch, at: Array, rate: Array, biases: Array, model: Mod
     return _Outputs(shown, derivatives, offset)
 
 
-def _refined_outputs(stretch: Stretch, at: Array, rate: Array, biases: Array, model: Model) -> _Outputs:
+def _refined_outputs(stretch: Stretch, at: Array, rate: Array, biases: Array, model: FlightModel) -> _Outputs:
     """Computes outputs with two steps from each row to the next."""
     m = stretch.time_s.size
     rows = np.arange(2 * m - 1) // 2
@@ -343,11 +343,11 @@ class _Linear:
     Args:
         stretches: of the flight.
         point: about which.
-        model: see `hindsight.Model`.
+        model: see `hindsight.FlightModel`.
         cells: see `Cells`.
     """
 
-    def __init__(self, stretches: Sequence[Stretch], point: _Point, model: Model, cells: Cells):
+    def __init__(self, stretches: Sequence[Stretch], point: _Point, model: FlightModel, cells: Cells):
         self._stretches, self._model, self._cells = stretches, model, cells
         wanted = np.flatnonzero(hindsight.reckoned(model))
         self._frame = _Frame(wanted, 3 * model.gyros, 3 + 3 * model.positions.shape[0])
@@ -491,7 +491,7 @@ def _widened(linear: _Linear, error: float, solve: Solve) -> tuple[Array | None,
     return None, bend
 
 
-def confined(stretches: Sequence[Stretch], begin: Array, model: Model, cells: Cells, solve: Solve) -> Confined:
+def confined(stretches: Sequence[Stretch], begin: Array, model: FlightModel, cells: Cells, solve: Solve) -> Confined:
     """Finds the intervals of the ten parameters that all readings of a flight allow.
 
     The linearization is redone about the point amid the extreme ones, or about the one closest to all readings where
@@ -500,7 +500,7 @@ def confined(stretches: Sequence[Stretch], begin: Array, model: Model, cells: Ce
     Args:
         stretches: of the flight, at least one.
         begin: all unknowns about which is linearized first; see `hindsight.possible`, shape (n,).
-        model: see `hindsight.Model`; stamps lie on ticks, and nothing shifts with propellant.
+        model: see `hindsight.FlightModel`; stamps lie on ticks, and nothing shifts with propellant.
         cells: see `Cells`.
         solve: see `Solve`.
 

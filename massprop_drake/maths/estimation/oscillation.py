@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.filters.joint import chi_square_limit
-from massprop_drake.maths.estimation.hindsight import Fit, Model, Residuals, Stretch, gathering, residuals
+from massprop_drake.maths.estimation.hindsight import FlightFit, FlightModel, Residuals, Stretch, gathering, residuals
 from massprop_drake.maths.linear_algebra import Array
 
 _DAMPING = 0.02  # ratio, of slosh in a bare tank or a panel, by which the frequency is found
@@ -76,7 +76,7 @@ class _Linearized(NamedTuple):
     misfit: float
 
 
-def strongest_mode(stretches: Sequence[Stretch], fit: Fit, model: Model) -> OscillationMode | None:
+def strongest_mode(stretches: Sequence[Stretch], fit: FlightFit, model: FlightModel) -> OscillationMode | None:
     """Finds the mode that leaves least unexplained; None where the stretches are too short to show its return.
 
     Its frequency is found on a grid at one damping, and both more finely about the best.
@@ -84,7 +84,7 @@ def strongest_mode(stretches: Sequence[Stretch], fit: Fit, model: Model) -> Osci
     Args:
         stretches: of the flight.
         fit: about which all is taken.
-        model: see `hindsight.Model`.
+        model: see `hindsight.FlightModel`.
     """
     flight = _linearized([_part(stretch, fit.at, model) for stretch in stretches], fit, model)
     longest_s = max((part.time_s[-1] for part in flight.parts), default=0.0)
@@ -103,19 +103,21 @@ def _misfit(mode: OscillationMode) -> float:
     return mode.misfit
 
 
-def misfit_of(stretches: Sequence[Stretch], fit: Fit, model: Model) -> tuple[float, float]:
+def misfit_of(stretches: Sequence[Stretch], fit: FlightFit, model: FlightModel) -> tuple[float, float]:
     """Computes the sum of squares of a fit's residuals, in units of their variance, and their number."""
     components = [one for stretch in stretches for one in residuals(stretch, fit.at, model)[0]]
     return sum(float(one.left @ one.left) for one in components), sum(one.rows.size - 1.0 for one in components)
 
 
-def covering_walk(stretches: Sequence[Stretch], fit: Fit, model: Model, change: Array) -> tuple[float, float]:
+def covering_walk(
+    stretches: Sequence[Stretch], fit: FlightFit, model: FlightModel, change: Array
+) -> tuple[float, float]:
     """Computes random walks whose increments have no less power than those of the residuals, at any frequency.
 
     Args:
         stretches: of the flight.
         fit: about which all is taken.
-        model: see `hindsight.Model`.
+        model: see `hindsight.FlightModel`.
         change: of the unknowns, by which residuals change to first order, shape (n,).
 
     Returns:
@@ -131,13 +133,13 @@ def covering_walk(stretches: Sequence[Stretch], fit: Fit, model: Model, change: 
     return float(walks[0]), float(walks[1])
 
 
-def is_covered(stretches: Sequence[Stretch], fit: Fit, model: Model) -> bool:
+def is_covered(stretches: Sequence[Stretch], fit: FlightFit, model: FlightModel) -> bool:
     """Tests whether stated walks and disturbance, or noise alone, cover the residuals, but for chance."""
     every = _all_lines(stretches, fit, model, np.zeros_like(fit.at))
     return all(bool((lines.power <= _allowed(one, lines, fit, model)).all()) for one, lines in every)
 
 
-def _allowed(one: Residuals, lines: Lines, fit: Fit, model: Model) -> Array:
+def _allowed(one: Residuals, lines: Lines, fit: FlightFit, model: FlightModel) -> Array:
     """Computes the largest power that stated walks, disturbance and noise leave in a component's lines, shape (k,).
 
     A mean of lines of which one has most of the power scatters as that one does: what hardly changes over a flight is
@@ -207,7 +209,7 @@ def _of_neighbors(lines: Array) -> Array:
 
 
 def _all_lines(
-    stretches: Sequence[Stretch], fit: Fit, model: Model, change: Array
+    stretches: Sequence[Stretch], fit: FlightFit, model: FlightModel, change: Array
 ) -> Iterator[tuple[Residuals, Lines]]:
     """Yields every component, and its lines."""
     for stretch in stretches:
@@ -235,7 +237,7 @@ def _frequencies(length_s: float, period_s: float) -> Array:
     return lines
 
 
-def _part(stretch: Stretch, at: Array, model: Model) -> _Part:
+def _part(stretch: Stretch, at: Array, model: FlightModel) -> _Part:
     components, moved = residuals(stretch, at, model)
     time_s = stretch.time_s - stretch.time_s[0]
     acceleration = np.diff(moved) / np.diff(time_s)
@@ -263,7 +265,7 @@ def driven(steps: Array, time_s: Array, frequency_hz: float, damping: float) -> 
     return moved
 
 
-def _linearized(parts: list[_Part], fit: Fit, model: Model) -> _Linearized:
+def _linearized(parts: list[_Part], fit: FlightFit, model: FlightModel) -> _Linearized:
     free = np.flatnonzero(model.sigma > 0.0)
     sigma = model.sigma[free]
     information, vector = np.eye(free.size), (model.prior[free] - fit.at[free]) / sigma

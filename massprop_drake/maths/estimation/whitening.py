@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.disturbance import gathered_variance
+from massprop_drake.maths.estimation.joint.disturbance_states import gathered_variance
 from massprop_drake.maths.linear_algebra import Array
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.adaptation import Adaptation, left_alone
 from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationState
-from massprop_drake.maths.estimation.detector import STATUS, Event, Evidence, KnownForce
+from massprop_drake.maths.estimation.detector import STATUS, Evidence, KnownForce, Verdict
 from massprop_drake.maths.estimation.detectors import cglr
 from massprop_drake.maths.estimation.detectors.cglr import CglrParams, DetectorState
 from massprop_drake.maths.estimation.detectors.known_forces import acting_force
@@ -28,7 +28,7 @@ from massprop_drake.maths.linear_algebra import Array, nonzero
 from massprop_drake.maths.mass_properties import all_ten
 from massprop_drake.maths.vehicle.thrust import LagFactors
 
-_EVENT, _DECLARED = STATUS.slice("detector_event").start, float(Event.DECLARED)
+_EVENT, _DECLARED = STATUS.slice("detector_event").start, float(Verdict.DECLARED)
 _OF_JETS = STATUS.size  # where the part with an element per jet begins in what is logged of the detector
 
 
@@ -49,7 +49,7 @@ class WholeParams(NamedTuple):
     detector: CglrParams | None
 
 
-class Rows(NamedTuple):
+class ThesisRows(NamedTuple):
     """Log rows, one per cycle, as the layouts of the same names have them; one row of no cycle is empty."""
 
     impulses: Array
@@ -81,7 +81,7 @@ def one_sample(gyros: int, accelerometers: int, n_jets: int) -> Samples:
     return Samples(np.zeros(1), np.zeros((1, gyros, 3)), velocities, np.zeros((1, n_jets)), np.zeros((1, 6)))
 
 
-class Asked(NamedTuple):
+class ThesisAsked(NamedTuple):
     """Requests of the detector to the autopilot and the jets, written in place; zeros without one.
 
     Attributes:
@@ -95,12 +95,12 @@ class Asked(NamedTuple):
     closed: Array
 
 
-def nothing_asked(n_jets: int) -> Asked:
+def nothing_asked(n_jets: int) -> ThesisAsked:
     """Returns empty requests, and room for later ones."""
-    return Asked(np.zeros(1), np.zeros(n_jets), np.zeros(n_jets), np.zeros(n_jets))
+    return ThesisAsked(np.zeros(1), np.zeros(n_jets), np.zeros(n_jets), np.zeros(n_jets))
 
 
-class Block(NamedTuple):
+class ThesisBlock(NamedTuple):
     """Rows that cycles go through one after the other.
 
     Attributes:
@@ -110,8 +110,8 @@ class Block(NamedTuple):
     """
 
     samples: Samples
-    rows: Rows
-    asked: Asked
+    rows: ThesisRows
+    asked: ThesisAsked
 
 
 def covers(params: EstimationParams) -> bool:
@@ -139,7 +139,7 @@ def advance(holder: Any, rows: Any, reached: NDArray[np.int_], params: Any) -> N
 
     Args:
         holder: of the state, see `cycle.EstimationState`.
-        rows: holder of a `Block`.
+        rows: holder of a `ThesisBlock`.
         reached: the row that is being made, and that before which to stop, shape (2,).
         params: holder of `WholeParams`.
 
@@ -155,7 +155,7 @@ def advance(holder: Any, rows: Any, reached: NDArray[np.int_], params: Any) -> N
 
 
 @kernel
-def cycled(state: EstimationState, block: Block, row: int, params: WholeParams) -> EstimationState:
+def cycled(state: EstimationState, block: ThesisBlock, row: int, params: WholeParams) -> EstimationState:
     """Runs a single cycle, and returns the requests after it, and the row that is made.
 
     Raises:
@@ -168,7 +168,7 @@ def cycled(state: EstimationState, block: Block, row: int, params: WholeParams) 
 
 @kernel
 def one(
-    state: EstimationState, samples: Samples, index: int, logged: tuple[Rows, int], params: WholeParams
+    state: EstimationState, samples: Samples, index: int, logged: tuple[ThesisRows, int], params: WholeParams
 ) -> EstimationState:
     """Runs one cycle.
 
@@ -270,7 +270,7 @@ def _judged(state: Any, seen: Evidence, rows: Array, row: int, params: CglrParam
 
 
 @kernel
-def _ask(asked: Asked, state: DetectorState | None, rows: Array, last: int) -> None:
+def _ask(asked: ThesisAsked, state: DetectorState | None, rows: Array, last: int) -> None:
     if state is None:
         return
     asked.declared[0] = rows[last, _EVENT] == _DECLARED

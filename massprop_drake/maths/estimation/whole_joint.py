@@ -22,8 +22,8 @@ from massprop_drake.maths.arrays import Layout
 from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationState
 from massprop_drake.maths.estimation.detector import STATUS
 from massprop_drake.maths.estimation.faults import hypothesis_filter as faults
-from massprop_drake.maths.estimation.faults.proposals import Record, Watch
-from massprop_drake.maths.estimation.faults.report import HYPOTHESIS_REPORT, nothing_said
+from massprop_drake.maths.estimation.faults.fault_report import HYPOTHESIS_REPORT, nothing_said
+from massprop_drake.maths.estimation.faults.proposals import Watch, WatchedCycle
 from massprop_drake.maths.estimation.faults.tree import SURPRISE, Tree
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import (
@@ -49,19 +49,19 @@ from massprop_drake.maths.estimation.joint.bank import (
     followed,
 )
 from massprop_drake.maths.estimation.joint.burns import Burn
-from massprop_drake.maths.estimation.joint.cycle import (
+from massprop_drake.maths.estimation.joint.disturbance_states import Wander
+from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Score
+from massprop_drake.maths.estimation.joint.joint_cycle import (
     OWN_CHOICE,
     Crossing,
     Cycled,
     Cycling,
-    Sample,
+    JointSample,
     course_of,
     cycled,
     gone_over,
     initial,
 )
-from massprop_drake.maths.estimation.joint.disturbance import Wander
-from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Score
 from massprop_drake.maths.estimation.joint.layout import (
     RATE,
     JointParams,
@@ -89,7 +89,7 @@ GO_ON, CYCLE, FOLLOW, GO_OVER = range(4)  # parts of `work`
 _TESTED, _LIKELIHOOD = (STATUS.slice(name).start for name in ("tested", "suspected_likelihood"))
 
 
-class Memory(NamedTuple):
+class JointMemory(NamedTuple):
     """Memory between two cycles.
 
     Attributes:
@@ -132,7 +132,7 @@ class Past(NamedTuple):
     excess: Array
 
 
-class Rows(NamedTuple):
+class JointRows(NamedTuple):
     """Log rows, one per cycle, as the layouts of the same names have them; one row of no cycle is empty."""
 
     impulses: Array
@@ -201,7 +201,7 @@ class Rules(NamedTuple):
     hypothesis_row: Array
 
 
-class Desk(NamedTuple):
+class JointDesk(NamedTuple):
     """Inputs of cycles, and the rows that they write.
 
     Attributes:
@@ -217,7 +217,7 @@ class Desk(NamedTuple):
     samples: Samples
     stamps_s: Array
     besides: Besides
-    rows: Rows
+    rows: JointRows
     reached: NDArray[np.int_]
     past: Past
     rules: Rules
@@ -227,8 +227,8 @@ class Asked(NamedTuple):
     """Arguments that parts take one by one.
 
     Attributes:
-        cycling: see `cycle.Cycling`.
-        about: see `cycle.gone_over`.
+        cycling: see `joint_cycle.Cycling`.
+        about: see `joint_cycle.gone_over`.
     """
 
     cycling: Cycling
@@ -240,11 +240,11 @@ def work(part: int, asked: Any, following: Any, memory: Any, desk: Any, holder: 
     """Runs a part of the joint filter's work.
 
     Args:
-        part: GO_ON: see `watch`; CYCLE: see `cycle.cycled`; FOLLOW: see `bank.followed`; GO_OVER: see
-            `cycle.gone_over`.
+        part: GO_ON: see `watch`; CYCLE: see `joint_cycle.cycled`; FOLLOW: see `bank.followed`; GO_OVER: see
+            `joint_cycle.gone_over`.
         asked: holder of `Asked`, for CYCLE and GO_OVER.
         following: holder of `bank.Following`, for FOLLOW.
-        memory, desk: holders of `Memory` and `Desk`, for GO_ON.
+        memory, desk: holders of `JointMemory` and `JointDesk`, for GO_ON.
         holder: of the parameters.
 
     Returns:
@@ -267,12 +267,12 @@ def work(part: int, asked: Any, following: Any, memory: Any, desk: Any, holder: 
 
 
 @kernel
-def watch(memory: Any, desk: Desk, params: JointParams) -> None:
+def watch(memory: Any, desk: JointDesk, params: JointParams) -> None:
     """Runs cycles up to a row, or to the first in which something happens; that one has changed nothing.
 
     Args:
-        memory: holder of a `Memory`.
-        desk: see `Desk`.
+        memory: holder of a `JointMemory`.
+        desk: see `JointDesk`.
         params: see `JointParams`.
     """
     reached = desk.reached
@@ -285,7 +285,7 @@ def watch(memory: Any, desk: Desk, params: JointParams) -> None:
 
 
 @kernel
-def _watched(kept: Memory, desk: Desk, row: int, params: JointParams) -> tuple[Memory, bool]:
+def _watched(kept: JointMemory, desk: JointDesk, row: int, params: JointParams) -> tuple[JointMemory, bool]:
     """Runs a cycle; returns the memory after it, and whether nothing has happened in it."""
     samples, rules = desk.samples, desk.rules
     stamp_s, command = desk.stamps_s[row], samples.commands[row].copy()  # rows may be written to again
@@ -321,7 +321,7 @@ def _watched(kept: Memory, desk: Desk, row: int, params: JointParams) -> tuple[M
     estimate, covariance = done.estimate.copy(), done.covariance.copy()
     speeds = either(np.isnan(desk.besides.speeds[row]), kept.speeds, desk.besides.speeds[row])
     frame = sample.frames[1].copy()
-    kept = Memory(after, clock, estimate, covariance, found.since, command, impulses.level, cycle, frame, speeds)
+    kept = JointMemory(after, clock, estimate, covariance, found.since, command, impulses.level, cycle, frame, speeds)
     return kept, True
 
 
@@ -341,7 +341,7 @@ def _shut(places: Places) -> Burn:
 
 
 @kernel
-def _sample(kept: Memory, desk: Desk, row: int, duration_s: float, params: JointParams) -> Sample:
+def _sample(kept: JointMemory, desk: JointDesk, row: int, duration_s: float, params: JointParams) -> JointSample:
     """Makes the sample of a row; what `Quiet` cannot tell from the row again is kept beside it."""
     samples, beside = desk.samples, desk.besides
     onset_s, command = beside.onsets_s[row].copy(), samples.commands[row].copy()
@@ -358,7 +358,7 @@ def _sample(kept: Memory, desk: Desk, row: int, duration_s: float, params: Joint
     beside.durations_s[row] = duration_s
     beside.frames[row], beside.attitudes[row], beside.before[row] = frames, attitudes, kept.speeds
     outside = samples.outside[row] * duration_s
-    return Sample(
+    return JointSample(
         samples.time_s[row],
         durations,
         commands,
@@ -400,7 +400,7 @@ def _usual(excess: Array, oldest: float, cycle: float, newest: float) -> float:
 
 
 @kernel
-def _log(rows: Rows, row: int, impulses: Impulses, done: Cycled, params: JointParams) -> None:
+def _log(rows: JointRows, row: int, impulses: Impulses, done: Cycled, params: JointParams) -> None:
     """Fills in the filter's log rows."""
     expected, gyros = done.expected, 3 * params.places.gyros
     accelerometers = 3 * params.places.accelerometers
@@ -452,12 +452,12 @@ class Work:
         self._work(GO_ON, self._no_asked, self._no_following, memory, desk, self._params)
 
     def cycled(self, cycling: Cycling) -> Cycled:
-        """Runs `cycle.cycled`, see there."""
+        """Runs `joint_cycle.cycled`, see there."""
         one, _, _ = self._asked(CYCLE, Asked(cycling, cycling.state.mean))
         return one
 
-    def gone_over(self, state: JointState, sample: Sample, about: Array) -> tuple[JointState, float, float]:
-        """Runs `cycle.gone_over`, see there."""
+    def gone_over(self, state: JointState, sample: JointSample, about: Array) -> tuple[JointState, float, float]:
+        """Runs `joint_cycle.gone_over`, see there."""
         _, _, over = self._asked(GO_OVER, Asked(Cycling(state, sample, state.mean, OWN_CHOICE), about))
         return over
 
@@ -477,15 +477,15 @@ def with_compiled(params: JointParams) -> JointParams:
     return params._replace(compiled=Work(params))
 
 
-def _no_sample(places: Places) -> Sample:
+def _no_sample(places: Places) -> JointSample:
     rates, velocities = np.zeros((places.gyros, 3)), np.zeros((places.accelerometers, 3))
     attitudes, command = np.zeros((places.trackers, 3)), np.zeros((1, places.jets))
     none = np.zeros(places.wheels)
     around = STILL.copy(), Spun(none, none, none, none), _shut(places)
-    return Sample(0.0, np.ones(1), command, np.zeros(6), rates, velocities, on_ticks(), attitudes, *around)
+    return JointSample(0.0, np.ones(1), command, np.zeros(6), rates, velocities, on_ticks(), attitudes, *around)
 
 
-def _no_following(places: Places, sample: Sample) -> Following:
+def _no_following(places: Places, sample: JointSample) -> Following:
     n, m = places.size, places.outputs
     rows, learned = np.zeros((3, n)), (np.zeros((0, 0)), np.zeros((n, 0)), np.zeros(n))
     told = (np.zeros((m, n)), np.zeros((m, n)), np.zeros(m), np.zeros(m, dtype=np.bool_), np.zeros(m))
@@ -509,10 +509,10 @@ def _no_following(places: Places, sample: Sample) -> Following:
     return Following(Since(*empty(places)[1:]), Roots(np.zeros((0, n, n)), np.arange(0)), seen, 0.0, 0.0)
 
 
-def _no_memory(state: JointState, places: Places) -> Memory:
+def _no_memory(state: JointState, places: Places) -> JointMemory:
     clock, none, since = started(0.0, state.level), np.zeros(places.jets), Since(*empty(places)[1:])
     frame, speeds = np.zeros(4), np.zeros(places.wheels)
-    return Memory(state, clock, np.zeros(10), np.zeros((10, 10)), since, none, none, 0.0, frame, speeds)
+    return JointMemory(state, clock, np.zeros(10), np.zeros((10, 10)), since, none, none, 0.0, frame, speeds)
 
 
 def _no_past(places: Places, links: int) -> Past:
@@ -522,11 +522,11 @@ def _no_past(places: Places, links: int) -> Past:
     return Past(states, roots, order, kept, np.zeros(links))
 
 
-def _no_desk(places: Places) -> Desk:
+def _no_desk(places: Places) -> JointDesk:
     samples, nothing = one_sample(places.gyros, places.accelerometers, places.jets), np.zeros(1)
     rules = Rules(1.0, np.zeros((places.jets, 6)), lag_factors(np.zeros(places.jets), 1.0), nothing, nothing)
-    rows, reached = Rows(*[np.zeros((1, 1))] * len(Rows._fields)), np.zeros(2, dtype=np.int_)
-    return Desk(samples, np.zeros(1), besides(1, places), rows, reached, _no_past(places, 2), rules)
+    rows, reached = JointRows(*[np.zeros((1, 1))] * len(JointRows._fields)), np.zeros(2, dtype=np.int_)
+    return JointDesk(samples, np.zeros(1), besides(1, places), rows, reached, _no_past(places, 2), rules)
 
 
 def _link_layout(places: Places) -> Layout:
@@ -563,18 +563,22 @@ class Quiet:
             np.zeros(STATUS.size + 4 * jets),
             HYPOTHESIS_REPORT.sized(jets=jets).pack(nothing_said(jets)),
         )
-        self._cycles: deque[Sample | tuple[Samples, Besides, int]] = deque(maxlen=self._links)  # by row or as it was
+        self._cycles: deque[JointSample | tuple[Samples, Besides, int]] = deque(
+            maxlen=self._links
+        )  # by row or as it was
 
-    def begin(self, samples: Samples, stamps_s: Array, beside: tuple[Array | None, Array | None], rows: Rows) -> None:
+    def begin(
+        self, samples: Samples, stamps_s: Array, beside: tuple[Array | None, Array | None], rows: JointRows
+    ) -> None:
         """Takes rows that cycles are to go through, and those that they fill in.
 
         Args:
-            samples, stamps_s: see `Desk`.
+            samples, stamps_s: see `JointDesk`.
             beside: tracked readings and onsets, see `besides`.
             rows: to be filled in.
         """
         self._samples, self._besides = samples, besides(samples.time_s.size, self._places, *beside)
-        desk = Desk(samples, stamps_s, self._besides, rows, self._reached, self._past, self._rules)
+        desk = JointDesk(samples, stamps_s, self._besides, rows, self._reached, self._past, self._rules)
         self._desk = shared(desk, self._compiled)
 
     def take_up(self, state: EstimationState) -> None:
@@ -596,7 +600,7 @@ class Quiet:
             self._past.excess[number % self._links] = 0.5 * (record.link.nis - record.link.degrees)
             self._cycles.append(record.sample)
         fill(self._rules.detector_row, faults.unremarkable(detector))
-        memory = Memory(
+        memory = JointMemory(
             filtered.joint,
             filtered.clock,
             filtered.estimate,
@@ -622,7 +626,7 @@ class Quiet:
 
     def state(self) -> EstimationState:
         """Returns the state with which the next cycle begins."""
-        kept: Memory = released(self._memory)
+        kept: JointMemory = released(self._memory)
         since, places, cycle = kept.since, self._past.places.tolist(), int(kept.cycle)
         states = self._past.states.copy()
         onsets = tuple(unpack(states[places[index]], self._places) for index in range(since.cycles.size))
@@ -639,18 +643,18 @@ class Quiet:
         filtered = filtered._replace(frame=kept.frame, speeds=kept.speeds)
         return EstimationState(kept.command, kept.level, filtered, before._replace(tree=tree))
 
-    def _records(self, cycle: int) -> tuple[Record, ...]:
+    def _records(self, cycle: int) -> tuple[WatchedCycle, ...]:
         """Returns records of the last cycles; scores count from the first of them."""
         layout, links, score = _link_layout(self._places), self._past.links.copy(), NO_SCORE
         seen, found = list(self._cycles), []
         for number, each in enumerate(seen, start=cycle - len(seen) + 1):
             over = Link(*layout.read(links[number % self._links]))
             score = score.plus(Score(over.log_likelihood, over.nis, over.degrees))
-            found.append(Record(self._sample(each), over, score))
+            found.append(WatchedCycle(self._sample(each), over, score))
         return tuple(found)
 
-    def _sample(self, each: Sample | tuple[Samples, Besides, int]) -> Sample:
-        if isinstance(each, Sample):
+    def _sample(self, each: JointSample | tuple[Samples, Besides, int]) -> JointSample:
+        if isinstance(each, JointSample):
             return each
         samples, beside, row = each
         duration_s = float(beside.durations_s[row])
@@ -658,7 +662,7 @@ class Quiet:
         durations, commands = pieces(
             samples.commands[row], beside.onsets_s[row], self._rules.period_s, (0.0, duration_s)
         )
-        plain = Sample(
+        plain = JointSample(
             float(samples.time_s[row]),
             durations,
             commands,

@@ -24,8 +24,8 @@ from massprop_drake.maths.attitude import rotation_matrix
 from massprop_drake.maths.estimation.joint import bound
 from massprop_drake.maths.estimation.joint.bound import carried_on, leaks_and_losses
 from massprop_drake.maths.estimation.joint.burns import Burn
-from massprop_drake.maths.estimation.joint.cycle import Sample, begun, initial
 from massprop_drake.maths.estimation.joint.hypotheses import jump_units
+from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, begun, initial
 from massprop_drake.maths.estimation.joint.layout import (
     MASS,
     N_PROPERTIES,
@@ -188,14 +188,14 @@ def _variances(before: JointState, end: bound.IntervalEnd, params: JointParams) 
 
 def _sample(
     state: JointState, step: Step, frames: tuple[Array, Array], speeds: tuple[Array, Array], params: JointParams
-) -> Sample:
+) -> JointSample:
     """Makes a sample in which only the missing readings matter; all others are zero."""
     places = params.places
     read = np.where(step.missing, np.nan, 0.0)
     counts = 3 * np.cumsum([places.gyros, places.accelerometers])
     rates, velocities, attitudes = (part.reshape(-1, 3) for part in np.split(read, counts))
     n_wheels = places.wheels
-    return Sample(
+    return JointSample(
         state.time_s + step.period_s,
         np.array([step.period_s]),
         step.command.reshape(1, -1),

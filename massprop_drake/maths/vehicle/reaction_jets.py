@@ -134,7 +134,7 @@ def target(command: Array, closed: Array | None, sample: int, params: JetsParams
     return level if closed is None else level * (1.0 - closed)
 
 
-class Thrusters(NamedTuple):
+class JetThrusts(NamedTuple):
     """True jets as arrays, for the arithmetic of a sample.
 
     Attributes:
@@ -153,27 +153,27 @@ class Thrusters(NamedTuple):
     class_constants_s: Array
 
 
-def thrusters(params: JetsParams) -> Thrusters:
+def thrusters(params: JetsParams) -> JetThrusts:
     """Packs the jets into arrays."""
     constants, wrenches = params.classes
     constants_s = np.array(constants, dtype=float)
-    return Thrusters(params.wrenches, params.forces, params.time_constants_s, params.lag, wrenches, constants_s)
+    return JetThrusts(params.wrenches, params.forces, params.time_constants_s, params.lag, wrenches, constants_s)
 
 
 @kernel
-def level_now(level: Array, held_target: Array, jets: Thrusters) -> Array:
+def level_now(level: Array, held_target: Array, jets: JetThrusts) -> Array:
     """Computes the level a sample after `level`, under the target of the sample between, shape (n_jets,)."""
     return level_after(level, held_target, jets.lag.remaining)
 
 
 @kernel
-def mean_force(level: Array, coming: Array, jets: Thrusters) -> Array:
+def mean_force(level: Array, coming: Array, jets: JetThrusts) -> Array:
     """Computes the mean force of each jet over the coming sample, lbf or N, shape (n_jets,).
 
     Args:
         level: now, which does not matter where no jet lags, shape (n_jets,).
         coming: target of that sample, shape (n_jets,).
-        jets: see `Thrusters`.
+        jets: see `JetThrusts`.
     """
     if jets.lag.instantaneous:
         return jets.forces * coming
@@ -181,7 +181,7 @@ def mean_force(level: Array, coming: Array, jets: Thrusters) -> Array:
 
 
 @kernel
-def wrench_profile(level: Array, coming: Array, jets: Thrusters) -> Array:
+def wrench_profile(level: Array, coming: Array, jets: JetThrusts) -> Array:
     """Computes the wrench that the coming sample tends to, then for each time constant the decaying part.
 
     Arguments as `mean_force`; shape (1 + n_classes, 7), see `maths.vehicle.rigid_body.step`.
@@ -196,14 +196,14 @@ def wrench_profile(level: Array, coming: Array, jets: Thrusters) -> Array:
 
 
 @kernel
-def drained(force: Array, period_s: float, feeds: Array, jets: Thrusters) -> Array:
+def drained(force: Array, period_s: float, feeds: Array, jets: JetThrusts) -> Array:
     """Computes propellant that jets draw from each tank over a sample, slug or kg, shape (n_tanks,).
 
     Args:
         force: mean force of each jet over it, lbf or N, shape (n_jets,).
         period_s: sample period, s.
         feeds: 1 for each jet that draws from a tank, shape (n_tanks, n_jets).
-        jets: see `Thrusters`.
+        jets: see `JetThrusts`.
     """
     return feeds @ (force / jets.forces * jets.wrenches[:, _FLOW]) * period_s
 
@@ -268,12 +268,12 @@ def profile_size(n_lags: int, pieces: int = 1) -> int:
     return N_WRENCH * (1 + n_lags) if pieces == 1 else pieces * (1 + N_WRENCH * (1 + n_lags))
 
 
-def profile_by_pieces(course: LevelCourse, jets: Thrusters, pieces: int) -> Array:
+def profile_by_pieces(course: LevelCourse, jets: JetThrusts, pieces: int) -> Array:
     """Makes the wrench profile of a sample of several pieces: each piece's length and profile, shape (pieces, any).
 
     Args:
         course: of the levels.
-        jets: see `Thrusters`.
+        jets: see `JetThrusts`.
         pieces: the largest number that there can be; further ones have no length.
 
     Raises:

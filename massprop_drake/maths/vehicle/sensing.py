@@ -199,12 +199,12 @@ class SensorModel(NamedTuple):
         return not (self.scale_factor.any() or self.bias.any() or self.noisy or self.vibration)
 
     @property
-    def errors(self) -> SensorErrors:
+    def errors(self) -> PackageErrors:
         """Errors that make a reading."""
-        return SensorErrors._make(getattr(self, name) for name in SensorErrors._fields)
+        return PackageErrors._make(getattr(self, name) for name in PackageErrors._fields)
 
 
-class SensorErrors(NamedTuple):
+class PackageErrors(NamedTuple):
     """The part of a `SensorModel` that makes a reading once vibration is known; attributes as there."""
 
     period_s: float
@@ -286,7 +286,7 @@ def vibrating(model: SensorModel, time_s: float) -> Array:
 
 @kernel
 def remembering(
-    signal: Array, memory: Array, noise: Array, shaking: Array, errors: SensorErrors
+    signal: Array, memory: Array, noise: Array, shaking: Array, errors: PackageErrors
 ) -> tuple[Array, Array]:
     """Runs `sense` where vibration, ``shaking``, is known, shape (3,), or empty."""
     started = memory[0] != 0.0
@@ -315,7 +315,7 @@ def remembering(
 
 
 @kernel
-def at_once(signal: Array, noise: Array, shaking: Array, errors: SensorErrors) -> Array:
+def at_once(signal: Array, noise: Array, shaking: Array, errors: PackageErrors) -> Array:
     """Computes one reading of a package without memory; ``shaking``: vibration in it, shape (3,), or empty."""
     value = (1.0 + errors.scale_factor) * signal
     if shaking.size:
@@ -327,11 +327,11 @@ def at_once(signal: Array, noise: Array, shaking: Array, errors: SensorErrors) -
 
 
 @kernel
-def _read(value: Array, errors: SensorErrors) -> Array:
+def _read(value: Array, errors: PackageErrors) -> Array:
     return held_within(quantized(value, errors.quantum, errors.phase), errors.limit)
 
 
-class Package(NamedTuple):
+class TruePackage(NamedTuple):
     """True package of sensors.
 
     Attributes:
@@ -349,9 +349,9 @@ class Package(NamedTuple):
     remembers: bool
 
 
-def package(name: str, model: SensorModel, position: Array | None) -> Package:
-    """Makes a package; arguments as the attributes of `Package`."""
-    return Package(name, model, position, model.exact, model.remembers)
+def package(name: str, model: SensorModel, position: Array | None) -> TruePackage:
+    """Makes a package; arguments as the attributes of `TruePackage`."""
+    return TruePackage(name, model, position, model.exact, model.remembers)
 
 
 @kernel

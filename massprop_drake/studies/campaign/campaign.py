@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from massprop_drake.errors import InputError
-from massprop_drake.inputs.campaign import CampaignSpec, campaign_from, load_campaign
+from massprop_drake.inputs.campaign_file import CampaignSpec, campaign_from, load_campaign
 from massprop_drake.inputs.model import yaml_text
 from massprop_drake.inputs.yaml import Document, exists, files_read, read_text
 from massprop_drake.maths.kernels import require_compiler
@@ -233,7 +233,7 @@ class Campaign:
             "keep": file.keep,
             "folder": str(flight.folder),
         }
-        work = engine.Work(setup, todo, flight.alone, file.limits.time_s, file.limits.memory_mb)
+        work = engine.CampaignWork(setup, todo, flight.alone, file.limits.time_s, file.limits.memory_mb)
         facts, done, columns = flight.facts, flight.done, store.schema(file.times_s)
         execution = json.loads(facts["execution"]) if "execution" in facts else None
         with contextlib.closing(engine.flown(client, work, execution, flight.folder)) as chunks:
@@ -272,9 +272,9 @@ class Campaign:
         """Shows in a notebook the beginning of the report; nothing of its own before any case has been flown."""
         if self.folder is None or not store.flown_ids(self.folder):
             return None
-        from massprop_drake.studies.campaign import reading, report  # noqa: PLC0415 (they need this module)
+        from massprop_drake.studies.campaign import campaign_report, reading  # noqa: PLC0415 (they need this module)
 
-        return report.notebook(reading.read(self.folder))
+        return campaign_report.notebook(reading.read(self.folder))
 
     def _need_folder(self) -> Path:
         if self.folder is None:

@@ -17,7 +17,7 @@ from massprop_drake.display.interactive import numbers, plain
 from massprop_drake.display.style import BAND_COLOR, COLORS, ESTIMATE_COLOR, FAILED_COLOR, TRUTH_COLOR
 from massprop_drake.maths.mass_properties import NAMES
 from massprop_drake.signals import SYMBOLS
-from massprop_drake.studies.campaign.merit import Event, OperatingPoint, size_of
+from massprop_drake.studies.campaign.merit import InjectedEvent, OperatingPoint, size_of
 from massprop_drake.studies.campaign.statistics import Detections, Figure, SizeCurve
 
 Array = NDArray[np.float64]
@@ -274,7 +274,7 @@ def _ordered(names: set[str], order: Sequence[str]) -> list[str]:
 # -------------------------------------------------------------------------------------------- sizes
 
 
-def sizes(kind: str, found: Sequence[Event], curve: SizeCurve | None, bins: Sequence[Any], unit: str) -> Json:
+def sizes(kind: str, found: Sequence[InjectedEvent], curve: SizeCurve | None, bins: Sequence[Any], unit: str) -> Json:
     """Plots the probability of detection over the size of failures: shares by size, and the fitted curve."""
     traces: list[Json] = []
     if curve is not None:
@@ -322,7 +322,7 @@ def _level(y: float, x_axis: str, y_axis: str, color: str = TRUTH_COLOR) -> Json
     }  # fmt: skip
 
 
-def magnitudes(groups: Mapping[str, Sequence[Event]], unit: str) -> Json:
+def magnitudes(groups: Mapping[str, Sequence[InjectedEvent]], unit: str) -> Json:
     """Plots declared against true force."""
     traces: list[Json] = []
     everything: list[float] = []

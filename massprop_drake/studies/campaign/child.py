@@ -53,7 +53,7 @@ def main() -> None:
 def _flights(setup: Mapping[str, Any]) -> Any:
     """Loads the module that flies the cases, and makes its flights, see `worker.fly_chunk`."""
     if "program" not in setup:
-        from massprop_drake.studies.campaign.flight import Flights  # noqa: PLC0415 (loads Drake)
+        from massprop_drake.studies.campaign.campaign_flight import Flights  # noqa: PLC0415 (loads Drake)
 
         return Flights(setup)
     sys.path.insert(0, os.path.dirname(setup["program"]))

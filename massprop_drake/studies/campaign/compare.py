@@ -14,12 +14,12 @@ from typing import Any, NamedTuple
 from massprop_drake.display import plotted
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.model import Model
-from massprop_drake.studies.campaign import charts, merit, report, statistics
+from massprop_drake.studies.campaign import campaign_report, charts, merit, statistics
+from massprop_drake.studies.campaign.campaign_report import figure_data
 from massprop_drake.studies.campaign.counts import Row, ends_wrong, flown, judgeable
-from massprop_drake.studies.campaign.merit import MEANINGS, Event
+from massprop_drake.studies.campaign.merit import MEANINGS, InjectedEvent
 from massprop_drake.studies.campaign.plan import case_name
 from massprop_drake.studies.campaign.reading import Cell, Study, read
-from massprop_drake.studies.campaign.report import figure_data
 from massprop_drake.studies.campaign.statistics import Paired
 
 _HERE = Path(__file__).parent
@@ -127,7 +127,7 @@ def pairs(baseline: Column, column: Column) -> list[tuple[Row, Row]]:
     return [(rows[row["sample"]], row) for row in flown(column.cell.rows) if row["sample"] in rows]
 
 
-def event_pairs(paired: Sequence[tuple[Row, Row]]) -> list[tuple[Event, Event]]:
+def event_pairs(paired: Sequence[tuple[Row, Row]]) -> list[tuple[InjectedEvent, InjectedEvent]]:
     """Pairs the same failures of jets in pairs of cases, where they acted in both."""
     found = []
     for first, second in paired:
@@ -164,7 +164,7 @@ def measures(paired: Sequence[tuple[Row, Row]]) -> list[Measure]:
     return [measure for measure in found if measure.paired.difference.n]
 
 
-def _is(outcome: str) -> Callable[[Event], bool]:
+def _is(outcome: str) -> Callable[[InjectedEvent], bool]:
     return lambda event: bool(event.injected["outcome"] == outcome)
 
 
@@ -207,7 +207,7 @@ def summary(folders: Sequence[str | Path]) -> dict[str, Any]:
     """
     found = columns([read(folder) for folder in folders])
     return {
-        "format": report.FORMAT,
+        "format": campaign_report.FORMAT,
         "columns": [
             {
                 "label": column.label,
@@ -305,7 +305,7 @@ def contents(found: Sequence[Column]) -> dict[str, Any]:
         "figures": [
             {
                 "words": MEANINGS[name].words,
-                "cells": [report.row_of(name, one[name]) for one in figures],
+                "cells": [campaign_report.row_of(name, one[name]) for one in figures],
             }
             for name in MEANINGS
             if any(one[name].n for one in figures)
@@ -336,7 +336,8 @@ def _row(measure: Measure) -> dict[str, Any]:
     return {
         "words": measure.words,
         "values": [
-            report.shown(statistics.Figure(value, math.nan, math.nan, 0), measure.unit) for value in measure.values
+            campaign_report.shown(statistics.Figure(value, math.nan, math.nan, 0), measure.unit)
+            for value in measure.values
         ],
         "difference": f"{number(difference.value)} {unit}".rstrip(),
         "interval": f"{_bound(difference.low, number)} to {_bound(difference.high, number)}" if bounded else "",

@@ -10,9 +10,9 @@ class Concluded(NamedTuple):
     """Summary, verdict and page of a campaign.
 
     Attributes:
-        summary: see `report.summarized`.
-        verdict: see `report.verdict`.
-        page: see `report.page_of`; None where none is asked for.
+        summary: see `campaign_report.summarized`.
+        verdict: see `campaign_report.verdict`.
+        page: see `campaign_report.page_of`; None where none is asked for.
     """
 
     summary: dict[str, Any]
@@ -26,7 +26,11 @@ def concluded(folder: str | Path, *, with_page: bool) -> Concluded:
     Raises:
         InputError: when the folder holds no campaign that has been run.
     """
-    from massprop_drake.studies.campaign import reading, report  # noqa: PLC0415 (called in a process of its own)
+    from massprop_drake.studies.campaign import campaign_report, reading  # noqa: PLC0415 (called in a process of its own)
 
     study = reading.read(folder)
-    return Concluded(report.summarized(study), report.verdict(study), report.page_of(study) if with_page else None)
+    return Concluded(
+        campaign_report.summarized(study),
+        campaign_report.verdict(study),
+        campaign_report.page_of(study) if with_page else None,
+    )

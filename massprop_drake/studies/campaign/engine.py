@@ -48,11 +48,11 @@ class Case(Protocol):
     def _asdict(self) -> dict[str, Any]: ...
 
 
-class Work(NamedTuple):
+class CampaignWork(NamedTuple):
     """Cases to fly, and how.
 
     Attributes:
-        setup: what all cases share, as of `flight.Flights`, without `key` and `token`.
+        setup: what all cases share, as of `campaign_flight.Flights`, without `key` and `token`.
         cases: to fly.
         kept: numbers of those to be kept whatever becomes of them.
         time_s, memory_mb: what each may take.
@@ -144,7 +144,7 @@ def dashboard(client: Client) -> str | None:
     return client.dashboard_link if "dashboard" in client.scheduler_info()["services"] else None
 
 
-def flown(client: Client, work: Work, execution: Mapping[str, str] | None, folder: Path) -> Generator[Flown]:
+def flown(client: Client, work: CampaignWork, execution: Mapping[str, str] | None, folder: Path) -> Generator[Flown]:
     """Yields each chunk as it is done.
 
     Args:
@@ -219,7 +219,7 @@ class _Chunks:
         execution: how cases are executed; None: as the first chunk is.
     """
 
-    def __init__(self, client: Client, work: Work, execution: Mapping[str, str] | None):
+    def __init__(self, client: Client, work: CampaignWork, execution: Mapping[str, str] | None):
         self._client = client
         self._work = work
         self._execution = execution

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from massprop_drake.errors import InputError, suggestion
-from massprop_drake.inputs.campaign import Gate
+from massprop_drake.inputs.campaign_file import Gate
 from massprop_drake.maths.mass_properties import N_ROTATION, NAMES
 from massprop_drake.results.detections import JUMP
 from massprop_drake.studies.campaign import statistics
@@ -24,7 +24,7 @@ PAYLOADS = ("release", "dock")
 _HOUR_S = 3600.0
 
 
-class Event(NamedTuple):
+class InjectedEvent(NamedTuple):
     """Injected failure in one case.
 
     Attributes:
@@ -54,7 +54,7 @@ class Event(NamedTuple):
         return max((entry["statistic"] for entry in found), default=math.nan)
 
 
-def events(rows: Iterable[Row], *, payloads: bool = False) -> list[Event]:
+def events(rows: Iterable[Row], *, payloads: bool = False) -> list[InjectedEvent]:
     """Returns injected failures of jets that acted, or payloads that came or left."""
     found = []
     for row in flown(rows):
@@ -63,7 +63,7 @@ def events(rows: Iterable[Row], *, payloads: bool = False) -> list[Event]:
                 continue
             right = one["outcome"] in ("named", "group")
             delay = one["declared_s"] - one["first_acted_s"] if right else math.nan
-            found.append(Event(row, one, delay, row["duration_s"] - one["first_acted_s"]))
+            found.append(InjectedEvent(row, one, delay, row["duration_s"] - one["first_acted_s"]))
     return found
 
 
@@ -76,7 +76,7 @@ def outcomes(rows: Iterable[Row]) -> dict[str, Counter[str]]:
     return found
 
 
-def detection_curve(found: Sequence[Event]) -> Detections:
+def detection_curve(found: Sequence[InjectedEvent]) -> Detections:
     """Computes the Kaplan-Meier curve of the delay to the right declaration."""
     return statistics.detection_curve(
         [max(0.0, event.delay_s) for event in found if event.right],
@@ -84,7 +84,7 @@ def detection_curve(found: Sequence[Event]) -> Detections:
     )
 
 
-def found_share(found: Sequence[Event], holds: Callable[[Event], bool]) -> Figure:
+def found_share(found: Sequence[InjectedEvent], holds: Callable[[InjectedEvent], bool]) -> Figure:
     """Computes the share of failures for which something holds; failures of one case are not independent."""
     by_case: dict[int, list[bool]] = {}
     for event in found:
@@ -301,7 +301,7 @@ def judged(gates: Mapping[str, Gate], found: Mapping[str, Figure]) -> list[Passe
 NOT_FOUND, NOT_TESTED, OWN_CLUSTER, JUMP_COLUMN = "not found", "not tested", "its cluster", "jump"
 
 
-def confusion(found: Sequence[Event]) -> Counter[tuple[str, str]]:
+def confusion(found: Sequence[InjectedEvent]) -> Counter[tuple[str, str]]:
     """Counts declarations by the true jet, or a jump, and the declared one: jet, cluster, or one of the words above."""
     counts: Counter[tuple[str, str]] = Counter()
     for event in found:
@@ -339,28 +339,28 @@ def by_cluster(counts: Mapping[tuple[str, str], int], clusters: Mapping[str, int
     return merged
 
 
-def by_kind(found: Sequence[Event]) -> dict[str, list[Event]]:
+def by_kind(found: Sequence[InjectedEvent]) -> dict[str, list[InjectedEvent]]:
     """Groups failures by their kind, in the order in which kinds appear."""
-    groups: dict[str, list[Event]] = {}
+    groups: dict[str, list[InjectedEvent]] = {}
     for event in found:
         groups.setdefault(event.injected["kind"], []).append(event)
     return groups
 
 
-def by_jet(found: Sequence[Event]) -> dict[str, list[Event]]:
+def by_jet(found: Sequence[InjectedEvent]) -> dict[str, list[InjectedEvent]]:
     """Groups failures by their jet, in the order in which jets appear."""
-    groups: dict[str, list[Event]] = {}
+    groups: dict[str, list[InjectedEvent]] = {}
     for event in found:
         groups.setdefault(event.injected["jet"], []).append(event)
     return groups
 
 
-def size_of(event: Event) -> float:
+def size_of(event: InjectedEvent) -> float:
     """Returns the true size of a failure: the mean force that the jet gives too much or too little, lbf or N."""
     return abs(event.injected["force"])
 
 
-def magnitude_errors(found: Sequence[Event]) -> list[tuple[float, float]]:
+def magnitude_errors(found: Sequence[InjectedEvent]) -> list[tuple[float, float]]:
     """Returns declared minus true force, lbf or N, and that over the claimed 1-sigma, of all that was found right."""
     pairs = []
     for event in found:
@@ -405,7 +405,7 @@ def operating_point(rows: Sequence[Row], setting: Any, threshold: float = -math.
     )
 
 
-def _struck(event: Event) -> Event:
+def _struck(event: InjectedEvent) -> InjectedEvent:
     return event._replace(injected={**event.injected, "outcome": "missed"}, delay_s=math.nan)
 
 

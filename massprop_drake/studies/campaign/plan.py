@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError
-from massprop_drake.inputs.campaign import MOST_CASES, CampaignSpec, settings_of, with_settings
+from massprop_drake.inputs.campaign_file import MOST_CASES, CampaignSpec, settings_of, with_settings
 from massprop_drake.inputs.scenario import Scenario
 
 Array = NDArray[np.float64]

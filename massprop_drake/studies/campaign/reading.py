@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from massprop_drake.errors import InputError
-from massprop_drake.inputs.campaign import CampaignSpec
+from massprop_drake.inputs.campaign_file import CampaignSpec
 from massprop_drake.inputs.scenario import parsed_key
 from massprop_drake.studies.campaign import store
 from massprop_drake.studies.campaign.campaign import Campaign

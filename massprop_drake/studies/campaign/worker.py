@@ -44,7 +44,7 @@ class Child:
     """Process that flies cases, replaced after a while.
 
     Args:
-        setup: as of `flight.Flights`.
+        setup: as of `campaign_flight.Flights`.
     """
 
     def __init__(self, setup: Mapping[str, Any]):
@@ -194,8 +194,8 @@ def fly_chunk(
     """Flies some cases; a task of Dask.
 
     Args:
-        setup: as of `flight.Flights`, with `key`, which tells it from others. With `program`, a file, its `Flights`
-            fly the cases, with the package that is in the folder `package`.
+        setup: as of `campaign_flight.Flights`, with `key`, which tells it from others. With `program`, a file, its
+            `Flights` fly the cases, with the package that is in the folder `package`.
         cases: requests.
         time_s, memory_mb: what each may take.
 

@@ -13,7 +13,7 @@ from massprop_drake.errors import InputError, suggestion
 from massprop_drake.inputs import asked, crafts
 from massprop_drake.inputs import params as inputs
 from massprop_drake.inputs.scenario import HypothesesBlock, PlantBlock, Scenario
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.estimation.filters.joint import JointFilterState, initial
 from massprop_drake.maths.estimation.joint.layout import RATE
 from massprop_drake.maths.maneuver.actions import Craft, candidates

@@ -6,7 +6,7 @@ import numpy as np
 
 from massprop_drake.display.spec import Bars, Level, Line, Mark, Over, Panel, Plot, Points
 from massprop_drake.display.style import COLORS, THIN_LINE, TRUTH_COLOR
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.studies.design.found import Design
 
 

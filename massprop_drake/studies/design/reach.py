@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.asked import Suspicion, Target
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, thrust_sigmas
 from massprop_drake.maths.maneuver.actions import candidates
 from massprop_drake.maths.maneuver.aims import Reached

@@ -9,7 +9,7 @@ import numpy as np
 
 from massprop_drake.inputs.asked import Target, valued
 from massprop_drake.inputs.scenario import CglrBlock, Degraded, Leak, Scenario
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.maneuver.planning import LEAD
 from massprop_drake.runners.simulate import simulate
 from massprop_drake.studies.design.found import LISTENING_S, Design

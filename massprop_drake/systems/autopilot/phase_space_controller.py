@@ -6,9 +6,9 @@ from typing import Any
 
 from pydrake.systems.framework import LeafSystem
 
-from massprop_drake.maths.autopilot import ports
+from massprop_drake.maths.autopilot import autopilot_ports
+from massprop_drake.maths.autopilot.autopilot_ports import Control
 from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, initial_memory
-from massprop_drake.maths.autopilot.ports import Control
 from massprop_drake.maths.kernels import chosen, held
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.systems.caching import Cached, state_of
@@ -43,7 +43,7 @@ class PhaseSpaceController(LeafSystem):
         super().__init__()
         self.set_name("phase_space_controller")
         start = initial_memory().translation
-        self._kernel, self._held = chosen(ports.request, compiled), held(Control(params, start), compiled)
+        self._kernel, self._held = chosen(autopilot_ports.request, compiled), held(Control(params, start), compiled)
         self._controllers = self.DeclareVectorInputPort("hand_controllers", HAND_CONTROLLERS.size)
         self._error = self.DeclareVectorInputPort("attitude_error", 3)
         self._gyro = self.DeclareVectorInputPort("gyro", 3)

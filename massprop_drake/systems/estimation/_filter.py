@@ -13,7 +13,7 @@ from massprop_drake.maths.estimation.filter import Interval
 from massprop_drake.maths.estimation.impulses import Impulses
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.systems.caching import Cached
-from massprop_drake.systems.estimation._readings import Package, Readings
+from massprop_drake.systems.estimation._readings import KnownPackage, Readings
 from massprop_drake.systems.layouts import ADAPTATION, IMPULSES, KNOWN_FORCE
 
 Ports = tuple[tuple[str, int, Any], ...]  # name, size and callback of output ports
@@ -22,7 +22,7 @@ _NO_LEVEL = np.empty(0)
 _NO_FORCE, _NOTHING_ASKED = np.zeros(KNOWN_FORCE.size), packed(NO_ADAPTATION)
 
 
-class Measured(NamedTuple):
+class MeasuredFilter(NamedTuple):
     """First half of a filter's cycle, in one cache entry.
 
     Attributes:
@@ -55,7 +55,7 @@ class FilterSystem(LeafSystem):
         self._n_levels = n_levels
         self._inputs: list[Any] = []
 
-    def _declare_packages(self, packages: tuple[Package, ...]) -> Readings:
+    def _declare_packages(self, packages: tuple[KnownPackage, ...]) -> Readings:
         readings = Readings(self, packages)
         self._inputs += readings.ports
         return readings
@@ -108,16 +108,16 @@ class FilterSystem(LeafSystem):
         asked: Array = self._adaptation.Eval(context) if self._adaptation.HasValue(context) else _NOTHING_ASKED
         return asked
 
-    def _measured(self, context: Any) -> Measured:
-        measured: Measured = self._measurement.get(context)
+    def _measured(self, context: Any) -> MeasuredFilter:
+        measured: MeasuredFilter = self._measurement.get(context)
         return measured
 
-    def _cycled(self, context: Any) -> tuple[Measured, Any]:
+    def _cycled(self, context: Any) -> tuple[MeasuredFilter, Any]:
         """Computes the measurement, and the finished cycle."""
-        cycled: tuple[Measured, Any] = self._cycle.get(context)
+        cycled: tuple[MeasuredFilter, Any] = self._cycle.get(context)
         return cycled
 
-    def _measure(self, context: Any) -> Measured:
+    def _measure(self, context: Any) -> MeasuredFilter:
         raise NotImplementedError
 
     def _compute_cycle(self, context: Any) -> Any:
@@ -126,5 +126,5 @@ class FilterSystem(LeafSystem):
         measured = self._measured(context)
         return measured, self._finish(measured, adaptation)
 
-    def _finish(self, measured: Measured, adaptation: Adaptation) -> Any:
+    def _finish(self, measured: MeasuredFilter, adaptation: Adaptation) -> Any:
         raise NotImplementedError

@@ -14,7 +14,7 @@ from massprop_drake.maths.vehicle.sensing import unsaturated
 Array = NDArray[np.float64]
 
 
-class Package(NamedTuple):
+class KnownPackage(NamedTuple):
     """Sensor package as a filter knows it.
 
     Attributes:
@@ -34,7 +34,7 @@ class Readings:
         packages: the preferred one first.
     """
 
-    def __init__(self, system: LeafSystem, packages: tuple[Package, ...]):
+    def __init__(self, system: LeafSystem, packages: tuple[KnownPackage, ...]):
         self._packages = packages
         self.ports = [system.DeclareVectorInputPort(package.name, 3) for package in packages]
 

@@ -13,11 +13,11 @@ from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.estimation import cycle
 from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationState, EstimationStep, Sample
-from massprop_drake.maths.estimation.detector import Event, Jets, Judgment
+from massprop_drake.maths.estimation.detector import Judgment, KnownJets, Verdict
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import converged_rows
 from massprop_drake.systems.caching import Cached
-from massprop_drake.systems.estimation._readings import Package, Readings
+from massprop_drake.systems.estimation._readings import KnownPackage, Readings
 from massprop_drake.systems.layouts import (
     DETECTOR_REPORT,
     IMPULSES,
@@ -107,9 +107,9 @@ class CycleEstimator(LeafSystem):
         self,
         params: EstimationParams,
         *,
-        jets: Jets,
-        gyros: tuple[Package, ...],
-        accelerometers: tuple[Package, ...],
+        jets: KnownJets,
+        gyros: tuple[KnownPackage, ...],
+        accelerometers: tuple[KnownPackage, ...],
         tracked: Mapping[str, int],
         weighs: bool,
         known: NDArray[np.bool_],
@@ -261,7 +261,7 @@ class CycleEstimator(LeafSystem):
 
     def _calc_reconfiguration(self, context: Any, output: Any) -> None:
         judgment = self._judged(context)
-        declared = judgment.status.detector_event == Event.DECLARED
+        declared = judgment.status.detector_event == Verdict.DECLARED
         wrench = judgment.state.force @ self._jets.unit_wrenches
         output.SetFromVector(self._reconfiguration.pack((declared, wrench, judgment.state.removed)))
 

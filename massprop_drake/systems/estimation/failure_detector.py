@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from massprop_drake.maths.estimation import adaptation, ports
+from massprop_drake.maths.estimation import adaptation, estimation_ports
 from massprop_drake.maths.estimation.cycle import evidence_of
-from massprop_drake.maths.estimation.detector import Detector, Event, Jets, Judgment
+from massprop_drake.maths.estimation.detector import Detector, Judgment, KnownJets, Verdict
 from massprop_drake.maths.estimation.detectors import cglr
 from massprop_drake.maths.estimation.filter import NOT_MEASURED
 from massprop_drake.maths.kernels import compiled as compiled_form
@@ -68,7 +68,7 @@ class FailureDetector(LeafSystem):
         compiled: whether its kernels are, where the method is `cglr`.
     """
 
-    def __init__(self, detector: Detector, params: Any, *, jets: Jets, compiled: bool = False):
+    def __init__(self, detector: Detector, params: Any, *, jets: KnownJets, compiled: bool = False):
         super().__init__()
         self.set_name("failure_detector")
         self._detector = detector
@@ -92,8 +92,11 @@ class FailureDetector(LeafSystem):
         self._after, self._report = slice(after, after + self._layout.size), slice(after + self._layout.size, None)
         self._compiled = compiled and detector is cglr.DETECTOR
         if self._compiled:
-            self._kernel, self._acting = compiled_form(ports.judged), compiled_form(ports.known_force)
-            self._held = held(ports.judging(params), compile_it=True)
+            self._kernel, self._acting = (
+                compiled_form(estimation_ports.judged),
+                compiled_form(estimation_ports.known_force),
+            )
+            self._held = held(estimation_ports.judging(params), compile_it=True)
 
         self._judgment = Cached(
             self, "judgment", self._judge, {self.xd_ticket(), self.all_input_ports_ticket(), self.time_ticket()}
@@ -122,7 +125,7 @@ class FailureDetector(LeafSystem):
         return self._state_of._make(self._layout.read(vector))
 
     def _judge(self, context: Any) -> Array:
-        """Judges the sample by the detector's method, as `ports.judged` has it."""
+        """Judges the sample by the detector's method, as `estimation_ports.judged` has it."""
         vector, command, told = state_of(context), self._command.Eval(context), self._impulses.Eval(context)
         # a sample that is not steady is not looked at, so that nothing need be gathered
         seen = self._evidence.Eval(context) if told[_USABLE] else _NOT_MEASURED
@@ -137,7 +140,7 @@ class FailureDetector(LeafSystem):
         return np.concatenate(
             (
                 _NO_ADAPTATION if todo is adaptation.NO_ADAPTATION else adaptation.packed(todo),
-                (judgment.status.detector_event == Event.DECLARED,),
+                (judgment.status.detector_event == Verdict.DECLARED,),
                 state.force @ self._jets.unit_wrenches,
                 vector if state is before else self._layout.pack(state),
                 detector_row(judgment, before, self._logged),

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import LeafSystem
 
-from massprop_drake.maths.estimation import ports
+from massprop_drake.maths.estimation import estimation_ports
 from massprop_drake.maths.estimation.detector import known_force_of
-from massprop_drake.maths.estimation.ports import Lagging
+from massprop_drake.maths.estimation.estimation_ports import Lagging
 from massprop_drake.maths.kernels import chosen, held
 from massprop_drake.maths.vehicle.thrust import lag_factors
 from massprop_drake.systems.arguments import rows, vector
@@ -58,7 +58,7 @@ class ImpulseModel(LeafSystem):
         n_jets = wrenches.shape[0]
         time_constants_s = vector("impulse model: time_constants_s", time_constants_s, n_jets)
         lagging = Lagging(wrenches * period_s, lag_factors(time_constants_s, period_s), period_s)
-        self._kernel, self._held = chosen(ports.impulses, compiled), held(lagging, compiled)
+        self._kernel, self._held = chosen(estimation_ports.impulses, compiled), held(lagging, compiled)
         self._command = self.DeclareVectorInputPort("jet_commands", n_jets)
         self._known_force = self.DeclareVectorInputPort("known_force", KNOWN_FORCE.size)
         self._outside = self.DeclareVectorInputPort("outside_wrench", 6)
@@ -79,7 +79,7 @@ class ImpulseModel(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
 
     def _compute(self, context: Any) -> Array:
-        """Computes the impulses, as `ports.impulses` has them."""
+        """Computes the impulses, as `estimation_ports.impulses` has them."""
         outside = self._outside.Eval(context) if self._outside.HasValue(context) else _NOTHING_OUTSIDE
         given = state_of(context), self._command.Eval(context), outside, self._held
         row: Array = timed(ESTIMATORS, self._kernel, *given)

@@ -6,20 +6,20 @@ from typing import Any
 
 import numpy as np
 
-from massprop_drake.maths.estimation import ports
+from massprop_drake.maths.estimation import estimation_ports
 from massprop_drake.maths.estimation.adaptation import Adaptation
+from massprop_drake.maths.estimation.estimation_ports import MassVector
 from massprop_drake.maths.estimation.filter import NOT_MEASURED
 from massprop_drake.maths.estimation.filters import mass_filter, thesis
 from massprop_drake.maths.estimation.filters.mass_filter import MassCycle, MassParams, MassState
 from massprop_drake.maths.estimation.filters.thesis import Turning
-from massprop_drake.maths.estimation.ports import MassVector
 from massprop_drake.maths.kernels import compiled as compiled_form
 from massprop_drake.maths.kernels import held
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import N_ROTATION, all_ten
 from massprop_drake.systems.caching import state_of
-from massprop_drake.systems.estimation._filter import FilterSystem, Measured
-from massprop_drake.systems.estimation._readings import Package
+from massprop_drake.systems.estimation._filter import FilterSystem, MeasuredFilter
+from massprop_drake.systems.estimation._readings import KnownPackage
 from massprop_drake.systems.layouts import EVIDENCE, MASS_ESTIMATE, MASS_REPORT, TURNING
 from massprop_drake.systems.stopwatch import ESTIMATORS, timed
 
@@ -73,7 +73,7 @@ class MassEstimator(FilterSystem):
         *,
         mass_reciprocal: float,
         variance: float,
-        accelerometers: tuple[Package, ...],
+        accelerometers: tuple[KnownPackage, ...],
         params: MassParams,
         thrust_errors: Array | None = None,
         compiled: bool = False,
@@ -92,8 +92,8 @@ class MassEstimator(FilterSystem):
         self.DeclareDiscreteState(vector)
         self._compiled = compiled and thrust_errors is None and mass_filter.counts_one(params)
         if self._compiled:
-            made = ports.weighing(params, MassVector._make(self._layout.read(vector)[:-1]))
-            self._move, self._weigh = compiled_form(ports.evidence), compiled_form(ports.weighed)
+            made = estimation_ports.weighing(params, MassVector._make(self._layout.read(vector)[:-1]))
+            self._move, self._weigh = compiled_form(estimation_ports.evidence), compiled_form(estimation_ports.weighed)
             self._held = held(made, compile_it=True)
         predictions = {self.xd_ticket(), self.input_port_ticket(self._prediction.get_index())}
         self.DeclareVectorOutputPort("predicted", 10, self._calc_predicted, prerequisites_of_calc=predictions)
@@ -119,7 +119,7 @@ class MassEstimator(FilterSystem):
         return turning if self._linear_errors is not None else turning._replace(effects=None, sensitivity=None)
 
     def _measure(self, context: Any) -> Any:
-        """Measures the sample: `Measured`, or the vector of `ports.evidence` where that is compiled."""
+        """Measures the sample: `Measured`, or the vector of `estimation_ports.evidence` where that is compiled."""
         if self._compiled:
             given = state_of(context), self._accelerometers.eval(context), self._turning.Eval(context)
             return timed(ESTIMATORS, self._move, *given, *self._told(context), self._held)
@@ -135,9 +135,9 @@ class MassEstimator(FilterSystem):
             thesis.rotation_of(turning),
             self._params,
         )
-        return Measured(state, interval, measurement, (velocities, turning))
+        return MeasuredFilter(state, interval, measurement, (velocities, turning))
 
-    def _finish(self, measured: Measured, adaptation: Adaptation) -> MassCycle:
+    def _finish(self, measured: MeasuredFilter, adaptation: Adaptation) -> MassCycle:
         state, interval, measurement, _ = measured
         impulses = interval.impulses
         cycle: MassCycle = timed(

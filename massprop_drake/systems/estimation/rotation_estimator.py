@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from massprop_drake.maths.estimation import ports
+from massprop_drake.maths.estimation import estimation_ports
 from massprop_drake.maths.estimation.adaptation import Adaptation
+from massprop_drake.maths.estimation.estimation_ports import RotationVector
 from massprop_drake.maths.estimation.filters import rotation_filter, thesis
 from massprop_drake.maths.estimation.filters.rotation_filter import (
     RotationCycle,
@@ -15,14 +16,13 @@ from massprop_drake.maths.estimation.filters.rotation_filter import (
     RotationParams,
     RotationState,
 )
-from massprop_drake.maths.estimation.ports import RotationVector
 from massprop_drake.maths.kernels import compiled as compiled_form
 from massprop_drake.maths.kernels import held
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import N_ROTATION
 from massprop_drake.systems.caching import state_of
-from massprop_drake.systems.estimation._filter import FilterSystem, Measured
-from massprop_drake.systems.estimation._readings import Package
+from massprop_drake.systems.estimation._filter import FilterSystem, MeasuredFilter
+from massprop_drake.systems.estimation._readings import KnownPackage
 from massprop_drake.systems.layouts import ROTATION_REPORT, TURNING
 from massprop_drake.systems.stopwatch import ESTIMATORS, timed
 
@@ -79,7 +79,7 @@ class RotationEstimator(FilterSystem):
         *,
         estimate: Array,
         covariance: Array,
-        gyros: tuple[Package, ...],
+        gyros: tuple[KnownPackage, ...],
         params: RotationParams,
         thrust_errors: Array | None = None,
         compiled: bool = False,
@@ -97,8 +97,8 @@ class RotationEstimator(FilterSystem):
         self.DeclareDiscreteState(vector)
         self._compiled = compiled and thrust_errors is None and rotation_filter.counts_one(params)
         if self._compiled:
-            made = ports.rotating(params, RotationVector._make(self._layout.read(vector)[:-1]))
-            self._turn, self._rotate = compiled_form(ports.turning), compiled_form(ports.rotated)
+            made = estimation_ports.rotating(params, RotationVector._make(self._layout.read(vector)[:-1]))
+            self._turn, self._rotate = compiled_form(estimation_ports.turning), compiled_form(estimation_ports.rotated)
             self._held = held(made, compile_it=True)
         self.DeclareVectorOutputPort(
             "predicted_estimate", N_ROTATION, self._calc_predicted, prerequisites_of_calc={self.xd_ticket()}
@@ -121,7 +121,7 @@ class RotationEstimator(FilterSystem):
         return thesis.read_rotation(state_of(context), self._layout)
 
     def _measure(self, context: Any) -> Any:
-        """Measures the sample: `Measured`, or the vector of `ports.turning` where that is compiled."""
+        """Measures the sample: `Measured`, or the vector of `estimation_ports.turning` where that is compiled."""
         if self._compiled:
             given = state_of(context), self._gyros.eval(context), *self._told(context), self._held
             return timed(ESTIMATORS, self._turn, *given)
@@ -129,9 +129,9 @@ class RotationEstimator(FilterSystem):
         rates, interval = self._gyros.eval(context), self._interval(context)
         known = thesis.rotation_interval(interval, self._thrust_errors)
         measurement = timed(ESTIMATORS, rotation_filter.measure, state, memory, rates, known, self._params)
-        return Measured(state, interval, measurement, rates)
+        return MeasuredFilter(state, interval, measurement, rates)
 
-    def _finish(self, measured: Measured, adaptation: Adaptation) -> RotationCycle:
+    def _finish(self, measured: MeasuredFilter, adaptation: Adaptation) -> RotationCycle:
         state, interval, measurement, _ = measured
         learning = thesis.is_learning(interval)
         cycle: RotationCycle = timed(

@@ -13,11 +13,11 @@ from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.true_failures import Failure
 from massprop_drake.systems.arguments import vector
 from massprop_drake.systems.multibody.body_wrench import BodyWrench
-from massprop_drake.systems.vehicle.reaction_jets import ReactionJets
+from massprop_drake.systems.vehicle.reaction_jets_system import ReactionJets
 
 
 class _StatedJets(Protocol):
-    """Jets of a vehicle as stated, see `inputs.vehicle.Vehicle`."""
+    """Jets of a vehicle as stated, see `inputs.vehicle_file.Vehicle`."""
 
     @property
     def wrenches(self) -> Array:

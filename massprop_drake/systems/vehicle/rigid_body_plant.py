@@ -13,9 +13,8 @@ from massprop_drake.errors import InputError
 from massprop_drake.maths.kernels import chosen, held, value_of
 from massprop_drake.maths.linear_algebra import is_positive_definite
 from massprop_drake.maths.mass_properties import MassProperties, Spread, six_elements, symmetric
-from massprop_drake.maths.vehicle import ports, rigid_body
+from massprop_drake.maths.vehicle import rigid_body, vehicle_ports
 from massprop_drake.maths.vehicle.depletion import OutOfPropellantError, Tanks, draining, emptied
-from massprop_drake.maths.vehicle.ports import Motion
 from massprop_drake.maths.vehicle.reaction_jets import profile_size
 from massprop_drake.maths.vehicle.rigid_body import (
     MASS,
@@ -27,6 +26,7 @@ from massprop_drake.maths.vehicle.rigid_body import (
     OutOfMassError,
     SpunUpError,
 )
+from massprop_drake.maths.vehicle.vehicle_ports import Motion
 from massprop_drake.systems.caching import Cached
 from massprop_drake.systems.parameters import Named, Parameters
 from massprop_drake.systems.scalars import float_class, refuse, template
@@ -124,7 +124,7 @@ def RigidBodyPlant_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             self._time_step = time_step
             self._compiled = compiled and T is float and time_step != 0.0
             motion = Motion(np.array(lag_time_constants_s, dtype=float), time_step, pieces)
-            self._kernel, self._held = chosen(ports.stepped, self._compiled), held(motion, self._compiled)
+            self._kernel, self._held = chosen(vehicle_ports.stepped, self._compiled), held(motion, self._compiled)
             self.parameters = Parameters(
                 self,
                 T,

@@ -14,10 +14,10 @@ from pydrake.systems.framework import LeafSystem_
 
 from massprop_drake.errors import InputError
 from massprop_drake.maths.kernels import chosen, held, value_of
-from massprop_drake.maths.vehicle import ports
-from massprop_drake.maths.vehicle.ports import Sensing
+from massprop_drake.maths.vehicle import vehicle_ports
 from massprop_drake.maths.vehicle.rigid_body import N_STATE
 from massprop_drake.maths.vehicle.sensing import Draws, SensorModel, vibrating, with_draws
+from massprop_drake.maths.vehicle.vehicle_ports import Sensing
 from massprop_drake.systems.arguments import vector
 from massprop_drake.systems.caching import Cached, state_of
 from massprop_drake.systems.layouts import NOISE
@@ -33,7 +33,7 @@ _READING, _AFTER = slice(0, 3), slice(3, None)  # of what the kernel gives of a 
 
 
 class StatedPackage(Protocol):
-    """Package of three sensors as a vehicle states it, see `inputs.vehicle.SensorPackage`."""
+    """Package of three sensors as a vehicle states it, see `inputs.vehicle_file.SensorPackage`."""
 
     @property
     def name(self) -> str:
@@ -199,8 +199,8 @@ def Sensor_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             if self._draws is not None:
                 model = with_draws(model, self._draws, seed_in(context, self._varied, self._seed))
             exact = T is float and model.exact and not self._model.remembers
-            read: Any = ports.remembered_reading if self._model.remembers else ports.reading
-            kernel = chosen(ports.exact_reading if exact else read, self._compiled)
+            read: Any = vehicle_ports.remembered_reading if self._model.remembers else vehicle_ports.reading
+            kernel = chosen(vehicle_ports.exact_reading if exact else read, self._compiled)
             holder = held(Sensing(model.errors, self._gathers, self._place), self._compiled)
             return kernel, holder, None if exact else model
 

@@ -9,9 +9,9 @@ import pytest
 from params_probe import detector_settings_of as settings_of
 from params_probe import evidence
 
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.estimation import adaptation
-from massprop_drake.maths.estimation.detector import KNOWN_FORCE, NO_KNOWN_FORCE, Event
+from massprop_drake.maths.estimation.detector import KNOWN_FORCE, NO_KNOWN_FORCE, Verdict
 from massprop_drake.maths.estimation.detectors.cglr import (
     LAYOUT,
     CglrParams,
@@ -102,7 +102,7 @@ class Bench:
         """The cycles that declare a failure."""
         for _ in range(self.params.alarms_to_declare):
             result = self.failing(jet, force)
-        assert result.finding.event == Event.DECLARED
+        assert result.finding.event == Verdict.DECLARED
         return result
 
     @property
@@ -135,7 +135,7 @@ def test_a_failure_gives_an_alarm_that_says_what_failed(bench: Bench) -> None:
     np.testing.assert_allclose(finding.magnitude, 868.8, rtol=1e-12)
     c = bench.signatures[STUCK]
     np.testing.assert_allclose(finding.magnitude_std, (c @ bench.information @ c) ** -0.5, rtol=1e-12)
-    assert (finding.event, finding.alarms) == (Event.NOTHING, 1.0)
+    assert (finding.event, finding.alarms) == (Verdict.NOTHING, 1.0)
     # it began in the interval that ends with this sample, number 1
     assert finding.onset_s == 0.0
 
@@ -231,7 +231,7 @@ def test_a_sample_that_says_nothing_is_not_tested(bench: Bench, reason: dict[str
     result = bench.failing(STUCK, 868.8, **reason)
     assert not result.finding.tested
     assert not result.finding.alarm
-    assert result.finding.event == Event.NOTHING
+    assert result.finding.event == Verdict.NOTHING
     assert all(np.isnan(values).all() for values in result.tests)
     assert result.adaptation == adaptation.NO_ADAPTATION
     np.testing.assert_array_equal(packed(result.state), packed(initial_state(N)))
@@ -245,7 +245,7 @@ def test_a_gated_sample_neither_counts_nor_breaks_the_run(bench: Bench) -> None:
     bench.failing(STUCK, 868.8)
     gated = bench.failing(STUCK, 868.8, usable=False)
     assert gated.state.alarms == 1.0
-    assert bench.failing(STUCK, 868.8).finding.event == Event.DECLARED
+    assert bench.failing(STUCK, 868.8).finding.event == Verdict.DECLARED
 
 
 def test_what_was_handed_in_is_not_changed(bench: Bench) -> None:
@@ -268,7 +268,7 @@ def test_what_was_handed_in_is_not_changed(bench: Bench) -> None:
 def test_a_failure_is_declared_at_the_nth_alarm_in_a_row(orbiter: Vehicle, needed: int) -> None:
     bench = Bench(orbiter, alarms_to_declare=needed)
     findings = [bench.failing(STUCK, 868.8).finding for _ in range(needed)]
-    assert [finding.event for finding in findings] == [Event.NOTHING] * (needed - 1) + [Event.DECLARED]
+    assert [finding.event for finding in findings] == [Verdict.NOTHING] * (needed - 1) + [Verdict.DECLARED]
     assert [finding.alarms for finding in findings] == [float(k + 1) for k in range(needed)]
     # since the interval before the first of them
     assert {finding.onset_s for finding in findings} == {0.0}
@@ -277,7 +277,7 @@ def test_a_failure_is_declared_at_the_nth_alarm_in_a_row(orbiter: Vehicle, neede
 def test_nothing_is_ever_declared_when_that_is_off(orbiter: Vehicle) -> None:
     bench = Bench(orbiter, alarms_to_declare=0)
     findings = [bench.failing(STUCK, 868.8).finding for _ in range(20)]
-    assert all(finding.alarm and finding.event == Event.NOTHING for finding in findings)
+    assert all(finding.alarm and finding.event == Verdict.NOTHING for finding in findings)
     assert findings[-1].alarms == 20.0
     assert not bench.state.removed.any()
     assert not bench.state.force.any()
@@ -286,14 +286,14 @@ def test_nothing_is_ever_declared_when_that_is_off(orbiter: Vehicle) -> None:
 @pytest.mark.parametrize(
     ("apart", "usable", "event"),
     [
-        (1, True, Event.DECLARED),
-        (2, True, Event.DECLARED),
-        (3, True, Event.DECLARED),
-        (4, True, Event.NOTHING),
-        (3, False, Event.DECLARED),
-        (4, False, Event.DECLARED),
-        (25, False, Event.DECLARED),
-        (26, False, Event.NOTHING),
+        (1, True, Verdict.DECLARED),
+        (2, True, Verdict.DECLARED),
+        (3, True, Verdict.DECLARED),
+        (4, True, Verdict.NOTHING),
+        (3, False, Verdict.DECLARED),
+        (4, False, Verdict.DECLARED),
+        (25, False, Verdict.DECLARED),
+        (26, False, Verdict.NOTHING),
     ],
 )
 def test_alarms_are_in_a_row_when_not_too_far_apart(bench: Bench, apart: int, event: int, *, usable: bool) -> None:
@@ -305,8 +305,8 @@ def test_alarms_are_in_a_row_when_not_too_far_apart(bench: Bench, apart: int, ev
     assert finding.event == event
     # in a row: since the first; too far apart: the run begins anew with this one
     first, last = 0.0, apart * PERIOD_S
-    np.testing.assert_allclose(finding.onset_s, first if event == Event.DECLARED else last, atol=1e-12)
-    assert finding.alarms == (2.0 if event == Event.DECLARED else 1.0)
+    np.testing.assert_allclose(finding.onset_s, first if event == Verdict.DECLARED else last, atol=1e-12)
+    assert finding.alarms == (2.0 if event == Verdict.DECLARED else 1.0)
 
 
 def test_the_gap_is_counted_from_the_last_alarm(orbiter: Vehicle) -> None:
@@ -314,7 +314,7 @@ def test_the_gap_is_counted_from_the_last_alarm(orbiter: Vehicle) -> None:
     for _ in range(2):
         bench.failing(STUCK, 868.8)
         bench.idle(2)
-    assert bench.failing(STUCK, 868.8).finding.event == Event.DECLARED
+    assert bench.failing(STUCK, 868.8).finding.event == Verdict.DECLARED
 
 
 def test_a_suspicion_without_a_further_alarm_is_dropped(bench: Bench) -> None:
@@ -328,24 +328,24 @@ def test_a_suspicion_without_a_further_alarm_is_dropped(bench: Bench) -> None:
 def test_an_alarm_of_another_cluster_starts_the_count_anew(bench: Bench) -> None:
     bench.failing(STUCK, 868.8)
     other = bench.failing(VERNIER, 24.483).finding
-    assert (other.event, other.alarms) == (Event.NOTHING, 1.0)
+    assert (other.event, other.alarms) == (Verdict.NOTHING, 1.0)
     np.testing.assert_allclose(other.onset_s, PERIOD_S, rtol=1e-12)
     back = bench.failing(STUCK, 868.8).finding
-    assert (back.event, back.alarms) == (Event.NOTHING, 1.0)
+    assert (back.event, back.alarms) == (Verdict.NOTHING, 1.0)
 
 
 def test_alarms_of_two_jets_of_a_cluster_count_together(bench: Bench) -> None:
     bench.failing(STUCK, 868.8)
     finding = bench.failing(NEIGHBOR, 868.8).finding
-    assert (finding.event, finding.isolation.jet) == (Event.DECLARED, NEIGHBOR)
+    assert (finding.event, finding.isolation.jet) == (Verdict.DECLARED, NEIGHBOR)
 
 
 def test_the_count_starts_anew_after_a_declaration(bench: Bench) -> None:
     bench.declare(STUCK, 868.8)
     assert bench.state.cluster == -1.0
     first = bench.failing(LOST, -874.2).finding
-    assert (first.event, first.alarms) == (Event.NOTHING, 1.0)
-    assert bench.failing(LOST, -874.2).finding.event == Event.DECLARED
+    assert (first.event, first.alarms) == (Verdict.NOTHING, 1.0)
+    assert bench.failing(LOST, -874.2).finding.event == Verdict.DECLARED
     np.testing.assert_array_equal(np.flatnonzero(bench.state.removed), [LOST, STUCK])
 
 
@@ -392,7 +392,7 @@ def test_an_innovation_that_no_jet_explains_is_a_jump_of_the_mass_properties(ben
     bench.number = 9
     odd = 868.8 * bench.signatures[STUCK] + bench.unexplained(STUCK, 100.0)
     result = bench.step(odd, **FIRING)
-    assert (result.finding.event, result.finding.alarm) == (Event.JUMP, False)
+    assert (result.finding.event, result.finding.alarm) == (Verdict.JUMP, False)
     np.testing.assert_allclose(result.finding.onset_s, 9 * PERIOD_S, rtol=1e-12)
     assert result.finding.alarms == 1.0
     assert result.adaptation.action == adaptation.Action.NONE
@@ -402,11 +402,11 @@ def test_an_innovation_that_no_jet_explains_is_a_jump_of_the_mass_properties(ben
 def test_a_jump_shows_only_while_an_impulse_acts(bench: Bench) -> None:
     odd = 868.8 * bench.signatures[STUCK] + bench.unexplained(STUCK, 100.0)
     result = bench.step(odd, firing=False)
-    assert result.finding.event == Event.NOTHING
+    assert result.finding.event == Verdict.NOTHING
     assert result.adaptation == adaptation.NO_ADAPTATION
 
 
-@pytest.mark.parametrize(("nis", "event"), [(49.0, Event.NOTHING), (51.0, Event.JUMP)])
+@pytest.mark.parametrize(("nis", "event"), [(49.0, Verdict.NOTHING), (51.0, Verdict.JUMP)])
 def test_a_jump_is_beyond_doubt_at_fifty_of_the_rotations_nis(orbiter: Vehicle, nis: float, event: int) -> None:
     bench = Bench(orbiter, margin=1e9)  # no jet is ever accused
     innovation = np.array([5.0, 5.0, 5.0, 0.0, 0.0, 0.0])  # the velocity's part does not count
@@ -422,7 +422,7 @@ def test_a_known_force_alone_that_ceases_is_no_jump_of_the_mass_properties(bench
     result = bench.step(-50.0 * bench.signatures[14], firing=False)
     assert result.finding.isolation.jet == 14
     assert result.finding.isolation.cluster_margin < 6.0
-    assert result.finding.event != Event.JUMP
+    assert result.finding.event != Verdict.JUMP
     assert not result.adaptation.mass_jumped
 
 
@@ -436,14 +436,14 @@ def test_two_jets_that_explain_a_sample_alike_make_no_jump_of_it(bench: Bench) -
     result = bench.step(870.5 * midway, command=command, firing=True)
     assert result.finding.isolation.cluster_margin < 6.0
     assert result.tests.unexplained[[stuck, opposed]].max() < 20.5
-    assert result.finding.event == Event.NOTHING
+    assert result.finding.event == Verdict.NOTHING
     assert not result.adaptation.mass_jumped
     assert result.adaptation.action != adaptation.Action.NONE
 
 
 def test_a_failure_that_a_jet_explains_is_not_taken_for_a_jump(bench: Bench) -> None:
     result = bench.failing(LOST, -874.2)
-    assert result.finding.event == Event.NOTHING
+    assert result.finding.event == Verdict.NOTHING
     assert not result.adaptation.mass_jumped
 
 
@@ -451,7 +451,7 @@ def test_a_jump_leaves_suspicion_and_known_forces_alone(bench: Bench) -> None:
     bench.declare(STUCK, 868.8)
     before = bench.state
     odd = 868.8 * bench.signatures[0] + bench.unexplained(0, 1000.0)
-    assert bench.step(odd, **FIRING).finding.event == Event.JUMP
+    assert bench.step(odd, **FIRING).finding.event == Verdict.JUMP
     np.testing.assert_array_equal(packed(bench.state), packed(before))
 
 
@@ -490,7 +490,7 @@ def test_a_jet_that_stays_in_use_is_not_declared_again(bench: Bench) -> None:
     # declaration, and each sample goes on being corrected
     bench.declare(LOST, -874.2)
     results = [bench.failing(LOST, -874.2) for _ in range(4)]
-    assert [result.finding.event for result in results] == [Event.NOTHING] * 4
+    assert [result.finding.event for result in results] == [Verdict.NOTHING] * 4
     assert all(result.adaptation.action == adaptation.Action.CORRECT for result in results)
 
 
@@ -501,7 +501,7 @@ def test_closing_the_manifold_stops_all_its_jets(orbiter: Vehicle) -> None:
     bench = Bench(orbiter, manifolds=manifolds)
     bench.failing(STUCK, 868.8)
     assert not bench.state.closed.any()
-    assert bench.failing(STUCK, 868.8).finding.event == Event.DECLARED
+    assert bench.failing(STUCK, 868.8).finding.event == Verdict.DECLARED
     np.testing.assert_array_equal(np.flatnonzero(bench.state.closed), sharing)
     np.testing.assert_array_equal(np.flatnonzero(bench.state.removed), sharing)
     # nothing pushes any more, so nothing is known
@@ -602,7 +602,7 @@ def test_an_alarm_about_a_known_force_corrects_it(bench: Bench) -> None:
     # that the jet is off does not matter: what it gives is known to be some hundred pounds
     assert finding.alarm
     assert finding.isolation.jet == STUCK
-    assert finding.event == Event.NOTHING
+    assert finding.event == Verdict.NOTHING
     np.testing.assert_allclose(bench.state.force[STUCK], 468.8, rtol=1e-9)
     c = bench.signatures[STUCK]
     np.testing.assert_allclose(bench.state.variance[STUCK], 1.0 / (c @ bench.information @ c), rtol=1e-9)
@@ -614,7 +614,7 @@ def test_a_known_force_that_has_ceased_is_withdrawn(bench: Bench) -> None:
     bench.declare(STUCK, 868.8)
     bench.number = 20
     result = bench.step(-868.0 * bench.signatures[STUCK])
-    assert result.finding.event == Event.WITHDRAWN
+    assert result.finding.event == Verdict.WITHDRAWN
     np.testing.assert_allclose(result.finding.onset_s, 20 * PERIOD_S, rtol=1e-12)
     assert not bench.state.force.any()
     assert not bench.state.variance.any()
@@ -623,14 +623,16 @@ def test_a_known_force_that_has_ceased_is_withdrawn(bench: Bench) -> None:
     np.testing.assert_allclose(result.adaptation.rotation, -868.0 * bench.signatures[STUCK][3:], rtol=1e-9)
 
 
-@pytest.mark.parametrize(("left", "event"), [(2.9, Event.WITHDRAWN), (3.1, Event.NOTHING), (-2.9, Event.WITHDRAWN)])
+@pytest.mark.parametrize(
+    ("left", "event"), [(2.9, Verdict.WITHDRAWN), (3.1, Verdict.NOTHING), (-2.9, Verdict.WITHDRAWN)]
+)
 def test_a_known_force_is_withdrawn_below_three_sigma(bench: Bench, left: float, event: int) -> None:
     with_known(bench, STUCK, 868.8, 0.01)
     c = bench.signatures[STUCK]
     sigma = (c @ bench.information @ c) ** -0.5  # of the force by one sample
     finding = bench.step((left * sigma - 868.8) * c).finding
     assert finding.event == event
-    expected = 0.0 if event == Event.WITHDRAWN else left * sigma
+    expected = 0.0 if event == Verdict.WITHDRAWN else left * sigma
     np.testing.assert_allclose(bench.state.force[STUCK], expected, rtol=1e-9, atol=1e-12)
 
 
@@ -652,9 +654,9 @@ def test_a_known_force_that_has_ceased_is_withdrawn_though_a_healthy_jet_could_e
         result = bench.step(-bench.state.force[14] * bench.signatures[14])
         assert result.finding.isolation.jet == 14
         events.append(result.finding.event)
-        if events[-1] == Event.WITHDRAWN:
+        if events[-1] == Verdict.WITHDRAWN:
             break
-    assert events[-1] == Event.WITHDRAWN
+    assert events[-1] == Verdict.WITHDRAWN
     assert not bench.state.force.any()
 
 
@@ -770,7 +772,7 @@ def test_a_jet_that_is_off_by_its_usual_error_raises_no_alarm(bench: Bench) -> N
         result = bench.step(sign * usual, **erring(bench, STUCK))
         assert result.finding.tested
         assert not result.finding.alarm
-        assert result.finding.event == Event.NOTHING
+        assert result.finding.event == Verdict.NOTHING
         assert result.adaptation == adaptation.NO_ADAPTATION
         # 1-sigma 8.7 lbf of the thrust and 0.97 lbf of the sensors: 21.7^2 / (8.7^2 + 0.97^2)
         np.testing.assert_allclose(result.tests.likelihood[STUCK], 6.17, rtol=2e-3)
@@ -789,7 +791,7 @@ def test_a_jet_that_fails_while_thrust_is_uncertain_is_found(bench: Bench, jet: 
         # its thrust is known to 1 %, the sensors tell 0.84 and 0.97 lbf (reference, figures 5-16 to 5-21)
         sensed = {LOST: 0.84, STUCK: 0.97}[jet]
         np.testing.assert_allclose(finding.magnitude_std, np.hypot(0.01 * THRUSTS[jet], sensed), rtol=1e-3)
-    assert finding.event == Event.DECLARED
+    assert finding.event == Verdict.DECLARED
 
 
 def test_a_usual_error_in_translation_and_rotation_is_one_chance_and_not_two(bench: Bench) -> None:
@@ -951,9 +953,9 @@ def test_alarms_that_push_opposite_ways_are_not_a_row(bench: Bench) -> None:
     bench.failing(STUCK, 400.0)
     second = bench.failing(STUCK, -400.0)
     assert second.finding.alarm
-    assert second.finding.event == Event.NOTHING
+    assert second.finding.event == Verdict.NOTHING
     assert second.finding.alarms == 1.0
-    assert bench.failing(STUCK, -400.0).finding.event == Event.DECLARED
+    assert bench.failing(STUCK, -400.0).finding.event == Verdict.DECLARED
 
 
 def test_a_tie_of_opposed_jets_is_declared_as_the_loss_of_the_one_that_is_told_to_fire(orbiter: Vehicle) -> None:
@@ -966,14 +968,14 @@ def test_a_tie_of_opposed_jets_is_declared_as_the_loss_of_the_one_that_is_told_t
     first = bench.failing(losing, -868.8)
     assert first.finding.magnitude > 0.0
     declared = bench.failing(losing, -868.8).finding
-    assert declared.event == Event.DECLARED
+    assert declared.event == Verdict.DECLARED
     assert declared.isolation.jet == losing
     assert declared.magnitude == pytest.approx(-868.8, rel=1e-9)
     assert not bench.state.force.any()
     assert bench.state.removed[[opposed, losing]].all()
     # were it the other one after all, it would show once both rest, and be declared as stuck on
     bench.failing(opposed, 868.8)
-    assert bench.failing(opposed, 868.8).finding.event == Event.DECLARED
+    assert bench.failing(opposed, 868.8).finding.event == Verdict.DECLARED
     assert bench.state.force[opposed] == pytest.approx(868.8, rel=1e-9)
 
 

@@ -11,7 +11,7 @@ from params_probe import evidence
 from massprop_drake import Scenario, Vehicle, estimate, load_scenario, simulate
 from massprop_drake.inputs import params
 from massprop_drake.maths.estimation.adaptation import Action
-from massprop_drake.maths.estimation.detector import Event, Evidence, Judgment
+from massprop_drake.maths.estimation.detector import Evidence, Judgment, Verdict
 from massprop_drake.maths.estimation.detectors import DETECTORS
 from massprop_drake.maths.estimation.detectors.cusum import CusumParams, CusumState
 from massprop_drake.maths.estimation.detectors.jet_tests import signatures
@@ -84,7 +84,7 @@ def test_sums_by_hand(bench: Bench) -> None:
     c = bench.signatures[STUCK]
     strength = c @ (c / VARIANCES)
     np.testing.assert_allclose(judgment.magnitude[STUCK], (4.0 + 0.5 + 2.5) / 3.0 / np.sqrt(strength), rtol=1e-12)
-    assert judgment.status.detector_event == Event.NOTHING
+    assert judgment.status.detector_event == Verdict.NOTHING
 
 
 def test_a_sum_that_falls_to_zero_begins_anew(bench: Bench) -> None:
@@ -108,7 +108,7 @@ def test_a_jet_that_rests_cannot_give_too_little(bench: Bench) -> None:
 
 def test_it_is_declared_and_all_sums_begin_anew(bench: Bench) -> None:
     judgment = bench.step(868.8 * bench.signatures[STUCK])
-    assert judgment.status.detector_event == Event.DECLARED
+    assert judgment.status.detector_event == Verdict.DECLARED
     assert judgment.status.suspected_jet == STUCK
     np.testing.assert_allclose(judgment.status.suspected_magnitude, 868.8, rtol=1e-9)
     assert not bench.state.sums.any()
@@ -125,7 +125,7 @@ def test_a_sum_declares_above_the_threshold_and_its_sample_teaches_nothing(
     # drift 1, threshold 20
     judgment = bench.step(bench.deviations(STUCK, size))
     assert judgment.status.alarm == declared
-    assert judgment.status.detector_event == (Event.DECLARED if declared else Event.NOTHING)
+    assert judgment.status.detector_event == (Verdict.DECLARED if declared else Verdict.NOTHING)
     assert judgment.adaptation.action == (Action.REJECT if declared else Action.NONE)
 
 
@@ -142,7 +142,7 @@ def test_noise_is_declared_rarely(bench: Bench) -> None:
     largest = 0.0
     for _ in range(2000):
         judgment = bench.step(np.sqrt(VARIANCES) * rng.standard_normal(6))
-        assert judgment.status.detector_event == Event.NOTHING
+        assert judgment.status.detector_event == Verdict.NOTHING
         largest = max(largest, float(judgment.likelihood.max()))
     # with k = 1 the odds of a sum beyond h fall as e^(-2 h): some ln(2000 x 44) / 2 = 5.7 is the largest of all
     assert 3.0 < largest < 9.0

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from massprop_drake import Run, Scenario, load_scenario, simulate
 from massprop_drake.inputs import params
-from massprop_drake.maths.estimation import cycle, ports
+from massprop_drake.maths.estimation import cycle, estimation_ports
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION, packed
 from massprop_drake.maths.estimation.cycle import EstimationParams, Sample
 from massprop_drake.maths.estimation.detector import KNOWN_FORCE, NO_KNOWN_FORCE, known_force_of
@@ -51,32 +51,37 @@ class Systems:
         turned = thesis.rotation_layout(rotation, 0).read(groups["rotation_estimator"])[:-1]
         moved = thesis.mass_layout(mass, 0).read(groups["mass_estimator"])[:-1]
         self.groups, self._made = groups, made
-        self._lagging = Holder(ports.Lagging(made.impulse_per_level, made.lag, made.period_s))
-        self._rotating = Holder(ports.rotating(rotation, ports.RotationVector(*turned)))
-        self._weighing = Holder(ports.weighing(mass, ports.MassVector(*moved)))
-        self._judging = None if made.detector is None else Holder(ports.judging(made.detector_params))
+        self._lagging = Holder(estimation_ports.Lagging(made.impulse_per_level, made.lag, made.period_s))
+        self._rotating = Holder(estimation_ports.rotating(rotation, estimation_ports.RotationVector(*turned)))
+        self._weighing = Holder(estimation_ports.weighing(mass, estimation_ports.MassVector(*moved)))
+        self._judging = None if made.detector is None else Holder(estimation_ports.judging(made.detector_params))
 
     def step(self, sample: Sample) -> Array:
         """One cycle; the reports of both filters."""
         groups, command = self.groups, sample.command
-        row = ports.impulses(groups["impulse_model"], command, np.zeros(6), self._lagging)
+        row = estimation_ports.impulses(groups["impulse_model"], command, np.zeros(6), self._lagging)
         told, force = row[: IMPULSES.size].copy(), KNOWN_FORCE.pack(NO_KNOWN_FORCE)
         if self._judging is not None:
             detector = groups["failure_detector"]
             state = taken(detector, self._judging.value.state)
             if state.variance.any():
                 predicted = np.append(groups["rotation_estimator"][:9], groups["mass_estimator"][0])
-                force = ports.known_force(detector, predicted, command, self._judging)
+                force = estimation_ports.known_force(detector, predicted, command, self._judging)
         if known_force_of(force).acts:
             told[:6] += force[:6] * self._made.period_s
-        turned = ports.turning(groups["rotation_estimator"], sample.rates, told, force, self._rotating)
+        turned = estimation_ports.turning(groups["rotation_estimator"], sample.rates, told, force, self._rotating)
         said = turned[: thesis.TURNING.sized(jets=0).size]
-        moved = ports.evidence(groups["mass_estimator"], sample.velocities, said, told, force, self._weighing)
+        moved = estimation_ports.evidence(
+            groups["mass_estimator"], sample.velocities, said, told, force, self._weighing
+        )
         asked = packed(NO_ADAPTATION)
         if self._judging is not None:
-            judged = ports.judged(detector, sample.time_s, command, told, moved[:213], self._judging)
+            judged = estimation_ports.judged(detector, sample.time_s, command, told, moved[:213], self._judging)
             asked, groups["failure_detector"] = judged[:26], judged[33 : 33 + detector.size]
-        rotation, mass = ports.rotated(turned, asked, self._rotating), ports.weighed(moved, asked, self._weighing)
+        rotation, mass = (
+            estimation_ports.rotated(turned, asked, self._rotating),
+            estimation_ports.weighed(moved, asked, self._weighing),
+        )
         groups["impulse_model"] = np.append(command, row[IMPULSES.size + command.size :])
         groups["rotation_estimator"] = rotation[ROTATION_REPORT.size :]
         groups["mass_estimator"] = mass[MASS_REPORT.size :]
@@ -100,10 +105,10 @@ def test_systems_one_after_the_other_are_a_cycle_bit_by_bit(flown: tuple[Scenari
 
 
 def test_what_is_filled_in_is_taken_out_again() -> None:
-    acted = ports.Acted(np.arange(3.0), np.arange(3.0, 6.0), usable=True, firing=False)
+    acted = estimation_ports.Acted(np.arange(3.0), np.arange(3.0, 6.0), usable=True, firing=False)
     row = np.full(9, np.nan)
     fill(row, acted)
-    again = taken(row, ports.Acted(np.zeros(3), np.zeros(3), usable=False, firing=True))
-    assert type(again) is ports.Acted
+    again = taken(row, estimation_ports.Acted(np.zeros(3), np.zeros(3), usable=False, firing=True))
+    assert type(again) is estimation_ports.Acted
     assert (again.usable, again.firing) == (True, False)
     np.testing.assert_array_equal(again.linear_impulse, [3.0, 4.0, 5.0])

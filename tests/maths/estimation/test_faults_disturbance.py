@@ -8,7 +8,6 @@ from faults_probe import commands_of, fail, flight, known_vehicle, make_params, 
 from joint_probe import PERIOD, some_sample, unread
 
 from massprop_drake.maths.estimation.faults.declarations import DisturbanceDeclared, JetsDeclared
-from massprop_drake.maths.estimation.joint.cycle import begun, driven
 from massprop_drake.maths.estimation.joint.hypotheses import (
     STIRS,
     Cause,
@@ -18,6 +17,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     size_of_unstated,
     stirs_beyond,
 )
+from massprop_drake.maths.estimation.joint.joint_cycle import begun, driven
 from massprop_drake.maths.estimation.joint.layout import RATE
 from massprop_drake.maths.estimation.joint.prediction import predict, propagated
 

@@ -9,7 +9,7 @@ import pytest
 from faults_probe import commands_of, fail, flight, known_vehicle, make_params, samples_of
 from joint_probe import PERIOD, some_sample
 
-from massprop_drake.maths.estimation.faults.events import (
+from massprop_drake.maths.estimation.faults.fault_events import (
     ANEW,
     Event,
     Hypothesis,

@@ -9,7 +9,7 @@ import pytest
 from faults_probe import commands_of, fail, flight, make_params
 
 from massprop_drake.maths.estimation.faults import review as reviews
-from massprop_drake.maths.estimation.faults.events import Hypothesis, moved, weighed
+from massprop_drake.maths.estimation.faults.fault_events import Hypothesis, moved, weighed
 from massprop_drake.maths.estimation.faults.priors import Params
 from massprop_drake.maths.estimation.faults.tree import Tree
 from massprop_drake.maths.estimation.joint import screen as screens

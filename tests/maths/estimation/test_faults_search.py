@@ -13,14 +13,14 @@ from massprop_drake.maths.estimation.faults import passes
 from massprop_drake.maths.estimation.faults.passes import begin_fit, begin_pass, linearization, step_fit
 from massprop_drake.maths.estimation.faults.priors import Params, Priors, force_correction
 from massprop_drake.maths.estimation.faults.screening import begin_screening, rank_jets, refine, step_screening
-from massprop_drake.maths.estimation.faults.search import BEGUN, OVER, Found, StartSearch, followed
+from massprop_drake.maths.estimation.faults.search import BEGUN, OVER, SearchOutcome, StartSearch, followed
 from massprop_drake.maths.estimation.faults.tree import Tree, begun_with
 from massprop_drake.maths.estimation.filter import Told
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams
-from massprop_drake.maths.estimation.joint import cycle
-from massprop_drake.maths.estimation.joint.cycle import JointEvidence
+from massprop_drake.maths.estimation.joint import joint_cycle
 from massprop_drake.maths.estimation.joint.hypotheses import Cause, Kind, slot_of
+from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams
 from massprop_drake.maths.estimation.joint.screen import Contender
 from massprop_drake.maths.estimation.joint.start import LONGEST, STEPS, Kept
@@ -67,7 +67,7 @@ def cycles(run: Run, params: JointFilterParams, lost: range = range(0)) -> Itera
         yield done.evidence
 
 
-def searched(evidence: Iterator[JointEvidence], params: JointParams) -> tuple[tuple[Found, ...], float]:
+def searched(evidence: Iterator[JointEvidence], params: JointParams) -> tuple[tuple[SearchOutcome, ...], float]:
     """What is found first, and when, s."""
     search = BEGUN
     for each in evidence:
@@ -78,13 +78,13 @@ def searched(evidence: Iterator[JointEvidence], params: JointParams) -> tuple[tu
     return (), np.inf
 
 
-def force_of(found: Found, params: JointParams) -> tuple[float, float]:
+def force_of(found: SearchOutcome, params: JointParams) -> tuple[float, float]:
     """Force of the failed jet, and its 1-sigma."""
     row = params.places.force + slot_of(found.state, found.cause.jets[0], found.cause.signs[0])
     return float(found.state.mean[row]), float(np.sqrt(np.sum(found.state.root[row] ** 2)))
 
 
-def probabilities(found: tuple[Found, ...], params: JointParams) -> dict[object, float]:
+def probabilities(found: tuple[SearchOutcome, ...], params: JointParams) -> dict[object, float]:
     """Posterior probability of each cause by what is named of it."""
     weights = []
     for each in found:
@@ -97,7 +97,7 @@ def probabilities(found: tuple[Found, ...], params: JointParams) -> dict[object,
     return {each.cause.key: share for each, share in zip(found, (shares / shares.sum()).tolist(), strict=True)}
 
 
-def nees(found: Found, run: Run, time_s: float, params: JointParams) -> float:
+def nees(found: SearchOutcome, run: Run, time_s: float, params: JointParams) -> float:
     """Square of the errors of the ten parameters over their covariance."""
     estimate, rows = reported(found.state, params)
     error = estimate - run["truth"][int(np.searchsorted(run.time_s, time_s))]
@@ -286,7 +286,7 @@ def test_a_pass_is_linear_in_the_force_it_estimates(kept: StartSearch, params: J
 
     def after(share: float) -> np.ndarray:
         mean = (1.0 - share) * state.mean + share * there
-        return cycle.relinearized(state._replace(mean=mean), sample, about, own)[0].mean
+        return joint_cycle.relinearized(state._replace(mean=mean), sample, about, own)[0].mean
 
     scale = np.maximum(np.abs(after(1.0) - after(0.0)), 1e-9)
     np.testing.assert_allclose((after(0.3) - 0.7 * after(0.0) - 0.3 * after(1.0)) / scale, 0.0, atol=1e-6)

@@ -16,7 +16,7 @@ from massprop_drake.maths.estimation.faults.declarations import (
     Word,
 )
 from massprop_drake.maths.estimation.faults.priors import Params
-from massprop_drake.maths.estimation.faults.proposals import Record, loss
+from massprop_drake.maths.estimation.faults.proposals import WatchedCycle, loss
 from massprop_drake.maths.estimation.faults.tree import probabilities
 from massprop_drake.maths.estimation.faults.verdicts import odds
 from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Kind, Score, slot_of
@@ -213,8 +213,8 @@ def test_a_sample_that_lacks_a_sensor_is_no_surprise() -> None:
     for number in range(12):
         tracked = 25.0 if number % 3 == 0 else 0.0
         score = score.plus(Score(50.0 + tracked, 12.0, 12.0))
-        records.append(Record(None, None, score))
+        records.append(WatchedCycle(None, None, score))
     watch = hypothesis.watch._replace(records=tuple(records))
     assert loss(hypothesis._replace(watch=watch)) == 0.0
-    off = Record(None, None, score.plus(Score(20.0, 42.0, 12.0)))
+    off = WatchedCycle(None, None, score.plus(Score(20.0, 42.0, 12.0)))
     assert loss(hypothesis._replace(watch=watch._replace(records=(*records, off)))) == pytest.approx(15.0)

@@ -17,12 +17,12 @@ from massprop_drake.maths.estimation.faults.declarations import (
     Unexplained,
     Word,
 )
-from massprop_drake.maths.estimation.faults.events import ANEW, Event, Hypothesis, begun
+from massprop_drake.maths.estimation.faults.fault_events import ANEW, Event, Hypothesis, begun
 from massprop_drake.maths.estimation.faults.proposals import Birth
 from massprop_drake.maths.estimation.faults.tree import Tree
 from massprop_drake.maths.estimation.faults.verdicts import Verdicts, judged, mode_of, odds, of_jets, unheard
-from massprop_drake.maths.estimation.joint.cycle import JointEvidence, step
 from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Cause, Kind, opened
+from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence, step
 
 PARAMS = make_params(quantum=3e-3)
 JOINT = PARAMS.joint

@@ -14,16 +14,16 @@ from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
 from massprop_drake.maths.estimation import hindsight
-from massprop_drake.maths.estimation.hindsight import Columns, Fit, Model, Stretch
+from massprop_drake.maths.estimation.hindsight import Columns, FlightFit, FlightModel, Stretch
 from massprop_drake.maths.estimation.joint import bound
-from massprop_drake.maths.estimation.joint.cycle import Sample
+from massprop_drake.maths.estimation.joint.joint_cycle import JointSample
 from massprop_drake.maths.estimation.joint.layout import make_places
 from massprop_drake.maths.estimation.joint.measurement import outputs
 from massprop_drake.maths.estimation.joint.prediction import drive, predict, propellant_drift
 from massprop_drake.maths.estimation.joint.ticks import on_ticks
 from massprop_drake.maths.estimation.joint.wheels import NO_WHEELS, WheelParams
 from massprop_drake.maths.vehicle.mounting import mounting
-from massprop_drake.results.hindsight import Names, diagnosed
+from massprop_drake.results.shown_in_hindsight import Names, diagnosed
 
 Array = NDArray[np.float64]
 ROWS = 100
@@ -85,7 +85,9 @@ def flight(
         outside[:3] = torque * PERIOD
     commands = np.repeat(rng.uniform(size=(ROWS // 4, 6)) < 0.3, 4, axis=0).astype(float)
     noise = rng.standard_normal((ROWS + 1, 2, 3)) * np.sqrt(PARAMS.variances).reshape(2, 3)
-    sample = Sample(0.0, np.array([PERIOD]), commands[:1], np.zeros(6), np.zeros((1, 3)), np.zeros((1, 3)), on_ticks())
+    sample = JointSample(
+        0.0, np.array([PERIOD]), commands[:1], np.zeros(6), np.zeros((1, 3)), np.zeros((1, 3)), on_ticks()
+    )
     state = bound.start(sample, bound.true_mean(TRUTH, rate * np.ones(3), errors, PARAMS), PARAMS)
     least, readings = state, np.zeros((ROWS + 1, 2, 3))
     readings[0, 0] = rate
@@ -126,10 +128,10 @@ WHEELS = WheelParams(
 )
 
 
-def known(thrust: float = 0.01, lag: float = 0.2, wheels: WheelParams = NO_WHEELS) -> tuple[Model, Columns]:
+def known(thrust: float = 0.01, lag: float = 0.2, wheels: WheelParams = NO_WHEELS) -> tuple[FlightModel, Columns]:
     """What is stated of the small vehicle."""
     prior = np.concatenate((TRUTH, np.zeros(6 + 2 + 3 + 3 + 3 + 3 + 3 + 3 + 3 + wheels.inertias.size + 9)))
-    model = Model(
+    model = FlightModel(
         PERIOD,
         PARAMS.wrenches,
         PARAMS.flows,
@@ -151,7 +153,7 @@ def known(thrust: float = 0.01, lag: float = 0.2, wheels: WheelParams = NO_WHEEL
     return model, places
 
 
-def fitted(found: Flight, model: Model) -> Fit:
+def fitted(found: Flight, model: FlightModel) -> FlightFit:
     """From the start that is stated."""
     fit = hindsight.fitted([found.stretch], model.prior, model)
     assert fit.settled
@@ -571,7 +573,7 @@ def test_jets_are_mounted_as_they_push() -> None:
     assert fit.normal.misfit < 1.2 * fit.normal.readings
 
 
-def require_slopes(stretch: Stretch, at: Array, model: Model, tolerance: float) -> None:
+def require_slopes(stretch: Stretch, at: Array, model: FlightModel, tolerance: float) -> None:
     """Compares the score with slopes of the misfit by differences, to a share of the largest."""
     places, score = hindsight.columns(model), hindsight.normal(stretch, at, model).score
     sizes = np.concatenate((1e-4 * np.abs(TRUTH), np.full(at.size - 10, 1e-6)))
@@ -589,7 +591,7 @@ def require_slopes(stretch: Stretch, at: Array, model: Model, tolerance: float) 
         assert score[unknown] == pytest.approx(slope, rel=2e-3, abs=tolerance * abs(score).max()), unknown
 
 
-def of_all(model: Model, at: Array, stretch: Stretch) -> tuple[Array, Array]:
+def of_all(model: FlightModel, at: Array, stretch: Stretch) -> tuple[Array, Array]:
     """Information about everything that may be wrong, scaled, and the score."""
     wide = model._replace(sigma=np.where(model.sigma > 0.0, model.sigma, 1.0))
     found = hindsight.normal(stretch, at, wide)

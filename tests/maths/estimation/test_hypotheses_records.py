@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from odds_probe import odds
 
-from massprop_drake.inputs.vehicle import Vehicle
-from massprop_drake.maths.estimation.detector import STATUS, Event
+from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.maths.estimation.detector import STATUS, Verdict
 from massprop_drake.maths.estimation.faults.declarations import (
     Declaration,
     JetsDeclared,
@@ -18,7 +18,7 @@ from massprop_drake.maths.estimation.faults.declarations import (
     Unexplained,
     Word,
 )
-from massprop_drake.maths.estimation.faults.report import certain, own_row, status_row
+from massprop_drake.maths.estimation.faults.fault_report import certain, own_row, status_row
 from massprop_drake.maths.estimation.joint.apart import Apart
 from massprop_drake.maths.estimation.joint.payload import UNKNOWN
 from massprop_drake.results.detections import DetectionRecord, detection_entries, remarks, size
@@ -117,22 +117,22 @@ def test_two_groups_and_a_jet_of_one_sample_are_three_records(orbiter: Vehicle) 
 @pytest.mark.parametrize(
     ("said", "event"),
     [
-        (LEAK, Event.DECLARED),
-        (ALIKE, Event.DECLARED),
-        (LEAK._replace(word=Word.WITHDRAWN), Event.WITHDRAWN),
-        (LEAK._replace(word=Word.CHANGED), Event.OTHER),
-        (JumpDeclared(False, 4.0, 1.0, 1.0, NOWHERE, NOWHERE), Event.JUMP),
-        (JumpDeclared(True, 4.0, 1.0, 1.0, NOWHERE, NOWHERE), Event.OTHER),
-        (ReadingDeclared(2, 4.0), Event.OTHER),
-        (Unexplained(4.0), Event.OTHER),
+        (LEAK, Verdict.DECLARED),
+        (ALIKE, Verdict.DECLARED),
+        (LEAK._replace(word=Word.WITHDRAWN), Verdict.WITHDRAWN),
+        (LEAK._replace(word=Word.CHANGED), Verdict.OTHER),
+        (JumpDeclared(False, 4.0, 1.0, 1.0, NOWHERE, NOWHERE), Verdict.JUMP),
+        (JumpDeclared(True, 4.0, 1.0, 1.0, NOWHERE, NOWHERE), Verdict.OTHER),
+        (ReadingDeclared(2, 4.0), Verdict.OTHER),
+        (Unexplained(4.0), Verdict.OTHER),
     ],
 )
-def test_everything_that_is_said_is_an_event(said: Declaration, event: Event, orbiter: Vehicle) -> None:
+def test_everything_that_is_said_is_an_event(said: Declaration, event: Verdict, orbiter: Vehicle) -> None:
     signals = signals_of((said,))
     assert signals["detector_event"][0, 0] == event
     assert signals["onset"][0, 0] == 4.0
     known = len(detection_entries(orbiter, np.zeros(1), signals))
-    assert known == (1 if event in (Event.DECLARED, Event.JUMP) else 0)
+    assert known == (1 if event in (Verdict.DECLARED, Verdict.JUMP) else 0)
 
 
 @pytest.mark.parametrize(
@@ -217,7 +217,7 @@ def test_what_is_said_of_a_group_again_is_of_all_its_members(orbiter: Vehicle, w
 def test_a_jet_that_is_likelier_than_not_raises_an_alarm_before_it_is_declared() -> None:
     for probability, alarm in ((0.4, 0.0), (0.6, 1.0)):
         row = status_row((), odds(N, {7: probability, 3: 0.1}), tested=True, statistic=30.0)
-        assert (row.alarm, row.detector_event, row.suspected_likelihood) == (alarm, Event.NOTHING, 30.0)
+        assert (row.alarm, row.detector_event, row.suspected_likelihood) == (alarm, Verdict.NOTHING, 30.0)
         assert (
             np.isnan(row.suspected_jet) if alarm == 0.0 else (row.suspected_jet, row.suspected_magnitude) == (7, 10.0)
         )

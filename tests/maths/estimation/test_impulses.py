@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.estimation.impulses import interval_impulses
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.thrust import lag_factors, thrust_wrenches

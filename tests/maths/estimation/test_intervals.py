@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linprog
 
 from massprop_drake.maths.estimation import intervals
-from massprop_drake.maths.estimation.hindsight import Model, Stretch
+from massprop_drake.maths.estimation.hindsight import FlightModel, Stretch
 from massprop_drake.maths.estimation.intervals import Cells, Confined, Constraints, confined, deepest, extremes
 from massprop_drake.systems.estimation.interval_program import solved
 
@@ -157,14 +157,14 @@ def signals(points: list[Point], told: Array) -> Array:
     return np.array(found).swapaxes(0, 1)
 
 
-def model(lag_sigma_s: float = 0.0, thrust_sigma: float = 0.0) -> Model:
+def model(lag_sigma_s: float = 0.0, thrust_sigma: float = 0.0) -> FlightModel:
     """The small body as hindsight has it."""
     sizes = [10, 6, 1, 3, 3, 3, 3, 3, 3, 3, 9]
     sigma = np.concatenate([np.zeros(size) for size in sizes])
     sigma[:10], sigma[10:16], sigma[16] = np.abs(TRUTH) + 0.01, thrust_sigma, lag_sigma_s
     prior = np.zeros(sigma.size)
     prior[:10] = TRUTH * 1.0001
-    return Model(
+    return FlightModel(
         period_s=PERIOD,
         wrenches=WRENCHES,
         flows=np.zeros(6),
@@ -203,7 +203,7 @@ CELLS = Cells(QUANTA, np.zeros(2), np.zeros(1), 3.0 * (np.abs(TRUTH) + 0.01))
 START = np.array([0.004, -0.006, 0.002])
 
 
-def found_of(record: Stretch, made: Model, cells: Cells = CELLS) -> Confined:
+def found_of(record: Stretch, made: FlightModel, cells: Cells = CELLS) -> Confined:
     """Intervals of a record, about a point that is off by 1e-4."""
     return confined([record], made.prior, made, cells, solved)
 

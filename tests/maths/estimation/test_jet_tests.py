@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import binom, chi2, kstest, ncx2
 
 from massprop_drake.inputs.params import unit_wrenches
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.estimation.detectors.jet_tests import (
     Isolation,
     JetTests,

@@ -10,7 +10,7 @@ from joint_probe import PERIOD, central_differences, elapsed, small_params, some
 
 from massprop_drake.maths.estimation.joint import bank as banks
 from massprop_drake.maths.estimation.joint.bank import Bank, averaging, onset_of, output_rows
-from massprop_drake.maths.estimation.joint.cycle import Sample, driven, step
+from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, driven, step
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import outputs, rate_read, readings
 from massprop_drake.maths.estimation.joint.prediction import predict
@@ -27,7 +27,7 @@ class Flight(NamedTuple):
     """States after each cycle, and what each cycle made of its sample."""
 
     states: list[JointState]
-    samples: list[Sample]
+    samples: list[JointSample]
     links: list[Link]
 
 

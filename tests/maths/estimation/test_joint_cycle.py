@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from joint_probe import INVERSE, PERIOD, TRUTH, read_as, small_params, some_sample, some_state, unread, vehicle_params
 
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.estimation.joint import bound
-from massprop_drake.maths.estimation.joint.cycle import Sample, initial, step
+from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, initial, step
 from massprop_drake.maths.estimation.joint.layout import JointState, pack, state_layout, unpack
 from massprop_drake.maths.estimation.joint.measurement import outputs
 from massprop_drake.maths.estimation.joint.prediction import drive, predict
@@ -206,7 +206,7 @@ def maneuver(run: Run, vehicle: Vehicle, first: JointState | None, rows: range) 
     velocities = np.stack([run[package.name] for package in vehicle.accelerometers], axis=1)
     for row in rows:
         command = run["command"][max(row - 1, 0)][None]
-        sample = Sample(
+        sample = JointSample(
             run.time_s[row], period, command, np.zeros(6), run["gyro"][row][None], velocities[row], on_ticks()
         )
         state, _ = step(state, sample, params)

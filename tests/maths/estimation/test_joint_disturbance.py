@@ -8,8 +8,8 @@ from joint_probe import PERIOD, central_differences, small_params, some_sample, 
 from scipy.linalg import expm
 
 from massprop_drake.maths.estimation.joint import bank as banks
-from massprop_drake.maths.estimation.joint.cycle import begun, driven, initial, step
-from massprop_drake.maths.estimation.joint.disturbance import DisturbanceParams, come, wandered
+from massprop_drake.maths.estimation.joint.disturbance_states import DisturbanceParams, come, wandered
+from massprop_drake.maths.estimation.joint.joint_cycle import begun, driven, initial, step
 from massprop_drake.maths.estimation.joint.layout import RATE, VELOCITY, make_places
 from massprop_drake.maths.estimation.joint.prediction import predict, propagated
 from massprop_drake.maths.estimation.joint.sensitivity import carried, link

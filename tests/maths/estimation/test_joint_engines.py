@@ -19,7 +19,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from massprop_drake.maths.estimation.joint.burns import Burn, at_rest, burnt, push
-from massprop_drake.maths.estimation.joint.cycle import driven, initial
+from massprop_drake.maths.estimation.joint.joint_cycle import driven, initial
 from massprop_drake.maths.estimation.joint.layout import CENTER, INERTIA, MASS, RATE, VELOCITY, make_places
 from massprop_drake.maths.estimation.joint.prediction import predict
 from massprop_drake.maths.linear_algebra import Array

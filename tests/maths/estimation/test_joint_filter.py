@@ -11,10 +11,10 @@ from joint_probe import PERIOD, TRUTH, small_params
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
 from massprop_drake.maths.estimation.filter import Told
 from massprop_drake.maths.estimation.filters import joint
-from massprop_drake.maths.estimation.filters.joint import GROUP, JointFilterParams, JointFilterState, Measurement
+from massprop_drake.maths.estimation.filters.joint import GROUP, JointFilterParams, JointFilterState, JointMeasurement
 from massprop_drake.maths.estimation.filters.registry import FILTERS
 from massprop_drake.maths.estimation.joint.covariance import in_order
-from massprop_drake.maths.estimation.joint.cycle import expect
+from massprop_drake.maths.estimation.joint.joint_cycle import expect
 from massprop_drake.maths.estimation.joint.layout import CENTER, RATE, make_places, state_layout
 from massprop_drake.maths.estimation.joint.prediction import drive
 from massprop_drake.maths.estimation.joint.ticks import on_ticks
@@ -32,7 +32,7 @@ def told(time_s: float, command: Any = OFF, **given: Any) -> Told:
     return Told(time_s, command=np.array(command, dtype=float), **(start | given))
 
 
-def flown(cycles: int, params: JointFilterParams = PARAMS) -> tuple[JointFilterState, Measurement]:
+def flown(cycles: int, params: JointFilterParams = PARAMS) -> tuple[JointFilterState, JointMeasurement]:
     """The filter after some cycles in which jets fire at random."""
     rng = np.random.default_rng(3)
     state = joint.initial(params)

@@ -8,7 +8,6 @@ from joint_probe import small_params
 from test_joint_bank import Flight, flight, ready
 
 from massprop_drake.maths.estimation.joint import screen as screens
-from massprop_drake.maths.estimation.joint.cycle import step
 from massprop_drake.maths.estimation.joint.hypotheses import (
     BOW,
     JUMP_SHARES,
@@ -29,7 +28,8 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     torn,
     without_increments,
 )
-from massprop_drake.maths.estimation.joint.impulses import effects_of
+from massprop_drake.maths.estimation.joint.joint_cycle import step
+from massprop_drake.maths.estimation.joint.lagged_impulses import effects_of
 from massprop_drake.maths.estimation.joint.layout import RATE, JointParams, JointState
 from massprop_drake.maths.estimation.joint.sensitivity import carried, corrected, link, smeared
 from massprop_drake.maths.linear_algebra import Array

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from massprop_drake.maths.estimation.joint.impulses import LEAST_LAG, Firing, fire, time_constants
+from massprop_drake.maths.estimation.joint.lagged_impulses import LEAST_LAG, Firing, fire, time_constants
 
 LEVEL = np.array([0.0, 1.0, 0.3, 0.8])
 CONSTANTS = np.array([0.015, 0.05, 0.4, 0.0])

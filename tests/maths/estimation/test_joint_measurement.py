@@ -8,7 +8,7 @@ from joint_probe import PERIOD, TRUTH, small_params, some_sample
 
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams
-from massprop_drake.maths.estimation.joint.cycle import Sample, begun, crossed, initial, step
+from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, begun, crossed, initial, step
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams, JointState, make_places
 from massprop_drake.maths.estimation.joint.measurement import changed, counted, outputs
 from massprop_drake.maths.estimation.joint.quantized import sites
@@ -29,7 +29,7 @@ PARAMS = small_params(
 )
 
 
-def reading(rates: list[float], params: JointParams = PARAMS, number: int = 1) -> Sample:
+def reading(rates: list[float], params: JointParams = PARAMS, number: int = 1) -> JointSample:
     """A sample without commands and with some rates."""
     empty = some_sample(params)
     return empty._replace(

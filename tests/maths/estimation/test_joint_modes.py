@@ -13,7 +13,7 @@ from pydrake.systems.analysis import Simulator
 from massprop_drake.inputs.moving import HingedPanel, Slosh, mode_params
 from massprop_drake.inputs.scenario import load_scenario
 from massprop_drake.maths.estimation.joint import bank as banks
-from massprop_drake.maths.estimation.joint.cycle import begun, driven, initial, step
+from massprop_drake.maths.estimation.joint.joint_cycle import begun, driven, initial, step
 from massprop_drake.maths.estimation.joint.layout import CENTER, INERTIA, MASS, RATE, VELOCITY, PartCounts, make_places
 from massprop_drake.maths.estimation.joint.modes import ModeParams
 from massprop_drake.maths.estimation.joint.prediction import predict

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from joint_probe import POSITIONS, derivatives, small_params, some_sample, some_state, unread
 
-from massprop_drake.maths.estimation.joint.cycle import driven
+from massprop_drake.maths.estimation.joint.joint_cycle import driven
 from massprop_drake.maths.estimation.joint.layout import CENTER, INERTIA, RATE, VELOCITY, PartCounts, make_places
 from massprop_drake.maths.estimation.joint.prediction import predict
 from massprop_drake.maths.linear_algebra import Array

@@ -14,7 +14,7 @@ from massprop_drake.maths.attitude import (
     to_rotation_vector,
 )
 from massprop_drake.maths.estimation.joint import prediction as predictions
-from massprop_drake.maths.estimation.joint.cycle import Sample, begun, driven, initial, step
+from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, begun, driven, initial, step
 from massprop_drake.maths.estimation.joint.layout import AttitudeSensors, JointParams, JointState, make_places
 from massprop_drake.maths.estimation.joint.measurement import outputs, told_by_trackers
 from massprop_drake.maths.estimation.joint.orientation import STILL, UNTURNED, shared_attitude, turned
@@ -106,7 +106,7 @@ def test_readings_and_state_tell_of_one_attitude_whatever_is_shared() -> None:
     )
 
 
-def about_itself(state: JointState, sample: Sample) -> tuple[Array, Prediction]:
+def about_itself(state: JointState, sample: JointSample) -> tuple[Array, Prediction]:
     """Frames whose second one is the attitude that is predicted from the first, and the prediction with them."""
     acting = driven(state, sample, PARAMS)
     reached = predict(state, acting, unread(PARAMS), PARAMS, (FRAMES, UNSPUN)).mean[ATTITUDE]

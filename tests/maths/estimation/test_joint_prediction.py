@@ -18,7 +18,7 @@ from joint_probe import (
     unread,
 )
 
-from massprop_drake.maths.estimation.joint.impulses import Firing, effects_of
+from massprop_drake.maths.estimation.joint.lagged_impulses import Firing, effects_of
 from massprop_drake.maths.estimation.joint.layout import JointState
 from massprop_drake.maths.estimation.joint.prediction import (
     RateRead,

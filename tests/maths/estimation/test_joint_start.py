@@ -13,8 +13,8 @@ from massprop_drake.inputs import params as inputs
 from massprop_drake.maths.estimation.filter import Told
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams, JointFilterState
-from massprop_drake.maths.estimation.joint import cycle, start
-from massprop_drake.maths.estimation.joint.cycle import OWN_CHOICE, Sample, cycled, gone_over
+from massprop_drake.maths.estimation.joint import joint_cycle, start
+from massprop_drake.maths.estimation.joint.joint_cycle import OWN_CHOICE, JointSample, cycled, gone_over
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, RATE, JointParams, JointState
 from massprop_drake.maths.estimation.joint.start import BEGUN, LONGEST, OVER, STEPS, Kept
 from massprop_drake.maths.estimation.joint.thrust_scale import reported
@@ -70,7 +70,7 @@ def test_a_pass_is_spread_over_cycles_and_nothing_has_converged_meanwhile(
 ) -> None:
     made: list[int] = []
 
-    def counting(state: JointState, sample: Sample, about: np.ndarray, own: JointParams) -> object:
+    def counting(state: JointState, sample: JointSample, about: np.ndarray, own: JointParams) -> object:
         made[-1] += 1
         return gone_over(state, sample, about, own)
 
@@ -98,7 +98,7 @@ def test_a_pass_about_what_is_known_is_the_filters_own_cycle(flown: Run, params:
     fired = np.flatnonzero(flown["command"].any(axis=1))[-1]
     velocities = np.stack([flown[name][-1] for name in ACCELEROMETERS])
     command = flown["command"][fired].reshape(1, -1)
-    sample = Sample(
+    sample = JointSample(
         known.time_s + 0.08, np.array([0.08]), command, np.zeros(6), flown["gyro"][-1:], velocities, on_ticks()
     )
     expected = cycled(known, sample, np.full_like(own.thresholds, np.inf), OWN_CHOICE, own)
@@ -116,8 +116,10 @@ def test_a_pass_is_linear_in_what_it_estimates(flown: Run) -> None:
     places, row = own.places, int(np.flatnonzero(flown["command"].any(axis=1))[4])
     velocities = np.stack([flown[name][row + 1] for name in ACCELEROMETERS])
     readings = flown["gyro"][row + 1].reshape(1, 3), velocities
-    sample = Sample(0.08, np.array([0.08]), flown["command"][row].reshape(1, -1), np.zeros(6), *readings, on_ticks())
-    state = cycle.begun(cycle.initial(own), sample, own)
+    sample = JointSample(
+        0.08, np.array([0.08]), flown["command"][row].reshape(1, -1), np.zeros(6), *readings, on_ticks()
+    )
+    state = joint_cycle.begun(joint_cycle.initial(own), sample, own)
     about = state.mean.copy()
     about[:N_PROPERTIES] = flown["truth"][0]
     about[places.gyro_bias : places.gyro_bias + 3] = (1.0, -0.5, 2.0)
@@ -147,7 +149,7 @@ def test_a_start_that_takes_too_long_stands_as_it_is(flown: Run, params: JointFi
         if len(state.start.kept) > 3:
             break
     long = state.start._replace(kept=state.start.kept[:1] * LONGEST)
-    done = cycle.step(state.joint, state.start.kept[-1].sample, params.joint)
+    done = joint_cycle.step(state.joint, state.start.kept[-1].sample, params.joint)
     kept, after = start.followed(long, state.joint, done, state.start.kept[-1], params.joint)
     assert kept == OVER
     assert after is done[0]
@@ -162,7 +164,7 @@ def test_passes_that_do_not_explain_the_readings_change_nothing(flown: Run, para
         for k, one in enumerate(kept.kept)
     ]
     wrong = kept._replace(kept=tuple(off), under_pass=None)
-    own, report = cycle.step(guarded, off[-1].sample, params.joint)
+    own, report = joint_cycle.step(guarded, off[-1].sample, params.joint)
     done = own._replace(guarded=True), report
     after = own
     for _ in range(100):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from joint_probe import TRUTH, derivatives, small_params, some_sample, some_state, unread
 
-from massprop_drake.maths.estimation.joint.cycle import begun, driven, initial
-from massprop_drake.maths.estimation.joint.disturbance import DisturbanceParams
+from massprop_drake.maths.estimation.joint.disturbance_states import DisturbanceParams
+from massprop_drake.maths.estimation.joint.joint_cycle import begun, driven, initial
 from massprop_drake.maths.estimation.joint.layout import CENTER, INERTIA, MASS, N_PROPERTIES, VELOCITY, make_places
 from massprop_drake.maths.estimation.joint.prediction import predict
 from massprop_drake.maths.estimation.joint.tanks import TankParams, drawn

@@ -9,8 +9,8 @@ import pytest
 from joint_probe import elapsed, small_params, some_state, unread
 
 from massprop_drake.maths.estimation.joint import ticks
-from massprop_drake.maths.estimation.joint.cycle import initial
-from massprop_drake.maths.estimation.joint.impulses import fire
+from massprop_drake.maths.estimation.joint.joint_cycle import initial
+from massprop_drake.maths.estimation.joint.lagged_impulses import fire
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.prediction import Drive, drive, gathered_rows, predict
 from massprop_drake.maths.estimation.joint.sensitivity import Link, informed

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from joint_probe import PERIOD, small_params, some_sample, some_state, unread
 
-from massprop_drake.maths.estimation.joint.cycle import Sample, driven, relinearized, step
+from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, driven, relinearized, step
 from massprop_drake.maths.estimation.joint.layout import RATE, VELOCITY, JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import outputs
 from massprop_drake.maths.estimation.joint.prediction import drive, predict
@@ -25,7 +25,9 @@ def unknown(*jets: int) -> Array:
     return commands
 
 
-def read(sample: Sample, openings_s: Array, state: JointState = STATE, params: JointParams = PARAMS) -> Sample:
+def read(
+    sample: JointSample, openings_s: Array, state: JointState = STATE, params: JointParams = PARAMS
+) -> JointSample:
     """The sample with the readings that its commands give where jets that are not told are open for so long."""
     told = np.where(np.isnan(sample.commands), openings_s / PERIOD, sample.commands)
     acting = drive(state, sample.durations_s, told, sample.outside, sample.timing, params)

@@ -7,7 +7,7 @@ import pytest
 from joint_probe import INVERSE, PERIOD, central_differences, read_as, small_params, some_sample, some_state, unread
 from scipy.integrate import solve_ivp
 
-from massprop_drake.maths.estimation.joint.cycle import begun, driven, initial
+from massprop_drake.maths.estimation.joint.joint_cycle import begun, driven, initial
 from massprop_drake.maths.estimation.joint.layout import INERTIA, RATE, make_places
 from massprop_drake.maths.estimation.joint.prediction import predict, propagated
 from massprop_drake.maths.estimation.joint.wheels import Spun, WheelParams, spun, turn_by

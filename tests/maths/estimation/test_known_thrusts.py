@@ -7,7 +7,7 @@ import pytest
 
 from massprop_drake.inputs.params import estimation_params
 from massprop_drake.inputs.scenario import resolved
-from massprop_drake.inputs.vehicle import Vehicle, load_vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle, load_vehicle
 from massprop_drake.maths.estimation.pose.outcome import outcome
 
 

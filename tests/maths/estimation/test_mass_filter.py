@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from params_probe import mass_params
 
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
 from massprop_drake.maths.estimation.filters.mass_filter import (
     Compensation,

@@ -20,7 +20,7 @@ from detector_probe import (
     watched,
 )
 
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.estimation.faults.declarations import Declaration, JetsDeclared, JumpDeclared, Word
 from massprop_drake.maths.estimation.faults.priors import Params
 from massprop_drake.maths.linear_algebra import Array

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from params_probe import rotation_params
 
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
 from massprop_drake.maths.estimation.filters.rotation_filter import (
-    Coupling,
+    RotationCoupling,
     RotationInnovation,
     RotationInterval,
     RotationMemory,
@@ -390,7 +390,7 @@ def test_cycle_leaves_its_inputs_alone() -> None:
     }
     before = {name: value.copy() for name, value in inputs.items()}
     jumping = SETTINGS._replace(
-        coupling=Coupling.SUBTRACT, jump_threshold=0.0, jump_covariance=np.eye(9), process_noise=np.eye(9)
+        coupling=RotationCoupling.SUBTRACT, jump_threshold=0.0, jump_covariance=np.eye(9), process_noise=np.eye(9)
     )
     for firing in (True, False):
         cycled(jumping, **inputs, firing=firing)
@@ -454,7 +454,7 @@ def test_coasting_the_modeled_coupling_is_as_uncertain_as_the_estimates() -> Non
     covariance, noise = 1e-4 * random_covariance(np.random.default_rng(2), 1.0), 1e-3 * np.eye(3)
     rate = np.array([1.0, -2.0, 1.5])
     sample = RotationSample(np.zeros(3), rate, noise, 0.0, NONE, NONE, firing=False)
-    params = SETTINGS._replace(coupling=Coupling.MODEL)
+    params = SETTINGS._replace(coupling=RotationCoupling.MODEL)
     dut = innovate(RotationState(STATE, covariance), sample, False, params)
     slope = np.empty((3, 6))
     for element in range(6):
@@ -475,7 +475,7 @@ def test_coupling_is_modeled_once_the_diagonal_is_known_to_half_its_size(
     deviation = 0.1 * np.abs(STATE)
     deviation[element] = fraction * STATE[element]
     sample = RotationSample(np.zeros(3), np.array([1.0, -2.0, 1.5]), np.eye(3), 0.0, NONE, NONE, firing=False)
-    params = SETTINGS._replace(coupling=Coupling.MODEL)
+    params = SETTINGS._replace(coupling=RotationCoupling.MODEL)
     dut = innovate(RotationState(STATE, np.diag(deviation**2)), sample, False, params)
     assert dut.innovation.any() == dut.jacobian.any() == modeled
 
@@ -521,7 +521,7 @@ def test_subtracted_coupling_leaves_the_innovation_of_the_impulse(firing: bool) 
     increment = coupling + firing * rate_increment(STATE, ANGULAR, LINEAR)
     sample = sample_of(increment, rate=rate, firing=firing)
     subtracted = innovate(
-        RotationState(STATE, covariance), sample, False, SETTINGS._replace(coupling=Coupling.SUBTRACT)
+        RotationState(STATE, covariance), sample, False, SETTINGS._replace(coupling=RotationCoupling.SUBTRACT)
     )
     ignored = innovate(RotationState(STATE, covariance), sample, True, SETTINGS)
     np.testing.assert_allclose(subtracted.innovation, NONE, rtol=0.0, atol=1e-15)
@@ -546,7 +546,7 @@ def hybrid(factor: float, firing: bool = True, before: bool = False) -> Rotation
         firing=firing,
     )
     params = SETTINGS._replace(
-        coupling=Coupling.HYBRID, coupling_limit=50.0, disturbance_covariance=np.diag([1e-4, 0.0, 2e-4])
+        coupling=RotationCoupling.HYBRID, coupling_limit=50.0, disturbance_covariance=np.diag([1e-4, 0.0, 2e-4])
     )
     return innovate(RotationState(STATE, covariance), sample, before, params)
 
@@ -587,7 +587,7 @@ def test_nothing_is_subtracted_while_the_estimated_inverse_inertia_is_impossible
     covariance = random_covariance(np.random.default_rng(13), 0.1)
     subtracting, ignoring = (
         innovate(RotationState(estimate, covariance), sample, False, SETTINGS._replace(coupling=coupling))
-        for coupling in (Coupling.SUBTRACT, Coupling.IGNORE)
+        for coupling in (RotationCoupling.SUBTRACT, RotationCoupling.IGNORE)
     )
     np.testing.assert_array_equal(subtracting.innovation, ignoring.innovation)
     assert subtracting.subtract_coupling  # the rule asks, the estimate does not allow
@@ -628,7 +628,7 @@ def test_covariance_is_not_incremented_by_a_sample_that_is_not_used() -> None:
 def test_incremented_covariance_keeps_the_decision_on_coupling_when_forced() -> None:
     covariance = random_covariance(np.random.default_rng(1), 0.01)
     jump = random_covariance(np.random.default_rng(14), 0.1)
-    params = SETTINGS._replace(coupling=Coupling.SUBTRACT, jump_threshold=0.0, jump_covariance=jump)
+    params = SETTINGS._replace(coupling=RotationCoupling.SUBTRACT, jump_threshold=0.0, jump_covariance=jump)
     sample = sample_of(np.array([0.1, 0.2, 0.3]), rate=TUMBLING)
     first = innovate(RotationState(STATE, covariance), sample, False, params)
     dut = update(RotationState(STATE, covariance), sample, first, NO_ADAPTATION, params)
@@ -731,7 +731,7 @@ def symmetry_settings(rng: np.random.Generator) -> RotationParams:
     """Everything that can matter at once: coupling, process noise, disturbance, and some increments."""
     disturbance = rng.standard_normal((3, 4)) * 1e-3
     return SETTINGS._replace(
-        coupling=Coupling.HYBRID,
+        coupling=RotationCoupling.HYBRID,
         jump_threshold=4.0,
         jump_covariance=random_covariance(rng, 1e-2),
         process_noise=random_covariance(rng, 1e-4),

@@ -14,7 +14,7 @@ from massprop_drake.maths.estimation.filters import mass_filter, rotation_filter
 from massprop_drake.maths.estimation.filters.mass_filter import MassSample, MassState
 from massprop_drake.maths.estimation.filters.mass_jump import empty_window
 from massprop_drake.maths.estimation.filters.rotation_filter import (
-    Coupling,
+    RotationCoupling,
     RotationParams,
     RotationSample,
     RotationState,
@@ -343,7 +343,7 @@ def test_the_hybrid_rule_does_not_wait_for_thrust(factor: float) -> None:
     variance = (factor - 1.0) * 4e-4 / 4.0
     covariance = np.diag([variance] * 3 + [0.0] * 6)
     sample = RotationSample(np.zeros(3), np.zeros(3), 4e-4 * np.eye(3), 0.0, torque, np.zeros(3), firing=True)
-    params = rotation_params(coupling=Coupling.HYBRID, coupling_limit=50.0)
+    params = rotation_params(coupling=RotationCoupling.HYBRID, coupling_limit=50.0)
     plain = rotation_filter.innovate(RotationState(STATE, covariance), sample, False, params)
     assert plain.subtract_coupling == (factor < 50.0)
     errors = np.zeros((N_JETS, 6))

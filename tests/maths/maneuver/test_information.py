@@ -8,7 +8,7 @@ import pytest
 from massprop_drake import Scenario
 from massprop_drake.inputs import params
 from massprop_drake.maths.estimation.joint import bound
-from massprop_drake.maths.estimation.joint.cycle import Sample, begun, initial
+from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, begun, initial
 from massprop_drake.maths.estimation.joint.layout import RATE, VELOCITY, JointParams
 from massprop_drake.maths.estimation.joint.orientation import UNTURNED
 from massprop_drake.maths.estimation.joint.ticks import on_ticks
@@ -57,13 +57,13 @@ def filtered(made: JointParams, flown: list[Step], means: list[Array]) -> Array:
     speeds, mean = np.zeros(places.wheels), means[0]
     none = [np.full((n, 3), np.nan) for n in (places.gyros, places.accelerometers, places.trackers)]
     unspun = Spun(speeds, speeds, np.zeros(places.wheels), np.ones(places.wheels))
-    first = Sample(0.0, np.zeros(1), np.zeros((1, places.jets)), np.zeros(6), *none[:2], on_ticks(), none[2])
+    first = JointSample(0.0, np.zeros(1), np.zeros((1, places.jets)), np.zeros(6), *none[:2], on_ticks(), none[2])
     first = first._replace(speeds=unspun, frames=np.stack((UNTURNED, UNTURNED)))
     state = begun(initial(made)._replace(mean=mean), first, made)._replace(mean=mean, reference=mean[RATE].copy())
     for row, step in enumerate(flown):
         after = speeds + step.torques * step.period_s / made.wheels.inertias
         there = [np.zeros((n, 3)) for n in (places.gyros, places.accelerometers, places.trackers)]
-        sample = Sample(
+        sample = JointSample(
             state.time_s + step.period_s, np.array([step.period_s]), step.command.reshape(1, -1), np.zeros(6),
             *there[:2], on_ticks(), there[2], speeds=Spun(speeds, after, np.zeros(after.size), np.ones(after.size)),
         )  # fmt: skip

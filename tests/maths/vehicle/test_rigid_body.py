@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.attitude import from_rotation_vector, rotation_matrix
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import MassProperties, symmetric

@@ -9,10 +9,10 @@ import pytest
 from params_probe import PERFECT_SENSOR, PERIOD_S
 
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.vehicle import cycle
+from massprop_drake.maths.vehicle import vehicle_cycle
 from massprop_drake.maths.vehicle.reaction_jets import jets_params
 from massprop_drake.maths.vehicle.rigid_body import N_STATE, ORIGIN_VELOCITY, RATE, SPIN_INTEGRAL
-from massprop_drake.maths.vehicle.sensing import Package, package, point_velocity, sense
+from massprop_drake.maths.vehicle.sensing import TruePackage, package, point_velocity, sense
 
 POSITIONS = (None, np.array([3.0, -1.0, 0.5]), np.array([-20.0, 4.0, 2.0]))
 BODY = np.random.default_rng(5).standard_normal(N_STATE)
@@ -20,13 +20,13 @@ STANDING = np.array([1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])  # inertia an
 JETS = jets_params(np.zeros((1, 7)), np.zeros(1), PERIOD_S)
 
 
-def _package(index: int, **errors: Any) -> Package:
+def _package(index: int, **errors: Any) -> TruePackage:
     ideal = PERFECT_SENSOR._replace(quantum=0.05, phase=np.array([0.3, -0.2, 0.45]))
     position = POSITIONS[index]
     return package(f"package{index}", ideal._replace(integrates=position is not None, **errors), position)
 
 
-def _alone(one: Package, noise: Array) -> Array:
+def _alone(one: TruePackage, noise: Array) -> Array:
     signal = BODY[RATE]
     if one.position is not None:
         signal = point_velocity(BODY[ORIGIN_VELOCITY], BODY[RATE], BODY[SPIN_INTEGRAL], one.position)
@@ -46,9 +46,9 @@ def _alone(one: Package, noise: Array) -> Array:
 )
 def test_packages_read_together_what_each_reads_alone(errors: tuple[dict[str, Any], ...]) -> None:
     packages = tuple(_package(index, **given) for index, given in enumerate(errors))
-    params = cycle.VehicleParams(PERIOD_S, 1, JETS, packages, None, {}, BODY, STANDING)
-    coming = cycle.ahead(0, 1, params)
-    together, _ = cycle.sense(cycle.initial_state(params), 0, coming, cycle.truth(params))
+    params = vehicle_cycle.VehicleParams(PERIOD_S, 1, JETS, packages, None, {}, BODY, STANDING)
+    coming = vehicle_cycle.ahead(0, 1, params)
+    together, _ = vehicle_cycle.sense(vehicle_cycle.initial_state(params), 0, coming, vehicle_cycle.truth(params))
     alone = [_alone(one, noise) for one, noise in zip(packages, coming.noise[0], strict=True)]
     np.testing.assert_array_equal(together, alone)
     assert np.isfinite(together).all()

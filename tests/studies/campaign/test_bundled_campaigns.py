@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from massprop_drake.errors import InputError
-from massprop_drake.inputs.campaign import (
+from massprop_drake.inputs.campaign_file import (
     CampaignSpec,
     bundled_campaigns,
     campaign_from,

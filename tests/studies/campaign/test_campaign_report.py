@@ -13,7 +13,7 @@ from campaign_rows import LENGTH_S, SWEPT, declaration, failure, folder, lost, m
 
 from massprop_drake.errors import InputError
 from massprop_drake.maths.mass_properties import NAMES
-from massprop_drake.studies.campaign import report
+from massprop_drake.studies.campaign import campaign_report
 from massprop_drake.studies.campaign.reading import Study, read, told_apart
 
 HEALTHY = """
@@ -45,12 +45,12 @@ def study(swept: Path) -> Study:
 
 @pytest.fixture(scope="module")
 def contents(study: Study) -> dict[str, Any]:
-    return report.contents(study)
+    return campaign_report.contents(study)
 
 
 @pytest.fixture(scope="module")
 def html(swept: Path) -> str:
-    return report.page(swept)
+    return campaign_report.page(swept)
 
 
 def said(contents: dict[str, Any], words: str) -> dict[str, Any]:
@@ -88,19 +88,19 @@ def test_cells_are_told_apart_by_what_differs_and_follows_from_nothing_else() ->
 
 def test_a_folder_without_results_says_what_to_do(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="holds no campaign"):
-        report.summary(tmp_path)
+        campaign_report.summary(tmp_path)
     (tmp_path / "c.yaml").write_text(HEALTHY)
     path = folder(tmp_path / "one", HEALTHY, [row(0, **at_times())])
     next((path / "results").glob("*.parquet")).unlink()
     with pytest.raises(InputError, match="no case has been flown yet"):
-        report.summary(path)
+        campaign_report.summary(path)
 
 
 # -------------------------------------------------------------------------------------------- data
 
 
 def test_the_summary_has_figures_with_bounds_and_gates_by_cell(swept: Path) -> None:
-    found = report.summary(swept)
+    found = campaign_report.summary(swept)
     json.dumps(found, allow_nan=False)
     assert found["cases"] == {
         "planned": 60, "tried": 59, "flown": 58, "judged": 58, "failing": found["cases"]["failing"], "measured": 58,
@@ -120,7 +120,9 @@ def test_the_summary_has_figures_with_bounds_and_gates_by_cell(swept: Path) -> N
 
 def test_a_summary_depends_on_rows_alone_and_not_on_when_they_were_flown(swept: Path, study: Study) -> None:
     other = [cell._replace(rows=[{**one, "wall_s": 99.0, "cpu_s": 98.0} for one in cell.rows]) for cell in study.cells]
-    assert report.summarized(study._replace(cells=other, folder=Path("elsewhere"))) == report.summary(swept)
+    assert campaign_report.summarized(study._replace(cells=other, folder=Path("elsewhere"))) == campaign_report.summary(
+        swept
+    )
 
 
 def test_the_verdict_names_gates_bounds_and_what_is_missing(contents: dict[str, Any]) -> None:
@@ -170,7 +172,7 @@ def test_healthy_jets_are_told_apart_by_what_failed_beside_them(study: Study) ->
         row(0, [failure("R4R", "group")], healthy_jets_out=[beside]),
         row(1, [failure("R4R")], healthy_jets_out=["F2F"]),
     ]
-    found = report._healthy_out(rows, clusters)
+    found = campaign_report._healthy_out(rows, clusters)
     assert {jet: rest for jet, *rest in found["jets"]} == {beside: [0, 1], "F2F": [1, 0]}
     assert found["share"].startswith("50.0 %")
 
@@ -183,15 +185,15 @@ def at_times() -> dict[str, float]:
 
 def test_a_healthy_campaign_has_no_failures_to_speak_of(tmp_path: Path) -> None:
     path = folder(tmp_path / "healthy", HEALTHY, [row(case, z=0.1 * case, **at_times()) for case in range(12)])
-    found = report.summary(path)
+    found = campaign_report.summary(path)
     assert found["passed"] is True
     assert found["figures"]["false_declarations_per_hour"]["high"] == pytest.approx(3.0 / (12 / 60), rel=2e-3)
     assert found["figures"]["isolated"]["value"] is None
-    shown = report.contents(read(path))
+    shown = campaign_report.contents(read(path))
     assert shown["outcomes"] == []
     assert [plot["name"] for plot in shown["places_of"]["consistency"]][-1] == "over-time"
     assert not any("failures that acted" in line["text"] for line in shown["verdict"])
-    html = report.page(path)
+    html = campaign_report.page(path)
     assert 'id="detection"' not in html
     assert "No case is failing." in html
 
@@ -199,28 +201,28 @@ def test_a_healthy_campaign_has_no_failures_to_speak_of(tmp_path: Path) -> None:
 def test_records_are_reported_without_a_word_on_what_is_false(tmp_path: Path) -> None:
     rows = [{**recorded(case, [declaration()] * (case < 3)), **at_times()} for case in range(12)]
     path = folder(tmp_path / "records", HEALTHY, rows)
-    assert report.summary(path)["passed"] is False  # the gates ask for what nobody knows
-    shown = report.contents(read(path))
+    assert campaign_report.summary(path)["passed"] is False  # the gates ask for what nobody knows
+    shown = campaign_report.contents(read(path))
     assert any(line["text"].startswith("3 declarations in 0.2 hours of telemetry") for line in shown["verdict"])
     assert not any("false declarations in" in line["text"] for line in shown["verdict"])
-    assert "3 declarations in 0.2 hours" in report.page(path)
+    assert "3 declarations in 0.2 hours" in campaign_report.page(path)
 
 
 def test_where_all_failed_to_run_there_is_a_page_all_the_same(tmp_path: Path) -> None:
     path = folder(tmp_path / "lost", HEALTHY, [lost(case, f"took more than {case % 2} s") for case in range(12)])
-    found = report.summary(path)
+    found = campaign_report.summary(path)
     assert found["passed"] is False
     assert found["failed_to_run"] == {"took more than 0 s": 6, "took more than 1 s": 6}
-    assert "12 of 12 cases failed to run" in report.page(path)
+    assert "12 of 12 cases failed to run" in campaign_report.page(path)
 
 
 def test_figures_are_shown_with_what_is_known_of_them() -> None:
-    figure = report.statistics.Figure
-    assert report.shown(figure(0.125, 0.08, 0.18, 40), "%") == "12.5 % (8.0 to 18.0)"
-    assert report.shown(figure(0.0, 0.0, 0.075, 40), "1/h") == "0 1/h (0 to 0.075)"
-    assert report.shown(figure(math.nan, 0.4, 1.0, 40), "%") == "at least 40.0 %"
-    assert report.shown(figure(23.0, 13.0, math.inf, 21), "s") == "23 s (from 13)"
-    assert report.shown(figure(math.nan, math.nan, math.nan, 0), "s") == "-"
+    figure = campaign_report.statistics.Figure
+    assert campaign_report.shown(figure(0.125, 0.08, 0.18, 40), "%") == "12.5 % (8.0 to 18.0)"
+    assert campaign_report.shown(figure(0.0, 0.0, 0.075, 40), "1/h") == "0 1/h (0 to 0.075)"
+    assert campaign_report.shown(figure(math.nan, 0.4, 1.0, 40), "%") == "at least 40.0 %"
+    assert campaign_report.shown(figure(23.0, 13.0, math.inf, 21), "s") == "23 s (from 13)"
+    assert campaign_report.shown(figure(math.nan, math.nan, math.nan, 0), "s") == "-"
 
 
 # -------------------------------------------------------------------------------------------- page
@@ -263,7 +265,7 @@ def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_texts_of_files_do_no_harm(hostile: Path) -> None:
-    html = report.page(hostile)
+    html = campaign_report.page(hostile)
     assert EVIL not in html
     assert html.count("&lt;/script&gt;&lt;script&gt;window.pwned=1") >= 5
     data = json.loads(re.search(r'id="data">(.*?)</script>', html, re.DOTALL).group(1))  # type: ignore[union-attr]
@@ -275,7 +277,7 @@ def test_texts_of_files_do_no_harm(hostile: Path) -> None:
 
 def test_it_opens_from_disk_draws_every_plot_and_runs_nothing_else(opened: Any, hostile: Path, tmp_path: Path) -> None:
     path = tmp_path / "campaign.html"
-    path.write_text(report.page(hostile), encoding="utf-8")
+    path.write_text(campaign_report.page(hostile), encoding="utf-8")
     page = opened(path)
     plots = page.page.locator("section.plot")
     assert plots.count() == page.page.locator("section.plot:has(.main-svg) h3").count() == 17

@@ -9,7 +9,7 @@ import pytest
 from campaign_rows import declaration, failure, jump, lost, many, recorded, row
 
 from massprop_drake.errors import InputError
-from massprop_drake.inputs.campaign import Gate
+from massprop_drake.inputs.campaign_file import Gate
 from massprop_drake.studies.campaign import merit
 from massprop_drake.studies.campaign.statistics import Figure
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from massprop_drake import InputError
-from massprop_drake.inputs.campaign import CampaignSpec, load_campaign
+from massprop_drake.inputs.campaign_file import CampaignSpec, load_campaign
 from massprop_drake.studies.campaign import plan as plans
 from massprop_drake.studies.campaign.plan import PlannedCase, design, planned
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from massprop_drake.inputs.campaign import load_campaign
+from massprop_drake.inputs.campaign_file import load_campaign
 from massprop_drake.studies.campaign import statistics
 from massprop_drake.studies.campaign.plan import design
 from massprop_drake.studies.campaign.statistics import Figure

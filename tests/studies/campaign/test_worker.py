@@ -124,7 +124,7 @@ def test_without_the_extra_everything_else_works_and_campaigns_say_what_they_nee
         "import sys\n"
         "sys.modules.update(dict.fromkeys(('pyarrow', 'pyarrow.parquet', 'distributed')))\n"
         "from massprop_drake import InputError, load_scenario\n"
-        "from massprop_drake.inputs.campaign import bundled_campaigns\n"
+        "from massprop_drake.inputs.campaign_file import bundled_campaigns\n"
         "load_scenario('sample_maneuver'), bundled_campaigns()\n"
         "try:\n"
         "    from massprop_drake.studies.campaign.campaign import Campaign\n"
@@ -178,7 +178,7 @@ class Gone:
 
 
 def test_a_scheduler_that_goes_unnoticed_is_told_all_the_same(tmp_path: Path) -> None:
-    work = engine.Work({"keep": "none", "folder": str(tmp_path)}, [], frozenset(), 1.0, 1.0)
+    work = engine.CampaignWork({"keep": "none", "folder": str(tmp_path)}, [], frozenset(), 1.0, 1.0)
     with pytest.raises(InputError, match="connection to the Dask scheduler is lost; --resume goes on"):
         list(engine.flown(Gone(), work, None, tmp_path))  # type: ignore[arg-type]
 

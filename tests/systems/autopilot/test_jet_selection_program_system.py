@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.autopilot.jet_selection import activity_vectors
 from massprop_drake.systems.autopilot.jet_selection_program import JetSelectionProgram, Outcome, Selection
 

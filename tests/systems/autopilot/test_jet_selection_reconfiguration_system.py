@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from scipy.optimize import linprog
 from systems_probe import PERIOD_S, advance
 
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.autopilot.jet_selection import activity_vectors
 from massprop_drake.maths.autopilot.phase_space import Urgency
-from massprop_drake.systems.autopilot.jet_selection import JetSelection
 from massprop_drake.systems.autopilot.jet_selection_program import JetSelectionProgram
+from massprop_drake.systems.autopilot.jet_selection_system import JetSelection
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from systems_probe import PERIOD_S, advance, feedthrough, inputs, outputs
 
 from massprop_drake.maths.autopilot.phase_space import Urgency
-from massprop_drake.systems.autopilot.jet_selection import JetSelection
+from massprop_drake.systems.autopilot.jet_selection_system import JetSelection
 
 # Twelve make-believe jets: jet 2 i gives +1 and jet 2 i + 1 gives -1 of the i-th component of torque about
 # the origin and force. With mass 1, unit inertia and the center of mass at the origin, a request is met by

@@ -10,9 +10,9 @@ from params_probe import PERIOD_S
 from params_probe import detector_settings_of as settings_of
 from systems_probe import advance, feedthrough, inputs, outputs
 
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.estimation.adaptation import Adaptation, unpacked
-from massprop_drake.maths.estimation.detector import Event, Evidence, Jets, KnownForce
+from massprop_drake.maths.estimation.detector import Evidence, KnownForce, KnownJets, Verdict
 from massprop_drake.maths.estimation.detectors import cglr as detection
 from massprop_drake.maths.estimation.detectors.cglr import LAYOUT, DetectorCycle, DetectorState, initial_state
 from massprop_drake.maths.estimation.detectors.jet_tests import signatures
@@ -47,7 +47,9 @@ class Rig:
     def __init__(self, vehicle: Vehicle, *overrides: str):
         self.params = settings_of(*overrides)
         params = self.params
-        jets = Jets(PERIOD_S, params.clusters, params.unit_wrenches, params.thrusts, params.manifolds, params.limits)
+        jets = KnownJets(
+            PERIOD_S, params.clusters, params.unit_wrenches, params.thrusts, params.manifolds, params.limits
+        )
         self.dut = FailureDetector(detection.DETECTOR, params, jets=jets)
         self.context = self.dut.CreateDefaultContext()
         self.properties = vehicle.nominal.vector()
@@ -134,7 +136,7 @@ class Rig:
             self.fail()
             event = self.report().detector_event
             self.next()
-        assert event == Event.DECLARED
+        assert event == Verdict.DECLARED
 
 
 def assert_reported(rig: Rig, expected: DetectorCycle) -> None:
@@ -200,13 +202,13 @@ def test_outputs_are_those_of_the_mathematics(orbiter: Vehicle, uncertainty: str
 def test_the_update_remembers_and_declares(rig: Rig) -> None:
     rig.fail()
     report = rig.report()
-    assert (report.alarm, report.detector_event, report.alarms) == (1.0, Event.NOTHING, 1.0)
+    assert (report.alarm, report.detector_event, report.alarms) == (1.0, Verdict.NOTHING, 1.0)
     assert not rig.out("reconfiguration").any()
     rig.next()
     assert (rig.state().cluster, rig.state().alarms) == (12.0, 1.0)
     rig.fail()
     report = rig.report()
-    assert (report.alarm, report.detector_event, report.alarms) == (1.0, Event.DECLARED, 2.0)
+    assert (report.alarm, report.detector_event, report.alarms) == (1.0, Verdict.DECLARED, 2.0)
     # the time of the sample dates the onset: the first alarm came at 0, of the interval before it
     np.testing.assert_allclose(report.onset, -PERIOD_S, rtol=1e-12)
 
@@ -263,7 +265,7 @@ def test_the_known_forces_effect_follows_the_predictions(rig: Rig) -> None:
 def test_a_sample_that_is_not_tested(rig: Rig, change: dict[str, Any]) -> None:
     rig.see(868.8 * rig.signatures[STUCK], **change)
     report = rig.report()
-    assert (report.tested, report.alarm, report.detector_event) == (0.0, 0.0, Event.NOTHING)
+    assert (report.tested, report.alarm, report.detector_event) == (0.0, 0.0, Verdict.NOTHING)
     assert np.isnan(report.likelihood).all()
     assert np.isnan(report.failure_magnitude).all()
     assert not rig.out("adaptation").any()
@@ -277,8 +279,8 @@ def test_a_jump_needs_a_commanded_jet(rig: Rig) -> None:
     command = np.zeros(N)
     command[0] = 1.0
     rig.see(odd, jet_commands=command, impulses=impulses(usable=STEADY, firing=True))
-    assert (quiet.alarm, quiet.detector_event) == (0.0, Event.NOTHING)
-    assert (rig.report().alarm, rig.report().detector_event) == (0.0, Event.JUMP)
+    assert (quiet.alarm, quiet.detector_event) == (0.0, Verdict.NOTHING)
+    assert (rig.report().alarm, rig.report().detector_event) == (0.0, Verdict.JUMP)
     assert rig.adaptation().mass_jumped
 
 

@@ -13,7 +13,7 @@ from massprop_drake.maths.estimation.filter import Joint, MassReport
 from massprop_drake.maths.estimation.filters.mass_filter import Compensation
 from massprop_drake.maths.estimation.filters.thesis import MASS_STATE
 from massprop_drake.maths.estimation.redundancy import Rule
-from massprop_drake.systems.estimation._readings import Package
+from massprop_drake.systems.estimation._readings import KnownPackage
 from massprop_drake.systems.estimation.mass_estimator import MassEstimator
 from massprop_drake.systems.layouts import EVIDENCE, MASS_REPORT, TURNING
 
@@ -37,7 +37,7 @@ def _dut(
     dut = MassEstimator(
         mass_reciprocal=RECIPROCAL,
         variance=VARIANCE,
-        accelerometers=tuple(Package(name, limit) for name in accelerometers),
+        accelerometers=tuple(KnownPackage(name, limit) for name in accelerometers),
         thrust_errors=thrust_errors,
         params=mass_params(
             positions=np.array([POSITION] * len(accelerometers)),

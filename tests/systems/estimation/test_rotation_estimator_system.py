@@ -10,11 +10,11 @@ from params_probe import rotation_params
 from systems_probe import PERIOD_S, advance, feedthrough, inputs, outputs
 
 from massprop_drake.maths.estimation.filter import RotationReport
-from massprop_drake.maths.estimation.filters.rotation_filter import Coupling
+from massprop_drake.maths.estimation.filters.rotation_filter import RotationCoupling
 from massprop_drake.maths.estimation.filters.thesis import ROTATION_STATE, Turning
 from massprop_drake.maths.estimation.redundancy import Rule
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
-from massprop_drake.systems.estimation._readings import Package
+from massprop_drake.systems.estimation._readings import KnownPackage
 from massprop_drake.systems.estimation.rotation_estimator import RotationEstimator
 from massprop_drake.systems.layouts import ROTATION_REPORT, TURNING
 
@@ -36,7 +36,7 @@ def _dut(
     dut = RotationEstimator(
         estimate=ESTIMATE,
         covariance=VARIANCE * np.eye(9),
-        gyros=tuple(Package(name, limit) for name in gyros),
+        gyros=tuple(KnownPackage(name, limit) for name in gyros),
         thrust_errors=thrust_errors,
         params=rotation_params(gyro_variances=np.full(len(gyros), READING_VARIANCE), **params),
     )
@@ -222,7 +222,7 @@ def test_a_large_innovation_raises_the_covariance_first() -> None:
 def test_the_hybrid_rule_is_remembered_while_coasting() -> None:
     # Y = 0.041 and R = 0.001: subtract when the limit is above 41
     for limit, subtracts in ((42.0, True), (40.0, False)):
-        dut, context = _dut(coupling=Coupling.HYBRID, coupling_limit=limit)
+        dut, context = _dut(coupling=RotationCoupling.HYBRID, coupling_limit=limit)
         assert not _sample(dut, context, [0.0, 0.0, 0.0]).coupling_subtracted
         assert not _sample(dut, context, [0.01, 0.0, 0.0]).coupling_subtracted  # coasting says nothing
         assert _sample(dut, context, [1.01, 0.0, 0.0], [*TWIST, 0.0, 1.0]).coupling_subtracted == subtracts
@@ -231,7 +231,7 @@ def test_the_hybrid_rule_is_remembered_while_coasting() -> None:
 
 def test_dynamic_coupling_is_subtracted() -> None:
     # turning with (1, 1, 0), I = diag(2, 4, 5): w x I w = (0, 0, 2), so dw_z = -0.2 x 2 x 0.08
-    dut, context = _dut(coupling=Coupling.SUBTRACT)
+    dut, context = _dut(coupling=RotationCoupling.SUBTRACT)
     _sample(dut, context, [1.0, 1.0, 0.0])
     innovation = _sample(dut, context, [1.0, 1.0, -0.032]).rotation_innovation
     # the mean rate has w_z = -0.016: what it adds is w x I w = (1 x 5 - 4) x -0.016 and (2 - 5) x -0.016

@@ -14,7 +14,7 @@ from massprop_drake.maths.noise import normal_sample
 from massprop_drake.maths.vehicle.disturbance import DisturbanceModel
 from massprop_drake.runners.simulate import simulate
 from massprop_drake.systems.layouts import STRUCTURE
-from massprop_drake.systems.vehicle.disturbance import Disturbance
+from massprop_drake.systems.vehicle.disturbance_source import Disturbance
 
 MEAN = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 3.0])
 MODEL = DisturbanceModel(MEAN, np.ones(6), 0.6, np.full(6, 0.5))

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from massprop_drake import simulate
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.inputs.vehicle import load_vehicle
+from massprop_drake.inputs.vehicle_file import load_vehicle
 
 Array = NDArray[np.float64]
 ENGINE = {

@@ -10,7 +10,7 @@ import pytest
 from systems_probe import PERIOD_S, advance
 
 from massprop_drake.maths.vehicle.true_failures import Failure, FailureKind
-from massprop_drake.systems.vehicle.reaction_jets import ReactionJets
+from massprop_drake.systems.vehicle.reaction_jets_system import ReactionJets
 
 # three jets of 5, 2 and 4 lbf; torque, force and mass flow
 WRENCHES = np.array(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from systems_probe import PERIOD_S, advance, feedthrough, inputs, outputs
 
-from massprop_drake.systems.vehicle.reaction_jets import ReactionJets
+from massprop_drake.systems.vehicle.reaction_jets_system import ReactionJets
 
 # two jets: 5 lbf along (3, 4, 0) / 5, and 2 lbf along -z; torque, force and mass flow
 WRENCHES = np.array([[1.0, 2.0, -3.0, 3.0, 4.0, 0.0, 0.02], [0.0, -7.0, 0.5, 0.0, 0.0, -2.0, 0.01]])

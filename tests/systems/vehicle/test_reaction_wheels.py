@@ -17,7 +17,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from massprop_drake import simulate
 from massprop_drake.inputs.scenario import Scenario, load_scenario
-from massprop_drake.inputs.vehicle import load_vehicle
+from massprop_drake.inputs.vehicle_file import load_vehicle
 from massprop_drake.maths.mass_properties import MassProperties
 from massprop_drake.maths.vehicle import rigid_body
 from massprop_drake.maths.vehicle.wheel_motors import WheelsModel, speed_read, true_inertias

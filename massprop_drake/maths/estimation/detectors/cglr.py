@@ -35,10 +35,10 @@ from massprop_drake.maths.estimation.adaptation import Action, Adaptation, left_
 from massprop_drake.maths.estimation.detector import (
     STATUS,
     Detector,
-    Event,
     Evidence,
-    Jets,
     Judgment,
+    KnownJets,
+    Verdict,
 )
 from massprop_drake.maths.estimation.detectors.jet_tests import (
     Circumstances,
@@ -61,7 +61,7 @@ _JUMP_NIS = 50.0  # of the rotation filter: a jump beyond doubt (chi-square, 3 d
 _FORCE_FLOOR = 1e-4  # least 1-sigma of a known force, relative to the strongest jet's
 _QUIET = -1.0  # no cluster is suspected
 _NOTHING, _DECLARED, _JUMP, _WITHDRAWN = (
-    int(event) for event in (Event.NOTHING, Event.DECLARED, Event.JUMP, Event.WITHDRAWN)
+    int(event) for event in (Verdict.NOTHING, Verdict.DECLARED, Verdict.JUMP, Verdict.WITHDRAWN)
 )
 _REJECT = int(Action.REJECT)
 
@@ -111,7 +111,7 @@ class CglrParams(NamedTuple):
     limits: Array
 
 
-def make_params(jets: Jets, options: Any) -> CglrParams:
+def make_params(jets: KnownJets, options: Any) -> CglrParams:
     """Makes the parameters from a scenario's block `detector`.
 
     Args:
@@ -213,7 +213,7 @@ class DetectorSample(NamedTuple):
     cross_covariance: Array
 
 
-class Finding(NamedTuple):
+class CglrFinding(NamedTuple):
     """Finding of the detector about one sample.
 
     Attributes:
@@ -253,7 +253,7 @@ class DetectorCycle(NamedTuple):
 
     state: DetectorState
     tests: JetTests
-    finding: Finding
+    finding: CglrFinding
     adaptation: Adaptation
 
 
@@ -297,7 +297,7 @@ def cycle(state: DetectorState, sample: DetectorSample, params: CglrParams) -> D
         and abs(magnitude) >= params.magnitude_threshold
         and unexplained < params.unexplained_limit
     )
-    finding = Finding(
+    finding = CglrFinding(
         True,
         alarm,
         isolation,
@@ -329,7 +329,7 @@ def cycle(state: DetectorState, sample: DetectorSample, params: CglrParams) -> D
 def _alarmed(
     state: DetectorState,
     tests: JetTests,
-    finding: Finding,
+    finding: CglrFinding,
     coefficients: Array,
     sample: DetectorSample,
     params: CglrParams,
@@ -346,15 +346,15 @@ def _alarmed(
 
 
 @kernel
-def _of_event(finding: Finding, event: int, sample: DetectorSample, params: CglrParams) -> Finding:
+def _of_event(finding: CglrFinding, event: int, sample: DetectorSample, params: CglrParams) -> CglrFinding:
     """Makes the finding for an event that began with the sample."""
     return _retold(finding, event, sample.time_s - params.period_s, 1.0)
 
 
 @kernel
-def _retold(finding: Finding, event: int, onset_s: float, alarms: float) -> Finding:
+def _retold(finding: CglrFinding, event: int, onset_s: float, alarms: float) -> CglrFinding:
     """Returns a finding with its event replaced."""
-    return Finding(
+    return CglrFinding(
         finding.tested,
         finding.alarm,
         finding.isolation,
@@ -371,7 +371,7 @@ def _retold(finding: Finding, event: int, onset_s: float, alarms: float) -> Find
 @kernel
 def _untested(state: DetectorState) -> DetectorCycle:
     blank = np.full(state.force.size, np.nan)
-    nothing = Finding(False, False, Isolation(0, 0, 0.0, 0.0), False, 0.0, 0.0, 0.0, _NOTHING, 0.0, 0.0)
+    nothing = CglrFinding(False, False, Isolation(0, 0, 0.0, 0.0), False, 0.0, 0.0, 0.0, _NOTHING, 0.0, 0.0)
     return DetectorCycle(_aged(state), JetTests(blank, blank, blank, blank), nothing, left_alone(0, False))
 
 
@@ -450,11 +450,11 @@ def _correction(signature: Array, tests: JetTests, jet: int, params: CglrParams)
 def _counted(
     state: DetectorState,
     tests: JetTests,
-    finding: Finding,
+    finding: CglrFinding,
     signature: Array,
     sample: DetectorSample,
     params: CglrParams,
-) -> tuple[DetectorState, Finding]:
+) -> tuple[DetectorState, CglrFinding]:
     """Counts an alarm, and declares the failure when there are enough in a row."""
     jet, cluster = finding.isolation.jet, float(finding.isolation.cluster)
     effect = finding.magnitude * signature
@@ -482,7 +482,7 @@ def _counted(
         force[jet] = magnitude
         variance[jet] = max(float(tests.variance[jet]), params.force_variance_floor)
     was = finding.isolation
-    finding = Finding(
+    finding = CglrFinding(
         finding.tested,
         finding.alarm,
         Isolation(jet, was.cluster, was.cluster_margin, was.jet_margin),

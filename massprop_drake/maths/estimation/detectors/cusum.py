@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.maths.arrays import Layout
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION, Action
-from massprop_drake.maths.estimation.detector import STATUS, Detector, Event, Evidence, Jets, Judgment
+from massprop_drake.maths.estimation.detector import STATUS, Detector, Evidence, Judgment, KnownJets, Verdict
 from massprop_drake.maths.estimation.detectors.jet_tests import information_of, isolate, jet_tests, signatures
 from massprop_drake.maths.estimation.detectors.known_forces import known_force
 from massprop_drake.maths.linear_algebra import Array
@@ -36,7 +36,7 @@ class CusumParams(NamedTuple):
     """Parameters of the detector.
 
     Attributes:
-        period_s, clusters, unit_wrenches, thrusts, limits: see `detector.Jets`.
+        period_s, clusters, unit_wrenches, thrusts, limits: see `detector.KnownJets`.
         drift: k, in standard deviations of one sample.
         threshold: h, of a sum.
     """
@@ -83,7 +83,7 @@ LAYOUT = Layout(
 )
 
 
-def make_params(jets: Jets, options: Any) -> CusumParams:
+def make_params(jets: KnownJets, options: Any) -> CusumParams:
     """Makes the parameters from a scenario's block `detector` of kind `cusum`."""
     return CusumParams(
         jets.period_s,
@@ -129,7 +129,7 @@ def judge(state: CusumState, evidence: Evidence, params: CusumParams) -> Judgmen
     status = STATUS.make(
         tested=1.0,
         alarm=alarm,
-        detector_event=Event.DECLARED if alarm else Event.NOTHING,
+        detector_event=Verdict.DECLARED if alarm else Verdict.NOTHING,
         suspected_cluster=isolation.cluster,
         suspected_jet=jet,
         jet_isolated=alarm and int(alike.sum()) == 1,

@@ -311,7 +311,7 @@ class Circumstances(NamedTuple):
     Attributes:
         command: fraction commanded over the interval, shape (n_jets,).
         variance: of known forces, zero where none is known, shape (n_jets,).
-        unit_wrenches, clusters: see `detector.Jets`.
+        unit_wrenches, clusters: see `detector.KnownJets`.
         period_s: sample period, s.
         mirror_sign_rule: whether a jet that is on cannot give too much.
     """

@@ -20,7 +20,7 @@ def known_force(state: Any, mass_properties: Array, command: Array, params: Any)
         state: of the detector, with `force` and `variance`; see `detector.Detector`.
         mass_properties: the ten predicted parameters, shape (10,).
         command: fraction commanded over the interval that ended, NaN where not known, shape (n_jets,).
-        params: of the detector, with `period_s`, `unit_wrenches` and `thrusts` as in `detector.Jets`.
+        params: of the detector, with `period_s`, `unit_wrenches` and `thrusts` as in `detector.KnownJets`.
     """
     if not nonzero(state.variance):
         return NO_KNOWN_FORCE

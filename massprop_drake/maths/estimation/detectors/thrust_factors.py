@@ -12,13 +12,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
-from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, STATUS, Detector, Event, Jets, Judgment
+from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, STATUS, Detector, Judgment, KnownJets, Verdict
 from massprop_drake.maths.estimation.faults.declarations import Word
-from massprop_drake.maths.estimation.faults.report import HYPOTHESIS_REPORT
+from massprop_drake.maths.estimation.faults.fault_report import HYPOTHESIS_REPORT
 from massprop_drake.maths.estimation.filters.pose import PoseEvidence, PoseFilterParams
-from massprop_drake.maths.estimation.pose import delays, hypotheses
-from massprop_drake.maths.estimation.pose.hypotheses import Found, Rules
-from massprop_drake.maths.estimation.pose.layout import PoseParams
+from massprop_drake.maths.estimation.pose import delays, pose_hypotheses
+from massprop_drake.maths.estimation.pose.pose_hypotheses import PoseOutcome, PoseRules
+from massprop_drake.maths.estimation.pose.pose_layout import PoseParams
 from massprop_drake.maths.linear_algebra import Array
 
 GROUP = "thrust_factor_detector"  # its part of a saved state
@@ -35,10 +35,10 @@ class FactorParams(NamedTuple):
 
     pose: PoseParams
     thrusts: Array
-    rules: Rules
+    rules: PoseRules
 
 
-class State(NamedTuple):
+class ThrustFactorsState(NamedTuple):
     """State of the detector between samples.
 
     Attributes:
@@ -55,19 +55,19 @@ class State(NamedTuple):
     closed: Array
 
 
-def make_params(jets: Jets, options: Any, filter_params: PoseFilterParams) -> FactorParams:
+def make_params(jets: KnownJets, options: Any, filter_params: PoseFilterParams) -> FactorParams:
     """Makes the parameters from those of the filter and the scenario's block."""
-    rules = Rules(options.lead, options.lead_nothing, options.least)
+    rules = PoseRules(options.lead, options.lead_nothing, options.least)
     return FactorParams(filter_params.pose, jets.thrusts, rules)
 
 
-def initial(params: FactorParams) -> State:
+def initial(params: FactorParams) -> ThrustFactorsState:
     """Returns the state before the first sample."""
     none = np.zeros(params.thrusts.size)
-    return State(np.zeros(1 + 2 * none.size), none, none, none, none)
+    return ThrustFactorsState(np.zeros(1 + 2 * none.size), none, none, none, none)
 
 
-def judge(state: State, evidence: PoseEvidence, params: FactorParams) -> Judgment:
+def judge(state: ThrustFactorsState, evidence: PoseEvidence, params: FactorParams) -> Judgment:
     """Judges a cycle of the filter: which jet has failed, if any.
 
     Args:
@@ -83,7 +83,7 @@ def judge(state: State, evidence: PoseEvidence, params: FactorParams) -> Judgmen
     odds = evidence.tried.likelihood[1 : 1 + 2 * jets]
     leads = np.maximum(odds[:jets], odds[jets:])
     tried, found = delays.judged(evidence.tried, evidence.time_s, params.rules, params.pose)
-    ahead = hypotheses.ahead(tried, params.rules)
+    ahead = pose_hypotheses.ahead(tried, params.rules)
     if found is not None:
         members = np.zeros(1 + 2 * jets)
         members[list(found.members)] = 1.0
@@ -125,7 +125,7 @@ def _silent(jets: int) -> dict[str, Array]:
     return zero | unknown | {name: np.full(3, np.nan) for name in ("jump_position", "jump_position_std")}
 
 
-def _said(found: Found, evidence: PoseEvidence, params: FactorParams) -> dict[str, Array]:
+def _said(found: PoseOutcome, evidence: PoseEvidence, params: FactorParams) -> dict[str, Array]:
     jets = params.thrusts.size
     row, alone = _silent(jets), len(found.members) == 1
     onset = _in_cycles(found.onset_s, evidence)
@@ -147,20 +147,20 @@ def _in_cycles(time_s: float, evidence: PoseEvidence) -> float:
     return evidence.cycle_s - (evidence.time_s - time_s)
 
 
-def _status(found: Found | None, likeliest: int | None, racing: float, params: FactorParams) -> Any:
+def _status(found: PoseOutcome | None, likeliest: int | None, racing: float, params: FactorParams) -> Any:
     jets = params.thrusts.size
     if found is None:
         row: dict[str, float] = {} if likeliest is None or not racing else {"suspected_jet": float(likeliest % jets)}
         tested = float(likeliest is not None)
-        return STATUS.make(tested=tested, alarm=racing, detector_event=float(Event.NOTHING), **row)
+        return STATUS.make(tested=tested, alarm=racing, detector_event=float(Verdict.NOTHING), **row)
     if 2 * jets in found.members:
-        return STATUS.make(tested=1.0, alarm=1.0, detector_event=float(Event.OTHER), onset=found.onset_s, alarms=1.0)
+        return STATUS.make(tested=1.0, alarm=1.0, detector_event=float(Verdict.OTHER), onset=found.onset_s, alarms=1.0)
     leader, jet = found.members[0], found.members[0] % jets
     force = (-1.0 if leader < jets else 1.0) * found.share[0] * params.thrusts[jet]
     return STATUS.make(
         tested=1.0,
         alarm=1.0,
-        detector_event=float(Event.DECLARED),
+        detector_event=float(Verdict.DECLARED),
         suspected_jet=float(jet),
         jet_isolated=float(len(found.members) == 1),
         suspected_magnitude=force,
@@ -171,12 +171,12 @@ def _status(found: Found | None, likeliest: int | None, racing: float, params: F
     )
 
 
-def saved(state: State, _params: FactorParams) -> Array:
+def saved(state: ThrustFactorsState, _params: FactorParams) -> Array:
     """Packs the state into a vector."""
     return np.concatenate((state.grouped, state.removed))
 
 
-def restored(vector: Array, params: FactorParams) -> State:
+def restored(vector: Array, params: FactorParams) -> ThrustFactorsState:
     """Unpacks a state: the inverse of `saved`.
 
     Raises:

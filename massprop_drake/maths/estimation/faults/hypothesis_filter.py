@@ -12,17 +12,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
-from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, Detector, Jets, Judgment
+from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, Detector, Judgment, KnownJets
 from massprop_drake.maths.estimation.faults.declarations import Declaration, JetsDeclared, Word
+from massprop_drake.maths.estimation.faults.fault_report import HYPOTHESIS_REPORT, certain, own_row, status_row
 from massprop_drake.maths.estimation.faults.priors import Params, Priors
-from massprop_drake.maths.estimation.faults.report import HYPOTHESIS_REPORT, certain, own_row, status_row
 from massprop_drake.maths.estimation.faults.saved import restored, saved
-from massprop_drake.maths.estimation.faults.search import BEGUN, Found, StartSearch, followed
+from massprop_drake.maths.estimation.faults.search import BEGUN, SearchOutcome, StartSearch, followed
 from massprop_drake.maths.estimation.faults.tree import Tree, advance, begun_with
 from massprop_drake.maths.estimation.faults.verdicts import Verdicts, judged, odds
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams
-from massprop_drake.maths.estimation.joint.cycle import JointEvidence
 from massprop_drake.maths.estimation.joint.hypotheses import slot_of, without_increments
+from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence
 from massprop_drake.maths.estimation.joint.layout import JointParams
 from massprop_drake.maths.estimation.joint.thrust_scale import reported_force
 from massprop_drake.maths.linear_algebra import Array
@@ -30,7 +30,7 @@ from massprop_drake.maths.linear_algebra import Array
 GROUP = "hypothesis_detector"  # its part of a saved state
 
 
-class State(NamedTuple):
+class HypothesisFilterState(NamedTuple):
     """State of the detector. Never changed; a cycle makes a new one.
 
     Attributes:
@@ -51,7 +51,7 @@ class State(NamedTuple):
     closed: Array
 
 
-def make_params(_jets: Jets, options: Any, filter_params: JointFilterParams) -> Params:
+def make_params(_jets: KnownJets, options: Any, filter_params: JointFilterParams) -> Params:
     """Makes the parameters from those of the filter and the scenario's block `faults`, with an entry for each jet."""
     priors, of_jets = Priors(*(getattr(options, name) for name in Priors._fields)), options.jets.values()
     allowed = [*(jet.gives_more for jet in of_jets), *(jet.gives_less for jet in of_jets)]
@@ -59,13 +59,13 @@ def make_params(_jets: Jets, options: Any, filter_params: JointFilterParams) -> 
     return Params(without_increments(filter_params.joint), priors, np.array(allowed, dtype=float), rates)
 
 
-def initial(params: Params) -> State:
+def initial(params: Params) -> HypothesisFilterState:
     """Returns the state before the first sample."""
     none = np.zeros(params.joint.places.jets)
-    return State(Tree(), Verdicts(), BEGUN, none, none, none, none)
+    return HypothesisFilterState(Tree(), Verdicts(), BEGUN, none, none, none, none)
 
 
-def judge(state: State, evidence: JointEvidence, params: Params) -> Judgment:
+def judge(state: HypothesisFilterState, evidence: JointEvidence, params: Params) -> Judgment:
     """Advances the hypotheses by a sample, and declares events that are certain enough.
 
     Args:
@@ -84,7 +84,7 @@ def judge(state: State, evidence: JointEvidence, params: Params) -> Judgment:
         verdicts, said = judged(state.verdicts, tree, params)
     probable = odds(tree, joint)
     force, variance = _declared(verdicts, tree, joint)
-    kept = State(tree, verdicts, search, force, variance, _removed(state.removed, said), state.closed)
+    kept = HypothesisFilterState(tree, verdicts, search, force, variance, _removed(state.removed, said), state.closed)
     watch, now = tree.leader.watch, tree.next_state(params)
     tested, statistic = (watch.tested, watch.statistic) if watch is not None else (False, 0.0)
     own = own_row(said, probable, tree.history)
@@ -99,7 +99,9 @@ def judge(state: State, evidence: JointEvidence, params: Params) -> Judgment:
     )
 
 
-def _searched(search: StartSearch, evidence: JointEvidence, params: Params) -> tuple[StartSearch, tuple[Found, ...]]:
+def _searched(
+    search: StartSearch, evidence: JointEvidence, params: Params
+) -> tuple[StartSearch, tuple[SearchOutcome, ...]]:
     """Advances the search for failures in the start after a cycle; returns it with the tree that it has found."""
     report = evidence.report
     if report.course is None or params.joint.places.n_force == 0:
@@ -120,7 +122,7 @@ def _declared(verdicts: Verdicts, tree: Tree, params: JointParams) -> tuple[Arra
     return force, variance
 
 
-def unremarkable(state: State) -> tuple[Any, ...]:
+def unremarkable(state: HypothesisFilterState) -> tuple[Any, ...]:
     """Returns the detector's log rows for a cycle in which nothing happens: `STATUS`, and those of each jet."""
     n = state.force.size
     nothing = np.full(n, np.nan)
@@ -136,13 +138,13 @@ def _removed(removed: Array, said: tuple[Declaration, ...]) -> Array:
     return removed
 
 
-def kept(state: State, params: Params) -> Array:
+def kept(state: HypothesisFilterState, params: Params) -> Array:
     """Packs the state into a vector, see `faults.saved`."""
     own = saved(state.tree, state.verdicts, params.joint.places)
     return np.concatenate((state.force, state.variance, state.removed, own))
 
 
-def taken_up(vector: Array, params: Params) -> State:
+def taken_up(vector: Array, params: Params) -> HypothesisFilterState:
     """Unpacks a state: the inverse of `kept`.
 
     Raises:
@@ -157,7 +159,7 @@ def taken_up(vector: Array, params: Params) -> State:
     if not np.isin(removed, (0.0, 1.0)).all():
         raise ValueError(f"{GROUP}: removed must be 0 or 1 for each jet")
     tree, verdicts = restored(vector[3 * n :], params.joint.places)
-    return State(tree, verdicts, BEGUN, force, variance, removed, np.zeros(n))
+    return HypothesisFilterState(tree, verdicts, BEGUN, force, variance, removed, np.zeros(n))
 
 
 DETECTOR = Detector(

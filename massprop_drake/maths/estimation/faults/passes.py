@@ -13,8 +13,8 @@ import numpy as np
 
 from massprop_drake.maths.estimation.faults.priors import Priors, force_correction
 from massprop_drake.maths.estimation.joint import screen as screens
-from massprop_drake.maths.estimation.joint.cycle import crossed, relinearized, restart
 from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Cause, Kind, Score, kicked, opened, slot_of
+from massprop_drake.maths.estimation.joint.joint_cycle import crossed, relinearized, restart
 from massprop_drake.maths.estimation.joint.lag_prior import begun_as, log_mixture, reconsidered
 from massprop_drake.maths.estimation.joint.layout import MASS, N_PROPERTIES, JointParams, JointState
 from massprop_drake.maths.estimation.joint.screen import Contender
@@ -27,7 +27,7 @@ _LATE = 2  # passes to the newest sample, during each of which more come: comput
 _CLOSE = 3.0  # sigmas by which samples that came since may move the end of the last pass
 
 
-class Fit(NamedTuple):
+class PassFit(NamedTuple):
     """Gauss-Newton iteration of one hypothesis over the start.
 
     Attributes:
@@ -66,12 +66,12 @@ class Fit(NamedTuple):
         return self.earlier[-1].likelihood if self.earlier else -math.inf
 
 
-def begin_fit(contender: Contender, log_prior: float, about: Array, entry: JointState, params: JointParams) -> Fit:
+def begin_fit(contender: Contender, log_prior: float, about: Array, entry: JointState, params: JointParams) -> PassFit:
     """Begins the first pass of a hypothesis.
 
     Args:
-        contender: see `Fit`.
-        log_prior: see `Fit`.
+        contender: see `PassFit`.
+        log_prior: see `PassFit`.
         about: x* but for the failed jet's force, which is what the contender has, shape (size,).
         entry: state before the first kept sample.
         params: see `JointParams`.
@@ -79,10 +79,10 @@ def begin_fit(contender: Contender, log_prior: float, about: Array, entry: Joint
     about, cause = about.copy(), contender.cause
     for jet, sign, force in zip(cause.jets, cause.signs, contender.force, strict=True):
         about[params.places.force + slot_of(entry, jet, sign)] = min(max(force, 0.0), screens.most_forces(params)[jet])
-    return Fit(contender, log_prior, about, entry)
+    return PassFit(contender, log_prior, about, entry)
 
 
-def begin_pass(fit: Fit, entry: JointState, params: JointParams) -> Fit:
+def begin_pass(fit: PassFit, entry: JointState, params: JointParams) -> PassFit:
     """Begins the next pass where the last has ended."""
     contender = fit.contender._replace(cause=_cause(fit, params), force=_forces(fit, params)[0])
     begins = begun_as(entry, fit.state, params)
@@ -103,7 +103,7 @@ def linearization(state: JointState, entry: JointState, params: JointParams) -> 
     return about
 
 
-def step_fit(fit: Fit, kept: Kept, params: JointParams) -> Fit | None:
+def step_fit(fit: PassFit, kept: Kept, params: JointParams) -> PassFit | None:
     """Takes in the next sample; None: the filter has lost definiteness.
 
     In its first two intervals a jet may give an impulse besides, since its onset lies within one.
@@ -118,7 +118,7 @@ def step_fit(fit: Fit, kept: Kept, params: JointParams) -> Fit | None:
     return fit._replace(state=state, scores=(*fit.scores, score))
 
 
-def _stepped(fit: Fit, kept: Kept, params: JointParams) -> tuple[JointState, Score]:
+def _stepped(fit: PassFit, kept: Kept, params: JointParams) -> tuple[JointState, Score]:
     state, score, about, sample = fit.state, fit.score, fit.about, kept.sample
     cause, kicks, age = fit.contender.cause, fit.contender.kicks, fit.done - fit.contender.onset
     if cause.kind == Kind.WANDER and age == 0:
@@ -138,7 +138,7 @@ def _stepped(fit: Fit, kept: Kept, params: JointParams) -> tuple[JointState, Sco
     return state, score.plus(Score(course.log_likelihood + likelier, course.nis, course.degrees, *of_gyros))
 
 
-def end_pass(fit: Fit, entry: JointState, params: JointParams) -> Fit:
+def end_pass(fit: PassFit, entry: JointState, params: JointParams) -> PassFit:
     """Ends a pass that has gone over all samples: it has arrived, or begins again."""
     wanders = fit.passes > 2 and fit.scores[len(fit.earlier) - 1].likelihood < fit.reached
     stays_so = stays(fit.state, fit.about, params.places) and _cause(fit, params) == fit.contender.cause
@@ -147,17 +147,17 @@ def end_pass(fit: Fit, entry: JointState, params: JointParams) -> Fit:
     return begin_pass(fit, entry, params)
 
 
-def has_moved(fit: Fit, params: JointParams) -> bool:
+def has_moved(fit: PassFit, params: JointParams) -> bool:
     """Tests whether samples that came since the last pass have moved its end, so that another one is due."""
     return fit.passes < _LATE and not stays(fit.state, fit.about, params.places, _CLOSE)
 
 
-def follow_up(fit: Fit, entry: JointState, params: JointParams) -> Fit:
+def follow_up(fit: PassFit, entry: JointState, params: JointParams) -> PassFit:
     """Begins a last pass if one is due since newer samples have moved the end of the one before."""
     return begin_pass(fit, entry, params)._replace(arrived=True) if has_moved(fit, params) else fit
 
 
-def _cause(fit: Fit, params: JointParams) -> Cause:
+def _cause(fit: PassFit, params: JointParams) -> Cause:
     """Returns the cause with its jet leaking or stuck on, whichever its force shows."""
     cause = fit.contender.cause
     shares = np.array(_forces(fit, params)[0]) / params.thrusts[list(cause.jets)]
@@ -165,7 +165,7 @@ def _cause(fit: Fit, params: JointParams) -> Cause:
     return cause._replace(on_top=tuple(on_top))
 
 
-def _forces(fit: Fit, params: JointParams) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def _forces(fit: PassFit, params: JointParams) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Returns the force of the failed jet, if there is one, and its 1-sigma, lbf or N."""
     cause = fit.contender.cause
     rows = [params.places.force + slot_of(fit.state, *way) for way in zip(cause.jets, cause.signs, strict=True)]
@@ -173,7 +173,7 @@ def _forces(fit: Fit, params: JointParams) -> tuple[tuple[float, ...], tuple[flo
     return tuple(mean.tolist()), tuple(np.sqrt(np.sum(root**2, axis=1)).tolist())
 
 
-def log_weight(fit: Fit, priors: Priors, params: JointParams) -> float:
+def log_weight(fit: PassFit, priors: Priors, params: JointParams) -> float:
     """Computes log likelihood plus log prior, the correction for the force included, nats."""
     cause, forces = fit.contender.cause, zip(*_forces(fit, params), strict=True)
     return (

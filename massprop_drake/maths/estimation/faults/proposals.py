@@ -13,12 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.faults.events import ANEW, Event, Hypothesis, gone_on
+from massprop_drake.maths.estimation.faults.fault_events import ANEW, Event, Hypothesis, gone_on
 from massprop_drake.maths.estimation.faults.priors import Params, Priors, log_rate
 from massprop_drake.maths.estimation.joint import bank as banks
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.bank import Bank
-from massprop_drake.maths.estimation.joint.cycle import JointEvidence, Sample
 from massprop_drake.maths.estimation.joint.guard import knows_rotation
 from massprop_drake.maths.estimation.joint.hypotheses import (
     DRIFT,
@@ -37,6 +36,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     stirs_beyond,
     told,
 )
+from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence, JointSample
 from massprop_drake.maths.estimation.joint.layout import CENTER, JointParams, JointState
 from massprop_drake.maths.estimation.joint.screen import PAIR_PRIOR, Contender, Screen
 from massprop_drake.maths.estimation.joint.sensitivity import Link, Traces, linked, traces
@@ -69,10 +69,10 @@ _NATS_OF_A_PUSH = 20.0  # that an unknown push costs a sample: as its readings t
 Leads = Mapping[tuple[Event, ...], float]
 
 
-class Record(NamedTuple):
+class WatchedCycle(NamedTuple):
     """Cycle of a watched hypothesis, and its score after it."""
 
-    sample: Sample
+    sample: JointSample
     link: Link
     score: Score
 
@@ -163,14 +163,14 @@ class Watch(NamedTuple):
 
     Attributes:
         bank: see `Bank`.
-        records: see `Record`.
+        records: see `WatchedCycle`.
         alarm: None: its readings are explained.
         tested: whether the newest readings were tested.
         statistic: largest GLR of a jet in them.
     """
 
     bank: Bank
-    records: tuple[Record, ...]
+    records: tuple[WatchedCycle, ...]
     alarm: Alarm | None = None
     tested: bool = False
     statistic: float = 0.0
@@ -196,7 +196,7 @@ def watched(each: Hypothesis, evidence: JointEvidence, cycle: int, params: Joint
     seen = traces(evidence.before, evidence.report, sample)
     seen = _uncertain(seen, evidence.before, np.minimum(each.walks * seen.duration_s, 1.0), params)
     over, found, tested, bank = banks.followed_on(watch.bank, seen, evidence.after, cycle, banks.ALARM, params)
-    record, statistic = Record(sample, over, score), 0.0
+    record, statistic = WatchedCycle(sample, over, score), 0.0
     records = (*watch.records, record)
     alarm = watch.alarm
     if found is not None:
@@ -262,7 +262,7 @@ def newest_link(evidence: JointEvidence, params: JointParams) -> Link:
     return linked(traces(evidence.before, evidence.report, evidence.sample), params)
 
 
-def _alarm(bank: Bank, records: tuple[Record, ...], index: int, cycle: int, params: JointParams) -> Alarm:
+def _alarm(bank: Bank, records: tuple[WatchedCycle, ...], index: int, cycle: int, params: JointParams) -> Alarm:
     first, chosen = max(index - 2, 0), range(max(index - 2, 0), min(index + 2, len(bank.states)))
     cycles = bank.cycles.astype(np.intp)
     onsets = tuple(int(cycles[k]) for k in chosen)

@@ -12,12 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.faults.events import Hypothesis, shares
+from massprop_drake.maths.estimation.faults.fault_events import Hypothesis, shares
 from massprop_drake.maths.estimation.faults.priors import Params
 from massprop_drake.maths.estimation.faults.proposals import Alarm, Birth, Origin, Rest, ranked
 from massprop_drake.maths.estimation.joint import screen as screens
-from massprop_drake.maths.estimation.joint.cycle import Sample, step
 from massprop_drake.maths.estimation.joint.hypotheses import Kind, Runner, Score, prepared, slot_of, told
+from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, step
 from massprop_drake.maths.estimation.joint.layout import JointParams
 from massprop_drake.maths.estimation.joint.screen import Screen
 from massprop_drake.maths.estimation.joint.sensitivity import Link, link
@@ -63,7 +63,7 @@ def begun(each: Hypothesis, params: JointParams) -> Review:
     )
 
 
-def followed(review: Review, each: Hypothesis, sample: Sample, over: Link, params: JointParams) -> Review:
+def followed(review: Review, each: Hypothesis, sample: JointSample, over: Link, params: JointParams) -> Review:
     """Advances the review by one cycle.
 
     Args:

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from massprop_drake.maths.estimation.faults.events import NOTHING, Event, Hypothesis
+from massprop_drake.maths.estimation.faults.fault_events import NOTHING, Event, Hypothesis
 from massprop_drake.maths.estimation.faults.tree import Tree
 from massprop_drake.maths.estimation.faults.verdicts import Declared, Verdicts
 from massprop_drake.maths.estimation.joint.hypotheses import Cause, Kind, Runner, Score

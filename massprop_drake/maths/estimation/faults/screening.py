@@ -13,8 +13,8 @@ import numpy as np
 
 from massprop_drake.maths.estimation.faults.priors import Priors, log_rate
 from massprop_drake.maths.estimation.joint import screen as screens
-from massprop_drake.maths.estimation.joint.cycle import relinearized, restart
 from massprop_drake.maths.estimation.joint.hypotheses import Kind, known_forces
+from massprop_drake.maths.estimation.joint.joint_cycle import relinearized, restart
 from massprop_drake.maths.estimation.joint.layout import RATE, JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import readings
 from massprop_drake.maths.estimation.joint.screen import Contender, Screen

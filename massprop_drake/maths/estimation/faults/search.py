@@ -27,13 +27,13 @@ import numpy as np
 
 from massprop_drake.maths.estimation.faults import passes
 from massprop_drake.maths.estimation.faults import screening as screenings
-from massprop_drake.maths.estimation.faults.passes import Fit
+from massprop_drake.maths.estimation.faults.passes import PassFit
 from massprop_drake.maths.estimation.faults.priors import Priors
 from massprop_drake.maths.estimation.faults.screening import Screening
 from massprop_drake.maths.estimation.joint.covariance import compressed
-from massprop_drake.maths.estimation.joint.cycle import Report, Sample, acts, incremented_root
 from massprop_drake.maths.estimation.joint.guard import guarded, unguarded
 from massprop_drake.maths.estimation.joint.hypotheses import STIRS, Cause, Kind, Score, stirs_beyond
+from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, Report, acts, incremented_root
 from massprop_drake.maths.estimation.joint.lag_prior import begun_as
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.screen import Contender
@@ -81,7 +81,7 @@ class StartSearch(NamedTuple):
     until: int = 0
     rounds: int = 0
     screening: Screening | None = None
-    fits: tuple[Fit, ...] = ()
+    fits: tuple[PassFit, ...] = ()
     tried: frozenset[object] = frozenset()
     final: bool = False
     rotation_known: bool = False
@@ -97,12 +97,12 @@ class StartSearch(NamedTuple):
         """Number of samples that passes go over."""
         return len(self.kept) if self.final else self.until
 
-    def is_done(self, fit: Fit) -> bool:
+    def is_done(self, fit: PassFit) -> bool:
         """True once passes have ended and gone over all."""
         return fit.arrived and fit.done == self.horizon
 
 
-class Found(NamedTuple):
+class SearchOutcome(NamedTuple):
     """Hypothesis about the start.
 
     Attributes:
@@ -126,8 +126,8 @@ BEGUN, OVER = StartSearch(), StartSearch(under_way=False)
 
 
 def followed(
-    search: StartSearch, before: JointState, report: Report, sample: Sample, priors: Priors, params: JointParams
-) -> tuple[StartSearch, tuple[Found, ...]]:
+    search: StartSearch, before: JointState, report: Report, sample: JointSample, priors: Priors, params: JointParams
+) -> tuple[StartSearch, tuple[SearchOutcome, ...]]:
     """Keeps a sample of the start, and advances the search if something has contradicted it.
 
     Args:
@@ -184,7 +184,7 @@ def _begun(search: StartSearch, priors: Priors, params: JointParams) -> StartSea
     return search._replace(entry=entry, until=len(search.kept), rounds=0, screening=None, fits=(nothing,))
 
 
-def _disturbed(search: StartSearch, priors: Priors, params: JointParams) -> tuple[Fit, ...]:
+def _disturbed(search: StartSearch, priors: Priors, params: JointParams) -> tuple[PassFit, ...]:
     """Makes the hypotheses of an unstated slow disturbance since before the first kept sample, level by decade.
 
     They have one pass, about the end of the likeliest; where that moves them, another to the newest sample.
@@ -252,12 +252,12 @@ def _tried(contender: Contender, sure: bool) -> object:
     return contender.cause.key if sure else (contender.cause.key, contender.onset)
 
 
-def _turn(fit: Fit) -> tuple[bool, bool, float]:
+def _turn(fit: PassFit) -> tuple[bool, bool, float]:
     """Orders the passes: each hypothesis's first, then those that have explained most."""
     return not fit.arrived, fit.passes > 1, -fit.reached
 
 
-def _passed(search: StartSearch, fit: Fit, params: JointParams) -> StartSearch:
+def _passed(search: StartSearch, fit: PassFit, params: JointParams) -> StartSearch:
     """Advances the search by one step of a fit, and drops the fit if it is far behind."""
     after = passes.step_fit(fit, search.kept[fit.done], params)
     if after is not None and after.done == search.horizon and not after.arrived:
@@ -311,21 +311,21 @@ def _undisturbed(search: StartSearch) -> StartSearch:
     return search._replace(fits=tuple(each for each in search.fits if each.contender.cause.kind != Kind.WANDER))
 
 
-def _near(search: StartSearch, priors: Priors, params: JointParams) -> tuple[Fit, ...]:
+def _near(search: StartSearch, priors: Priors, params: JointParams) -> tuple[PassFit, ...]:
     """Returns the fits near the likeliest, one for each jet, likeliest first."""
     weighed = sorted(
         ((passes.log_weight(each, priors, params), each) for each in search.fits), key=lambda pair: -pair[0]
     )
-    near: dict[object, Fit] = {}
+    near: dict[object, PassFit] = {}
     for weight, each in weighed:
         if weight >= weighed[0][0] - _NEAR:
             near.setdefault(each.contender.cause.key, each)
     return tuple(near.values())
 
 
-def _found(fit: Fit, search: StartSearch, params: JointParams) -> Found:
+def _found(fit: PassFit, search: StartSearch, params: JointParams) -> SearchOutcome:
     onset, state = fit.contender.onset, guarded(fit.state, acts(search.kept[-1].sample, params), params)
     since_s = search.beginning.time_s
     onset_s = search.kept[onset - 1].sample.time_s if onset > 0 else since_s
     state = state if state.guarded else unguarded(state)
-    return Found(state, fit.contender.cause, onset_s, since_s, fit.score, fit.log_prior)
+    return SearchOutcome(state, fit.contender.cause, onset_s, since_s, fit.score, fit.log_prior)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.faults import review as reviews
-from massprop_drake.maths.estimation.faults.events import (
+from massprop_drake.maths.estimation.faults.fault_events import (
     Event,
     Hypothesis,
     begun,
@@ -29,6 +29,7 @@ from massprop_drake.maths.estimation.faults.events import (
     split,
     weighed,
 )
+from massprop_drake.maths.estimation.faults.fault_report import History
 from massprop_drake.maths.estimation.faults.priors import Params
 from massprop_drake.maths.estimation.faults.proposals import (
     UNTOLD,
@@ -43,12 +44,11 @@ from massprop_drake.maths.estimation.faults.proposals import (
     surprised,
     watched,
 )
-from massprop_drake.maths.estimation.faults.report import History
-from massprop_drake.maths.estimation.faults.search import Found
+from massprop_drake.maths.estimation.faults.search import SearchOutcome
 from massprop_drake.maths.estimation.joint import bank as banks
-from massprop_drake.maths.estimation.joint.cycle import JointEvidence, Sample, step
 from massprop_drake.maths.estimation.joint.guard import unguarded
 from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Kind, Runner, prepared
+from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence, JointSample, step
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.sensitivity import Link
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
@@ -82,7 +82,7 @@ class Tree(NamedTuple):
     cycle: int = 0
     hypotheses: tuple[Hypothesis, ...] = ()
     births: tuple[Birth, ...] = ()
-    samples: tuple[tuple[Sample, Link], ...] = ()
+    samples: tuple[tuple[JointSample, Link], ...] = ()
     tried: frozenset[tuple[object, int]] = frozenset()
     history: History | None = None
 
@@ -127,11 +127,11 @@ def advance(tree: Tree, evidence: JointEvidence, params: Params) -> Tree:
     return _forked(_pruned(tree, evidence.sample.time_s, params), before)
 
 
-def begun_with(found: Sequence[Found], tree: Tree, params: Params) -> Tree:
+def begun_with(found: Sequence[SearchOutcome], tree: Tree, params: Params) -> Tree:
     """Makes the tree of the hypotheses that a search over the start has found.
 
     Args:
-        found: see `search.Found`.
+        found: see `search.SearchOutcome`.
         tree: before the newest sample.
         params: see `Params`.
     """

@@ -18,10 +18,10 @@ from massprop_drake.maths.estimation.faults.declarations import (
     Unexplained,
     Word,
 )
-from massprop_drake.maths.estimation.faults.events import ANEW, Event, Hypothesis, Part, Way, special
+from massprop_drake.maths.estimation.faults.fault_events import ANEW, Event, Hypothesis, Part, Way, special
+from massprop_drake.maths.estimation.faults.fault_report import Odds, certain
 from massprop_drake.maths.estimation.faults.priors import Params, Priors
 from massprop_drake.maths.estimation.faults.proposals import INTERMITTENT_AFTER
-from massprop_drake.maths.estimation.faults.report import Odds, certain
 from massprop_drake.maths.estimation.faults.tree import Tree, draws_that_count, is_likely, leads_of, probabilities
 from massprop_drake.maths.estimation.joint.apart import Apart, told_apart
 from massprop_drake.maths.estimation.joint.hypotheses import Kind, size_of_unstated, slot_of

@@ -30,14 +30,14 @@ from massprop_drake.maths.estimation.filter import (
     Told,
     telling,
 )
-from massprop_drake.maths.estimation.joint import cycle, disturbance, ticks
+from massprop_drake.maths.estimation.joint import disturbance_states, joint_cycle, ticks
 from massprop_drake.maths.estimation.joint import start as starts
 from massprop_drake.maths.estimation.joint.burns import EngineSettings, at_rest, burnt
 from massprop_drake.maths.estimation.joint.covariance import in_order
-from massprop_drake.maths.estimation.joint.cycle import UNTRACKED, JointEvidence, Sample
 from massprop_drake.maths.estimation.joint.guard import knows_rotation
 from massprop_drake.maths.estimation.joint.hypotheses import without_increments
-from massprop_drake.maths.estimation.joint.impulses import effects_of
+from massprop_drake.maths.estimation.joint.joint_cycle import UNTRACKED, JointEvidence, JointSample
+from massprop_drake.maths.estimation.joint.lagged_impulses import effects_of
 from massprop_drake.maths.estimation.joint.layout import (
     RATE,
     JointParams,
@@ -119,7 +119,7 @@ class JointFilterState(NamedTuple):
     setting: EngineSettings = _NO_SETTING
 
 
-class Measurement(NamedTuple):
+class JointMeasurement(NamedTuple):
     """Cycle of the filter, before the detector has judged it.
 
     Attributes:
@@ -155,7 +155,7 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
     detects = options.detector.kind == "hypotheses"
     slots = options.faults.slots if detects else 0  # forces of failed jets, as states
     effects = effects_of(thrust.wrenches, np.ascontiguousarray(setup.nominal))
-    unstated = disturbance.unstated(effects, packages[1]) if detects else np.zeros((6, 0))
+    unstated = disturbance_states.unstated(effects, packages[1]) if detects else np.zeros((6, 0))
     counts = PartCounts(
         n_jets,
         *packages,
@@ -292,7 +292,7 @@ def _chi_square_tail(value: float, degrees: int) -> float:
 def initial(params: JointFilterParams) -> JointFilterState:
     """Returns the state before the first sample."""
     clock, unread = ticks.started(0.0, np.zeros(params.joint.places.jets)), np.full(params.joint.places.wheels, np.nan)
-    begun = _reporting(cycle.initial(params.joint), clock, params)
+    begun = _reporting(joint_cycle.initial(params.joint), clock, params)
     return begun._replace(start=starts.BEGUN, speeds=unread, setting=at_rest(params.joint.places.engines))
 
 
@@ -321,7 +321,7 @@ def acting(state: JointFilterState, params: JointFilterParams) -> tuple[Array, A
 
 def measure(
     state: JointFilterState, rates: Array, velocities: Array, interval: Interval, params: JointFilterParams
-) -> Measurement:
+) -> JointMeasurement:
     """Runs the whole cycle of the filter."""
     assert interval.told is not None  # what is told is all that this filter takes of an interval
     return step(state, rates, velocities, interval.told, params)
@@ -329,7 +329,7 @@ def measure(
 
 def step(
     state: JointFilterState, rates: Array, velocities: Array, told: Told, params: JointFilterParams
-) -> Measurement:
+) -> JointMeasurement:
     """Runs the whole cycle of the filter.
 
     Args:
@@ -360,7 +360,9 @@ def step(
         known = _with_report(after, clock, report.estimate.copy(), report.covariance.copy(), params)
     else:
         known = _reporting(after, clock, params)
-    return Measurement(known._replace(start=start, frame=sample.frames[1], speeds=kept[0], setting=kept[1]), evidence)
+    return JointMeasurement(
+        known._replace(start=start, frame=sample.frames[1], speeds=kept[0], setting=kept[1]), evidence
+    )
 
 
 def _read_besides(told: Told, params: JointParams) -> tuple[Array, Array, Array]:
@@ -409,7 +411,7 @@ class Sampled(NamedTuple):
     """
 
     clock: Clock
-    sample: Sample
+    sample: JointSample
     anew: bool
     kept: tuple[Array, EngineSettings]
 
@@ -419,14 +421,14 @@ class Cycle(NamedTuple):
 
     taken: Sampled
     state: JointState
-    report: cycle.Report
+    report: joint_cycle.Report
 
 
 def _made(
     state: JointFilterState, readings: tuple[np.ndarray, np.ndarray], told: Told, params: JointFilterParams
 ) -> Cycle:
     taken = sampled(state, readings, told, params)
-    made = cycle.restart if taken.anew else cycle.step
+    made = joint_cycle.restart if taken.anew else joint_cycle.step
     return Cycle(taken, *made(state.joint, taken.sample, params.joint))
 
 
@@ -461,7 +463,7 @@ def sampled(
     speeds, last = spun(state.speeds, read, duration_s, params.joint.wheels)
     burn, setting = burnt(state.setting, engines, duration_s, params.joint.engines)
     acted = interval.durations_s, interval.commands, outside
-    sample = Sample(told.time_s, *acted, *readings, interval.timing, *seen, speeds, burn)
+    sample = JointSample(told.time_s, *acted, *readings, interval.timing, *seen, speeds, burn)
     return Sampled(clock, sample, interval.anew, (last, setting))
 
 
@@ -490,14 +492,14 @@ def _is_likelier(bridged: Cycle, unknown: Cycle) -> bool:
     return ahead > math.log(_BETWEEN / (1.0 - _BETWEEN))
 
 
-def evidence(_state: JointFilterState, measurement: Measurement, _interval: Interval) -> JointEvidence:
+def evidence(_state: JointFilterState, measurement: JointMeasurement, _interval: Interval) -> JointEvidence:
     """Returns the evidence for the detector."""
     return measurement.evidence
 
 
 def finish(
     _state: JointFilterState,
-    measurement: Measurement,
+    measurement: JointMeasurement,
     _interval: Interval,
     _adaptation: Adaptation,
     params: JointFilterParams,
@@ -506,7 +508,7 @@ def finish(
     return done(measurement, params)
 
 
-def done(measurement: Measurement, params: JointFilterParams) -> FilterStep:
+def done(measurement: JointMeasurement, params: JointFilterParams) -> FilterStep:
     """Returns the cycle's state, and its log rows."""
     after, report = measurement.state, measurement.evidence.report
     gyros = 3 * params.joint.places.gyros
@@ -525,7 +527,7 @@ def done(measurement: Measurement, params: JointFilterParams) -> FilterStep:
 
 
 class Seen(NamedTuple):
-    """Statistics of a cycle's readings for the log, see `cycle.Report`."""
+    """Statistics of a cycle's readings for the log, see `joint_cycle.Report`."""
 
     innovation: Array
     innovation_std: Array

@@ -25,11 +25,11 @@ from massprop_drake.maths.estimation.filter import (
     Told,
     telling,
 )
-from massprop_drake.maths.estimation.pose import delays, hypotheses, keeping, start
-from massprop_drake.maths.estimation.pose.cycle import Cycled
-from massprop_drake.maths.estimation.pose.hypotheses import Tried
-from massprop_drake.maths.estimation.pose.layout import PUSHED, Bank, Commands, PoseParams, Readings
+from massprop_drake.maths.estimation.pose import delays, keeping, pose_hypotheses, pose_start
 from massprop_drake.maths.estimation.pose.outcome import outcome
+from massprop_drake.maths.estimation.pose.pose_cycle import PoseCycled
+from massprop_drake.maths.estimation.pose.pose_hypotheses import Tried
+from massprop_drake.maths.estimation.pose.pose_layout import PUSHED, Commands, PoseBank, PoseParams, PoseReadings
 from massprop_drake.maths.estimation.pose.setting import known_parameters
 from massprop_drake.maths.estimation.pose.setting import make_params as params_of
 from massprop_drake.maths.estimation.pose.turning import rotation_vectors
@@ -87,7 +87,7 @@ class PoseFilterState(NamedTuple):
     """State of the filter after a sample.
 
     Attributes:
-        tried: see `hypotheses.Tried`; without a detector of one filter.
+        tried: see `pose_hypotheses.Tried`; without a detector of one filter.
         commands: see `Commands`; as far back as they still act.
         time_s: of the sample, by the record's clock.
         started: whether anything has been read that a filter can begin with.
@@ -120,11 +120,11 @@ class PoseEvidence(NamedTuple):
     tested: bool
 
 
-class Measurement(NamedTuple):
+class PoseMeasurement(NamedTuple):
     """Cycle of the filter, before the detector has judged it."""
 
     state: PoseFilterState
-    done: Cycled | None
+    done: PoseCycled | None
     told: Told
 
 
@@ -148,7 +148,7 @@ def initial(params: PoseFilterParams) -> PoseFilterState:
     """Returns the state before the first sample."""
     made = params.pose
     jets = made.pushes.shape[0]
-    bank = Bank(
+    bank = PoseBank(
         made.start[None],
         made.covariance[None],
         np.eye(3)[None],
@@ -156,7 +156,7 @@ def initial(params: PoseFilterParams) -> PoseFilterState:
         np.zeros((1, 3)),
         np.zeros((1, 3, 3)),
     )
-    tried = hypotheses.alone(bank, np.zeros(1 + 2 * jets), 0.0)
+    tried = pose_hypotheses.alone(bank, np.zeros(1 + 2 * jets), 0.0)
     commands = Commands(np.zeros(0), np.zeros((0, jets)))
     return _reporting(PoseFilterState(tried, commands, 0.0, False, np.zeros(10), np.zeros((10, 10))), params)
 
@@ -173,21 +173,23 @@ def _reporting(state: PoseFilterState, params: PoseFilterParams) -> PoseFilterSt
 
 def measure(
     state: PoseFilterState, rates: Array, velocities: Array, interval: Interval, params: PoseFilterParams
-) -> Measurement:
+) -> PoseMeasurement:
     """Runs the whole cycle of the filter."""
     assert interval.told is not None  # what is told is all that this filter takes of an interval
     told, made = interval.told, params.pose
     readings = readings_of(told.tracked, rates, velocities, params)
     now_s = told.stamp_s
     if not state.started:
-        if not start.begins(readings, made):
-            return Measurement(state._replace(time_s=now_s), None, told)
-        first = start.begun(readings, made)
+        if not pose_start.begins(readings, made):
+            return PoseMeasurement(state._replace(time_s=now_s), None, told)
+        first = pose_start.begun(readings, made)
         tried = _fresh(first, now_s, params)
         commands = _with(
             Commands(np.zeros(0), state.commands.levels), now_s, (told.coming, told.coming_onset_s), params
         )
-        return Measurement(_reporting(PoseFilterState(tried, commands, now_s, True, *state[4:]), params), None, told)
+        return PoseMeasurement(
+            _reporting(PoseFilterState(tried, commands, now_s, True, *state[4:]), params), None, told
+        )
     kept = _with(state.commands, state.time_s, (told.command, told.onset_s), params)
     acting = _with(kept, now_s, (told.coming, told.coming_onset_s), params)
     if nonzero(told.outside_wrench):
@@ -195,18 +197,18 @@ def measure(
     tried, done = delays.advanced(state.tried, acting, (state.time_s, now_s), readings, made)
     commands = _trimmed(acting, now_s - made.longest_s)
     after = _reporting(PoseFilterState(tried, commands, now_s, True, *state[4:]), params)
-    return Measurement(after, done, told)
+    return PoseMeasurement(after, done, told)
 
 
-def _fresh(first: Bank, now_s: float, params: PoseFilterParams) -> Tried:
+def _fresh(first: PoseBank, now_s: float, params: PoseFilterParams) -> Tried:
     """Makes the filters of the first sample: one for every possible delay, with all of a detector's hypotheses."""
     none, banks = np.zeros(1 + 2 * params.pose.pushes.shape[0]), delays.split(first, params.pose)
     if params.hypotheses:
-        return delays.gathered([hypotheses.begun(bank, now_s, params.pose) for bank in banks], params.pose)
-    return delays.gathered([hypotheses.alone(bank, none, now_s) for bank in banks], params.pose)
+        return delays.gathered([pose_hypotheses.begun(bank, now_s, params.pose) for bank in banks], params.pose)
+    return delays.gathered([pose_hypotheses.alone(bank, none, now_s) for bank in banks], params.pose)
 
 
-def readings_of(tracked: Array | None, rates: Array, velocities: Array, params: PoseFilterParams) -> Readings:
+def readings_of(tracked: Array | None, rates: Array, velocities: Array, params: PoseFilterParams) -> PoseReadings:
     """Collects the readings of all sensors, those in a fixed frame from their columns; of a pose what is measured.
 
     Args:
@@ -221,7 +223,7 @@ def readings_of(tracked: Array | None, rates: Array, velocities: Array, params: 
     for place in np.flatnonzero(np.isfinite(sensors.attitude_variances)):
         if np.isfinite(poses[place, 3:]).all():
             rotations[place] = rotation_matrix(poses[place, 3:] / np.sqrt(poses[place, 3:] @ poses[place, 3:]))
-    return Readings(positions, rotations, row[7 * params.poses :].reshape(-1, 3), rates, velocities)
+    return PoseReadings(positions, rotations, row[7 * params.poses :].reshape(-1, 3), rates, velocities)
 
 
 # ------------------------------------------------------------------------------------------ commands
@@ -265,7 +267,7 @@ def _trimmed(commands: Commands, since_s: float) -> Commands:
 # ------------------------------------------------------------------------------------------- reports
 
 
-def evidence(_state: PoseFilterState | None, measurement: Measurement, _interval: Interval | None) -> PoseEvidence:
+def evidence(_state: PoseFilterState | None, measurement: PoseMeasurement, _interval: Interval | None) -> PoseEvidence:
     """Returns the evidence for the detector."""
     state, told = measurement.state, measurement.told
     done = measurement.done
@@ -274,7 +276,7 @@ def evidence(_state: PoseFilterState | None, measurement: Measurement, _interval
 
 def finish(
     _state: PoseFilterState,
-    measurement: Measurement,
+    measurement: PoseMeasurement,
     _interval: Interval | None,
     _adaptation: Adaptation,
     params: PoseFilterParams,
@@ -305,7 +307,7 @@ def finish(
     return FilterStep(state, rotation, mass, _own(state, done, params))
 
 
-def _own(state: PoseFilterState, done: Cycled | None, params: PoseFilterParams) -> Any:
+def _own(state: PoseFilterState, done: PoseCycled | None, params: PoseFilterParams) -> Any:
     """Makes the log row that only this filter has, as `POSE_REPORT`."""
     made, bank = params.pose, delays.overall(state.tried, params.pose)
     jets = made.pushes.shape[0]
@@ -387,7 +389,7 @@ def restored(groups: Groups, params: PoseFilterParams) -> PoseFilterState:
     if not (np.isin(read.known, (0.0, 1.0)).all() and read.opens[0] in range(PUSHED, jets)):
         raise ValueError(f"{GROUP}: known must be 0 or 1, and opens a jet's index")
     _require_possible(read)
-    bank = Bank(
+    bank = PoseBank(
         read.mean[None].copy(),
         read.covariance[None].copy(),
         read.rotation[None].copy(),
@@ -396,7 +398,7 @@ def restored(groups: Groups, params: PoseFilterParams) -> PoseFilterState:
         read.turned[None].copy(),
     )
     time_s, begun = float(read.time_s[0]), bool(read.started[0])
-    tried, commands = hypotheses.alone(bank, read.known.copy(), time_s), Commands(np.zeros(0), np.zeros((0, jets)))
+    tried, commands = pose_hypotheses.alone(bank, read.known.copy(), time_s), Commands(np.zeros(0), np.zeros((0, jets)))
     if begun:
         try:
             tried, commands = keeping.unpacked(more, params.pose)

@@ -70,7 +70,7 @@ from massprop_drake.maths.linear_algebra import (
 from massprop_drake.maths.mass_properties import ELEMENT, N_ROTATION
 
 
-class Coupling(IntEnum):
+class RotationCoupling(IntEnum):
     """Treatment of dynamic coupling."""
 
     SUBTRACT = 0
@@ -225,7 +225,7 @@ class RotationParams(NamedTuple):
     gyro_variances: Array
     rule: Rule
     second_order: bool
-    coupling: Coupling
+    coupling: RotationCoupling
     coupling_limit: float
     jump_threshold: float
     jump_covariance: Array
@@ -354,7 +354,7 @@ def innovate(
     noise = sample.noise + params.disturbance_covariance
     total_noise, innovation = noise, sample.increment
     subtract_coupling = subtract_coupling_before
-    modeled = params.coupling == Coupling.MODEL and _knows_inertia(estimate, covariance)
+    modeled = params.coupling == RotationCoupling.MODEL and _knows_inertia(estimate, covariance)
     effects = None
     if sample.firing:
         jacobian = rate_increment_jacobian(estimate, sample.angular_impulse, sample.linear_impulse)
@@ -380,8 +380,8 @@ def innovate(
         if modeled:
             jacobian = coupling_jacobian(picked(estimate, ELEMENT), sample.rate, params.period_s)
             innovation_covariance = congruence(jacobian, covariance) + noise
-    if params.coupling != Coupling.HYBRID:
-        subtract_coupling = params.coupling == Coupling.SUBTRACT or modeled
+    if params.coupling != RotationCoupling.HYBRID:
+        subtract_coupling = params.coupling == RotationCoupling.SUBTRACT or modeled
     if subtract_coupling:
         inverse_inertia = picked(estimate, ELEMENT)
         if is_positive_definite(inverse_inertia):

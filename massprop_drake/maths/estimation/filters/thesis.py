@@ -41,7 +41,7 @@ from massprop_drake.maths.estimation.filters.mass_filter import (
 )
 from massprop_drake.maths.estimation.filters.mass_jump import empty_window, jump_threshold
 from massprop_drake.maths.estimation.filters.rotation_filter import (
-    Coupling,
+    RotationCoupling,
     RotationCycle,
     RotationInnovation,
     RotationInterval,
@@ -156,7 +156,7 @@ _NO_NOISE = np.zeros((3, 3))
 _INSENSITIVE = np.empty((N_ROTATION, 0))
 
 
-class Measurement(NamedTuple):
+class ThesisMeasurement(NamedTuple):
     """A sample as both filters measured it.
 
     Attributes:
@@ -406,7 +406,7 @@ def make_params(setup: Setup, options: Any) -> ThesisParams:
         second_order=rotation.filter != "extended",
         bias=rotation.filter != "second_order_without_bias",
         curvature=rotation.filter != "second_order_without_covariance",
-        coupling=Coupling[rotation.coupling.upper()],
+        coupling=RotationCoupling[rotation.coupling.upper()],
         coupling_limit=rotation.coupling_limit,
         jump_threshold=rotation.jump_threshold if rotation.jump == "covariance_increment" else math.inf,
         jump_covariance=np.diag(jump_std**2),
@@ -476,7 +476,7 @@ def predicted(state: ThesisState) -> Array:
 
 def measure(
     state: ThesisState, rates: Array, velocities: Array, interval: Interval, params: ThesisParams
-) -> Measurement:
+) -> ThesisMeasurement:
     """Runs the first half of both filters' cycle."""
     errors = params.thrust_errors
     turn, move = rotation_interval(interval, errors), mass_interval(interval, linear_errors(errors))
@@ -485,7 +485,7 @@ def measure(
         turned, innovation, told, moved, translated = measured(
             known, (rates, velocities), (turn, move), (params.rotation, params.mass)
         )
-        return Measurement(
+        return ThesisMeasurement(
             RotationMeasurement(turned, innovation), MassMeasurement(moved, translated), rates, velocities, told
         )
     turning = rotation_filter.measure(state.rotation, state.memory, rates, turn, params.rotation)
@@ -493,7 +493,7 @@ def measure(
     if state.mass is not None and params.mass is not None:
         rotation = rotation_of(turning_of(state.rotation, turning))
         moving = mass_filter.measure(state.mass, state.velocities, velocities, move, rotation, params.mass)
-    return Measurement(turning, moving, rates, velocities)
+    return ThesisMeasurement(turning, moving, rates, velocities)
 
 
 @kernel
@@ -543,7 +543,7 @@ def finished(
     return rotation, mass, deviations(rotation.state.covariance)
 
 
-def evidence(state: ThesisState, measurement: Measurement, interval: Interval) -> Joint:
+def evidence(state: ThesisState, measurement: ThesisMeasurement, interval: Interval) -> Joint:
     """Returns the evidence for the detector; `NOT_MEASURED` where it would not test."""
     if not interval.impulses.usable or measurement.moving is None or state.mass is None:
         return NOT_MEASURED
@@ -554,7 +554,7 @@ def evidence(state: ThesisState, measurement: Measurement, interval: Interval) -
 
 
 def finish(
-    state: ThesisState, measurement: Measurement, interval: Interval, adaptation: Adaptation, params: ThesisParams
+    state: ThesisState, measurement: ThesisMeasurement, interval: Interval, adaptation: Adaptation, params: ThesisParams
 ) -> FilterStep:
     """Runs the second half of both filters' cycle."""
     impulses, learning = interval.impulses, is_learning(interval)
@@ -575,7 +575,7 @@ def finish(
 
 
 def _finished(
-    state: ThesisState, measurement: Measurement, impulses: Impulses, adaptation: Adaptation, params: ThesisParams
+    state: ThesisState, measurement: ThesisMeasurement, impulses: Impulses, adaptation: Adaptation, params: ThesisParams
 ) -> FilterStep:
     """Runs `finish` where each filter uses one package."""
     turning, moving = measurement.turning, measurement.moving

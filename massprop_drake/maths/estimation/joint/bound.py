@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.joint.covariance import compressed, updated
-from massprop_drake.maths.estimation.joint.cycle import Sample, begun, driven, initial
+from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, begun, driven, initial
 from massprop_drake.maths.estimation.joint.layout import (
     CENTER,
     N_PROPERTIES,
@@ -51,7 +51,7 @@ def true_mean(properties: Array, rate: Array, errors: Array, params: JointParams
     return mean
 
 
-def start(sample: Sample, mean: Array, params: JointParams) -> JointState:
+def start(sample: JointSample, mean: Array, params: JointParams) -> JointState:
     """Returns the bound's state after the first sample.
 
     Args:
@@ -62,7 +62,7 @@ def start(sample: Sample, mean: Array, params: JointParams) -> JointState:
     return begun_at(initial(params), sample, mean, params)
 
 
-def begun_at(state: JointState, sample: Sample, mean: Array, params: JointParams) -> JointState:
+def begun_at(state: JointState, sample: JointSample, mean: Array, params: JointParams) -> JointState:
     """Returns the bound's state after a sample before which nothing is known of the motion; arguments as `course`."""
     begins = begun(state._replace(mean=mean), sample, params)
     return begins._replace(mean=mean, reference=mean[RATE].copy())
@@ -120,13 +120,13 @@ class IntervalEnd(NamedTuple):
     spin: Array
 
 
-def step(state: JointState, sample: Sample, mean: Array, used: np.ndarray, params: JointParams) -> JointState:
+def step(state: JointState, sample: JointSample, mean: Array, used: np.ndarray, params: JointParams) -> JointState:
     """Computes the bound's state after one more sample; arguments as `course`."""
     return course(state, sample, mean, used, params)[0]
 
 
 def course(
-    state: JointState, sample: Sample, mean: Array, used: np.ndarray, params: JointParams
+    state: JointState, sample: JointSample, mean: Array, used: np.ndarray, params: JointParams
 ) -> tuple[JointState, BoundStep]:
     """Computes the bound's state after one more sample, and the propagation of errors to it.
 
@@ -141,7 +141,7 @@ def course(
 
 
 def ahead(
-    state: JointState, sample: Sample, mean: Array | None, params: JointParams, doubt: Array | None = None
+    state: JointState, sample: JointSample, mean: Array | None, params: JointParams, doubt: Array | None = None
 ) -> IntervalEnd:
     """Computes the end of an interval; arguments as `course`; without a mean it is the predicted one.
 

@@ -27,8 +27,8 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.joint.covariance import compressed, semidefinite_root
-from massprop_drake.maths.estimation.joint.cycle import Report, Sample, crossed, floors, step
 from massprop_drake.maths.estimation.joint.guard import unguarded
+from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, Report, crossed, floors, step
 from massprop_drake.maths.estimation.joint.layout import (
     CENTER,
     MASS,
@@ -120,7 +120,7 @@ class Score(NamedTuple):
 
     Attributes:
         likelihood: sum of ln Z, nats.
-        nis, degrees: sums of those of its cycles, see `cycle.Report`.
+        nis, degrees: sums of those of its cycles, see `joint_cycle.Report`.
         gyro_nis, gyro_degrees: those of the gyros alone.
     """
 
@@ -430,7 +430,7 @@ def without_increments(params: JointParams) -> JointParams:
     return params._replace(thresholds=np.full_like(params.thresholds, np.inf))
 
 
-def masked(sample: Sample, component: int) -> Sample:
+def masked(sample: JointSample, component: int) -> JointSample:
     """Returns a sample without one component."""
     parts = [part.copy() for part in (sample.rates, sample.velocities, sample.attitudes)]
     for part in parts:
@@ -451,7 +451,7 @@ def misfits(report: Report, component: int, params: JointParams) -> bool:
 
 
 def prepared(
-    run: Runner, sample: Sample, over: Link, erratic: np.ndarray, push: float, params: JointParams
+    run: Runner, sample: JointSample, over: Link, erratic: np.ndarray, push: float, params: JointParams
 ) -> tuple[JointState, float]:
     """Returns the filter's state at the beginning of a cycle, and the log likelihood of readings taken in before.
 
@@ -472,7 +472,7 @@ def prepared(
     return pushed(restless(state, erratic, params), push, over, params), crossing.log_likelihood
 
 
-def _staying(assumed: Array, cause: Cause, sample: Sample, params: JointParams) -> Array:
+def _staying(assumed: Array, cause: Cause, sample: JointSample, params: JointParams) -> Array:
     """Returns assumed speeds, levels and angles with the present value of the one that is not trusted any more."""
     assumed, places = assumed.copy(), params.places
     if cause.kind == Kind.SPEED:
@@ -490,7 +490,9 @@ def first_of_engines(places: Places) -> int:
     return places.outputs + places.wheels + places.trackers
 
 
-def stepped(run: Runner, sample: Sample, over: Link, erratic: np.ndarray, push: float, params: JointParams) -> Runner:
+def stepped(
+    run: Runner, sample: JointSample, over: Link, erratic: np.ndarray, push: float, params: JointParams
+) -> Runner:
     """Advances a filter by one cycle.
 
     Args:

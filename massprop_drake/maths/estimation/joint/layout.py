@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from massprop_drake.maths.arrays import FLAG, NUMBER, Layout
-from massprop_drake.maths.estimation.joint.disturbance import NO_DISTURBANCE, DisturbanceParams
+from massprop_drake.maths.estimation.joint.disturbance_states import NO_DISTURBANCE, DisturbanceParams
 from massprop_drake.maths.estimation.joint.modes import ERRORS, NO_MODES, ModeParams
 from massprop_drake.maths.estimation.joint.rates import EVERY_PERIOD, Rates
 from massprop_drake.maths.estimation.joint.tanks import NO_TANKS, TankParams
@@ -270,7 +270,7 @@ class JointParams(NamedTuple):
         dithered: 1 where each sample is news, 0 where a change of the reading is, shape (n_outputs,).
         trackers: see `AttitudeSensors`.
         disturbance: see `DisturbanceParams`.
-        unstated: see `disturbance.unstated`, shape (6, n_unstated).
+        unstated: see `disturbance_states.unstated`, shape (6, n_unstated).
         start: the ten parameters at the start, shape (10,).
         start_root: lower triangular root of their covariance at the start, shape (10, 10).
         increment_sigma: what an increment adds to their 1-sigma, in quadrature, shape (10,).

@@ -64,7 +64,7 @@ from massprop_drake.maths.estimation.filters.rotation_filter import angular_bloc
 from massprop_drake.maths.estimation.joint.burns import Burn, EngineImpulse, idle, push
 from massprop_drake.maths.estimation.joint.burns import believed as believed_of_engines
 from massprop_drake.maths.estimation.joint.covariance import semidefinite_root
-from massprop_drake.maths.estimation.joint.disturbance import (
+from massprop_drake.maths.estimation.joint.disturbance_states import (
     DisturbanceParams,
     Wander,
     arriving,
@@ -74,7 +74,14 @@ from massprop_drake.maths.estimation.joint.disturbance import (
     slowly,
     wandered,
 )
-from massprop_drake.maths.estimation.joint.impulses import Firing, effects_of, fire, moments_of, regiven, time_constants
+from massprop_drake.maths.estimation.joint.lagged_impulses import (
+    Firing,
+    effects_of,
+    fire,
+    moments_of,
+    regiven,
+    time_constants,
+)
 from massprop_drake.maths.estimation.joint.layout import (
     CENTER,
     INERTIA,
@@ -121,7 +128,7 @@ class Drive(NamedTuple):
     """Forces and impulses on the vehicle over an interval.
 
     Attributes:
-        firing: see `impulses.Firing`.
+        firing: see `lagged_impulses.Firing`.
         lag_slope: derivative of the logarithm of each jet's time constant by the error of its kind, shape (n_jets,).
         outside: impulse of known outside forces, angular about the vehicle origin and linear, shape (6,).
         spreads: see `Timing`.
@@ -222,7 +229,7 @@ def drive(
 
     Args:
         state: before.
-        durations_s, commands: the interval's pieces, see `impulses.fire`.
+        durations_s, commands: the interval's pieces, see `lagged_impulses.fire`.
         outside: impulse of known outside forces, shape (6,).
         timing: see `Timing`.
         params: see `JointParams`.

@@ -17,9 +17,9 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.arrays import NUMBER, Layout
-from massprop_drake.maths.estimation.joint.cycle import Course, Crossing, Report, Sample
-from massprop_drake.maths.estimation.joint.disturbance import Wander, arriving
-from massprop_drake.maths.estimation.joint.impulses import effects_of
+from massprop_drake.maths.estimation.joint.disturbance_states import Wander, arriving
+from massprop_drake.maths.estimation.joint.joint_cycle import Course, Crossing, JointSample, Report
+from massprop_drake.maths.estimation.joint.lagged_impulses import effects_of
 from massprop_drake.maths.estimation.joint.layout import MASS, RATE, VELOCITY, JointParams, JointState, Places
 from massprop_drake.maths.estimation.joint.measurement import readings
 from massprop_drake.maths.estimation.joint.swing import Swung
@@ -34,7 +34,7 @@ class Link(NamedTuple):
     Attributes:
         rate_rows, velocity_rows, attitude, mass_factor, duration_s: see `prediction.Prediction`.
         noise: covariance added to w, c and z, shape (6 + n_slow, 6 + n_slow).
-        kept: see `disturbance.Wander`.
+        kept: see `disturbance_states.Wander`.
         swing_rows, shaken: rows and shaken of `swing.Swung`.
         bias_seconds: derivative of the change of c by the accelerometer's bias.
         jacobian: H, shape (m, size).
@@ -42,12 +42,12 @@ class Link(NamedTuple):
         innovation: e, NaN where missing, shape (m,).
         covariance: of the innovation of all components, rounding taken as noise, shape (m, m).
         used: 1 for components that counted, shape (m,).
-        nis, degrees, log_likelihood: see `cycle.Report`.
+        nis, degrees, log_likelihood: see `joint_cycle.Report`.
         correction: of the mean by the update, shape (size,).
         effects: change of w and c per second of each jet's unit force, shape (n_jets, 6).
         amount: seconds of full thrust of each jet, shape (n_jets,).
         read: all readings, NaN where missing, shape (m,).
-        crossing_rows, crossing_half_gain, crossing_correction: see `cycle.Crossing`.
+        crossing_rows, crossing_half_gain, crossing_correction: see `joint_cycle.Crossing`.
         stamp_row, stamp_gain, stamp_correction, ticks_kept: see `ticks.Stamped`; of the stamp, before the interval.
     """
 
@@ -122,13 +122,13 @@ class Traces(NamedTuple):
     Attributes:
         mean: of the state before the cycle, shape (size,).
         rate_rows, velocity_rows, attitude, mass_factor, noise, wander, swung, duration_s: see `prediction.Prediction`.
-        jacobian, projected, innovation, used, variances: see `cycle.Expected`.
+        jacobian, projected, innovation, used, variances: see `joint_cycle.Expected`.
         upper, half_gain, correction: see `covariance.Update`; empty, or zero, where no component counted.
         amount: see `Link`.
         read: see `Link`.
-        crossing: see `cycle.Crossing`.
+        crossing: see `joint_cycle.Crossing`.
         stamp: see `ticks.Stamped`.
-        nis, degrees, log_likelihood: see `cycle.Report`.
+        nis, degrees, log_likelihood: see `joint_cycle.Report`.
     """
 
     mean: Array
@@ -157,7 +157,7 @@ class Traces(NamedTuple):
     log_likelihood: float
 
 
-def traces(before: JointState, report: Report, sample: Sample) -> Traces:
+def traces(before: JointState, report: Report, sample: JointSample) -> Traces:
     """Collects what the link of a cycle that was not the first is made of.
 
     Args:
@@ -171,7 +171,7 @@ def traces(before: JointState, report: Report, sample: Sample) -> Traces:
 
 
 @kernel
-def traced(mean: Array, course: Course, sample: Sample) -> Traces:
+def traced(mean: Array, course: Course, sample: JointSample) -> Traces:
     """Collects what a link is made of from the course of a cycle.
 
     Args:
@@ -209,7 +209,7 @@ def traced(mean: Array, course: Course, sample: Sample) -> Traces:
     )
 
 
-def link(before: JointState, report: Report, sample: Sample, params: JointParams) -> Link:
+def link(before: JointState, report: Report, sample: JointSample, params: JointParams) -> Link:
     """Makes the link of a cycle that was not the first.
 
     Args:

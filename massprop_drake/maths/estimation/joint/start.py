@@ -29,15 +29,15 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.joint.covariance import compressed
-from massprop_drake.maths.estimation.joint.cycle import (
+from massprop_drake.maths.estimation.joint.guard import guarded, knows_rotation, unguarded
+from massprop_drake.maths.estimation.joint.joint_cycle import (
+    JointSample,
     Report,
-    Sample,
     acts,
     gone_over,
     incremented_root,
     restart,
 )
-from massprop_drake.maths.estimation.joint.guard import guarded, knows_rotation, unguarded
 from massprop_drake.maths.estimation.joint.lag_prior import begun_as
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams, JointState, Places
 from massprop_drake.maths.linear_algebra import Array
@@ -52,7 +52,7 @@ _MISFIT = 10.0  # probability: standard deviations of chi-square by which readin
 class Kept(NamedTuple):
     """Sample of the start, and whether rate and velocity began again with it."""
 
-    sample: Sample
+    sample: JointSample
     anew: bool
 
 

@@ -128,7 +128,7 @@ class Timing(NamedTuple):
         jitter: variance of a stamp about its tick, s^2.
         numbers: k of the ticks at the beginning and at the end of the interval, and of those with which edges go at
             which jets open or close within a sample, shape (2 + any,).
-        edges: see `impulses.fire`, shape (n_pieces, 2 + any); none where not off.
+        edges: see `lagged_impulses.fire`, shape (n_pieces, 2 + any); none where not off.
         beyond_s: by how much these ticks are later than where the pieces have them, in that shape.
         shares: of the derivative by each tick that belongs to this interval, likewise.
         spreads: variance of each tick that is not linear in it, s^2, likewise.
@@ -151,7 +151,7 @@ class Elapsed(NamedTuple):
     """An interval between two readings.
 
     Attributes:
-        durations_s, commands: its pieces, see `impulses.fire`, shapes (n_pieces,) and (n_pieces, n_jets).
+        durations_s, commands: its pieces, see `lagged_impulses.fire`, shapes (n_pieces,) and (n_pieces, n_jets).
         timing: see `Timing`.
         anew: whether it tells nothing of how the vehicle moved.
     """

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.impulses import Firing, effects_of, regiven
+from massprop_drake.maths.estimation.joint.lagged_impulses import Firing, effects_of, regiven
 from massprop_drake.maths.estimation.joint.layout import JointParams
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array

@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.disturbance import Wander, prolonged
+from massprop_drake.maths.estimation.joint.disturbance_states import Wander, prolonged
 from massprop_drake.maths.kernels import either, kernel
 from massprop_drake.maths.linear_algebra import Array, cross
 

@@ -18,10 +18,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprop_drake.maths.estimation.pose import hypotheses
-from massprop_drake.maths.estimation.pose.cycle import Cycled, merged
-from massprop_drake.maths.estimation.pose.hypotheses import Rules, Tried
-from massprop_drake.maths.estimation.pose.layout import Bank, Commands, Delays, PoseParams, Readings
+from massprop_drake.maths.estimation.pose import pose_hypotheses
+from massprop_drake.maths.estimation.pose.pose_cycle import PoseCycled, merged
+from massprop_drake.maths.estimation.pose.pose_hypotheses import PoseRules, Tried
+from massprop_drake.maths.estimation.pose.pose_layout import Commands, Delays, PoseBank, PoseParams, PoseReadings
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
 
 FAR = 0.01  # probability that a delay is not as stated
@@ -53,7 +53,7 @@ def parts_of(delays_s: Array, stds_s: Array, period_s: float) -> Delays:
     return Delays(steps * period_s, np.log(weights), np.stack((own, others)), half)
 
 
-def split(bank: Bank, params: PoseParams) -> list[Bank]:
+def split(bank: PoseBank, params: PoseParams) -> list[PoseBank]:
     """Copies one filter at the first sample for each part."""
     delays, places = params.delays, _places(params)
     kinds = params.free[places] - params.parts.delay.start
@@ -85,21 +85,21 @@ def gathered(parts: list[Tried], params: PoseParams) -> Tried:
 
 
 def advanced(
-    tried: Tried, commands: Commands, span_s: tuple[float, float], readings: Readings, params: PoseParams
-) -> tuple[Tried, Cycled]:
+    tried: Tried, commands: Commands, span_s: tuple[float, float], readings: PoseReadings, params: PoseParams
+) -> tuple[Tried, PoseCycled]:
     """Advances the hypotheses of every delay by a sample.
 
     Args:
         tried: after the last sample.
-        commands, span_s, readings, params: see `cycle.step`.
+        commands, span_s, readings, params: see `pose_cycle.step`.
 
     Raises:
-        NotPositiveDefiniteError: see `cycle.step`; of the likeliest where none is left.
+        NotPositiveDefiniteError: see `pose_cycle.step`; of the likeliest where none is left.
     """
     parts, done, trouble = [], [], None
     for one in (tried._replace(elsewhere=()), *tried.elsewhere):
         try:
-            after, cycled = hypotheses.advanced(one, commands, span_s, readings, params)
+            after, cycled = pose_hypotheses.advanced(one, commands, span_s, readings, params)
         except NotPositiveDefiniteError as error:
             trouble = trouble or error
             continue
@@ -114,11 +114,13 @@ def advanced(
     return _ordered(_merged(parts, params)), done[likeliest]
 
 
-def judged(tried: Tried, time_s: float, rules: Rules, params: PoseParams) -> tuple[Tried, hypotheses.Found | None]:
-    """Judges a sample, see `hypotheses.judged`; no failure is named while another delay is as likely."""
-    others = tuple(hypotheses.renewed(one, time_s, params) for one in tried.elsewhere)
+def judged(
+    tried: Tried, time_s: float, rules: PoseRules, params: PoseParams
+) -> tuple[Tried, pose_hypotheses.PoseOutcome | None]:
+    """Judges a sample, see `pose_hypotheses.judged`; no failure is named while another delay is as likely."""
+    others = tuple(pose_hypotheses.renewed(one, time_s, params) for one in tried.elsewhere)
     alone = tried._replace(elsewhere=())
-    after, found = hypotheses.judged(alone, time_s, rules, params, waits=not settled(tried, rules.lead))
+    after, found = pose_hypotheses.judged(alone, time_s, rules, params, waits=not settled(tried, rules.lead))
     if found is not None and len(found.members) == 1:
         return after, found  # the other delays are given up with what was not named
     return after._replace(elsewhere=others), found
@@ -130,7 +132,7 @@ def settled(tried: Tried, lead: float) -> bool:
     return all(best - weight(one) > lead for one in tried.elsewhere)
 
 
-def overall(tried: Tried, params: PoseParams) -> Bank:
+def overall(tried: Tried, params: PoseParams) -> PoseBank:
     """Merges the first filters of all delays by moment matching, for the report while several are possible."""
     first = _first(tried.bank)
     total = weight(tried)
@@ -141,8 +143,8 @@ def overall(tried: Tried, params: PoseParams) -> Bank:
     return first
 
 
-def _first(bank: Bank) -> Bank:
-    return Bank(*(part[:1] for part in bank))
+def _first(bank: PoseBank) -> PoseBank:
+    return PoseBank(*(part[:1] for part in bank))
 
 
 def weight(tried: Tried) -> float:

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.pose.cycle import Doubt
-from massprop_drake.maths.estimation.pose.hypotheses import Tried
-from massprop_drake.maths.estimation.pose.layout import PUSHED, Bank, Commands, PoseParams
+from massprop_drake.maths.estimation.pose.pose_cycle import Doubt
+from massprop_drake.maths.estimation.pose.pose_hypotheses import Tried
+from massprop_drake.maths.estimation.pose.pose_layout import PUSHED, Commands, PoseBank, PoseParams
 from massprop_drake.maths.linear_algebra import Array
 
 _MOST = 4096  # of anything that is counted
@@ -31,7 +31,7 @@ class _Numbers(NamedTuple):
     has_doubt: float
 
 
-class _Reader:
+class _PoseReader:
     """Reader of a vector from its beginning."""
 
     def __init__(self, vector: Array):
@@ -82,7 +82,7 @@ def unpacked(vector: Array, params: PoseParams) -> tuple[Tried, Commands]:
     Raises:
         ValueError: when the vector is not of these parameters, or holds what no run leaves.
     """
-    read, jets = _Reader(vector), params.pushes.shape[0]
+    read, jets = _PoseReader(vector), params.pushes.shape[0]
     count, parts = read.count(), read.count()
     commands = Commands(read.take(count), read.take(count, jets))
     found = [_taken(read, params) for _ in range(parts)]
@@ -112,7 +112,7 @@ def _part(part: Tried) -> list[Array]:
     return blocks
 
 
-def _taken(read: _Reader, params: PoseParams) -> Tried:
+def _taken(read: _PoseReader, params: PoseParams) -> Tried:
     numbers = _Numbers(*read.take(len(_Numbers._fields)).tolist())
     jets = params.pushes.shape[0]
     if numbers.filters not in (1.0, 2.0 + 2.0 * jets):
@@ -137,14 +137,14 @@ def _taken(read: _Reader, params: PoseParams) -> Tried:
     )
 
 
-def _bank(bank: Bank) -> list[Array]:
+def _bank(bank: PoseBank) -> list[Array]:
     rows, columns = np.tril_indices(bank.covariance.shape[1])
     lower = bank.covariance[:, rows, columns]
     parts = (bank.mean, lower, bank.rotation, bank.opens.astype(float), bank.reference, bank.turned)
     return [part.ravel() for part in parts]
 
 
-def _bank_taken(read: _Reader, count: int, params: PoseParams) -> Bank:
+def _bank_taken(read: _PoseReader, count: int, params: PoseParams) -> PoseBank:
     n = params.free.size
     rows, columns = np.tril_indices(n)
     mean, lower = read.take(count, params.parts.size), read.take(count, rows.size)
@@ -153,7 +153,7 @@ def _bank_taken(read: _Reader, count: int, params: PoseParams) -> Bank:
     rotation, opens = read.take(count, 3, 3), read.take(count)
     if not np.isin(opens, np.arange(PUSHED, params.pushes.shape[0])).all():
         raise ValueError("hypotheses are of jets that there are not")
-    return Bank(mean, covariance, rotation, opens.astype(int), read.take(count, 3), read.take(count, 3, 3))
+    return PoseBank(mean, covariance, rotation, opens.astype(int), read.take(count, 3), read.take(count, 3, 3))
 
 
 def _require_possible(commands: Commands, parts: list[Tried]) -> None:

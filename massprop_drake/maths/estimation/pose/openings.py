@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.pose.layout import Commands
+from massprop_drake.maths.estimation.pose.pose_layout import Commands
 from massprop_drake.maths.linear_algebra import Array
 
 _INSTANT_S = 1e-9  # a lag below this is none
@@ -29,7 +29,7 @@ _SURE = 0.02  # of the interval: a delay that is known to that is linear enough
 _NODES, _WEIGHTS = np.sqrt(3.0) * np.array([-1.0, 0.0, 1.0]), np.array([1.0, 4.0, 1.0]) / 6.0
 
 
-class Timing(NamedTuple):
+class OpeningTimes(NamedTuple):
     """Timing of valves after their commands, of each jet, shape (n_filters, n_jets) each.
 
     Attributes:
@@ -85,13 +85,15 @@ def _grown(since_s: Array, lag_s: Array) -> _Grown:
     return _Grown(level, once, twice, once_by, twice_by)
 
 
-def opened_on_average(commands: Commands, span_s: tuple[float, float], timing: Timing, delay_std_s: Array) -> Openings:
+def opened_on_average(
+    commands: Commands, span_s: tuple[float, float], timing: OpeningTimes, delay_std_s: Array
+) -> Openings:
     """Computes the jets' openings between two moments, averaged over the uncertain delay and linear in it.
 
     Args:
         commands: see `Commands`.
         span_s: begin and end of the interval.
-        timing: see `Timing`.
+        timing: see `OpeningTimes`.
         delay_std_s: 1-sigma of the delays, shape (n_filters, n_jets).
     """
     latest_s = float(timing.delay_s.max() + _NODES[-1] * delay_std_s.max() + _OVER * timing.lag_s.max())
@@ -101,7 +103,7 @@ def opened_on_average(commands: Commands, span_s: tuple[float, float], timing: T
     count, nodes = delay_std_s.shape[0], _NODES.size
     spread = np.concatenate([timing.delay_s + node * delay_std_s for node in _NODES])
     others = (np.tile(part, (nodes, 1)) for part in timing[1:])
-    every = opened(commands, *span_s, Timing(spread, *others))
+    every = opened(commands, *span_s, OpeningTimes(spread, *others))
     stacked = [part.reshape(*part.shape[:-2], nodes, count, -1) for part in every[:5]]
     once, twice, once_by, twice_by, variance = (np.tensordot(_WEIGHTS, part, (0, part.ndim - 3)) for part in stacked)
     begins = every.begins.reshape(nodes, count, -1)[nodes // 2]
@@ -120,7 +122,7 @@ def _since(commands: Commands, time_s: float) -> Commands:
     return Commands(commands.time_s[first:], commands.levels[first:])
 
 
-def opened(commands: Commands, begin_s: float, end_s: float, timing: Timing) -> Openings:
+def opened(commands: Commands, begin_s: float, end_s: float, timing: OpeningTimes) -> Openings:
     """Computes the jets' openings between two moments.
 
     Where a command is not known, the jet is taken to have been half open, with the variance of anything between
@@ -129,7 +131,7 @@ def opened(commands: Commands, begin_s: float, end_s: float, timing: Timing) -> 
     Args:
         commands: see `Commands`; what they said before the first row is taken for nothing.
         begin_s, end_s: of the interval.
-        timing: see `Timing`.
+        timing: see `OpeningTimes`.
     """
     unknown = np.isnan(commands.levels)
     levels = np.where(unknown, 0.5, commands.levels)

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprop_drake.maths.estimation.pose.layout import PoseParams
+from massprop_drake.maths.estimation.pose.pose_layout import PoseParams
 from massprop_drake.maths.linear_algebra import Array
 
 _ROUNDING = 1e-12  # of the largest eigenvalue of a correlation: below it two things say the same

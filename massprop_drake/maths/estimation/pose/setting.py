@@ -8,9 +8,9 @@ import numpy as np
 
 from massprop_drake.maths.estimation.filter import Setup
 from massprop_drake.maths.estimation.pose.delays import parts_of
-from massprop_drake.maths.estimation.pose.layout import Parts, PoseParams, Poses, make_parts
 from massprop_drake.maths.estimation.pose.outcome import of_mass
-from massprop_drake.maths.estimation.pose.start import Beforehand, prior
+from massprop_drake.maths.estimation.pose.pose_layout import Parts, PoseParams, Poses, make_parts
+from massprop_drake.maths.estimation.pose.pose_start import Beforehand, prior
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, symmetric
 

@@ -9,11 +9,11 @@ import pytest
 from pose_probe import Sensors, nothing_read, pulses, small_params, some_bank
 from scipy.stats import norm
 
-from massprop_drake.maths.estimation.pose import hypotheses
-from massprop_drake.maths.estimation.pose.cycle import Cycled, merged, shifted, step
-from massprop_drake.maths.estimation.pose.layout import Bank, Commands, PoseParams, Poses
-from massprop_drake.maths.estimation.pose.measurement import compared
-from massprop_drake.maths.estimation.pose.prediction import predicted
+from massprop_drake.maths.estimation.pose import pose_hypotheses
+from massprop_drake.maths.estimation.pose.pose_cycle import PoseCycled, merged, shifted, step
+from massprop_drake.maths.estimation.pose.pose_layout import Commands, PoseBank, PoseParams, Poses
+from massprop_drake.maths.estimation.pose.pose_measurement import compared
+from massprop_drake.maths.estimation.pose.pose_prediction import predicted
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
 
 SPAN = (1.0, 1.1)
@@ -22,7 +22,7 @@ CHANCE, POOR = 0.2, 0.1
 NOTHING = Commands(np.zeros(0), np.zeros((0, 4)))
 
 
-def one_dimension(**more: Any) -> tuple[Bank, PoseParams]:
+def one_dimension(**more: Any) -> tuple[PoseBank, PoseParams]:
     """A vehicle of which x alone is not known, with kicks and poor readings."""
     whole = small_params()
     place = whole.parts.position.start
@@ -34,7 +34,7 @@ def one_dimension(**more: Any) -> tuple[Bank, PoseParams]:
         "pose": Poses(np.array([NOISE**2]), np.array([1e-6]), np.zeros(1), POOR, 5.0),
     }
     params = small_params(**(settings | more))
-    bank = Bank(
+    bank = PoseBank(
         params.start[None],
         params.covariance[None],
         np.eye(3)[None],
@@ -45,7 +45,7 @@ def one_dimension(**more: Any) -> tuple[Bank, PoseParams]:
     return bank, params
 
 
-def cycled(read: float, **more: Any) -> Cycled:
+def cycled(read: float, **more: Any) -> PoseCycled:
     bank, params = one_dimension(**more)
     readings = nothing_read(params)
     readings.positions[0, 0] = read
@@ -112,8 +112,8 @@ def test_in_the_first_seconds_a_reading_must_stand_out_more(since_s: float, nois
     bank, params = one_dimension(covariance=np.array([[0.03**2]]), kicks_per_s=0.0, kick_velocity=0.0)
     readings = nothing_read(params)
     readings.positions[0, 0] = 0.0
-    tried = hypotheses.alone(bank, np.zeros(9), 1.0 - hypotheses.SETTLING_S + 0.5 - since_s)
-    after, _ = hypotheses.advanced(tried, NOTHING, SPAN, readings, params)
+    tried = pose_hypotheses.alone(bank, np.zeros(9), 1.0 - pose_hypotheses.SETTLING_S + 0.5 - since_s)
+    after, _ = pose_hypotheses.advanced(tried, NOTHING, SPAN, readings, params)
     variance = float(after.bank.covariance[0, 0, 0])
     counted = 1.0 / (0.03**-2 + noise**-2)
     assert variance == pytest.approx(counted, rel=0.5)  # later on a poor one is possible
@@ -155,7 +155,7 @@ def test_nothing_read_is_a_prediction_and_says_nothing_of_likelihood() -> None:
 # ---------------------------------------------------------------------------------- an impossible K
 
 
-def _wild(share: float) -> tuple[Bank, PoseParams, Any]:
+def _wild(share: float) -> tuple[PoseBank, PoseParams, Any]:
     """Two filters, of which one is told by its rate that its K, with large variance, would be negative."""
     params = small_params(Sensors(poses=1, gyros=1))
     parts, bank = params.parts, some_bank(params, opens=(-1, -1))

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from pose_probe import JETS, Truth, bearing, params_of, planar_poses, pose_columns, small_params, some_bank, told
 
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.attitude import rotation_matrix
-from massprop_drake.maths.estimation.pose import delays, hypotheses, start
+from massprop_drake.maths.estimation.pose import delays, pose_hypotheses, pose_start
 from massprop_drake.maths.estimation.pose.delays import FAR, parts_of
-from massprop_drake.maths.estimation.pose.hypotheses import Rules, Tried
-from massprop_drake.maths.estimation.pose.layout import Commands, Delays, PoseParams, Readings
+from massprop_drake.maths.estimation.pose.pose_hypotheses import PoseRules, Tried
+from massprop_drake.maths.estimation.pose.pose_layout import Commands, Delays, PoseParams, PoseReadings
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
 
 PERIOD = 0.1
@@ -74,7 +74,7 @@ def _parts(shifts: tuple[float, ...] = (0.0, 0.1), std: float = 0.05, **changed:
     made = Delays(np.array(shifts), chances, np.full((2, 2), std), 0.05)
     params = small_params(delays=made, **changed)
     bank = some_bank(params, opens=(-1,))
-    return [hypotheses.begun(one, 0.0, params) for one in delays.split(bank, params)], params
+    return [pose_hypotheses.begun(one, 0.0, params) for one in delays.split(bank, params)], params
 
 
 def test_a_split_shifts_the_delay_of_every_kind_and_nothing_else() -> None:
@@ -117,7 +117,7 @@ def test_two_that_are_far_apart_or_in_doubt_stay_two() -> None:
     parts, params = _parts((0.0, 0.1), std=0.02)
     assert len(delays._merged(parts, params)) == 2
     parts, params = _parts((0.0, 0.04), std=0.02)
-    doubtful = parts[0]._replace(doubt=hypotheses.Doubt(parts[0].bank, np.zeros(2 + 2 * JETS)))
+    doubtful = parts[0]._replace(doubt=pose_hypotheses.Doubt(parts[0].bank, np.zeros(2 + 2 * JETS)))
     assert len(delays._merged([doubtful, parts[1]], params)) == 2
     known = parts[0].known.copy()
     known[0] = 1.0
@@ -131,11 +131,11 @@ def test_nothing_is_named_while_another_delay_is_as_likely() -> None:
     bank = parts[0].bank  # of which jet 1 is known to be weak
     sure = parts[0]._replace(likelihood=likelihood, bank=bank._replace(covariance=1e-4 * bank.covariance))
     near = sure._replace(elsewhere=(sure._replace(total=-1.0),))
-    for samples, open_one in ((30, near), (hypotheses.STEADY, sure)):
+    for samples, open_one in ((30, near), (pose_hypotheses.STEADY, sure)):
         tried, found = open_one, None
         for index in range(samples):
             now = 0.01 * (1.0 + index)
-            tried, found = delays.judged(tried, now, Rules(), params)
+            tried, found = delays.judged(tried, now, PoseRules(), params)
         assert (found is None) == (open_one is near)
     assert tried.elsewhere == ()
 
@@ -146,7 +146,7 @@ def test_a_part_that_runs_off_is_left_out_and_the_last_one_says_so() -> None:
     broken[0] = -np.eye(broken.shape[1])
     bad = parts[0]._replace(bank=parts[0].bank._replace(covariance=broken))
     commands = Commands(np.zeros(0), np.zeros((0, JETS)))
-    pose = Readings(np.zeros((1, 3)), np.eye(3)[None], np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)))
+    pose = PoseReadings(np.zeros((1, 3)), np.eye(3)[None], np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)))
     after, _ = delays.advanced(bad._replace(elsewhere=(parts[1],)), commands, (0.0, 0.1), pose, params)
     assert after.elsewhere == ()
     assert np.isfinite(after.bank.mean).all()
@@ -165,9 +165,11 @@ def _followed(vehicle: Vehicle, late: int, rows: int = 200) -> tuple[Tried, Pose
     params, period = params_of(vehicle), vehicle.sample_period_s
     kept = Commands(period * np.arange(rows), commands)
     none = np.zeros((0, 3))
-    readings = [Readings(row[None, :3], rotation_matrix(row[3:])[None], none, none, none) for row in read]
-    first = start.begun(readings[0], params)
-    tried = delays.gathered([hypotheses.alone(one, np.zeros(17), 0.0) for one in delays.split(first, params)], params)
+    readings = [PoseReadings(row[None, :3], rotation_matrix(row[3:])[None], none, none, none) for row in read]
+    first = pose_start.begun(readings[0], params)
+    tried = delays.gathered(
+        [pose_hypotheses.alone(one, np.zeros(17), 0.0) for one in delays.split(first, params)], params
+    )
     for row in range(1, rows):
         span_s = (period * (row - 1), period * row)
         begin = max(row - 40, 0)

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from pose_probe import JETS, MASS, Sensors, small_params
 
-from massprop_drake.maths.estimation.pose import hindsight
-from massprop_drake.maths.estimation.pose.hindsight import Assumed, Record
-from massprop_drake.maths.estimation.pose.layout import Bank, PoseParams, Readings
-from massprop_drake.maths.estimation.pose.measurement import compared, expected
-from massprop_drake.maths.estimation.pose.prediction import predicted
+from massprop_drake.maths.estimation.pose import pose_hindsight
+from massprop_drake.maths.estimation.pose.pose_hindsight import Assumed, PoseRecord
+from massprop_drake.maths.estimation.pose.pose_layout import PoseBank, PoseParams, PoseReadings
+from massprop_drake.maths.estimation.pose.pose_measurement import compared, expected
+from massprop_drake.maths.estimation.pose.pose_prediction import predicted
 from massprop_drake.maths.linear_algebra import Array
 
 ROWS, PERIOD_S = 36, 0.1
@@ -30,7 +30,7 @@ def make(sensors: Sensors = ALL, **changed: Any) -> PoseParams:
 def body(made: PoseParams) -> Array:
     """A vehicle with a value for everything that may be other than thought."""
     parts = made.parts
-    at = hindsight.vehicle_of(made.start, 1.0 / MASS, made)
+    at = pose_hindsight.vehicle_of(made.start, 1.0 / MASS, made)
     at[parts.thrust] = [1.05, 0.9, 1.0, 0.97]
     at[parts.center] = [0.02, -0.03, 0.01]
     at[parts.delay], at[parts.opening], at[parts.lag] = [0.03, 0.05], [0.01, -0.005], [0.02, 0.03]
@@ -40,17 +40,17 @@ def body(made: PoseParams) -> Array:
     return at
 
 
-def flown(at: Array, made: PoseParams) -> Record:
+def flown(at: Array, made: PoseParams) -> PoseRecord:
     """What a vehicle reads that is told some pulses, without noise."""
     movable = np.setdiff1d(np.arange(made.parts.size), np.arange(made.parts.size)[made.parts.open])
-    known = hindsight.taken_as_known(Assumed(at), movable, made)
+    known = pose_hindsight.taken_as_known(Assumed(at), movable, made)
     random = np.random.default_rng(4)
     levels = np.repeat((random.random((ROWS // 3, JETS)) < 0.3).astype(float), 3, axis=0)
-    record = Record(PERIOD_S * np.arange(ROWS), levels, [])
+    record = PoseRecord(PERIOD_S * np.arange(ROWS), levels, [])
     mean, n = known.start.copy(), movable.size
     mean[made.parts.rate], mean[made.parts.velocity] = [0.05, -0.02, 0.03], [0.1, 0.0, -0.05]
     rate = mean[made.parts.rate]
-    bank = Bank(mean[None], np.zeros((1, n, n)), np.eye(3)[None], np.array([-1]), rate[None], np.zeros((1, 3, 3)))
+    bank = PoseBank(mean[None], np.zeros((1, n, n)), np.eye(3)[None], np.array([-1]), rate[None], np.zeros((1, 3, 3)))
     readings = [expected(bank, known)]
     for row in range(1, ROWS):
         bank = predicted(bank, record.commands(row), *record.time_s[row - 1 : row + 1].tolist(), known).bank
@@ -59,18 +59,18 @@ def flown(at: Array, made: PoseParams) -> Record:
 
 
 def places(made: PoseParams) -> np.ndarray:
-    return np.flatnonzero(hindsight.unknown(made.parts))
+    return np.flatnonzero(pose_hindsight.unknown(made.parts))
 
 
 def test_unknowns_and_states_are_the_same_said_twice() -> None:
     made = make()
     at = body(made)
-    state = hindsight.state_of(at, made)
+    state = pose_hindsight.state_of(at, made)
     np.testing.assert_allclose(state[made.parts.thrust], at[made.parts.thrust])  # of the nominal mass
-    np.testing.assert_allclose(hindsight.vehicle_of(state, at[made.parts.common][0], made), at, rtol=1e-12)
+    np.testing.assert_allclose(pose_hindsight.vehicle_of(state, at[made.parts.common][0], made), at, rtol=1e-12)
     heavier = at.copy()
     heavier[made.parts.common] = 0.5 / MASS
-    state = hindsight.state_of(heavier, made)
+    state = pose_hindsight.state_of(heavier, made)
     np.testing.assert_allclose(state[made.parts.thrust], 0.5 * at[made.parts.thrust])
     np.testing.assert_allclose(state[made.parts.spin], 2.0 * MASS * at[made.parts.spin])
 
@@ -78,23 +78,23 @@ def test_unknowns_and_states_are_the_same_said_twice() -> None:
 def test_derivatives_of_the_state() -> None:
     made = make()
     at = body(made)
-    by = hindsight.derivatives(at, made)
+    by = pose_hindsight.derivatives(at, made)
     for place in places(made):
         step = np.zeros_like(at)
         step[place] = 1e-6 * max(abs(at[place]), 0.01)
-        change = hindsight.state_of(at + step, made) - hindsight.state_of(at - step, made)
+        change = pose_hindsight.state_of(at + step, made) - pose_hindsight.state_of(at - step, made)
         np.testing.assert_allclose(by[:, place], change / (2.0 * step[place]), rtol=1e-6, atol=1e-8)
 
 
 def test_what_ideal_sensors_read_is_what_is_expected_of_them() -> None:
     made = make()
     record = flown(body(made), made)
-    known = hindsight.taken_as_known(Assumed(body(made)), np.arange(made.parts.size), made)
+    known = pose_hindsight.taken_as_known(Assumed(body(made)), np.arange(made.parts.size), made)
     mean = known.start.copy()
     mean[made.parts.rate], mean[made.parts.velocity] = [0.05, -0.02, 0.03], [0.1, 0.0, -0.05]
     n = made.parts.size
     rate = mean[None, made.parts.rate]
-    bank = Bank(mean[None], np.zeros((1, n, n)), np.eye(3)[None], np.array([-1]), rate, np.zeros((1, 3, 3)))
+    bank = PoseBank(mean[None], np.zeros((1, n, n)), np.eye(3)[None], np.array([-1]), rate, np.zeros((1, 3, 3)))
     bank = bank._replace(reference=rate - 0.01, turned=np.array([0.01 * np.arange(9.0).reshape(3, 3)]))
     beside = compared(bank, expected(bank, known), known)
     assert beside is not None
@@ -105,7 +105,7 @@ def test_what_ideal_sensors_read_is_what_is_expected_of_them() -> None:
 def test_a_vehicles_own_record_has_no_misfit_and_no_score() -> None:
     made = make()
     at = body(made)
-    found = hindsight.equations(flown(at, made), Assumed(at), np.arange(made.parts.size), made)
+    found = pose_hindsight.equations(flown(at, made), Assumed(at), np.arange(made.parts.size), made)
     assert found.readings == (ROWS - 1) * (2 * 6 + 3 + 3 + 3)
     assert found.misfit < 0.01 * found.readings  # what is not linear in the first samples
     told = found.information.diagonal() > 0.0
@@ -127,14 +127,14 @@ def test_the_score_is_the_slope_of_the_misfit(seldom: str) -> None:
         for one in record.readings
     ]
     record = record._replace(readings=noisy)
-    here = hindsight.equations(record, Assumed(truth), movable, made)
-    parts = [part for part in made.parts[:-1] if hindsight.unknown(made.parts)[part].all()]
+    here = pose_hindsight.equations(record, Assumed(truth), movable, made)
+    parts = [part for part in made.parts[:-1] if pose_hindsight.unknown(made.parts)[part].all()]
     for place in [part.stop - 1 for part in parts if part.stop > part.start]:  # one of each kind
         sigma = 1.0 / np.sqrt(here.information[place, place])
         step = np.zeros_like(truth)
         step[place] = 1e-3 * sigma
         up, down = (
-            hindsight.equations(record, Assumed(truth + way * step), movable, made).misfit for way in (1.0, -1.0)
+            pose_hindsight.equations(record, Assumed(truth + way * step), movable, made).misfit for way in (1.0, -1.0)
         )
         slope = -(up - down) / (4.0 * step[place]) * sigma
         assert slope == pytest.approx(here.score[place] * sigma, rel=0.05, abs=0.05), place
@@ -147,7 +147,7 @@ def test_one_pass_finds_what_is_a_little_other_than_thought() -> None:
     wrong = truth.copy()
     chosen = [made.parts.thrust.start + 1, made.parts.center.start, made.parts.delay.start]
     wrong[chosen] += [0.01, 2e-3, 1e-3]
-    found = hindsight.equations(record, Assumed(wrong), movable, made)
+    found = pose_hindsight.equations(record, Assumed(wrong), movable, made)
     move = np.linalg.solve(found.information[np.ix_(chosen, chosen)], found.score[chosen])
     np.testing.assert_allclose(move, truth[chosen] - wrong[chosen], rtol=0.05)
 
@@ -155,16 +155,16 @@ def test_one_pass_finds_what_is_a_little_other_than_thought() -> None:
 def test_what_no_body_can_be() -> None:
     made = make()
     at = body(made)
-    assert hindsight.possible(at, made.parts)
+    assert pose_hindsight.possible(at, made.parts)
     for part, value in ((made.parts.common, -0.1), (made.parts.lag, -0.01), (made.parts.spin, -1.0)):
         wrong = at.copy()
         wrong[part] = value
-        assert not hindsight.possible(wrong, made.parts)
+        assert not pose_hindsight.possible(wrong, made.parts)
 
 
 def test_nothing_read_says_nothing() -> None:
     made = make()
-    nothing = Readings(*(np.full_like(part, np.nan) for part in flown(body(made), made).readings[0]))
-    record = Record(PERIOD_S * np.arange(3), np.zeros((3, JETS)), [nothing] * 3)
-    found = hindsight.equations(record, Assumed(body(made)), np.arange(made.parts.size), made)
+    nothing = PoseReadings(*(np.full_like(part, np.nan) for part in flown(body(made), made).readings[0]))
+    record = PoseRecord(PERIOD_S * np.arange(3), np.zeros((3, JETS)), [nothing] * 3)
+    found = pose_hindsight.equations(record, Assumed(body(made)), np.arange(made.parts.size), made)
     assert (found.readings, found.misfit) == (0.0, 0.0)

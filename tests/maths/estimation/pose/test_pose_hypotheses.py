@@ -9,13 +9,13 @@ import pytest
 from pose_probe import JETS, Truth, again, bearing, params_of, planar_poses, pulses, small_params, some_bank, told
 from scipy.spatial.transform import Rotation
 
-from massprop_drake.inputs.vehicle import Vehicle
-from massprop_drake.maths.estimation.pose import hypotheses, start
-from massprop_drake.maths.estimation.pose.hypotheses import Found, Rules, Tried
-from massprop_drake.maths.estimation.pose.layout import PUSHED, Commands, PoseParams, Readings
+from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.maths.estimation.pose import pose_hypotheses, pose_start
+from massprop_drake.maths.estimation.pose.pose_hypotheses import PoseOutcome, PoseRules, Tried
+from massprop_drake.maths.estimation.pose.pose_layout import PUSHED, Commands, PoseParams, PoseReadings
 from massprop_drake.maths.linear_algebra import Array
 
-RULES = Rules()
+RULES = PoseRules()
 PUSH = 2 * JETS
 PERIOD = 0.1
 
@@ -27,7 +27,7 @@ def fresh(**changed: Any) -> tuple[Tried, PoseParams]:
     params = small_params(**changed)
     bank = some_bank(params, opens=(-1,))
     bank.mean[0, params.parts.open] = 0.0
-    return hypotheses.begun(bank, 0.0, params), params
+    return pose_hypotheses.begun(bank, 0.0, params), params
 
 
 def with_odds(tried: Tried, *leads: tuple[int, float]) -> Tried:
@@ -41,12 +41,12 @@ def with_odds(tried: Tried, *leads: tuple[int, float]) -> Tried:
 
 def judged_often(
     tried: Tried, params: PoseParams, samples: int, first_s: float = 0.1
-) -> tuple[Tried, list[Found | None]]:
+) -> tuple[Tried, list[PoseOutcome | None]]:
     """So many samples with the same likelihoods."""
     found = []
     for index in range(samples):
         now = first_s + PERIOD * index
-        tried, said = hypotheses.judged(tried._replace(renewed_s=now), now, RULES, params)
+        tried, said = pose_hypotheses.judged(tried._replace(renewed_s=now), now, RULES, params)
         found.append(said)
     return tried, found
 
@@ -81,7 +81,7 @@ def test_a_jet_that_stands_open_and_a_push_have_what_they_may_be_of() -> None:
 def test_before_the_record_a_push_is_as_probable_as_all_failures_of_jets_together() -> None:
     tried, _ = fresh()
     odds = np.exp(tried.likelihood)
-    np.testing.assert_allclose(odds[1:-1], hypotheses.BEFORE, rtol=1e-12)
+    np.testing.assert_allclose(odds[1:-1], pose_hypotheses.BEFORE, rtol=1e-12)
     assert odds[-1] == pytest.approx(odds[1:-1].sum(), rel=1e-12)
 
 
@@ -91,7 +91,7 @@ def test_merged_filters_have_the_moments_of_both() -> None:
     near = one.rotation @ Rotation.from_rotvec([[0.01, -0.02, 0.03], [0.02, 0.0, -0.01]]).as_matrix()
     other = other._replace(rotation=near)
     share = np.array([0.3, 0.8])
-    found = hypotheses.merged(one, other, share, params)
+    found = pose_hypotheses.merged(one, other, share, params)
     turn = params.parts.attitude
     second = other.mean.copy()
     second[:, turn] = [[0.01, -0.02, 0.03], [0.02, 0.0, -0.01]]
@@ -126,8 +126,8 @@ def _weak(tried: Tried, jet: int, factor: float = 0.1, std: float = 0.02) -> Tri
 
 def test_a_jet_is_named_once_it_has_led_for_ten_samples() -> None:
     tried, params = fresh()
-    tried, found = judged_often(with_odds(_weak(tried, 1), (1, 20.0)), params, hypotheses.STEADY)
-    assert found[:-1] == [None] * (hypotheses.STEADY - 1)
+    tried, found = judged_often(with_odds(_weak(tried, 1), (1, 20.0)), params, pose_hypotheses.STEADY)
+    assert found[:-1] == [None] * (pose_hypotheses.STEADY - 1)
     said = found[-1]
     assert said is not None
     assert said.members == (1,)
@@ -139,11 +139,11 @@ def test_a_jet_is_named_once_it_has_led_for_ten_samples() -> None:
 def test_a_sample_that_says_otherwise_begins_the_count_anew() -> None:
     tried, params = fresh()
     leads = with_odds(_weak(_weak(tried, 1), 2), (1, 20.0))
-    tried, found = judged_often(leads, params, hypotheses.STEADY - 1)
+    tried, found = judged_often(leads, params, pose_hypotheses.STEADY - 1)
     tried, found = judged_often(with_odds(tried, (2, 20.0)), params, 1, 1.0)  # another one leads
     assert (tried.leader, tried.steady) == (2, 1)
-    tried, found = judged_often(with_odds(tried, (1, 20.0)), params, hypotheses.STEADY - 1, 1.1)
-    assert found == [None] * (hypotheses.STEADY - 1)
+    tried, found = judged_often(with_odds(tried, (1, 20.0)), params, pose_hypotheses.STEADY - 1, 1.1)
+    assert found == [None] * (pose_hypotheses.STEADY - 1)
     tried, found = judged_often(with_odds(tried, (1, 11.0)), params, 1, 2.0)  # not far enough ahead of no failure
     assert (tried.leader, tried.steady) == (-1, 0)
     assert np.isnan(tried.led_s)
@@ -159,20 +159,20 @@ def test_odds_alone_name_no_jet_that_lost_little(factor: float, std: float) -> N
 def test_what_healthy_jets_differ_by_counts_in_the_size_of_a_loss() -> None:
     for thrust_std, named in ((0.02, True), (0.15, False)):
         tried, params = fresh(thrust_std=np.full(JETS, thrust_std))
-        _, found = judged_often(with_odds(_weak(tried, 1, 0.7, 1e-3), (1, 300.0)), params, hypotheses.STEADY)
+        _, found = judged_often(with_odds(_weak(tried, 1, 0.7, 1e-3), (1, 300.0)), params, pose_hypotheses.STEADY)
         assert (found[-1] is not None) == named
 
 
 def test_what_nothing_tells_apart_is_a_group_after_patience_and_nothing_is_taken() -> None:
     tried, params = fresh()
     tried = with_odds(_weak(_weak(tried, 1), 3), (1, 20.0), (3, 17.0), (0, 13.0))
-    count = round(hypotheses.PATIENCE_S / PERIOD) + hypotheses.STEADY
+    count = round(pose_hypotheses.PATIENCE_S / PERIOD) + pose_hypotheses.STEADY
     found = []
     for index in range(count):
-        tried, said = hypotheses.judged(tried._replace(renewed_s=PERIOD * index), PERIOD * index, RULES, params)
+        tried, said = pose_hypotheses.judged(tried._replace(renewed_s=PERIOD * index), PERIOD * index, RULES, params)
         found.append(said)
     first = next(index for index, said in enumerate(found) if said is not None)
-    assert first * PERIOD == pytest.approx(hypotheses.PATIENCE_S + (hypotheses.STEADY - 1) * PERIOD, abs=1e-9)
+    assert first * PERIOD == pytest.approx(pose_hypotheses.PATIENCE_S + (pose_hypotheses.STEADY - 1) * PERIOD, abs=1e-9)
     said = found[first]
     assert said is not None
     assert said.members == (1, 3)  # the third is 7 nats behind
@@ -183,7 +183,7 @@ def test_what_nothing_tells_apart_is_a_group_after_patience_and_nothing_is_taken
 def test_what_is_named_is_the_first_filter_and_all_begin_anew_from_it() -> None:
     tried, params = fresh()
     weak = _weak(tried, 1)
-    taken, found = judged_often(with_odds(weak, (1, 20.0)), params, hypotheses.STEADY)
+    taken, found = judged_often(with_odds(weak, (1, 20.0)), params, pose_hypotheses.STEADY)
     assert found[-1] is not None
     np.testing.assert_array_equal(np.flatnonzero(taken.known), [1])
     np.testing.assert_array_equal(taken.bank.mean[0], weak.bank.mean[2])
@@ -201,7 +201,7 @@ def test_once_a_jet_stands_open_no_second_one_is_looked_for() -> None:
     covariance[1 + JETS + 2] = 1e-4 * np.eye(covariance.shape[1])
     mean[1 + JETS + 2, params.parts.open] = 0.6
     tried = tried._replace(bank=tried.bank._replace(mean=mean, covariance=covariance))
-    tried, found = judged_often(with_odds(tried, (JETS + 2, 20.0)), params, hypotheses.STEADY)
+    tried, found = judged_often(with_odds(tried, (JETS + 2, 20.0)), params, pose_hypotheses.STEADY)
     said = found[-1]
     assert said is not None
     assert said.share[0] == pytest.approx(0.6)
@@ -211,7 +211,7 @@ def test_once_a_jet_stands_open_no_second_one_is_looked_for() -> None:
 
 def test_a_push_is_taken_but_may_come_again() -> None:
     tried, params = fresh()
-    tried, found = judged_often(with_odds(tried, (PUSH, 20.0)), params, hypotheses.STEADY)
+    tried, found = judged_often(with_odds(tried, (PUSH, 20.0)), params, pose_hypotheses.STEADY)
     said = found[-1]
     assert said is not None
     assert said.members == (PUSH,)
@@ -222,26 +222,26 @@ def test_a_push_is_taken_but_may_come_again() -> None:
 def test_every_renewal_a_jet_may_also_have_failed_now() -> None:
     tried, params = fresh()
     before = with_odds(tried, (0, 5.0))
-    later = hypotheses.RENEWAL_S
-    same, _ = hypotheses.judged(before, later - 0.1, RULES, params)
+    later = pose_hypotheses.RENEWAL_S
+    same, _ = pose_hypotheses.judged(before, later - 0.1, RULES, params)
     assert same.renewed_s == 0.0
     np.testing.assert_array_equal(same.likelihood, before.likelihood)
-    renewed, _ = hypotheses.judged(before, later, RULES, params)
+    renewed, _ = pose_hypotheses.judged(before, later, RULES, params)
     assert renewed.renewed_s == later
-    chance = hypotheses.BEFORE * later / hypotheses.AGAIN_S
+    chance = pose_hypotheses.BEFORE * later / pose_hypotheses.AGAIN_S
     np.testing.assert_allclose(renewed.likelihood[1 + 1], np.log(np.exp(-50.0) + chance), rtol=1e-12)
     np.testing.assert_allclose(renewed.likelihood[1], np.log(np.exp(5.0) + chance), rtol=1e-12)
     np.testing.assert_allclose(renewed.likelihood[-1], np.log(np.exp(-50.0) + 2 * JETS * chance), rtol=1e-12)
     np.testing.assert_array_equal(renewed.onset_s[1:3], [0.0, later])  # the leader holds on, the other begins now
     assert len(renewed.bank.mean) == len(before.bank.mean)
-    again = hypotheses.failing(before.bank, before.known, params)
+    again = pose_hypotheses.failing(before.bank, before.known, params)
     np.testing.assert_allclose(renewed.bank.mean[2], again.mean[1], rtol=1e-9)
 
 
 def test_likelihoods_gather_what_every_sample_says_against_no_failure() -> None:
     tried, params = fresh()
-    readings = Readings(np.zeros((1, 3)), np.eye(3)[None], *(np.full((0, 3), np.nan) for _ in range(3)))
-    after, done = hypotheses.advanced(tried, pulses(), (1.0, 1.1), readings, params)
+    readings = PoseReadings(np.zeros((1, 3)), np.eye(3)[None], *(np.full((0, 3), np.nan) for _ in range(3)))
+    after, done = pose_hypotheses.advanced(tried, pulses(), (1.0, 1.1), readings, params)
     expected = tried.likelihood + done.likelihood
     np.testing.assert_allclose(after.likelihood, expected - expected[0], rtol=1e-12)
     assert np.unique(done.likelihood).size > JETS
@@ -260,19 +260,19 @@ class Said:
         period = vehicle.sample_period_s
         nothing = np.full((0, 3), np.nan)
         given = Commands(period * np.arange(rows), commands)
-        self.named: list[tuple[float, tuple[int, ...], Found]] = []
+        self.named: list[tuple[float, tuple[int, ...], PoseOutcome]] = []
         self.tried: Tried | None = None
         for row in range(rows):
             now = period * row
             turn = Rotation.from_euler("z", read[row, 2]).as_matrix()
-            seen = Readings(np.append(read[row, :2], 0.0)[None], turn[None], nothing, nothing, nothing)
+            seen = PoseReadings(np.append(read[row, :2], 0.0)[None], turn[None], nothing, nothing, nothing)
             if self.tried is None:
-                self.tried = hypotheses.begun(start.begun(seen, self.params), now, self.params)
+                self.tried = pose_hypotheses.begun(pose_start.begun(seen, self.params), now, self.params)
                 continue
             since = max(row - 10, 0)
             lately = Commands(given.time_s[since : row + 1], given.levels[since : row + 1])
-            self.tried, _ = hypotheses.advanced(self.tried, lately, (now - period, now), seen, self.params)
-            self.tried, found = hypotheses.judged(self.tried, now, RULES, self.params)
+            self.tried, _ = pose_hypotheses.advanced(self.tried, lately, (now - period, now), seen, self.params)
+            self.tried, found = pose_hypotheses.judged(self.tried, now, RULES, self.params)
             if found is not None:
                 self.named.append((now, found.members, found))
 

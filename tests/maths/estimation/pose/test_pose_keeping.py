@@ -8,24 +8,24 @@ import numpy as np
 import pytest
 from pose_probe import JETS, small_params, some_bank
 
-from massprop_drake.maths.estimation.pose import hypotheses, keeping
-from massprop_drake.maths.estimation.pose.cycle import Doubt
-from massprop_drake.maths.estimation.pose.hypotheses import Tried
-from massprop_drake.maths.estimation.pose.layout import Commands, PoseParams
+from massprop_drake.maths.estimation.pose import keeping, pose_hypotheses
+from massprop_drake.maths.estimation.pose.pose_cycle import Doubt
+from massprop_drake.maths.estimation.pose.pose_hypotheses import Tried
+from massprop_drake.maths.estimation.pose.pose_layout import Commands, PoseParams
 
 
 def _some() -> tuple[Tried, Commands, PoseParams]:
     params = small_params()
     bank = some_bank(params, opens=(-1,))
     bank = bank._replace(covariance=0.5 * (bank.covariance + np.swapaxes(bank.covariance, 1, 2)))
-    first = hypotheses.begun(bank, 1.0, params)
+    first = pose_hypotheses.begun(bank, 1.0, params)
     likelihood = first.likelihood.copy()
     likelihood[3] = -np.inf
     count = likelihood.size
     first = first._replace(likelihood=likelihood, led_s=2.5, leader=4, steady=3, total=-12.5)
     first = first._replace(apart=np.arange(float(count**2)).reshape(count, count))
     second = first._replace(doubt=Doubt(first.bank, np.linspace(0.0, 1.0, count)), apart=None, total=-20.0)
-    third = hypotheses.alone(bank, np.zeros(1 + 2 * JETS), 1.0)
+    third = pose_hypotheses.alone(bank, np.zeros(1 + 2 * JETS), 1.0)
     levels = np.array([[0.0, 1.0, np.nan, 0.5], [1.0, 0.0, 0.0, 0.0]])
     return first._replace(elsewhere=(second, third)), Commands(np.array([0.7, 0.9]), levels), params
 

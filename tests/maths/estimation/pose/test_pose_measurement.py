@@ -7,8 +7,8 @@ import pytest
 from pose_probe import Sensors, moved, nothing_read, small_params, some_bank
 from scipy.spatial.transform import Rotation
 
-from massprop_drake.maths.estimation.pose.layout import Bank, PoseParams, Poses, Readings
-from massprop_drake.maths.estimation.pose.measurement import Compared, compared
+from massprop_drake.maths.estimation.pose.pose_layout import PoseBank, PoseParams, PoseReadings, Poses
+from massprop_drake.maths.estimation.pose.pose_measurement import Compared, compared
 from massprop_drake.maths.linear_algebra import Array
 
 ALL = Sensors(poses=2, velocities=2, gyros=2, accelerometers=2)
@@ -16,7 +16,7 @@ ALL = Sensors(poses=2, velocities=2, gyros=2, accelerometers=2)
 KINDS = ["position", "attitude"] * 2 + ["velocity"] * 2 + ["rate"] * 2 + ["gathered"] * 2
 
 
-def seen(bank: Bank, params: PoseParams, row: int = 0) -> Readings:
+def seen(bank: PoseBank, params: PoseParams, row: int = 0) -> PoseReadings:
     """What all sensors read if a filter is right, written by hand."""
     parts, mean, rotation = params.parts, bank.mean[row], bank.rotation[row]
     center, position = mean[parts.center], mean[parts.position]
@@ -28,7 +28,7 @@ def seen(bank: Bank, params: PoseParams, row: int = 0) -> Readings:
         c + np.cross(changed, x - center) + turned @ (x - center) - np.trace(turned) * (x - center)
         for c, x in zip(gathered, params.accelerometer_positions, strict=True)
     ]
-    return Readings(
+    return PoseReadings(
         positions=np.array([position + rotation @ (point - center) for point in points]),
         rotations=np.array([rotation for _ in points]),
         velocities=np.array([velocity + rotation @ np.cross(rate, x - center) for x in params.velocity_positions]),
@@ -37,18 +37,18 @@ def seen(bank: Bank, params: PoseParams, row: int = 0) -> Readings:
     )
 
 
-def beside(bank: Bank, readings: Readings, params: PoseParams) -> Compared:
+def beside(bank: PoseBank, readings: PoseReadings, params: PoseParams) -> Compared:
     found = compared(bank, readings, params)
     assert found is not None
     return found
 
 
-def off(readings: Readings) -> Readings:
+def off(readings: PoseReadings) -> PoseReadings:
     """Other readings, by some noise; attitudes by a small turn."""
     random = np.random.default_rng(8)
     turn = Rotation.from_rotvec(1e-3 * random.standard_normal((len(readings.rotations), 3))).as_matrix()
     noisy = [part + 0.01 * random.standard_normal(part.shape) for part in readings]
-    return Readings(noisy[0], readings.rotations @ turn, *noisy[2:])
+    return PoseReadings(noisy[0], readings.rotations @ turn, *noisy[2:])
 
 
 def test_what_is_expected_is_what_a_right_filter_reads() -> None:

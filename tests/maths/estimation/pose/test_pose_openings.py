@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from massprop_drake.maths.estimation.pose.layout import Commands
-from massprop_drake.maths.estimation.pose.openings import Openings, Timing, opened, opened_on_average
+from massprop_drake.maths.estimation.pose.openings import Openings, OpeningTimes, opened, opened_on_average
+from massprop_drake.maths.estimation.pose.pose_layout import Commands
 
 BEGIN_S, END_S = 1.0, 1.1
 SPAN_S = END_S - BEGIN_S
 
 
-def timing(delay_s: float = 0.0, lag_s: float = 0.02, opening_s: float = 0.0) -> Timing:
-    return Timing(*(np.array([[value]]) for value in (delay_s, lag_s, opening_s)))
+def timing(delay_s: float = 0.0, lag_s: float = 0.02, opening_s: float = 0.0) -> OpeningTimes:
+    return OpeningTimes(*(np.array([[value]]) for value in (delay_s, lag_s, opening_s)))
 
 
 def one_jet(*switches: tuple[float, float]) -> Commands:
@@ -22,7 +22,7 @@ def one_jet(*switches: tuple[float, float]) -> Commands:
     return Commands(np.array(times), np.array(levels)[:, None])
 
 
-def integrated(commands: Commands, valve: Timing) -> tuple[float, float]:
+def integrated(commands: Commands, valve: OpeningTimes) -> tuple[float, float]:
     """J and JJ by an integrator that stops at every edge; the level begins closed long before."""
     delay, lag, late = (float(part[0, 0]) for part in valve)
     edges: list[tuple[float, float]] = []
@@ -63,7 +63,7 @@ CASES = {
 
 @pytest.mark.parametrize("commands", CASES.values(), ids=CASES)
 @pytest.mark.parametrize("valve", [timing(), timing(0.03, 0.02, 0.01), timing(-0.013, 0.05, -0.004)])
-def test_impulses_are_the_integrals_of_the_level(commands: Commands, valve: Timing) -> None:
+def test_impulses_are_the_integrals_of_the_level(commands: Commands, valve: OpeningTimes) -> None:
     found = opened(commands, BEGIN_S, END_S, valve)
     once, twice = integrated(commands, valve)
     assert float(found.once[0, 0]) == pytest.approx(once, abs=1e-9)
@@ -137,12 +137,12 @@ def test_intervals_that_follow_one_another_add_up() -> None:
 
 def test_jets_and_filters_side_by_side_are_as_each_alone() -> None:
     commands = Commands(np.array([0.95, 1.02]), np.array([[1.0, 0.0], [0.0, 1.0]]))
-    valves = Timing(*(np.array(values) for values in ([[0.01, 0.03], [0.0, 0.02]], [[0.02, 0.05], [0.01, 0.03]])),
+    valves = OpeningTimes(*(np.array(values) for values in ([[0.01, 0.03], [0.0, 0.02]], [[0.02, 0.05], [0.01, 0.03]])),
                     np.array([[0.0, 0.01], [0.02, -0.01]]))  # fmt: skip
     found = opened(commands, BEGIN_S, END_S, valves)
     for row in range(2):
         for jet in range(2):
-            own = Timing(*(part[row : row + 1, jet : jet + 1] for part in valves))
+            own = OpeningTimes(*(part[row : row + 1, jet : jet + 1] for part in valves))
             alone = opened(Commands(commands.time_s, commands.levels[:, [jet]]), BEGIN_S, END_S, own)
             assert found.once[row, jet] == alone.once[0, 0]
             np.testing.assert_array_equal(found.twice_by[:, row, jet], alone.twice_by[:, 0, 0])
@@ -157,7 +157,7 @@ def test_a_delay_that_is_not_known_is_taken_on_average(std_s: float) -> None:
     commands, valve = one_jet((0.93, 1.0), (1.02, 0.0)), timing(0.04, lag_s=0.05)
     found = opened_on_average(commands, (BEGIN_S, END_S), valve, np.array([[std_s]]))
     drawn = np.random.default_rng(2).standard_normal(20_000)
-    many = Timing(*(np.repeat(part, drawn.size, 0) for part in valve))
+    many = OpeningTimes(*(np.repeat(part, drawn.size, 0) for part in valve))
     many = many._replace(delay_s=many.delay_s + std_s * drawn[:, None])
     every = opened(commands, BEGIN_S, END_S, many)
     for own, part in (("once", every.once), ("twice", every.twice)):
@@ -179,7 +179,7 @@ def test_a_delay_that_is_known_is_taken_as_it_is() -> None:
 
 def test_of_two_jets_one_alone_may_have_a_delay_that_is_not_known() -> None:
     commands = Commands(np.array([0.93, 1.02]), np.array([[1.0, 1.0], [0.0, 0.0]]))
-    valves = Timing(*(np.repeat(part, 2, 1) for part in timing(0.04)))
+    valves = OpeningTimes(*(np.repeat(part, 2, 1) for part in timing(0.04)))
     found = opened_on_average(commands, (BEGIN_S, END_S), valves, np.array([[0.05, 0.0]]))
     plain = opened(commands, BEGIN_S, END_S, valves)
     assert found.once[0, 1] == pytest.approx(plain.once[0, 1], rel=1e-12)

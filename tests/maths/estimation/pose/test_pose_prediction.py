@@ -14,8 +14,8 @@ from pose_probe import JETS, Sensors, moved, pulses, small_params, some_bank
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from massprop_drake.maths.estimation.pose.layout import PUSHED, Bank, Commands, PoseParams
-from massprop_drake.maths.estimation.pose.prediction import predicted
+from massprop_drake.maths.estimation.pose.pose_layout import PUSHED, Commands, PoseBank, PoseParams
+from massprop_drake.maths.estimation.pose.pose_prediction import predicted
 from massprop_drake.maths.linear_algebra import Array
 
 BEGIN_S, END_S = 1.0, 1.1
@@ -26,12 +26,12 @@ _SMALL = 1e-14
 OUTSIDE = np.array([0.03, -0.05, 0.08, 0.2, -0.3, 0.1])
 
 
-def _after(bank: Bank, params: PoseParams) -> Bank:
+def _after(bank: PoseBank, params: PoseParams) -> PoseBank:
     outside = OUTSIDE if params.of_mass.any() else None
     return predicted(bank, pulses()._replace(outside=outside), BEGIN_S, END_S, params).bank
 
 
-def jacobian(bank: Bank, params: PoseParams) -> Array:
+def jacobian(bank: PoseBank, params: PoseParams) -> Array:
     """Derivatives of what is free by what was free before, shape (n_filters, n, n)."""
     n, count = params.free.size, bank.mean.shape[0]
     with_x = int(np.flatnonzero(params.free == params.parts.position.start)[0])
@@ -46,7 +46,7 @@ def jacobian(bank: Bank, params: PoseParams) -> Array:
     return found
 
 
-def differences(bank: Bank, params: PoseParams) -> Array:
+def differences(bank: PoseBank, params: PoseParams) -> Array:
     """The same by central differences of the mean."""
     turn, step = params.parts.attitude, 1e-6
     still = bank._replace(covariance=np.zeros_like(bank.covariance))
@@ -106,7 +106,7 @@ def test_a_jet_that_follows_no_command_in_part_does_so_later_by_as_much_less() -
 # --------------------------------------------------------------------------------------------- mean
 
 
-def _flown(params: PoseParams, bank: Bank, on: Array, outside: Array) -> tuple[Array, Array, Array, Array]:
+def _flown(params: PoseParams, bank: PoseBank, on: Array, outside: Array) -> tuple[Array, Array, Array, Array]:
     """Position, velocity, rotation and rate of a rigid body with jets that are on all the time, finely integrated."""
     parts, mean = params.parts, bank.mean[0]
     spin = mean[parts.spin][[0, 5, 4, 5, 1, 3, 4, 3, 2]].reshape(3, 3)

@@ -7,9 +7,9 @@ import pytest
 from pose_probe import JETS, MASS, SPIN, Sensors, nothing_read, small_params
 from scipy.spatial.transform import Rotation
 
-from massprop_drake.maths.estimation.pose.layout import Parts, PoseParams, Poses, make_parts
 from massprop_drake.maths.estimation.pose.outcome import outcome
-from massprop_drake.maths.estimation.pose.start import Beforehand, begun, prior
+from massprop_drake.maths.estimation.pose.pose_layout import Parts, PoseParams, Poses, make_parts
+from massprop_drake.maths.estimation.pose.pose_start import Beforehand, begun, prior
 from massprop_drake.maths.linear_algebra import Array
 
 ELEMENTS = SPIN[[0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]]

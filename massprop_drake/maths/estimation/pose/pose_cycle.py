@@ -17,9 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.pose.layout import Bank, Commands, PoseParams, Readings
-from massprop_drake.maths.estimation.pose.measurement import Compared, compared
-from massprop_drake.maths.estimation.pose.prediction import Predicted, predicted
+from massprop_drake.maths.estimation.pose.pose_layout import Commands, PoseBank, PoseParams, PoseReadings
+from massprop_drake.maths.estimation.pose.pose_measurement import Compared, compared
+from massprop_drake.maths.estimation.pose.pose_prediction import Predicted, predicted
 from massprop_drake.maths.estimation.pose.turning import rotation_vectors, rotations, symmetric_matrices
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
 
@@ -29,7 +29,7 @@ _TINY = 1e-300
 _TWO_PI = np.log(2.0 * np.pi)
 
 
-class Cycled(NamedTuple):
+class PoseCycled(NamedTuple):
     """Bank after a sample.
 
     Attributes:
@@ -44,7 +44,7 @@ class Cycled(NamedTuple):
         whitened: innovations in units of what the bank expects on average, shape (n_filters, m).
     """
 
-    bank: Bank
+    bank: PoseBank
     likelihood: Array
     innovation: Array
     nis: Array
@@ -64,11 +64,11 @@ class Doubt(NamedTuple):
         share: their probability, shape (n_filters,).
     """
 
-    bank: Bank
+    bank: PoseBank
     share: Array
 
 
-class Update(NamedTuple):
+class PoseUpdate(NamedTuple):
     """Update of a bank by readings.
 
     Attributes:
@@ -86,7 +86,7 @@ class Update(NamedTuple):
     learned: Array
 
 
-def shifted(bank: Bank, correction: Array, covariance: Array, params: PoseParams) -> Bank:
+def shifted(bank: PoseBank, correction: Array, covariance: Array, params: PoseParams) -> PoseBank:
     """Returns the bank with a correction of the free elements, shape (n_filters, n), and another covariance."""
     mean = bank.mean.copy()
     mean[:, params.free] += correction
@@ -96,13 +96,13 @@ def shifted(bank: Bank, correction: Array, covariance: Array, params: PoseParams
 
 
 def step(
-    bank: Bank,
+    bank: PoseBank,
     commands: Commands,
     span_s: tuple[float, float],
-    readings: Readings,
+    readings: PoseReadings,
     params: PoseParams,
     doubt: Doubt | None = None,
-) -> Cycled:
+) -> PoseCycled:
     """Runs a whole cycle.
 
     Args:
@@ -130,7 +130,7 @@ def step(
     return done._replace(bank=both, likelihood=total, kicked=kicked, of_first=of_first, doubt=None)
 
 
-def merged(one: Bank, other: Bank, share: Array, params: PoseParams) -> Bank:
+def merged(one: PoseBank, other: PoseBank, share: Array, params: PoseParams) -> PoseBank:
     """Merges two banks by moment matching.
 
     Args:
@@ -151,12 +151,12 @@ def merged(one: Bank, other: Bank, share: Array, params: PoseParams) -> Bank:
         + (share * (1.0 - share))[:, None, None] * spread[:, :, None] * spread[:, None, :]
     )
     rotation = one.rotation @ rotations(moved[:, parts.attitude])
-    return Bank(mean, covariance, rotation, other.opens, one.reference, one.turned)
+    return PoseBank(mean, covariance, rotation, other.opens, one.reference, one.turned)
 
 
 def _step(
-    bank: Bank, commands: Commands, span_s: tuple[float, float], readings: Readings, params: PoseParams
-) -> Cycled:
+    bank: PoseBank, commands: Commands, span_s: tuple[float, float], readings: PoseReadings, params: PoseParams
+) -> PoseCycled:
     """Runs a cycle without doubt of the last sample."""
     with np.errstate(all="ignore"):  # a filter that has run off is seen by what it expects
         ahead = predicted(bank, commands, *span_s, params)
@@ -164,7 +164,7 @@ def _step(
     count = bank.mean.shape[0]
     if beside is None:
         nothing = np.zeros(count)
-        return Cycled(ahead.bank, nothing, np.zeros((count, 0)), np.full(count, np.nan), nothing, np.zeros((2, 2)))
+        return PoseCycled(ahead.bank, nothing, np.zeros((count, 0)), np.full(count, np.nan), nothing, np.zeros((2, 2)))
     shown = _shown(ahead.bank.covariance, beside)
     run_off = _run_off(ahead.bank, beside, shown, span_s[1])
     if run_off.any():  # what is left of it is the first filter, and no likelihood
@@ -192,7 +192,7 @@ def _step(
     after = mixed(ahead.bank, happened, ways, share, params)
     total = np.where(run_off, -np.inf, total if fair is None else fair)
     whitened = _whitened(shown, beside)
-    return Cycled(after, total, beside.innovation, ways[0].nis, kicked, np.sum(nis, axis=0), doubt, whitened)
+    return PoseCycled(after, total, beside.innovation, ways[0].nis, kicked, np.sum(nis, axis=0), doubt, whitened)
 
 
 def _shown(covariance: Array, beside: Compared) -> Array:
@@ -200,7 +200,7 @@ def _shown(covariance: Array, beside: Compared) -> Array:
     return np.asarray(beside.jacobian @ covariance @ np.swapaxes(beside.jacobian, 1, 2), dtype=np.float64)
 
 
-def _run_off(bank: Bank, beside: Compared, shown: Array, time_s: float) -> np.ndarray:
+def _run_off(bank: PoseBank, beside: Compared, shown: Array, time_s: float) -> np.ndarray:
     """Finds diverged filters, whose expected covariance is not positive definite or not finite, shape (n_filters,).
 
     A hypothesis that is far from the truth may in its first seconds; the first filter may not.
@@ -223,7 +223,7 @@ def _of_first(values: Array, chosen: np.ndarray) -> Array:
     return np.where(chosen.reshape(-1, *(1,) * (values.ndim - 1)), values[:1], values)
 
 
-def _first_for(bank: Bank, chosen: np.ndarray) -> Bank:
+def _first_for(bank: PoseBank, chosen: np.ndarray) -> PoseBank:
     """Puts the first filter in place of the chosen ones; which jet each supposes open stays."""
     parts = {name: _of_first(getattr(bank, name), chosen) for name in bank._fields if name != "opens"}
     return bank._replace(**parts)
@@ -275,7 +275,9 @@ def happenings(ahead: Predicted, besides: tuple[Compared, Compared], chances: tu
     return happened
 
 
-def mixed(bank: Bank, happened: list[Happened], ways: list[Update], share: Array, params: PoseParams) -> Bank:
+def mixed(
+    bank: PoseBank, happened: list[Happened], ways: list[PoseUpdate], share: Array, params: PoseParams
+) -> PoseBank:
     """Mixes a bank's possibilities by moment matching.
 
     Args:
@@ -299,7 +301,7 @@ def mixed(bank: Bank, happened: list[Happened], ways: list[Update], share: Array
     return shifted(bank, correction, covariance - (taken + np.swapaxes(taken, 1, 2)), params)
 
 
-def updates(happened: list[Happened], mean: Array, params: PoseParams) -> list[Update]:
+def updates(happened: list[Happened], mean: Array, params: PoseParams) -> list[PoseUpdate]:
     """Computes the update by each possibility, such that every K stays that of a body."""
     taken = np.ones((mean.shape[0], params.free.size))
     ways = _updated(happened, taken)
@@ -367,7 +369,7 @@ def _whitened(shown: Array, beside: Compared) -> Array:
     return np.asarray(np.linalg.solve(np.linalg.cholesky(expected), beside.innovation.T).T, dtype=np.float64)
 
 
-def _updated(happened: list[Happened], taken: Array) -> list[Update]:
+def _updated(happened: list[Happened], taken: Array) -> list[PoseUpdate]:
     """Computes all updates at once, by a form which holds for any gain.
 
     It is Joseph's, (1 - K H) P (1 - K H)^T + K R K^T, multiplied out: P - K C^T - C K^T + K S K^T with C = P H^T, which
@@ -387,4 +389,4 @@ def _updated(happened: list[Happened], taken: Array) -> list[Update]:
     likelihood = -0.5 * (nis + determinant + innovation.shape[1] * _TWO_PI)
     correction = (gain @ innovation[..., None])[..., 0]
     parts = (np.split(part, count) for part in (correction, likelihood, nis, gain, learned))
-    return [Update(*one) for one in zip(*parts, strict=True)]
+    return [PoseUpdate(*one) for one in zip(*parts, strict=True)]

@@ -11,9 +11,9 @@ however the motion came about. A sample may be one after a kick, or a poor one: 
 which S^-1 and K are means over what has probably happened. The misfit of a sample is twice the logarithm of what its
 likelihood is below that of e = 0, which is e^T S^-1 e where nothing is mixed.
 
-The unknowns stand where the state has them (`layout.Parts`), but in their own terms: of each jet the thrust over that
-of the vehicle's file, in place of what all jets share 1/m, in place of K the inverse inertia, in place of ln tau the
-lag.
+The unknowns stand where the state has them (`pose_layout.Parts`), but in their own terms: of each jet the thrust over
+that of the vehicle's file, in place of what all jets share 1/m, in place of K the inverse inertia, in place of ln tau
+the lag.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.pose.cycle import Happened, Update, chances, happenings, mixed, noisier
-from massprop_drake.maths.estimation.pose.cycle import updates as updates_of
-from massprop_drake.maths.estimation.pose.layout import Bank, Commands, Parts, Places, PoseParams, Readings
-from massprop_drake.maths.estimation.pose.measurement import compared
-from massprop_drake.maths.estimation.pose.prediction import Predicted, predicted
-from massprop_drake.maths.estimation.pose.start import begins, begun, first_place, tracked_point
+from massprop_drake.maths.estimation.pose.pose_cycle import Happened, PoseUpdate, chances, happenings, mixed, noisier
+from massprop_drake.maths.estimation.pose.pose_cycle import updates as updates_of
+from massprop_drake.maths.estimation.pose.pose_layout import Commands, Parts, Places, PoseBank, PoseParams, PoseReadings
+from massprop_drake.maths.estimation.pose.pose_measurement import compared
+from massprop_drake.maths.estimation.pose.pose_prediction import Predicted, predicted
+from massprop_drake.maths.estimation.pose.pose_start import begins, begun, first_place, tracked_point
 from massprop_drake.maths.estimation.pose.turning import symmetric_matrices
 from massprop_drake.maths.linear_algebra import Array
 
@@ -37,7 +37,7 @@ _MOTION = ("position", "attitude", "velocity", "rate", "gathered")  # what the f
 _OTHER = ("open", "pulse")  # what is of one hypothesis, or of one pulse
 
 
-class Record(NamedTuple):
+class PoseRecord(NamedTuple):
     """Readings and commands of n rows.
 
     Attributes:
@@ -51,7 +51,7 @@ class Record(NamedTuple):
 
     time_s: Array
     levels: Array
-    readings: Sequence[Readings]
+    readings: Sequence[PoseReadings]
     outside: Array | None = None
     pieces: tuple[Array, Array] | None = None
 
@@ -62,11 +62,11 @@ class Record(NamedTuple):
         count = int(np.searchsorted(time_s, self.time_s[row], side="right"))
         return Commands(time_s[:count], levels[:count], outside)
 
-    def until(self, time_s: float) -> Record:
+    def until(self, time_s: float) -> PoseRecord:
         """Returns the rows before a time."""
         rows = int(np.searchsorted(self.time_s, time_s))
         outside = None if self.outside is None else self.outside[:rows]
-        return Record(self.time_s[:rows], self.levels[:rows], self.readings[:rows], outside, self.pieces)
+        return PoseRecord(self.time_s[:rows], self.levels[:rows], self.readings[:rows], outside, self.pieces)
 
 
 class Assumed(NamedTuple):
@@ -81,7 +81,7 @@ class Assumed(NamedTuple):
     opens: int = -1
 
 
-class Equations(NamedTuple):
+class PoseEquations(NamedTuple):
     """Normal equations of the unknowns, about a point.
 
     Attributes:
@@ -95,9 +95,9 @@ class Equations(NamedTuple):
     misfit: float
     readings: float
 
-    def plus(self, other: Equations) -> Equations:
+    def plus(self, other: PoseEquations) -> PoseEquations:
         """Adds the equations of other samples."""
-        return Equations(
+        return PoseEquations(
             self.information + other.information,
             self.score + other.score,
             self.misfit + other.misfit,
@@ -172,18 +172,18 @@ def taken_as_known(vehicle: Assumed, movable: Places, params: PoseParams) -> Pos
     return params._replace(free=movable, start=start, covariance=np.diag(np.where(follows, variances, 0.0)[movable]))
 
 
-def equations(record: Record, vehicle: Assumed, movable: Places, params: PoseParams) -> Equations:
+def equations(record: PoseRecord, vehicle: Assumed, movable: Places, params: PoseParams) -> PoseEquations:
     """Computes the normal equations of a record's readings by the unknowns.
 
     Args:
-        record: see `Record`.
+        record: see `PoseRecord`.
         vehicle: that is taken as known.
         movable: see `taken_as_known`.
         params: of the estimator.
     """
     known = taken_as_known(vehicle, movable, params)
     size = params.parts.size
-    total = Equations(np.zeros((size, size)), np.zeros(size), 0.0, 0.0)
+    total = PoseEquations(np.zeros((size, size)), np.zeros(size), 0.0, 0.0)
     rows = len(record.readings)
     first = next((row for row in range(rows) if begins(record.readings[row], known)), rows)
     if first == rows:
@@ -199,7 +199,7 @@ def equations(record: Record, vehicle: Assumed, movable: Places, params: PosePar
     return total
 
 
-def _at_the_beginning(readings: Readings, bank: Bank, by: Array, params: PoseParams) -> Array:
+def _at_the_beginning(readings: PoseReadings, bank: PoseBank, by: Array, params: PoseParams) -> Array:
     """Computes sensitivities of the free elements at the first sample, the position following from a tracked point."""
     parts, place = params.parts, first_place(readings)
     if place is not None:
@@ -209,8 +209,8 @@ def _at_the_beginning(readings: Readings, bank: Bank, by: Array, params: PosePar
 
 
 def _sample(
-    ahead: Predicted, by: Array, readings: Readings, span_s: tuple[float, float], params: PoseParams
-) -> tuple[Bank, Array, Equations | None]:
+    ahead: Predicted, by: Array, readings: PoseReadings, span_s: tuple[float, float], params: PoseParams
+) -> tuple[PoseBank, Array, PoseEquations | None]:
     """Advances the filter and its sensitivities by a sample; also returns its equations; None: nothing was read."""
     beside = compared(ahead.bank, readings, params)
     if beside is None:
@@ -225,10 +225,10 @@ def _sample(
     precision, gain = (np.tensordot(share, part, 1) for part in (precisions, [way.gain[0] for way in ways]))
     weighed = shows.T @ precision
     bank = mixed(ahead.bank, happened, ways, share[:, None], params)
-    return bank, by - gain @ shows, Equations(weighed @ shows, weighed @ off, misfit, float(off.size))
+    return bank, by - gain @ shows, PoseEquations(weighed @ shows, weighed @ off, misfit, float(off.size))
 
 
-def _shares(happened: list[Happened], ways: list[Update]) -> tuple[Array, float]:
+def _shares(happened: list[Happened], ways: list[PoseUpdate]) -> tuple[Array, float]:
     """Computes probabilities of an interval's possibilities, shape (n_ways,), and the misfit of the sample."""
     chance = np.log([one.chance for one in happened])
     each = chance + [way.likelihood[0] for way in ways]

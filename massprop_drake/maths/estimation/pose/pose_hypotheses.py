@@ -14,7 +14,7 @@ as all failures together. It is said as something unexplained.
 likelihoods then differ by what was probable beforehand, and by how noisy each is taken to be. So a lead counts only
 over a hypothesis that has foretold something else, by sigmas whose squares sum up to twice the lead that is asked.
 
-A failure is named when its likelihood leads the next one and that of no failure by enough (`Rules`), and it is of a
+A failure is named when its likelihood leads the next one and that of no failure by enough (`PoseRules`), and it is of a
 size: a loss, or an opening, above a tenth of the thrust and above three sigma, of what its own filter now knows and,
 of a loss, of what healthy jets differ by. Odds that were won while little was known are not given back, and odds alone
 would name healthy jets whose factor is a few percent off, for which a wide hypothesis is as good as a narrow one. The
@@ -28,8 +28,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.pose.cycle import Cycled, Doubt, merged, step
-from massprop_drake.maths.estimation.pose.layout import PUSHED, Bank, Commands, PoseParams, Readings
+from massprop_drake.maths.estimation.pose.pose_cycle import Doubt, PoseCycled, merged, step
+from massprop_drake.maths.estimation.pose.pose_layout import PUSHED, Commands, PoseBank, PoseParams, PoseReadings
 from massprop_drake.maths.estimation.pose.turning import symmetric_matrices
 from massprop_drake.maths.linear_algebra import Array, crosses, symmetrized_stack
 
@@ -56,7 +56,7 @@ class Tried(NamedTuple):
         led_s: since when one or several lead that of no failure; NaN: none does.
         leader: hypothesis that was to be named by the last sample, as an index of `known`; -1: none was.
         steady: samples in a row by which it was.
-        doubt: see `cycle.Doubt`.
+        doubt: see `pose_cycle.Doubt`.
         apart: how far what two have foretold is apart, sum of squares in sigmas, shape (2 + 2 n_jets, 2 + 2 n_jets);
             None: nothing has been foretold.
         total: logarithm of the density of all readings if nothing has failed, and of what was probable beforehand;
@@ -64,7 +64,7 @@ class Tried(NamedTuple):
         elsewhere: the same with other delays of the commands, see `delays`.
     """
 
-    bank: Bank
+    bank: PoseBank
     likelihood: Array
     onset_s: Array
     known: Array
@@ -78,7 +78,7 @@ class Tried(NamedTuple):
     elsewhere: tuple[Tried, ...] = ()
 
 
-class Rules(NamedTuple):
+class PoseRules(NamedTuple):
     """Thresholds at which a failure is named.
 
     Attributes:
@@ -91,7 +91,7 @@ class Rules(NamedTuple):
     least: float = 0.1
 
 
-class Found(NamedTuple):
+class PoseOutcome(NamedTuple):
     """Failure named after a sample.
 
     Attributes:
@@ -107,7 +107,7 @@ class Found(NamedTuple):
     share: tuple[float, float]
 
 
-def begun(bank: Bank, time_s: float, params: PoseParams) -> Tried:
+def begun(bank: PoseBank, time_s: float, params: PoseParams) -> Tried:
     """Returns the hypotheses at the first sample.
 
     Args:
@@ -121,7 +121,7 @@ def begun(bank: Bank, time_s: float, params: PoseParams) -> Tried:
     return Tried(every, likelihood, np.full(1 + known.size, time_s), known, time_s, np.nan)
 
 
-def alone(bank: Bank, known: Array, time_s: float) -> Tried:
+def alone(bank: PoseBank, known: Array, time_s: float) -> Tried:
     """Returns a filter without hypotheses.
 
     Args:
@@ -140,7 +140,7 @@ def _beforehand(params: PoseParams) -> Array:
     return result
 
 
-def failing(bank: Bank, known: Array, params: PoseParams) -> Bank:
+def failing(bank: PoseBank, known: Array, params: PoseParams) -> PoseBank:
     """Makes a filter for each hypothesis: a bank's first, with its failure happening now, shape (1 + 2 n_jets, ...)."""
     jets, parts, free = params.pushes.shape[0], params.parts, params.free
     count = 1 + 2 * jets
@@ -175,7 +175,7 @@ def failing(bank: Bank, known: Array, params: PoseParams) -> Bank:
     covariance = through @ bank.covariance[:1] @ np.swapaxes(through, 1, 2)
     covariance = symmetrized_stack(covariance) + added[:, :, None] * np.eye(free.size)
     same = [np.repeat(part[:1], count, axis=0) for part in (bank.rotation, bank.reference, bank.turned)]
-    return Bank(mean, covariance, same[0], opens, same[1], same[2])
+    return PoseBank(mean, covariance, same[0], opens, same[1], same[2])
 
 
 def _largest(params: PoseParams) -> Array:
@@ -186,8 +186,8 @@ def _largest(params: PoseParams) -> Array:
     return np.repeat((np.linalg.norm(params.pushes, axis=1).max(), turns.max()), 3)
 
 
-def _stacked(first: Bank, rest: Bank) -> Bank:
-    return Bank(*(np.concatenate((one[:1], many)) for one, many in zip(first, rest, strict=True)))
+def _stacked(first: PoseBank, rest: PoseBank) -> PoseBank:
+    return PoseBank(*(np.concatenate((one[:1], many)) for one, many in zip(first, rest, strict=True)))
 
 
 def renewed(tried: Tried, time_s: float, params: PoseParams) -> Tried:
@@ -204,7 +204,7 @@ def _renewed(tried: Tried, time_s: float, params: PoseParams) -> Tried:
     total = np.logaddexp(before, now)
     share = np.where(np.isfinite(total), np.exp(now - total), 0.0)
     share = np.where(np.isneginf(before) & (tried.known > 0.0), 0.0, share)
-    rest = Bank(*(part[1:] for part in tried.bank))
+    rest = PoseBank(*(part[1:] for part in tried.bank))
     both = merged(rest, failing(tried.bank, tried.known, params), share, params)
     possible = _possible(tried)
     likelihood = np.concatenate((tried.likelihood[:1], np.where(possible, total, _NEVER)))
@@ -229,13 +229,13 @@ def _possible(tried: Tried) -> np.ndarray:
 
 
 def advanced(
-    tried: Tried, commands: Commands, span_s: tuple[float, float], readings: Readings, params: PoseParams
-) -> tuple[Tried, Cycled]:
+    tried: Tried, commands: Commands, span_s: tuple[float, float], readings: PoseReadings, params: PoseParams
+) -> tuple[Tried, PoseCycled]:
     """Advances all hypotheses by a sample.
 
     Args:
         tried: after the last sample.
-        commands, span_s, readings, params: see `cycle.step`.
+        commands, span_s, readings, params: see `pose_cycle.step`.
     """
     if span_s[1] - tried.onset_s[0] < SETTLING_S:
         params = params._replace(pose=params.pose._replace(tells=params.pose.outlier_scale))
@@ -257,14 +257,14 @@ def _further_apart(apart: Array | None, whitened: Array | None) -> Array | None:
 
 
 def judged(
-    tried: Tried, time_s: float, rules: Rules, params: PoseParams, *, waits: bool = False
-) -> tuple[Tried, Found | None]:
+    tried: Tried, time_s: float, rules: PoseRules, params: PoseParams, *, waits: bool = False
+) -> tuple[Tried, PoseOutcome | None]:
     """Judges a sample: returns the hypotheses that go on, and the failure that is named.
 
     Args:
         tried: after the sample.
         time_s: of it.
-        rules: see `Rules`.
+        rules: see `PoseRules`.
         params: see `PoseParams`.
         waits: whether nothing is to be named yet.
     """
@@ -309,7 +309,7 @@ def sizes(tried: Tried, params: PoseParams) -> tuple[Array, Array]:
     return size, deviation
 
 
-def ahead(tried: Tried, rules: Rules) -> Tried | None:
+def ahead(tried: Tried, rules: PoseRules) -> Tried | None:
     """Returns the likeliest hypothesis alone, where it leads that of no failure by enough; None: it does not.
 
     What it has learned is right, or less wrong, even while nothing tells which one of several it is.
@@ -320,10 +320,10 @@ def ahead(tried: Tried, rules: Rules) -> Tried | None:
         return None
     known = tried.known.copy()
     known[leader] = float(leader < known.size - 1)
-    return alone(Bank(*(part[1 + leader : 2 + leader] for part in tried.bank)), known, tried.renewed_s)
+    return alone(PoseBank(*(part[1 + leader : 2 + leader] for part in tried.bank)), known, tried.renewed_s)
 
 
-def _judged(tried: Tried, time_s: float, rules: Rules, params: PoseParams) -> tuple[Found | None, Tried]:
+def _judged(tried: Tried, time_s: float, rules: PoseRules, params: PoseParams) -> tuple[PoseOutcome | None, Tried]:
     odds = np.where(_possible(tried), tried.likelihood[1:], _NEVER)
     leader = int(np.argmax(odds))
     best = float(odds[leader])
@@ -346,17 +346,17 @@ def _judged(tried: Tried, time_s: float, rules: Rules, params: PoseParams) -> tu
         return None, tried
     after = float(leads[behind].min()) if behind.any() else np.inf
     share = float(size[leader]), float(deviation[leader])
-    return Found(tuple(group), float(tried.onset_s[1 + leader]), (after, best), share), tried
+    return PoseOutcome(tuple(group), float(tried.onset_s[1 + leader]), (after, best), share), tried
 
 
 def _taken(tried: Tried, member: int, time_s: float, params: PoseParams) -> Tried:
     """Commits to one hypothesis: all begin again from it."""
     known = tried.known.copy()
     known[member] = float(member < known.size - 1)  # a push may come again
-    return anew(Bank(*(part[1 + member : 2 + member] for part in tried.bank)), known, time_s, params)
+    return anew(PoseBank(*(part[1 + member : 2 + member] for part in tried.bank)), known, time_s, params)
 
 
-def anew(first: Bank, known: Array, time_s: float, params: PoseParams) -> Tried:
+def anew(first: PoseBank, known: Array, time_s: float, params: PoseParams) -> Tried:
     """Makes hypotheses that begin with one filter.
 
     Args:

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from massprop_drake.maths.kernels import fill, kernel
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle import reaction_jets, rigid_body, true_failures
-from massprop_drake.maths.vehicle.reaction_jets import Thrusters
+from massprop_drake.maths.vehicle.reaction_jets import JetThrusts
 from massprop_drake.maths.vehicle.rigid_body import N_WRENCH, ORIGIN_VELOCITY, RATE, SPIN_INTEGRAL
 from massprop_drake.maths.vehicle.sensing import (
-    SensorErrors,
+    PackageErrors,
     at_once,
     held_within,
     point_velocity,
@@ -36,7 +36,7 @@ class Sensing(NamedTuple):
         position: vehicle frame, ft or m, shape (3,); of no meaning to gyros.
     """
 
-    errors: SensorErrors
+    errors: PackageErrors
     gathers: bool
     position: Array
 
@@ -92,12 +92,12 @@ class Jets(NamedTuple):
     """True jets of a vehicle.
 
     Attributes:
-        thrusters: see `Thrusters`.
+        thrusters: see `JetThrusts`.
         failures: what they deliver in place of what they are told.
         period_s: sample period, s.
     """
 
-    thrusters: Thrusters
+    thrusters: JetThrusts
     failures: FailureTable
     period_s: float
 

@@ -15,16 +15,16 @@ from numpy.typing import NDArray
 from massprop_drake.errors import InputError
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.inputs.vehicle import SensorPackage
+from massprop_drake.inputs.vehicle_file import SensorPackage
 from massprop_drake.maths import attitude
 from massprop_drake.maths.estimation.filters.pose import PoseFilterParams, readings_of
-from massprop_drake.maths.estimation.pose import delays, hindsight, setting
-from massprop_drake.maths.estimation.pose.hindsight import Assumed, Record
-from massprop_drake.maths.estimation.pose.hypotheses import SETTLING_S
-from massprop_drake.maths.estimation.pose.layout import Bank, PoseParams, Readings
-from massprop_drake.maths.estimation.pose.measurement import expected
-from massprop_drake.maths.estimation.pose.prediction import predicted
-from massprop_drake.maths.estimation.pose.start import begins, first_place, tracked_point
+from massprop_drake.maths.estimation.pose import delays, pose_hindsight, setting
+from massprop_drake.maths.estimation.pose.pose_hindsight import Assumed, PoseRecord
+from massprop_drake.maths.estimation.pose.pose_hypotheses import SETTLING_S
+from massprop_drake.maths.estimation.pose.pose_layout import PoseBank, PoseParams, PoseReadings
+from massprop_drake.maths.estimation.pose.pose_measurement import expected
+from massprop_drake.maths.estimation.pose.pose_prediction import predicted
+from massprop_drake.maths.estimation.pose.pose_start import begins, first_place, tracked_point
 from massprop_drake.maths.estimation.pose.turning import rotation_vectors
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, INVERSE_INERTIA, MASS_RECIPROCAL
 from massprop_drake.maths.vehicle import true_failures
@@ -123,11 +123,11 @@ def _learned(other: Run, folder: str) -> Assumed:
     own = params.estimation_params(other.scenario)
     state = restored(other.state["states"], own, f"{folder}/{STATE_FILE}").filter
     bank = delays.overall(state.tried, own.filter_params.pose)
-    at = hindsight.vehicle_of(bank.mean[0], float(state.estimate[MASS_RECIPROCAL]), own.filter_params.pose)
+    at = pose_hindsight.vehicle_of(bank.mean[0], float(state.estimate[MASS_RECIPROCAL]), own.filter_params.pose)
     return Assumed(at, max(int(bank.opens[0]), -1))
 
 
-def _record(record: Run, made: PoseFilterParams, other: Run) -> Record:
+def _record(record: Run, made: PoseFilterParams, other: Run) -> PoseRecord:
     """Returns a record's readings, and the levels by which the other run's vehicle would follow its commands."""
     scenario, time_s = record.scenario, record.time_s
     sensors = scenario.vehicle_data.tracked
@@ -140,7 +140,7 @@ def _record(record: Run, made: PoseFilterParams, other: Run) -> Record:
     outside = record["outside_wrench"] if "outside_wrench" in record.signals else None
     told = record["command"]
     opening = record["command_onset"] if "command_onset" in record.signals else levels_alone(told.shape)
-    return Record(time_s, told, readings, outside, _delivered(told, opening, time_s, other))
+    return PoseRecord(time_s, told, readings, outside, _delivered(told, opening, time_s, other))
 
 
 def _within(readings: Array, package: SensorPackage) -> Array:
@@ -179,11 +179,11 @@ def _delivered(told: Array, opening_s: Array, time_s: Array, other: Run) -> tupl
 # ------------------------------------------------------------------------------ what it then reads
 
 
-def _simulated(told: Record, vehicle: Assumed, made: PoseParams, record: Run) -> dict[str, Array]:
+def _simulated(told: PoseRecord, vehicle: Assumed, made: PoseParams, record: Run) -> dict[str, Array]:
     """Simulates the readings of every sensor, NaN before the simulation has begun."""
     scenario, rows = record.scenario, told.time_s.size
     movable = setting.movable(params.setup(scenario), made.parts)
-    known = hindsight.taken_as_known(vehicle, movable, made)
+    known = pose_hindsight.taken_as_known(vehicle, movable, made)
     first = next((row for row in range(rows) if begins(told.readings[row], known)), rows)
     first = int(np.searchsorted(told.time_s, told.time_s[min(first, rows - 1)] + SETTLING_S))
     motion = [record[f"{name}_estimate"] for name in ("position", "attitude", "velocity", "rate")]
@@ -201,7 +201,7 @@ def _simulated(told: Record, vehicle: Assumed, made: PoseParams, record: Run) ->
     return read
 
 
-def _begun(motion: list[Array], readings: Readings, vehicle: Assumed, known: PoseParams) -> Bank:
+def _begun(motion: list[Array], readings: PoseReadings, vehicle: Assumed, known: PoseParams) -> PoseBank:
     """Makes one filter that is certain of a motion; a tracked point stands where it is read."""
     (position, quaternion, velocity, rate), parts = motion, known.parts
     mean, rotation, size = known.start.copy(), attitude.rotation_matrix(quaternion), known.free.size
@@ -212,7 +212,9 @@ def _begun(motion: list[Array], readings: Readings, vehicle: Assumed, known: Pos
         mean[parts.position] = np.where(np.isfinite(seen), seen, position)
     mean[parts.gathered] = readings.gathered.ravel()
     opens = np.array([vehicle.opens])
-    return Bank(mean[None], np.zeros((1, size, size)), rotation[None], opens, rate[None].copy(), np.zeros((1, 3, 3)))
+    return PoseBank(
+        mean[None], np.zeros((1, size, size)), rotation[None], opens, rate[None].copy(), np.zeros((1, 3, 3))
+    )
 
 
 def _empty(scenario: Scenario, rows: int) -> dict[str, Array]:
@@ -222,7 +224,7 @@ def _empty(scenario: Scenario, rows: int) -> dict[str, Array]:
     return found | {package.name: np.full((rows, 3), np.nan) for package in vehicle.sensors}
 
 
-def _fill(read: dict[str, Array], row: int, ideal: Readings, scenario: Scenario) -> None:
+def _fill(read: dict[str, Array], row: int, ideal: PoseReadings, scenario: Scenario) -> None:
     """Fills in readings of ideal sensors; of a pose sensor only what it measures."""
     vehicle = scenario.vehicle_data
     for place, pose in enumerate(vehicle.poses):

@@ -75,7 +75,7 @@ UNTRACKED = np.zeros((0, 3))  # readings of no tracker
 OWN_CHOICE = np.zeros(0, dtype=np.bool_)  # of the readings that count
 
 
-class Sample(NamedTuple):
+class JointSample(NamedTuple):
     """Sample as a cycle takes it.
 
     Attributes:
@@ -109,13 +109,13 @@ class Sample(NamedTuple):
 
 
 @kernel
-def turned_from_outside(sample: Sample, params: JointParams) -> bool:
+def turned_from_outside(sample: JointSample, params: JointParams) -> bool:
     """Tests whether known outside forces, engines or wheels act on the vehicle."""
     known = bool(np.any(sample.outside != 0.0)) or bool(np.any(sample.burn.points[:, :, 0] != 0.0))
     return known or turn_by(sample.speeds, params.wheels)
 
 
-def acts(sample: Sample, params: JointParams) -> bool:
+def acts(sample: JointSample, params: JointParams) -> bool:
     """Tests whether anything pushes or turns the vehicle in a sample."""
     return bool((sample.commands > 0.0).any() or turned_from_outside(sample, params))
 
@@ -240,7 +240,7 @@ class JointEvidence(NamedTuple):
     before: JointState
     after: JointState
     report: Report
-    sample: Sample
+    sample: JointSample
     anew: bool
 
 
@@ -285,7 +285,7 @@ def initial(params: JointParams) -> JointState:
     )
 
 
-def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
+def begun(state: JointState, sample: JointSample, params: JointParams) -> JointState:
     """Returns the state after the first sample, or after a gap: rate, gathered velocity and attitude as read.
 
     They are uncorrelated with the rest, but that with a gyro bias the rate's error is that of the reading less the
@@ -372,7 +372,7 @@ def _with_shaken(state: JointState, mean: Array, root: Array, params: JointParam
     return mean, np.hstack((root, shaken))
 
 
-def _kept_of_slow(state: JointState, sample: Sample, params: JointParams) -> tuple[Array, Array]:
+def _kept_of_slow(state: JointState, sample: JointSample, params: JointParams) -> tuple[Array, Array]:
     """Computes the share of each z left after a time of which nothing is known, and its 1-sigma then."""
     places = params.places
     filled = places.n_slow - places.tanks
@@ -386,7 +386,7 @@ def _kept_of_slow(state: JointState, sample: Sample, params: JointParams) -> tup
 
 
 @kernel
-def expect(state: JointState, acting: Drive, sample: Sample, params: JointParams) -> Expected:
+def expect(state: JointState, acting: Drive, sample: JointSample, params: JointParams) -> Expected:
     """Predicts the state and its outputs, and selects the components that count."""
     read = rate_read(sample.rates, state.mean, params)
     prediction = predict(state, acting, read, params, (sample.frames, sample.speeds))
@@ -401,7 +401,7 @@ def _expected(
     prediction: Prediction,
     root: Array,
     about: tuple[Array, Array],
-    sample: Sample,
+    sample: JointSample,
     params: JointParams,
 ) -> Expected:
     """Predicts the readings of a sample; linearized at some mass properties and at the rate that gyros correct.
@@ -480,7 +480,7 @@ def _update(expected: Expected, root: Array, params: JointParams) -> tuple[Updat
 
 @kernel
 def crossed(
-    state: JointState, about: Array, sample: Sample, least: Array, params: JointParams
+    state: JointState, about: Array, sample: JointSample, least: Array, params: JointParams
 ) -> tuple[JointState, Crossing]:
     """Updates the state by readings that were the last in their cells, and have not been taken in.
 
@@ -516,13 +516,13 @@ def crossed(
 
 
 def step(
-    state: JointState, sample: Sample, params: JointParams, counts: np.ndarray = OWN_CHOICE
+    state: JointState, sample: JointSample, params: JointParams, counts: np.ndarray = OWN_CHOICE
 ) -> tuple[JointState, Report]:
     """Runs a whole cycle.
 
     Args:
         state: after the last sample.
-        sample: see `Sample`.
+        sample: see `JointSample`.
         params: see `JointParams`.
         counts: see `cycled`.
 
@@ -542,7 +542,7 @@ def step(
     return after, report
 
 
-def _step(state: JointState, sample: Sample, params: JointParams, counts: np.ndarray) -> tuple[JointState, Report]:
+def _step(state: JointState, sample: JointSample, params: JointParams, counts: np.ndarray) -> tuple[JointState, Report]:
     made = params.compiled
     done: Cycled = (
         cycled(state, sample, params.thresholds, counts, params)
@@ -569,7 +569,7 @@ def _step(state: JointState, sample: Sample, params: JointParams, counts: np.nda
     )
 
 
-def _first(state: JointState, sample: Sample, params: JointParams) -> tuple[JointState, Report]:
+def _first(state: JointState, sample: JointSample, params: JointParams) -> tuple[JointState, Report]:
     after = begun(state, sample, params)
     n_outputs = after.read.shape[0]
     estimate, rows = reported(after, params)
@@ -579,14 +579,14 @@ def _first(state: JointState, sample: Sample, params: JointParams) -> tuple[Join
     )
 
 
-def restart(state: JointState, sample: Sample, params: JointParams) -> tuple[JointState, Report]:
+def restart(state: JointState, sample: JointSample, params: JointParams) -> tuple[JointState, Report]:
     """Runs a cycle over an interval of which nothing is known: rate and gathered velocity begin again, see `begun`.
 
     What else is known stays; thrust follows the commands as far as they are known.
 
     Args:
         state: after the last sample, `started`.
-        sample: see `Sample`.
+        sample: see `JointSample`.
         params: see `JointParams`.
     """
     state, _ = stamped(state, sample.timing, params)
@@ -599,7 +599,7 @@ def restart(state: JointState, sample: Sample, params: JointParams) -> tuple[Joi
 
 
 @kernel
-def driven(state: JointState, sample: Sample, params: JointParams) -> Drive:
+def driven(state: JointState, sample: JointSample, params: JointParams) -> Drive:
     """Computes the drive of a sample's interval; jets of unknown command give in it what its readings show."""
     acting = drive(state, sample.durations_s, sample.commands, sample.outside, sample.timing, params)
     acting = burning(acting, sample.burn, state, params)
@@ -691,18 +691,20 @@ class Cycling(NamedTuple):
     """
 
     state: JointState
-    sample: Sample
+    sample: JointSample
     thresholds: Array
     counts: np.ndarray
 
 
 @kernel
-def cycled(state: JointState, sample: Sample, thresholds: Array, counts: np.ndarray, params: JointParams) -> Cycled:
+def cycled(
+    state: JointState, sample: JointSample, thresholds: Array, counts: np.ndarray, params: JointParams
+) -> Cycled:
     """Runs a cycle after the first.
 
     Args:
         state: after the last sample.
-        sample: see `Sample`.
+        sample: see `JointSample`.
         thresholds: in place of those of the parameters.
         counts: which readings count unless they are missing, so that hypotheses are compared on the same ones, shape
             (m,); or `OWN_CHOICE`, shape (0,).
@@ -821,7 +823,7 @@ def _tested(nis: float, degrees: float, spread: float) -> tuple[float, float]:
 
 @kernel
 def _learned(
-    state: JointState, sample: Sample, acting: Drive, expected: Expected, change: Update, params: JointParams
+    state: JointState, sample: JointSample, acting: Drive, expected: Expected, change: Update, params: JointParams
 ) -> JointState:
     """Computes the state after a cycle, before the guard.
 
@@ -866,12 +868,14 @@ def _learned(
 
 
 @kernel
-def gone_over(state: JointState, sample: Sample, about: Array, params: JointParams) -> tuple[JointState, float, float]:
+def gone_over(
+    state: JointState, sample: JointSample, about: Array, params: JointParams
+) -> tuple[JointState, float, float]:
     """Runs a cycle of a start that is gone over again, see `relinearized`.
 
     Args:
         state: after the last sample, not guarded.
-        sample: see `Sample`.
+        sample: see `JointSample`.
         about: a state's estimate at which it is linearized, shape (size,).
         params: see `JointParams`.
 
@@ -885,13 +889,13 @@ def gone_over(state: JointState, sample: Sample, about: Array, params: JointPara
 
 @kernel
 def relinearized(
-    state: JointState, sample: Sample, about: Array, params: JointParams
+    state: JointState, sample: JointSample, about: Array, params: JointParams
 ) -> tuple[JointState, Course, tuple[float, float]]:
     """Runs a cycle linearized at other mass properties, lags, biases and forces than the state's.
 
     Args:
         state: after the last sample, not guarded.
-        sample: see `Sample`.
+        sample: see `JointSample`.
         about: a state's estimate with these, shape (size,).
         params: see `JointParams`.
 

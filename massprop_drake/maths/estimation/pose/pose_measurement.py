@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.pose.layout import Bank, PoseParams, Readings
+from massprop_drake.maths.estimation.pose.pose_layout import PoseBank, PoseParams, PoseReadings
 from massprop_drake.maths.estimation.pose.turning import rotation_vectors, skews, times
 from massprop_drake.maths.linear_algebra import Array, crosses
 
@@ -47,7 +47,7 @@ class Compared(NamedTuple):
 class _Rows:
     """Readings as they are collected."""
 
-    def __init__(self, bank: Bank, params: PoseParams):
+    def __init__(self, bank: PoseBank, params: PoseParams):
         self._count, self._params = bank.mean.shape[0], params
         self._innovations: list[Array] = []
         self._jacobians: list[Array] = []
@@ -89,7 +89,7 @@ class _Rows:
         return Compared(innovation, jacobian, variance, *np.array(self._kinds).T)
 
 
-def compared(bank: Bank, readings: Readings, params: PoseParams) -> Compared | None:
+def compared(bank: PoseBank, readings: PoseReadings, params: PoseParams) -> Compared | None:
     """Compares readings with the bank's predictions; None where nothing is read."""
     parts, rotation = params.parts, bank.rotation
     rows = _Rows(bank, params)
@@ -147,7 +147,7 @@ def _white(variance: float) -> Array:
     return np.diag(np.full(3, variance))
 
 
-def expected(bank: Bank, params: PoseParams) -> Readings:
+def expected(bank: PoseBank, params: PoseParams) -> PoseReadings:
     """Predicts the readings of ideal sensors by the first filter of a bank."""
     parts, rotation = params.parts, bank.rotation[0]
     mean = bank.mean[0]
@@ -157,7 +157,7 @@ def expected(bank: Bank, params: PoseParams) -> Readings:
     biases = mean[parts.gyro_bias].reshape(-1, 3)
     turn = skews(rate - bank.reference[0]) + bank.turned[0] - np.trace(bank.turned[0]) * _EYE
     reach = params.accelerometer_positions - center
-    return Readings(
+    return PoseReadings(
         positions=mean[parts.position] + points @ rotation.T,
         rotations=np.repeat(rotation[None], len(points), axis=0),
         velocities=velocity + crosses(rate, arms) @ rotation.T,

@@ -29,8 +29,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.pose.layout import PUSHED, Bank, Commands, PoseParams
-from massprop_drake.maths.estimation.pose.openings import Openings, Timing, opened_on_average
+from massprop_drake.maths.estimation.pose.openings import Openings, OpeningTimes, opened_on_average
+from massprop_drake.maths.estimation.pose.pose_layout import PUSHED, Commands, PoseBank, PoseParams
 from massprop_drake.maths.estimation.pose.turning import by_elements, rotations, skews, symmetric_matrices, times
 from massprop_drake.maths.linear_algebra import Array, crosses, symmetrized_stack
 from massprop_drake.maths.mass_properties import ELEMENT
@@ -47,7 +47,7 @@ class Predicted(NamedTuple):
         through: how what is free goes with what was free before, shape (n_filters, n, n).
     """
 
-    bank: Bank
+    bank: PoseBank
     kick: Array
     through: Array
 
@@ -94,22 +94,22 @@ class _Acting(NamedTuple):
         return total
 
 
-def timing(mean: Array, params: PoseParams) -> Timing:
+def timing(mean: Array, params: PoseParams) -> OpeningTimes:
     """Returns the valves' timing by the state."""
     parts, kinds = params.parts, params.kinds
-    return Timing(
+    return OpeningTimes(
         mean[:, parts.delay][:, kinds], np.exp(mean[:, parts.lag][:, kinds]), mean[:, parts.opening][:, kinds]
     )
 
 
-def _delay_stds(bank: Bank, params: PoseParams) -> Array:
+def _delay_stds(bank: PoseBank, params: PoseParams) -> Array:
     """Returns 1-sigma of the delay of each jet's kind, s, shape (n_filters, n_jets)."""
     part, found = params.parts.delay, np.zeros((bank.mean.shape[0], params.parts.size))
     found[:, params.free] = np.sqrt(np.maximum(np.diagonal(bank.covariance, axis1=1, axis2=2), 0.0))
     return found[:, part][:, params.kinds]
 
 
-def predicted(bank: Bank, commands: Commands, begin_s: float, end_s: float, params: PoseParams) -> Predicted:
+def predicted(bank: PoseBank, commands: Commands, begin_s: float, end_s: float, params: PoseParams) -> Predicted:
     """Predicts the bank over an interval.
 
     Args:
@@ -149,11 +149,13 @@ def predicted(bank: Bank, commands: Commands, begin_s: float, end_s: float, para
             after[:, rows] += more
     covariance = through @ bank.covariance @ np.swapaxes(through, 1, 2) + _noise(acting, product, spread, params)
     covariance = symmetrized_stack(covariance)
-    moved = Bank(after, covariance, bank.rotation @ rotations(angle), bank.opens, bank.reference, bank.turned + spun)
+    moved = PoseBank(
+        after, covariance, bank.rotation @ rotations(angle), bank.opens, bank.reference, bank.turned + spun
+    )
     return Predicted(moved, _kick(acting, params), through if kept is None else through * kept[:, None, :])
 
 
-def _pulsed(bank: Bank, openings: Openings, params: PoseParams) -> tuple[Bank, Array | None]:
+def _pulsed(bank: PoseBank, openings: Openings, params: PoseParams) -> tuple[PoseBank, Array | None]:
     """Returns the bank with new, independent strengths of the pulses that begin.
 
     And what of the state goes on, zero for those, shape (n_filters, n); None: all of it.
@@ -172,7 +174,7 @@ def _pulsed(bank: Bank, openings: Openings, params: PoseParams) -> tuple[Bank, A
     return bank._replace(mean=mean, covariance=covariance), kept
 
 
-def _acting(bank: Bank, openings: Openings, duration: float, params: PoseParams) -> _Acting:
+def _acting(bank: PoseBank, openings: Openings, duration: float, params: PoseParams) -> _Acting:
     parts, mean = params.parts, bank.mean
     once, twice, shut = openings.once.copy(), openings.twice.copy(), np.ones_like(openings.once)
     strength = 1.0 + mean[:, parts.pulse]
@@ -203,7 +205,7 @@ def _acting(bank: Bank, openings: Openings, duration: float, params: PoseParams)
 # -------------------------------------------------------------------------------- place and velocity
 
 
-def _move(after: Array, jacobian: Array, acting: _Acting, bank: Bank, params: PoseParams) -> None:
+def _move(after: Array, jacobian: Array, acting: _Acting, bank: PoseBank, params: PoseParams) -> None:
     """Fills in position and velocity after the interval, and their derivatives but by valves."""
     parts, mean, duration = params.parts, bank.mean, acting.duration
     velocity, drag = mean[:, parts.velocity], mean[:, parts.drag.start, None]
@@ -227,7 +229,7 @@ def _move(after: Array, jacobian: Array, acting: _Acting, bank: Bank, params: Po
 # -------------------------------------------------------------------------------- attitude and rate
 
 
-def _turn(after: Array, jacobian: Array, acting: _Acting, bank: Bank, params: PoseParams) -> Array:
+def _turn(after: Array, jacobian: Array, acting: _Acting, bank: PoseBank, params: PoseParams) -> Array:
     """Fills in the rate after the interval, and derivatives but by valves; returns the angle turned, (n_filters, 3)."""
     parts, mean, duration = params.parts, bank.mean, acting.duration
     rate, drag = mean[:, parts.rate], mean[:, parts.drag.start + 1, None]
@@ -261,7 +263,7 @@ def _turn(after: Array, jacobian: Array, acting: _Acting, bank: Bank, params: Po
     return angle
 
 
-def _pushed(after: Array, jacobian: Array, acting: _Acting, known: tuple[Bank, Array], params: PoseParams) -> Array:
+def _pushed(after: Array, jacobian: Array, acting: _Acting, known: tuple[PoseBank, Array], params: PoseParams) -> Array:
     """Adds the effects of known outside forces, and derivatives; returns the angle turned, shape (n_filters, 3).
 
     Args:
@@ -292,12 +294,12 @@ def _pushed(after: Array, jacobian: Array, acting: _Acting, known: tuple[Bank, A
     return angle
 
 
-def _inverse_mass(bank: Bank, params: PoseParams) -> Array:
+def _inverse_mass(bank: PoseBank, params: PoseParams) -> Array:
     """Computes m_0/m, shape (n_filters, 1)."""
     return 1.0 + ((bank.mean - params.start) @ params.of_mass)[:, None]
 
 
-def _felt(after: Array, jacobian: Array, acting: _Acting, known: tuple[Bank, Array], params: PoseParams) -> None:
+def _felt(after: Array, jacobian: Array, acting: _Acting, known: tuple[PoseBank, Array], params: PoseParams) -> None:
     """Adds the velocity that accelerometers gain by known outside forces; arguments as those of `_pushed`."""
     bank, outside = known
     force = acting.duration * outside[3:] / params.nominal_mass
@@ -349,7 +351,7 @@ def _by_timing(jacobian: Array, acting: _Acting, params: PoseParams) -> None:
                 jacobian[:, rows, part.start + kind] = acting.summed(own * amount, effect)
 
 
-def _by_opening(jacobian: Array, acting: _Acting, bank: Bank, params: PoseParams) -> None:
+def _by_opening(jacobian: Array, acting: _Acting, bank: PoseBank, params: PoseParams) -> None:
     """Fills in the derivative by how far a jet stands open."""
     column, which = params.parts.open.start, np.flatnonzero(bank.opens >= 0)
     jets, duration = bank.opens[which], acting.duration
@@ -361,7 +363,7 @@ def _by_opening(jacobian: Array, acting: _Acting, bank: Bank, params: PoseParams
         jacobian[which, rows, column] = amount[:, None] * effect[which, jets]
 
 
-def _by_pulse(jacobian: Array, acting: _Acting, bank: Bank, params: PoseParams) -> None:
+def _by_pulse(jacobian: Array, acting: _Acting, bank: PoseBank, params: PoseParams) -> None:
     """Fills in the derivatives by how strong the present pulses are."""
     factor = bank.mean[:, params.parts.thrust]
     for effect, rows, twice in _effects(acting, params):
@@ -369,7 +371,7 @@ def _by_pulse(jacobian: Array, acting: _Acting, bank: Bank, params: PoseParams) 
         jacobian[:, rows, params.parts.pulse] = np.swapaxes(amount[..., None] * effect, 1, 2)
 
 
-def _gather(after: Array, jacobian: Array, acting: _Acting, bank: Bank, params: PoseParams) -> Array:
+def _gather(after: Array, jacobian: Array, acting: _Acting, bank: PoseBank, params: PoseParams) -> Array:
     """Fills in the accelerometers' velocity and its derivatives; returns the integral of w w^T, (n_filters, 3, 3)."""
     parts, mean, duration = params.parts, bank.mean, acting.duration
     middle = 0.5 * (mean[:, parts.rate] + after[:, parts.rate])
@@ -390,7 +392,7 @@ def _gather(after: Array, jacobian: Array, acting: _Acting, bank: Bank, params: 
     return spun
 
 
-def _feel_push(after: Array, jacobian: Array, acting: _Acting, bank: Bank, params: PoseParams) -> None:
+def _feel_push(after: Array, jacobian: Array, acting: _Acting, bank: PoseBank, params: PoseParams) -> None:
     """Adds the velocity that accelerometers gain by a push, where a filter supposes one."""
     parts, which, duration = params.parts, np.flatnonzero(bank.opens == PUSHED), acting.duration
     back = np.swapaxes(acting.middle[which], 1, 2)
@@ -406,7 +408,7 @@ def _feel_push(after: Array, jacobian: Array, acting: _Acting, bank: Bank, param
 # --------------------------------------------------------------------------------------------- noise
 
 
-def _second_order(acting: _Acting, bank: Bank, params: PoseParams) -> tuple[Array, Array]:
+def _second_order(acting: _Acting, bank: PoseBank, params: PoseParams) -> tuple[Array, Array]:
     """Computes mean and covariance on the rate of errors of K times those of angular impulse, shapes (., 3[, 3])."""
     parts, free = params.parts, params.free
     rows = np.zeros((bank.mean.shape[0], 3, parts.size))  # of the angular impulse over the mass
@@ -432,7 +434,7 @@ def _second_order(acting: _Acting, bank: Bank, params: PoseParams) -> tuple[Arra
     return bias, product
 
 
-def _timing_products(acting: _Acting, bank: Bank, params: PoseParams) -> tuple[Array, Array]:
+def _timing_products(acting: _Acting, bank: PoseBank, params: PoseParams) -> tuple[Array, Array]:
     """Computes mean and covariance of terms nonlinear in g and valves' timing, shapes (n_filters, n_jets[, n_jets]).
 
     These are products of errors of g and of J, and of J what is not linear itself.

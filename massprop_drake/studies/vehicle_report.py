@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import CglrBlock, MassBlock, Scenario, resolved
-from massprop_drake.inputs.vehicle import Accelerometer, Vehicle
+from massprop_drake.inputs.vehicle_file import Accelerometer, Vehicle
 from massprop_drake.maths.autopilot.jet_selection import activity_vectors
 from massprop_drake.maths.estimation import observability
 from massprop_drake.maths.estimation.detectors.jet_tests import signatures
 from massprop_drake.maths.estimation.filters.mass_filter import Rotation, compensated
 from massprop_drake.maths.mass_properties import NAMES
 from massprop_drake.maths.vehicle.sensing import increment_noise
-from massprop_drake.results.identifiability import increments_noise, unobservable
+from massprop_drake.results.identified import increments_noise, unobservable
 from massprop_drake.systems.autopilot.jet_selection_program import JetSelectionProgram
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from massprop_drake.inputs import params
 from massprop_drake.inputs.model import Real, Text
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths import mass_properties
 from massprop_drake.maths.estimation import identifiability, observability
 from massprop_drake.maths.estimation.identifiability import FIRING_S, Flag

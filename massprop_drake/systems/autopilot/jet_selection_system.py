@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import LeafSystem
 
-from massprop_drake.maths.autopilot import ports
+from massprop_drake.maths.autopilot import autopilot_ports
+from massprop_drake.maths.autopilot.autopilot_ports import Burning
 from massprop_drake.maths.autopilot.jet_selection import delivered_velocity, forces_of
 from massprop_drake.maths.autopilot.phase_space import Request, Urgency
-from massprop_drake.maths.autopilot.ports import Burning
 from massprop_drake.maths.autopilot.pulses import Pulses, pulse_onsets, whole_cycles
 from massprop_drake.maths.kernels import chosen, held
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
@@ -22,7 +22,7 @@ from massprop_drake.systems.layouts import RECONFIGURATION, REQUEST
 
 Array = NDArray[np.float64]
 
-_SELECTS, _FIRED = 0, slice(1, None)  # of what `ports.going_on` gives
+_SELECTS, _FIRED = 0, slice(1, None)  # of what `autopilot_ports.going_on` gives
 
 
 class JetSelection(LeafSystem):
@@ -102,7 +102,10 @@ class JetSelection(LeafSystem):
             pulses=pulses,
         )
         self._selector = Scratch(self, "selector", make)
-        self._going_on, self._fired = chosen(ports.going_on, compiled), chosen(ports.fired, compiled)
+        self._going_on, self._fired = (
+            chosen(autopilot_ports.going_on, compiled),
+            chosen(autopilot_ports.fired, compiled),
+        )
         some_request = Request(np.zeros(3), np.zeros(3), np.inf, Urgency.NONE)
         self._pulses, self._period_s = whole_cycles(n_jets) if pulses is None else pulses, period_s
         self._forces = forces_of(wrenches)
@@ -141,7 +144,7 @@ class JetSelection(LeafSystem):
         return SelectionState._make(_group(context, group) for group in self._groups)
 
     def _compute(self, context: Any) -> tuple[Array, tuple[Array, ...]]:
-        """Computes jets of the coming sample, as `ports.fired` has them, and further states that change."""
+        """Computes jets of the coming sample, as `autopilot_ports.fired` has them, and further states that change."""
         row, changed = self._decided(context)
         prescribed = self._prescribed.Eval(context) if self._prescribed.HasValue(context) else None
         if prescribed is None or not prescribed.any():

@@ -13,7 +13,7 @@ import numpy as np
 
 from massprop_drake.maths.estimation.adaptation import LAYOUT as ADAPTATION
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION, Adaptation
-from massprop_drake.maths.estimation.detector import KNOWN_FORCE, NO_KNOWN_FORCE, STATUS, Event, Evidence, KnownForce
+from massprop_drake.maths.estimation.detector import KNOWN_FORCE, NO_KNOWN_FORCE, STATUS, Evidence, KnownForce, Verdict
 from massprop_drake.maths.estimation.detectors import cglr
 from massprop_drake.maths.estimation.detectors.cglr import CglrParams, DetectorState
 from massprop_drake.maths.estimation.detectors.known_forces import acting_force
@@ -54,7 +54,7 @@ _TURNING, _EVIDENCE, _ADAPTATION, _STATUS = TURNING.sized(jets=0).size, JOINT.si
 _PREDICTION = TURNING.sized(jets=0).slice("estimate").start
 _ROTATION_STATE = thesis.ROTATION_STATE.sized(gyros=0, errors=0).size
 _WRENCH, _KNOWN = 6, KNOWN_FORCE.size
-_DECLARED = int(Event.DECLARED)
+_DECLARED = int(Verdict.DECLARED)
 
 
 # ---------------------------------------------------------------------------------------- impulses

@@ -16,7 +16,7 @@ from massprop_drake.maths.mass_properties import N_ROTATION, NAMES
 from massprop_drake.results.detections import JUMP
 from massprop_drake.studies.campaign import charts, merit, statistics
 from massprop_drake.studies.campaign.counts import Row, endings, flown, judgeable, not_run, progress
-from massprop_drake.studies.campaign.merit import CAUSES, DELAYS_S, MEANINGS, OUTCOMES, Event, Passed
+from massprop_drake.studies.campaign.merit import CAUSES, DELAYS_S, MEANINGS, OUTCOMES, InjectedEvent, Passed
 from massprop_drake.studies.campaign.plan import case_name
 from massprop_drake.studies.campaign.reading import Cell, Study, read
 from massprop_drake.studies.campaign.statistics import Figure, SizeCurve
@@ -292,7 +292,7 @@ def _about(study: Study) -> str:
 # ---------------------------------------------------------------------------------------------- plots
 
 
-def _delay_plots(study: Study, acted: Sequence[Event]) -> list[charts.Json]:
+def _delay_plots(study: Study, acted: Sequence[InjectedEvent]) -> list[charts.Json]:
     cell = study.cells[study.reference]
     plots = []
     if acted:
@@ -319,7 +319,7 @@ def _values(cell: Cell) -> str:
     return ", ".join(str(value) for value in cell.settings.values())
 
 
-def _confusion_plots(study: Study, acted: Sequence[Event], moved: Sequence[Event]) -> list[charts.Json]:
+def _confusion_plots(study: Study, acted: Sequence[InjectedEvent], moved: Sequence[InjectedEvent]) -> list[charts.Json]:
     if not acted and not moved:
         return []
     vehicle = study.spec.base.vehicle_data
@@ -339,7 +339,7 @@ def _confusion_plots(study: Study, acted: Sequence[Event], moved: Sequence[Event
     ]
 
 
-def _size_plots(sized: Mapping[str, Sequence[Event]], force: str) -> list[charts.Json]:
+def _size_plots(sized: Mapping[str, Sequence[InjectedEvent]], force: str) -> list[charts.Json]:
     plots = []
     for kind, group in sized.items():
         sizes, right = [merit.size_of(event) for event in group], [event.right for event in group]
@@ -348,7 +348,7 @@ def _size_plots(sized: Mapping[str, Sequence[Event]], force: str) -> list[charts
     return plots
 
 
-def _magnitude_plots(acted: Sequence[Event], force: str) -> list[charts.Json]:
+def _magnitude_plots(acted: Sequence[InjectedEvent], force: str) -> list[charts.Json]:
     errors = [z for _, z in merit.magnitude_errors(acted)]
     if not errors:
         return []
@@ -501,7 +501,7 @@ def _outcomes(rows: Sequence[Row]) -> list[dict[str, Any]]:
     return table
 
 
-def _delays(acted: Sequence[Event]) -> list[dict[str, Any]]:
+def _delays(acted: Sequence[InjectedEvent]) -> list[dict[str, Any]]:
     table = []
     groups = merit.by_kind(acted)
     for kind, group in [*groups.items(), *([("all", list(acted))] if len(groups) > 1 else [])]:
@@ -535,7 +535,7 @@ def _jumps(rows: Sequence[Row]) -> list[dict[str, Any]]:
 _DECLARED_AS = ("the jet or its cluster", "another jet", "a jump", "nothing")
 
 
-def _declared_as(event: Event) -> str:
+def _declared_as(event: InjectedEvent) -> str:
     jet, a_jump = event.injected["jet"], event.injected["taken_for"] == JUMP
     if event.right:
         return "a jump" if jet is None else "the jet or its cluster"
@@ -544,7 +544,7 @@ def _declared_as(event: Event) -> str:
     return "a jump" if a_jump else "another jet"
 
 
-def _smallest(found: Sequence[Event], force: str) -> list[dict[str, str]]:
+def _smallest(found: Sequence[InjectedEvent], force: str) -> list[dict[str, str]]:
     """Returns, by jet, failures found and missed, and the size found with a probability of 0.9."""
     table = []
     for jet, group in merit.by_jet(found).items():
@@ -569,7 +569,7 @@ def _size_90(curve: SizeCurve | None, force: str) -> str:
     return f"below {curve.smallest:.3g} {force}" if curve.finds_all else shown(curve.size_90, force)
 
 
-def _magnitudes(acted: Sequence[Event], force: str) -> list[dict[str, Any]]:
+def _magnitudes(acted: Sequence[InjectedEvent], force: str) -> list[dict[str, Any]]:
     table = []
     for kind, group in merit.by_kind(acted).items():
         pairs = merit.magnitude_errors(group)

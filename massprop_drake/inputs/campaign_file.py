@@ -17,7 +17,7 @@ from massprop_drake.inputs.distributions import KINDS, Choice, Distribution, Nor
 from massprop_drake.inputs.kinds import bundled, require_kind, require_named
 from massprop_drake.inputs.model import Flag, Key, Model, Real, Text, Whole, described, keys, validated
 from massprop_drake.inputs.scenario import Dispersion, Scenario, load_scenario, parsed_key, replace_at, resolved, set_at
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.yaml import Document, FieldPath, exists, read_text
 from massprop_drake.maths.mass_properties import drawn_body
 

@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import LeafSystem_
 
 from massprop_drake.maths.kernels import chosen, held, released, value_of
-from massprop_drake.maths.vehicle import ports
-from massprop_drake.maths.vehicle.ports import Jets
+from massprop_drake.maths.vehicle import vehicle_ports
 from massprop_drake.maths.vehicle.reaction_jets import (
+    JetThrusts,
     LevelCourse,
-    Thrusters,
     drained,
     drawn_factors,
     jets_params,
@@ -27,6 +26,7 @@ from massprop_drake.maths.vehicle.reaction_jets import (
 from massprop_drake.maths.vehicle.rigid_body import N_WRENCH, STRUCTURE
 from massprop_drake.maths.vehicle.thrust import level_at
 from massprop_drake.maths.vehicle.true_failures import Failure, FailureKind, as_levels, failure_table, struck
+from massprop_drake.maths.vehicle.vehicle_ports import Jets
 from massprop_drake.systems.caching import Cached, state_of
 from massprop_drake.systems.parameters import Named, Parameters
 from massprop_drake.systems.scalars import float_class, refuse, template
@@ -134,8 +134,8 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             self._nominal = jets_params(wrenches, time_constants_s, period_s)
             self._thrusts = self._nominal.forces if thrusts is None else thrusts
             self._compiled = compiled and T is float
-            self._kernel = chosen(ports.thrust, self._compiled)
-            self._failed = chosen(ports.failed_target, self._compiled)
+            self._kernel = chosen(vehicle_ports.thrust, self._compiled)
+            self._failed = chosen(vehicle_ports.failed_target, self._compiled)
             self._n_jets, self._seed, self._failures = n_jets, seed, failures
             self._time_constants_s = time_constants_s
             self._instantaneous = self._nominal.lag.instantaneous
@@ -208,7 +208,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
             """Distinct positive time constants, s, in the order of `wrench_profile`."""
             return self._nominal.classes.time_constants_s
 
-        def _compute_jets(self, context: Any) -> tuple[Thrusters, Any]:
+        def _compute_jets(self, context: Any) -> tuple[JetThrusts, Any]:
             """Makes the jets by their thrusts in the context, and a holder of them with their failures."""
             factor, dispersion = self.parameters.get(context)
             factors = factor * drawn_factors(self._seed_in(context), dispersion, self._n_jets)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.pose.layout import Bank, Parts, PoseParams, Readings
+from massprop_drake.maths.estimation.pose.pose_layout import Parts, PoseBank, PoseParams, PoseReadings
 from massprop_drake.maths.estimation.pose.turning import skews
 from massprop_drake.maths.linear_algebra import Array, symmetrized
 
@@ -61,7 +61,7 @@ def prior(known: Beforehand, fixed: np.ndarray, parts: Parts) -> tuple[Array, Ar
     return mean, covariance[np.ix_(free, free)], free
 
 
-def begun(readings: Readings, params: PoseParams) -> Bank:
+def begun(readings: PoseReadings, params: PoseParams) -> PoseBank:
     """Returns one filter after the first sample: attitude and position as they are read.
 
     Nothing tells whether a first reading is a poor one: where there are such, it counts as one.
@@ -93,7 +93,7 @@ def begun(readings: Readings, params: PoseParams) -> Bank:
     mean[parts.gathered] = np.where(np.isnan(gathered), 0.0, gathered)
     covariance = symmetrized(whole[np.ix_(params.free, params.free)])
     rate = mean[parts.rate]
-    return Bank(
+    return PoseBank(
         mean[None],
         covariance[None],
         rotation[None],
@@ -103,7 +103,7 @@ def begun(readings: Readings, params: PoseParams) -> Bank:
     )
 
 
-def begins(readings: Readings, params: PoseParams) -> bool:
+def begins(readings: PoseReadings, params: PoseParams) -> bool:
     """Tests whether position and attitude can be initialized by the readings, as far as they are measured."""
     turned = np.isfinite(readings.rotations).all(axis=(1, 2)).any()
     placed = np.isfinite(readings.positions[:, :2]).all(axis=1).any()
@@ -112,7 +112,7 @@ def begins(readings: Readings, params: PoseParams) -> bool:
     return bool((turned or not needs_turn) and (placed or not needs_place))
 
 
-def first_place(readings: Readings) -> int | None:
+def first_place(readings: PoseReadings) -> int | None:
     """Returns the pose sensor that initializes the position; None: none has read one."""
     return next((place for place, read in enumerate(readings.positions) if np.isfinite(read).any()), None)
 

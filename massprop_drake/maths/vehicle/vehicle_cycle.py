@@ -19,7 +19,7 @@ from massprop_drake.maths.vehicle import reaction_jets, rigid_body, true_failure
 from massprop_drake.maths.vehicle.depletion import NO_TANKS, Tanks, draining, emptied
 from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, about_origin, next_deviation
 from massprop_drake.maths.vehicle.on_times import opens_within
-from massprop_drake.maths.vehicle.reaction_jets import JetsParams, Thrusters
+from massprop_drake.maths.vehicle.reaction_jets import JetsParams, JetThrusts
 from massprop_drake.maths.vehicle.rigid_body import (
     MASS,
     ORIGIN_VELOCITY,
@@ -31,8 +31,8 @@ from massprop_drake.maths.vehicle.rigid_body import (
     since_start,
 )
 from massprop_drake.maths.vehicle.sensing import (
-    Package,
-    SensorErrors,
+    PackageErrors,
+    TruePackage,
     at_once,
     held_within,
     marked,
@@ -51,7 +51,7 @@ _MEMORY = 10  # numbers that a package remembers besides late readings
 
 
 class Packages(NamedTuple):
-    """All packages of sensors as arrays, see `sensing.Package` and `sensing.SensorModel`, shape (n, ...).
+    """All packages of sensors as arrays, see `sensing.TruePackage` and `sensing.SensorModel`, shape (n, ...).
 
     Attributes:
         plain: whether all do no more than quantize.
@@ -74,7 +74,7 @@ class Packages(NamedTuple):
     limits: Array
 
 
-def packed_packages(packages: tuple[Package, ...]) -> Packages:
+def packed_packages(packages: tuple[TruePackage, ...]) -> Packages:
     """Packs some packages into arrays."""
     models = [package.model for package in packages]
     nowhere = np.zeros(3)
@@ -112,7 +112,7 @@ class Truth(NamedTuple):
     Attributes:
         period_s: sample period, s, and step of the body.
         mass: at the start, slug or kg.
-        jets: see `Thrusters`.
+        jets: see `JetThrusts`.
         failures: what jets deliver in place of what they are told.
         packages: see `Packages`.
         pushed: whether something pushes besides the jets.
@@ -123,7 +123,7 @@ class Truth(NamedTuple):
 
     period_s: float
     mass: float
-    jets: Thrusters
+    jets: JetThrusts
     failures: FailureTable
     packages: Packages
     pushed: bool
@@ -151,7 +151,7 @@ class VehicleParams(NamedTuple):
     period_s: float
     seed: int
     jets: JetsParams
-    packages: tuple[Package, ...]
+    packages: tuple[TruePackage, ...]
     disturbance: DisturbanceModel | None
     jumps: Mapping[int, tuple[Jump, ...]]
     body: Array
@@ -310,10 +310,10 @@ def _signals(body: Array, packages: Packages) -> Array:
 
 
 @kernel
-def _errors(index: int, params: Truth) -> SensorErrors:
+def _errors(index: int, params: Truth) -> PackageErrors:
     """Returns the errors of a package."""
     packages = params.packages
-    return SensorErrors(
+    return PackageErrors(
         params.period_s,
         packages.scale_factors[index],
         packages.smoothings[index],

@@ -16,9 +16,9 @@ from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.estimation import hindsight, oscillation
 from massprop_drake.maths.estimation.filter import Instruments, Setup
 from massprop_drake.maths.estimation.filters.joint import chi_square_limit
-from massprop_drake.maths.estimation.hindsight import Fit, Model, Reckoned, ScoreTest, Stretch
+from massprop_drake.maths.estimation.hindsight import FlightFit, FlightModel, Reckoned, ScoreTest, Stretch
 from massprop_drake.maths.estimation.joint.burns import Burn, EngineSettings, at_rest, burnt, push
-from massprop_drake.maths.estimation.joint.disturbance import NO_DISTURBANCE
+from massprop_drake.maths.estimation.joint.disturbance_states import NO_DISTURBANCE
 from massprop_drake.maths.estimation.joint.prediction import propellant_drift
 from massprop_drake.maths.mass_properties import MassProperties
 from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS, N_ERRORS, channels
@@ -83,7 +83,7 @@ def names_of(scenario: Scenario) -> Names:
     )
 
 
-def model(scenario: Scenario) -> Model:
+def model(scenario: Scenario) -> FlightModel:
     """Makes the model of the vehicle that a scenario's filter has."""
     setup, vehicle = params.setup(scenario), scenario.vehicle_data
     thrust, gyros, accelerometers = setup.thrust, setup.gyros, setup.accelerometers
@@ -107,7 +107,7 @@ def model(scenario: Scenario) -> Model:
     turned = (misread * (np.linalg.inv(vehicle.nominal.inertia) @ setup.wheels.axes.T)) ** 2
     of_wheels = float(turned.sum(axis=1).max())
     variances = np.concatenate((setup.gyro_variances + of_wheels, setup.accelerometer_variances))
-    made = Model(
+    made = FlightModel(
         period_s=setup.period_s,
         wrenches=thrust.wrenches,
         flows=thrust.flows,
@@ -177,7 +177,7 @@ def _by_noise(noise: Array, body: MassProperties) -> Array:
     return np.array([math.sqrt((each**2).sum(axis=0).max()) for each in (rates, noise[:, 3:] / body.mass)])
 
 
-def steady(made: Model) -> Model:
+def steady(made: FlightModel) -> FlightModel:
     """Returns the model without shifts of inertia and center of mass in one direction by used propellant."""
     sigma = made.sigma.copy()
     sigma[hindsight.columns(made).shift] = 0.0
@@ -356,7 +356,7 @@ def _without_lies(parts: Sequence[Stretch], events: Sequence[EventRecord], names
     return found
 
 
-def _some(parts: Sequence[Stretch], until_s: float, made: Model) -> list[Stretch]:
+def _some(parts: Sequence[Stretch], until_s: float, made: FlightModel) -> list[Stretch]:
     """Selects pieces of stretches up to a time that are short enough to be regressed, evenly spread if many."""
     seen = (piece for part in parts for piece in _seen(_until(part, until_s), made))
     every = [piece for part in seen for piece in _slow_enough(part, made)]
@@ -364,7 +364,7 @@ def _some(parts: Sequence[Stretch], until_s: float, made: Model) -> list[Stretch
     return every[:: max(-(-rows // (_STRETCHES * (_ROWS + 1))), 1)]
 
 
-def pieces(scenario: Scenario, signals: Spool, until_s: float, made: Model) -> list[Stretch]:
+def pieces(scenario: Scenario, signals: Spool, until_s: float, made: FlightModel) -> list[Stretch]:
     """Returns the parts of a record up to a time for regression.
 
     Args:
@@ -377,7 +377,7 @@ def pieces(scenario: Scenario, signals: Spool, until_s: float, made: Model) -> l
 
 
 def believed(
-    scenario: Scenario, signals: Spool, until_s: float, events: Iterable[EventRecord], made: Model
+    scenario: Scenario, signals: Spool, until_s: float, events: Iterable[EventRecord], made: FlightModel
 ) -> tuple[list[Stretch], bool]:
     """Returns stretches of a record up to a time, without readings declared false; 1/m is that of then.
 
@@ -420,7 +420,7 @@ def _with_rows(before: Array, later: Array) -> Array:
     return np.concatenate((before, later[-rows:]))[-rows:]
 
 
-def _seen(part: Stretch, made: Model) -> Iterator[Stretch]:
+def _seen(part: Stretch, made: FlightModel) -> Iterator[Stretch]:
     """Yields a stretch in pieces over which the rate is known, which coupling takes as it is read."""
     unread = np.asarray(np.isnan(part.readings[:, : made.gyros]).all(axis=1))
     lost, hole = np.asarray(unread.any(axis=1)), _HOLE
@@ -435,7 +435,7 @@ def _seen(part: Stretch, made: Model) -> Iterator[Stretch]:
         yield _rows_of(part, slice(first, last))
 
 
-def _slow_enough(part: Stretch, made: Model) -> Iterator[Stretch]:
+def _slow_enough(part: Stretch, made: FlightModel) -> Iterator[Stretch]:
     """Yields a stretch in pieces over which noise of the rates that enters by coupling does not add up."""
     n = part.time_s.size
     if n <= 2:
@@ -591,7 +591,9 @@ class _Suspect(NamedTuple):
     threshold: float
 
 
-def diagnosed(parts: Sequence[Stretch], begin: Array, made: Model, names: Names) -> tuple[list[Diagnosis], Fit]:
+def diagnosed(
+    parts: Sequence[Stretch], begin: Array, made: FlightModel, names: Names
+) -> tuple[list[Diagnosis], FlightFit]:
     """Diagnoses what the readings contradict, the clearest first.
 
     Args:
@@ -635,11 +637,11 @@ class _Explanation(NamedTuple):
     diagnosis: Diagnosis
     cost: float
     parts: Sequence[Stretch]
-    fit: Fit
-    made: Model
+    fit: FlightFit
+    made: FlightModel
 
 
-def _explanations(parts: Sequence[Stretch], fit: Fit, made: Model, names: Names) -> Iterator[_Explanation]:
+def _explanations(parts: Sequence[Stretch], fit: FlightFit, made: FlightModel, names: Names) -> Iterator[_Explanation]:
     """Yields causes that explain the readings once all is fitted again with them."""
     suspects = [one for one in _suspects(fit, made) if one.statistic > one.threshold]
     per_unknown = math.log(max(fit.normal.readings, 1.0))
@@ -665,7 +667,7 @@ def _explanations(parts: Sequence[Stretch], fit: Fit, made: Model, names: Names)
             yield _Explanation(found, _cost(after, made) + per_unknown, moved, after, made)
 
 
-def _explains(after: Fit, before: Fit) -> bool:
+def _explains(after: FlightFit, before: FlightFit) -> bool:
     """Tests whether a fit leaves next to nothing of another fit's misfit beyond rounding."""
     return after.normal.is_finite and _excess(after) <= (1.0 - _EXPLAINED) * _excess(before)
 
@@ -682,7 +684,7 @@ def _kept_of(part: Stretch, rows: int) -> slice:
     return slice(1, part.time_s.size) if rows > 0 else slice(0, part.time_s.size - 1)
 
 
-def _late_thrust(cause: _Cause, after: Fit, made: Model, names: Names) -> str:
+def _late_thrust(cause: _Cause, after: FlightFit, made: FlightModel, names: Names) -> str:
     """Describes the lags with which the thrust of each kind of jet builds up, by a fit in which they are free."""
     places, words = hindsight.columns(made), []
     for place in cause.group.tolist():
@@ -696,7 +698,7 @@ def _late_thrust(cause: _Cause, after: Fit, made: Model, names: Names) -> str:
     return f"lag wrong: {'; '.join(words)}"
 
 
-def _oscillating(parts: Sequence[Stretch], fit: Fit, made: Model, names: Names) -> list[Diagnosis]:
+def _oscillating(parts: Sequence[Stretch], fit: FlightFit, made: FlightModel, names: Names) -> list[Diagnosis]:
     """Looks for a mode inside the vehicle, such as slosh or a panel, that explains drifting residuals.
 
     Where walks or a disturbance are stated, whatever exceeds them is told, a mode or not.
@@ -726,7 +728,7 @@ def _covering(rate: float, velocity: float) -> str:
     return f"joint.rate_walk={rate:.2g} and joint.velocity_walk={velocity:.2g} would cover it"
 
 
-def _from(begin: Array, made: Model) -> Array:
+def _from(begin: Array, made: FlightModel) -> Array:
     """Returns the start of a fit: these ten parameters, if they are a body's."""
     start = made.prior.copy()
     if hindsight.possible(begin):  # NaN is not
@@ -734,7 +736,7 @@ def _from(begin: Array, made: Model) -> Array:
     return start
 
 
-def _reaching(found: Array, made: Model) -> Model:
+def _reaching(found: Array, made: FlightModel) -> FlightModel:
     """Returns the model with a prior of the ten parameters as wide as their deviation from it turned out to be."""
     off = np.abs(found - made.prior[:10])
     far = off > _OFF * made.sigma[:10]
@@ -745,12 +747,14 @@ def _reaching(found: Array, made: Model) -> Model:
     return made._replace(sigma=sigma)
 
 
-def _off_ticks(parts: Sequence[Stretch], made: Model) -> bool:
+def _off_ticks(parts: Sequence[Stretch], made: FlightModel) -> bool:
     """Tests whether stamps are off their ticks."""
     return any(hindsight.off_ticks(part, made) for part in parts)
 
 
-def _switched(parts: Sequence[Stretch], fit: Fit, made: Model) -> tuple[Fit, Model, list[Diagnosis]]:
+def _switched(
+    parts: Sequence[Stretch], fit: FlightFit, made: FlightModel
+) -> tuple[FlightFit, FlightModel, list[Diagnosis]]:
     """Tries commands that switch at stamps instead of regular ticks, or the reverse; takes what explains the readings.
 
     Args:
@@ -772,12 +776,14 @@ def _switched(parts: Sequence[Stretch], fit: Fit, made: Model) -> tuple[Fit, Mod
     return after, other, [Diagnosis("jitter", words, fit.normal.misfit, after.normal.misfit)]
 
 
-def _excess(fit: Fit) -> float:
+def _excess(fit: FlightFit) -> float:
     """Computes the misfit beyond the possible effect of rounding."""
     return max(fit.normal.misfit - _SCATTER * fit.normal.readings, 0.0)
 
 
-def _turned_right(parts: Sequence[Stretch], fit: Fit, made: Model, names: Names) -> tuple[Fit, list[Diagnosis]]:
+def _turned_right(
+    parts: Sequence[Stretch], fit: FlightFit, made: FlightModel, names: Names
+) -> tuple[FlightFit, list[Diagnosis]]:
     """Tries each axis of the gyros with the other sign; takes one that explains the readings."""
     for package in range(made.gyros):
         for axis in range(3):
@@ -805,7 +811,7 @@ class _Rescaled(NamedTuple):
     found: list[Diagnosis]
 
 
-def _rescaled(parts: Sequence[Stretch], begin: Array, made: Model, scenario: Scenario) -> _Rescaled | None:
+def _rescaled(parts: Sequence[Stretch], begin: Array, made: FlightModel, scenario: Scenario) -> _Rescaled | None:
     """Tries readings of gyros, of accelerometers and of both without a common factor; takes the best if it explains.
 
     Args:
@@ -867,13 +873,13 @@ def _is_plausible(ratios: Array) -> NDArray[np.bool_]:
     return np.isnan(ratios) | ((ratios >= 1.0 / _UNLIKELY) & (ratios <= _UNLIKELY))
 
 
-def _cost(fit: Fit, made: Model) -> float:
+def _cost(fit: FlightFit, made: FlightModel) -> float:
     """Computes the objective of a fit: the misfit, and the distance of the unknowns from their prior."""
     free = made.sigma > 0.0
     return fit.normal.misfit + float(np.sum(((fit.at - made.prior)[free] / made.sigma[free]) ** 2))
 
 
-def _groups(made: Model) -> dict[str, NDArray[np.int_]]:
+def _groups(made: FlightModel) -> dict[str, NDArray[np.int_]]:
     places = hindsight.columns(made)
     every = {
         "thrust": places.thrust,
@@ -891,7 +897,7 @@ def _groups(made: Model) -> dict[str, NDArray[np.int_]]:
     return {kind: np.arange(part.start, part.stop) for kind, part in every.items()}
 
 
-def _scaled(score: ScoreTest, fit: Fit, stated: float) -> float:
+def _scaled(score: ScoreTest, fit: FlightFit, stated: float) -> float:
     """Scales a statistic to the variance of the readings as it is, where that is larger than stated."""
     left = fit.normal.misfit if stated > 0.0 else score.least
     return score.statistic / max(1.0, left / max(fit.normal.readings, 1.0))
@@ -900,8 +906,8 @@ def _scaled(score: ScoreTest, fit: Fit, stated: float) -> float:
 def _tested(
     kind: str,
     group: NDArray[np.int_],
-    fit: Fit,
-    made: Model,
+    fit: FlightFit,
+    made: FlightModel,
     clear: float = np.inf,
     common: Reckoned | None = None,
 ) -> _Suspect:
@@ -916,7 +922,7 @@ def _tested(
     return _Suspect(kind, group, score, _scaled(score, fit, stated) / alike, threshold)
 
 
-def _suspects(fit: Fit, made: Model) -> Iterator[_Suspect]:
+def _suspects(fit: FlightFit, made: FlightModel) -> Iterator[_Suspect]:
     places, common = hindsight.columns(made), hindsight.reckoned_in(fit, made)
     for kind, group in _groups(made).items():
         if group.size and made.sigma[group].max() < _WIDE:
@@ -941,7 +947,7 @@ class _Cause(NamedTuple):
     sigma: float
 
 
-def _named(worst: _Suspect, fit: Fit, made: Model, names: Names) -> _Cause:
+def _named(worst: _Suspect, fit: FlightFit, made: FlightModel, names: Names) -> _Cause:
     """Describes a failed test as a cause."""
     kind, group, size = worst.kind, worst.group, worst.score.size
     if kind in ("thrust", "gyro_scale", "accelerometer_scale", "wheel", "engine"):
@@ -960,7 +966,7 @@ def _named(worst: _Suspect, fit: Fit, made: Model, names: Names) -> _Cause:
     return _Cause(kind, words, group, 1.0 if kind in ("gyro_bias", "mounting") else 1e6)
 
 
-def _of_many(worst: _Suspect, fit: Fit, made: Model, names: Names) -> _Cause:
+def _of_many(worst: _Suspect, fit: FlightFit, made: FlightModel, names: Names) -> _Cause:
     """Finds the cause among jets or axes: the one that explains all of it, else all of them."""
     kind, group, size = worst.kind, worst.group, worst.score.size
     common = hindsight.reckoned_in(fit, made)
@@ -1006,7 +1012,7 @@ def _of_engines(gain: float, suspect: _Suspect, names: Names, place: int, *, alo
     return _Cause("engine", f"engine {names.engines[engine]}: {what}", suspect.group, 1.0)
 
 
-def _scattered(parts: Sequence[Stretch], fit: Fit, made: Model, names: Names) -> list[Diagnosis]:
+def _scattered(parts: Sequence[Stretch], fit: FlightFit, made: FlightModel, names: Names) -> list[Diagnosis]:
     """Finds readings with larger residuals than stated: drifting, while the rate changes fast, or all of a package.
 
     Args:
@@ -1037,7 +1043,7 @@ def _scattered(parts: Sequence[Stretch], fit: Fit, made: Model, names: Names) ->
     return found
 
 
-def _of_torques(parts: Sequence[Stretch], made: Model, names: Names) -> str:
+def _of_torques(parts: Sequence[Stretch], made: FlightModel, names: Names) -> str:
     """Describes what turns the vehicle beyond the fit: wheels, where the equivalent force would act far outside."""
     momentum, impulse = hindsight.unexplained(parts, made)
     torques, forces = made.wrenches[:, :3], made.wrenches[:, 3:]

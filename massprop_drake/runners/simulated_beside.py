@@ -14,16 +14,16 @@ from numpy.typing import NDArray
 from massprop_drake.errors import InputError, moment
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario, load_scenario
-from massprop_drake.inputs.vehicle import MassPropertiesModel, Vehicle
+from massprop_drake.inputs.vehicle_file import MassPropertiesModel, Vehicle
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, all_ten
-from massprop_drake.maths.vehicle import cycle
+from massprop_drake.maths.vehicle import vehicle_cycle
 from massprop_drake.maths.vehicle.depletion import OutOfPropellantError
 from massprop_drake.maths.vehicle.on_times import levels_alone
 from massprop_drake.maths.vehicle.rigid_body import RATE, OutOfMassError, SpunUpError
-from massprop_drake.results.against import Against, Simulated, explained, residuals
+from massprop_drake.results.against import Against, SimulatedSide, explained, residuals
 from massprop_drake.results.run import Run, read_summary
 from massprop_drake.results.spool import Spool, blocks
-from massprop_drake.runners import against_followed
+from massprop_drake.runners import followed_beside
 from massprop_drake.signals import AGAINST
 
 Array = NDArray[np.float64]
@@ -53,7 +53,7 @@ def beside(record: Run, folder: str | Path, *, spool_folder: Path | None = None)
     other = Run.load(folder)
     if record.scenario.estimation.filter == "pose":
         spool = Spool(spool_folder, index="time_s")
-        found = against_followed.beside(record, other, str(folder), spool)
+        found = followed_beside.beside(record, other, str(folder), spool)
         return Run(record.scenario, replace(record.results, against=found), None, spool, record.state)
     world = _world(other, str(folder))
     twin = _Twin(record.scenario, world, str(folder))
@@ -69,7 +69,7 @@ def beside(record: Run, folder: str | Path, *, spool_folder: Path | None = None)
         spool.append({**block, **{AGAINST + name: values for name, values in read.items()}})
     standing = [entry.onset_s for entry in record.results.detections if entry.withdrawn_s is None]
     onset_s = min(standing, default=None)
-    reference = Simulated(_before_jumps(other), params.thrust_factors(world), params.plant_time_constants(world))
+    reference = SimulatedSide(_before_jumps(other), params.thrust_factors(world), params.plant_time_constants(world))
     misfit, causes = explained(record.scenario, spool, reference, math.inf if onset_s is None else onset_s)
     said = Against(str(folder), onset_s, misfit, residuals(record.scenario, spool), causes)
     return Run(record.scenario, replace(record.results, against=said), None, spool, record.state)
@@ -175,8 +175,8 @@ class _Twin:
         self._names = [package.name for package in self._true.packages]
         self._gyros = [package.name for package in params.gyros(record)]
         self._rates = [package.name for package in record.vehicle_data.gyros]
-        self._truth = cycle.truth(self._true)
-        self._state = cycle.initial_state(self._true)
+        self._truth = vehicle_cycle.truth(self._true)
+        self._state = vehicle_cycle.initial_state(self._true)
         self._open = np.zeros(self._true.jets.forces.size)  # no manifold is closed
         self._source = source
         self._sample = 0
@@ -196,20 +196,20 @@ class _Twin:
             InputError: when it flies where nothing could follow.
         """
         read = {name: np.full((time_s.size, 3), np.nan) for name in self._names}
-        coming = cycle.ahead(self._sample, time_s.size, self._true)
+        coming = vehicle_cycle.ahead(self._sample, time_s.size, self._true)
         for row, (command, onset_s) in enumerate(zip(*commands, strict=True)):
             here = {name: values[row] for name, values in readings.items()}
             if not self._follows:
                 self._begin(here)
-            simulated, memories = cycle.sense(self._state, row, coming, self._truth)
+            simulated, memories = vehicle_cycle.sense(self._state, row, coming, self._truth)
             for name, values in zip(self._names, simulated, strict=True):
                 offset = self._offset(name, values, here[name])
                 read[name][row] = values + offset if self._follows else np.nan
             try:
                 if coming.jumps[row]:
-                    self._state = cycle.jumped(self._state, self._sample, self._true)
+                    self._state = vehicle_cycle.jumped(self._state, self._sample, self._true)
                 told = (np.nan_to_num(command), onset_s, self._open)
-                after, _ = cycle.step(self._state, told, self._sample, (coming, row), self._truth)
+                after, _ = vehicle_cycle.step(self._state, told, self._sample, (coming, row), self._truth)
             except (OutOfMassError, OutOfPropellantError, SpunUpError) as error:
                 raise InputError(
                     f"{self._source}: its vehicle cannot fly the record's commands: at t = {moment(time_s[row])} s it "

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from massprop_drake.maths.arrays import Field, Layout
-from massprop_drake.maths.estimation.detector import STATUS, Event
+from massprop_drake.maths.estimation.detector import STATUS, Verdict
 from massprop_drake.maths.estimation.faults.declarations import (
     Declaration,
     DisturbanceDeclared,
@@ -60,7 +60,7 @@ HYPOTHESIS_REPORT = Layout(
     verdict_apart_after="jets",
 )
 
-_EVENTS = {Word.FAILED: Event.DECLARED, Word.GROUP: Event.DECLARED, Word.WITHDRAWN: Event.WITHDRAWN}
+_EVENTS = {Word.FAILED: Verdict.DECLARED, Word.GROUP: Verdict.DECLARED, Word.WITHDRAWN: Verdict.WITHDRAWN}
 
 
 class History(NamedTuple):
@@ -145,7 +145,7 @@ def status_row(said: tuple[Declaration, ...], odds: Odds, tested: bool, statisti
         statistic: largest GLR of a jet in that test.
     """
     row: dict[str, float] = {"suspected_likelihood": statistic}
-    event = Event.NOTHING
+    event = Verdict.NOTHING
     suspected = int(np.argmax(odds.jets))
     alarm = odds.jets[suspected] > 0.5
     if said:
@@ -164,10 +164,10 @@ def status_row(said: tuple[Declaration, ...], odds: Odds, tested: bool, statisti
     return STATUS.make(tested=float(tested), alarm=float(alarm), detector_event=float(event), **row)
 
 
-def _event(one: Declaration) -> Event:
+def _event(one: Declaration) -> Verdict:
     if isinstance(one, JetsDeclared):
-        return _EVENTS.get(one.word, Event.OTHER)
-    return Event.JUMP if isinstance(one, JumpDeclared) and not one.measured else Event.OTHER
+        return _EVENTS.get(one.word, Verdict.OTHER)
+    return Verdict.JUMP if isinstance(one, JumpDeclared) and not one.measured else Verdict.OTHER
 
 
 def _told(said: tuple[Declaration, ...], n_jets: int) -> Any:

@@ -9,7 +9,6 @@ import numpy as np
 
 from massprop_drake.maths.estimation.faults.priors import Params, force_correction, log_possible
 from massprop_drake.maths.estimation.joint.bank import OLDEST
-from massprop_drake.maths.estimation.joint.cycle import Sample, restart
 from massprop_drake.maths.estimation.joint.guard import unguarded
 from massprop_drake.maths.estimation.joint.hypotheses import (
     NO_SCORE,
@@ -22,6 +21,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     restless,
     stepped,
 )
+from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, restart
 from massprop_drake.maths.estimation.joint.lag_prior import log_mixture
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.sensitivity import Link
@@ -194,7 +194,7 @@ def behind(each: Hypothesis, other: Hypothesis) -> float:
     return other.trail[-1 - since] + other.prior - each.run.score.likelihood - each.prior
 
 
-def moved(each: Hypothesis, sample: Sample, over: Link, params: JointParams, *, starting: bool) -> Hypothesis:
+def moved(each: Hypothesis, sample: JointSample, over: Link, params: JointParams, *, starting: bool) -> Hypothesis:
     """Advances a hypothesis by one cycle.
 
     Args:
@@ -211,7 +211,7 @@ def moved(each: Hypothesis, sample: Sample, over: Link, params: JointParams, *, 
     return gone_on(each, run._replace(state=unguarded(run.state)) if starting else run, params)
 
 
-def split(each: Hypothesis, sample: Sample) -> tuple[Hypothesis, ...]:
+def split(each: Hypothesis, sample: JointSample) -> tuple[Hypothesis, ...]:
     """Splits a hypothesis in two if a jet that gives too much is commanded for the first time since.
 
     In the one the force comes on top of the command, in the other it is in its place; both are as likely.
@@ -232,7 +232,7 @@ def split(each: Hypothesis, sample: Sample) -> tuple[Hypothesis, ...]:
     return (each,)
 
 
-def regained(each: Hypothesis, sample: Sample, cycle: int, params: JointParams) -> Hypothesis:
+def regained(each: Hypothesis, sample: JointSample, cycle: int, params: JointParams) -> Hypothesis:
     """Restarts a hypothesis after an interval of which nothing is known."""
     after, _ = restart(each.run.state, sample, params)
     begun_anew = gone_on(each, each.run._replace(state=after, cycle=cycle), params)

@@ -182,7 +182,7 @@ class Poses(NamedTuple):
     tells: float = 100.0
 
 
-class Bank(NamedTuple):
+class PoseBank(NamedTuple):
     """Filters side by side, after a sample. Never changed; a cycle makes a new one.
 
     Attributes:
@@ -218,7 +218,7 @@ class Commands(NamedTuple):
     outside: Array | None = None
 
 
-class Readings(NamedTuple):
+class PoseReadings(NamedTuple):
     """Readings of all sensors at one moment, NaN where they did not read.
 
     Attributes:
