@@ -416,7 +416,7 @@ def _say_doubts(console: Terminal, results: Summary) -> None:
 
     for reason in results.consistency.reasons:
         console.say(("inconsistent:", "bold red"), f" {reason}")
-    for what, why in in_words(results.identified, SYMBOLS):
+    for what, why in in_words(results.identifiability, SYMBOLS):
         console.say((f"{what}:", "bold yellow"), f" {why}")
     if results.above_bound:
         console.say(f"bound:       {results.above_bound}")

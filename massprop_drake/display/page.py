@@ -83,7 +83,7 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
         "allowed": results.intervals and results.intervals.guaranteed and table.intervals(results, units),
         "contradicted": results.intervals is not None and results.intervals.contradicted,
         "simulated": source.simulated,
-        "unidentified": in_words(results.identified, SYMBOLS),
+        "unidentified": in_words(results.identifiability, SYMBOLS),
         "injected": [_injected(run, number, shown_by) for number in range(len(results.injected or ()))],
         "detections": [_detection(entry, units, by_hypotheses) for entry in results.detections],
         "events": [(event.time_s, said.in_words(event, units)) for event in results.events],
@@ -132,7 +132,7 @@ def _verdict(run: Run) -> list[dict[str, Any]]:
         ("not_excited", "the start still tells more than the flight"),
         ("weak", "less is known than is asked"),
     ):
-        of_it = [symbol for symbol, one in zip(SYMBOLS, results.identified, strict=False) if one.flag == flag]
+        of_it = [symbol for symbol, one in zip(SYMBOLS, results.identifiability, strict=False) if one.flag == flag]
         if of_it:
             say(False, f"{', '.join(of_it)}: {words}; the reasons stand below the table.")
     if results.consistency.verdict == INCONSISTENT:

@@ -58,7 +58,7 @@ def parameters(results: Summary, units: Mapping[str, str], *, truth: bool = True
         units: of the vehicle, as `Vehicle.unit_names`.
         truth: whether it is known at all.
     """
-    told = {entry.parameter: entry for entry in results.identified}
+    told = {entry.parameter: entry for entry in results.identifiability}
     rows = []
     for symbol, unit, one in zip(SYMBOLS, mass_property_units(dict(units)), results.parameters, strict=True):
         entry = told.get(one.name)
