@@ -136,7 +136,7 @@ class _Lists:
         self._places: dict[tuple[float | None, ...], int | list[Any]] = {}
 
     def place(self, values: list[float | None], *, mirrored: bool) -> int | list[Any]:
-        """Keeps a list, and returns its number; or that of another one with the operation on its values.
+        """Returns the number of a list, kept if it is new; or of a kept one, with `minus` or `abs` that makes it.
 
         Args:
             values: the list.

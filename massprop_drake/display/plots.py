@@ -632,7 +632,7 @@ def _last_half(value: Array, band: Array) -> tuple[float, float]:
 
 
 def consistency(run: Source) -> Plot:
-    """Plots the NIS of both filters at the samples used (figures 5-8, 5-13)."""
+    """Describes the plot of NIS of rotation and of mass at the samples used (figures 5-8, 5-13)."""
     panels = []
     filters = [name for name in ("rotation", "mass") if f"{name}_nis" in run.signals]
     for name, color in zip(filters, COLORS, strict=False):

@@ -136,7 +136,7 @@ class CommandTally:
         self._largest = 0.0  # of those that are no longer than the period
 
     def add(self, commands: Array) -> None:
-        """Counts further commands, NaN where missing."""
+        """Counts commands that open a jet, and those that last the whole period or longer; NaN is missing."""
         opened = commands[commands > 0.0]
         within = opened[opened <= self._period_s * (1.0 + _LONGER)]
         self._opened += opened.size

@@ -778,7 +778,7 @@ def table(record: Mapped, gyro: str | None, *, own_times: bool = False) -> Mappe
 
 
 def _add_known(record: Mapped, time_s: Array, names: list[str], parts: list[Array]) -> None:
-    """Adds columns of known outside forces and torques."""
+    """Appends the record's known outside force and torque, averaged over each sample, to names and parts."""
     for what, held in (("force", record.known_force), ("torque", record.known_torque)):
         if held is not None:
             names += [name for name in WRENCH if name.startswith(f"known_{what}")]

@@ -162,7 +162,7 @@ def read_name(column: str, unit: str = "") -> ColumnName:
 
 
 def _words(text: str) -> list[str]:
-    """Splits a name into words, in small letters: at signs, and where capitals begin."""
+    """Splits a name into lowercase words at punctuation and capitals; a speed of roll, pitch or yaw is a rate."""
     text = re.sub(r"([a-z])([A-Z])", r"\1_\2", text)
     text = re.sub(r"([A-Z]{2,})([A-Z][a-z]{2,})", r"\1_\2", text)
     text = re.sub(r"(?i)(roll|pitch|yaw)_?(speed|rate)", r"\1_rate", text)

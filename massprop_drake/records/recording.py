@@ -652,7 +652,7 @@ def _arrow_column(arrow: Any, name: str, column: Any) -> dict[str, Column]:
 
 
 def spread(name: str, values: Sequence[Sequence[Any] | None]) -> dict[str, Column]:
-    """Splits columns of lists: `name[0]`, `name[1]`, ..., and `name`, their text, where their lengths differ."""
+    """Splits a column of short lists into `name[0]`, `name[1]`, ...; where their lengths differ adds their text."""
     lists = [() if one is None else tuple(one) for one in values]
     longest = max(map(len, lists), default=0)
     found: dict[str, Column] = {}

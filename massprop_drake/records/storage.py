@@ -410,7 +410,7 @@ class _Header(NamedTuple):
         return int.from_bytes(self.fields.get("op", b""), "little")
 
     def number(self, name: str, form: str) -> int:
-        """Returns a field as a number."""
+        """Returns a field, unpacked by a format of `struct`, as a whole number."""
         return int(struct.unpack(form, self.fields[name])[0])
 
     @staticmethod

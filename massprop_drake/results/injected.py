@@ -158,7 +158,7 @@ def _cause(injected: Sequence[InjectedRecord], time_s: float) -> Cause:
 
 
 def _right(vehicle: Vehicle, injected: Sequence[InjectedRecord], found: Sequence[DetectionRecord]) -> dict[int, int]:
-    """Matches the right declaration to each failure, number by number.
+    """Returns for each injected event that was rightly declared, by its index, the index of its declaration.
 
     Each declaration is right for one; one that stands is so for whatever else its jet does.
     """

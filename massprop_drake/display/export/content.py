@@ -203,7 +203,7 @@ class Content:
         self.outline = self._outline(int(self._ns(time_s[:1])[0]), has_epoch=epoch_s is not None)
 
     def stretches(self) -> Iterator[SampleBlock]:
-        """Yields all rows, some thousand at a time."""
+        """Yields the run in blocks of some thousand samples, each with the messages due by its end."""
         self._before = {}
         signals = self._run.signals
         if isinstance(signals, Spool):

@@ -322,7 +322,7 @@ class _Frame(NamedTuple):
         return self.wanted.size + self.biases
 
     def begin(self, stretch: int) -> int:
-        """Returns the place of the first start of a stretch."""
+        """Returns the index of the first unknown that a stretch has of its own."""
         return self.common + stretch * self.starts
 
 

@@ -372,7 +372,7 @@ def step(
 
 @kernel
 def _drawn(state: VehicleState, force: Array, params: Truth) -> tuple[Array, Array, Body]:
-    """Computes structure and tanks' propellant after a sample, and constants of motion of its middle.
+    """Drains the tanks by a sample's firings; returns mass properties and fill after it, and in its middle.
 
     Args:
         state: before it.

@@ -57,7 +57,7 @@ class PassFit(NamedTuple):
 
     @property
     def score(self) -> Score:
-        """Score of these samples."""
+        """Score of the samples that the present pass has gone over."""
         return self.scores[-1]
 
     @property

@@ -119,7 +119,7 @@ def _answers(swing: Swing, residuals: Array, duration_s: float) -> Array:
 
 @kernel
 def _by_errors(swing: Swing, rigid: Rigid, course: tuple[Array, Array], scale: float, thrust_sigma: float) -> Array:
-    """Computes forces on eta by errors of the ten parameters and of the common scale in A, shape (3, n, 11).
+    """Computes derivatives of the modal forces by the ten parameters and the common scale, shape (3, n, 11).
 
     Args:
         swing: see `Swing`.
