@@ -14,7 +14,7 @@ COUNT = (
     "import sys\n"
     "from massprop_drake.cli import main\n"
     "assert 'numpy' not in sys.modules\n"
-    "main.run = lambda: 0\n"
+    "main.run = lambda *_: 0\n"
     "try: main.main()\n"
     "except SystemExit: pass\n"
     "import numpy, threadpoolctl\n"
