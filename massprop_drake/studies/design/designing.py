@@ -52,7 +52,7 @@ def design(
         design(load_vehicle("servicer"), {"mass": "1%", "inertia": "0.5%"}, limits={"rate": "1 deg/s"}, flights=5)
 
     The vehicle is taken as its file has it, or as it is known at the end of a run. Each firing is followed by the joint
-    filter's own recursion, see `maths.estimation.information`.
+    filter's own recursion, see `maths.maneuver.information`.
 
     Args:
         case: a vehicle, whose settings are the usual ones; or a scenario, for vehicle, plant and settings.

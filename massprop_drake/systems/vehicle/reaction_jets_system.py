@@ -64,7 +64,7 @@ def ReactionJets_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 instant; for a continuous plant.
             wrench_profile (out, 7 (1 + n_classes)): for a stepped plant: the wrench that the coming sample
                 tends to, then for each time constant the part that dies away with it; see
-                `maths.rigid_body.step`. Where samples have pieces, this for each, after its length, s.
+                `maths.vehicle.rigid_body.step`. Where samples have pieces, this for each, after its length, s.
             drained (out, n_tanks, with tanks only): propellant drawn from each tank over the coming sample, slug or kg.
 
         Parameters: thrust_factor (0 to n_jets - 1), of the nominal thrust of each jet; thrust_dispersion, the relative

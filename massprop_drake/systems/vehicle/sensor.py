@@ -75,7 +75,7 @@ def Sensor_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
     """Makes the class of packages for a scalar type T, see `Sensor`."""
 
     class Triad(LeafSystem_[T]):
-        """Reads three sensors along the body axes, with the errors of `maths.sensing.SensorModel`.
+        """Reads three sensors along the body axes, with the errors of `maths.vehicle.sensing.SensorModel`.
 
         Ports:
             body_state (in, 23): see `RigidBodyPlant`. Required.
@@ -88,7 +88,7 @@ def Sensor_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
         accelerometer, of its time derivative; walk_std and noise_std, 1-sigma of a sample; quantum, 0: none; phase
         (x, y, z) of the quantizer's marks, quanta, to which a drawn one is added; limit, largest reading either way.
 
-        State: memory (10 + 3 delay), see `maths.sensing.sense`; none for a model that remembers nothing.
+        State: memory (10 + 3 delay), see `maths.vehicle.sensing.sense`; none for a model that remembers nothing.
 
         Timing: the reading at t_k is of the body at t_k, or `delay` samples before; vibration is taken at t_k too.
 
