@@ -16,6 +16,7 @@ from massprop_drake.inputs.plausible import FOOT, SLUG
 from massprop_drake.inputs.scenario import FaultsBlock
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.estimation.faults.priors import Priors, log_jump, log_surprise
+from massprop_drake.maths.estimation.joint.hypotheses import jump_variances
 from massprop_drake.maths.estimation.joint.layout import JointParams
 from massprop_drake.maths.maneuver.aims import Aims
 from massprop_drake.maths.maneuver.information import n_known
@@ -300,11 +301,13 @@ def aims(wanted: Sequence[Target], suspected: Suspicion, params: JointParams, ju
     nothing = suspected.pairs[:, 1] < 0
     pairs = suspected.pairs + (params.places.jets if suspected.loss else 0)
     pairs[nothing, 1] = -1
+    given = Priors.stated(faults)
     sized = zip(suspected.forces.tolist(), suspected.thrusts.tolist(), strict=True)
-    told = [log_surprise(*both, 1.0, priors(faults), missing=suspected.loss) for both in sized]
+    told = [log_surprise(*both, 1.0, given, missing=suspected.loss) for both in sized]
     needed = (odds(faults) - np.where(nothing, told, 0.0)) * (1.0 + margin) ** 2
     asks = np.array(deviations) / (1.0 + margin)
-    return Aims(combinations, asks, pairs, suspected.forces, suspected.thrusts, needed, log_jump(1.0, priors(faults)))
+    jumps = jump_variances(params), log_jump(1.0, given)
+    return Aims(combinations, asks, pairs, suspected.forces, suspected.thrusts, needed, *jumps)
 
 
 def odds(faults: FaultsBlock) -> float:
@@ -314,9 +317,4 @@ def odds(faults: FaultsBlock) -> float:
 
 def doubt(faults: FaultsBlock) -> float:
     """Returns the probability of error with which a failed jet may be declared."""
-    return priors(faults).doubt(faults.jet_per_hour)
-
-
-def priors(faults: FaultsBlock) -> Priors:
-    """Returns priors of faults as a scenario has them."""
-    return Priors(*(getattr(faults, name) for name in Priors._fields))
+    return Priors.stated(faults).doubt(faults.jet_per_hour)

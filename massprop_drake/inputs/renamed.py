@@ -27,9 +27,9 @@ class RenamedWarning(FutureWarning):
     """Warning of a name of an earlier version, accepted once more."""
 
 
-def warn(message: str, stacklevel: int = 2, version: str = "0.4") -> None:
-    """Warns of an old name that ends with a version; `stacklevel` as of `warnings.warn`, counted from the caller."""
-    warnings.warn(f"{message}; version {version} will know the new name alone", RenamedWarning, stacklevel + 1)
+def warn(message: str, stacklevel: int = 2) -> None:
+    """Warns of an old name; `stacklevel` as of `warnings.warn`, counted from the caller."""
+    warnings.warn(f"{message}; version 0.4 will know the new name alone", RenamedWarning, stacklevel + 1)
 
 
 def key_now(path: Sequence[str | int]) -> str | None:

@@ -1676,7 +1676,7 @@ def _in_present_terms(data: Any, document: Document | None = None) -> Any:
         data = {**data, "faults": faults.model_dump(mode="json", exclude_unset=True)}
     data, said = renamed.with_present_detector(data, usual)
     if said:
-        renamed.warn(f"{'scenario' if document is None else document.source}: {', '.join(said)}", 4, "0.4")
+        renamed.warn(f"{'scenario' if document is None else document.source}: {', '.join(said)}", 4)
     if said and document is not None and "slots" not in data["detector"]:
         document.move(("detector", "slots"), ("faults", "slots"))
     return data
@@ -1748,7 +1748,7 @@ def replace_at(data: Any, path: list[str | int], value: Any, where: str, given: 
     former = value_at(data, path) if last == "kind" else None
     of_detector = field == ("detector", "kind")
     if of_detector and value == renamed.FORMER_KIND:
-        renamed.warn(f"{where}: {value} is now {renamed.PRESENT_KIND}", 3, "0.4")
+        renamed.warn(f"{where}: {value} is now {renamed.PRESENT_KIND}", 3)
         value = renamed.PRESENT_KIND
     set_at(data, path, value, where)
     if last == "kind":

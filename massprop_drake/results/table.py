@@ -161,10 +161,11 @@ def _of_derived(name: str, unit: str, value: float | None, deviation: float | No
     fixed = deviation == 0.0
     known, sigma, true = (math.nan if one is None else one for one in (value, deviation, truth))
     error = 100.0 * (known - true) / abs(true) if true and not fixed else math.nan
-    row = _row(name, unit, Parameter(name, known, math.nan if fixed else sigma, true, error))
+    one = Parameter(name, known, math.nan if fixed else sigma, true, error)
+    row = _row(name, unit, one)
     if fixed:
         return row._replace(inside="fixed")
-    return row if math.isnan(true - known) else row._replace(inside="yes" if abs(known - true) <= 3.0 * sigma else "no")
+    return row if math.isnan(true - known) else row._replace(inside="yes" if one.within_three_sigma else "no")
 
 
 def _row(symbol: str, unit: str, one: Parameter) -> Row:

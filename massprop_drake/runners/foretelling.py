@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError
 from massprop_drake.inputs import params
-from massprop_drake.inputs.asked import odds, priors
+from massprop_drake.inputs.asked import odds
 from massprop_drake.inputs.scenario import CglrBlock, Dispersion, DisturbanceBlock, PlantBlock, Scenario
 from massprop_drake.maths.estimation import foretold
 from massprop_drake.maths.estimation.cycle import EstimationParams, initial_state, told_of
-from massprop_drake.maths.estimation.faults.priors import log_jump, log_surprise
+from massprop_drake.maths.estimation.faults.priors import Priors, log_jump, log_surprise
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams
+from massprop_drake.maths.estimation.joint.hypotheses import jump_variances
 from massprop_drake.maths.estimation.joint.layout import thrust_sigmas
 from massprop_drake.maths.estimation.whole import Samples
 from massprop_drake.maths.maneuver.aims import FOLLOWED, from_another, from_nothing, of_jump
@@ -181,7 +182,7 @@ def _forecast(
         _floors(properties, logs["command"], made),
         float(seconds @ vehicle.mass_flows),
         fails_s,
-        tuple(_suspects(scenario, time_s[time_s > fails_s] - fails_s, np.array(shown), share)),
+        tuple(_suspects(scenario, time_s[time_s > fails_s] - fails_s, np.array(shown), share, made)),
     )
 
 
@@ -221,7 +222,9 @@ def _floors(properties: Array, commands: Array, made: JointFilterParams) -> Arra
     return floors
 
 
-def _suspects(scenario: Scenario, since_s: Array, shown: Array, share: float) -> Iterator[Suspect]:
+def _suspects(
+    scenario: Scenario, since_s: Array, shown: Array, share: float, params: JointFilterParams
+) -> Iterator[Suspect]:
     """Yields how soon each jet's leak is found.
 
     Args:
@@ -229,20 +232,22 @@ def _suspects(scenario: Scenario, since_s: Array, shown: Array, share: float) ->
         since_s: of the samples since a jet leaks, s, shape (n,).
         shown: see `Foretelling`, by each of them, shape (n, p, p).
         share: of its thrust that it leaks.
+        params: of the filter.
     """
-    vehicle, given, needed = scenario.vehicle_data, priors(scenario.faults), odds(scenario.faults)
+    vehicle, given, needed = scenario.vehicle_data, Priors.stated(scenario.faults), odds(scenario.faults)
     thrusts, n = np.linalg.norm(vehicle.thrusts, axis=1), len(vehicle.jets)
     forces = share * thrusts
     own, jets = np.diagonal(shown, axis1=1, axis2=2), np.arange(n)
+    times_s, variances = since_s.tolist(), jump_variances(params.joint)
     jumped = [
-        log_jump(one, given) + of_jump(each, jets, forces) for one, each in zip(since_s.tolist(), shown, strict=True)
+        log_jump(one, given) + of_jump(each, jets, forces, variances) for one, each in zip(times_s, shown, strict=True)
     ]
+    fails = np.array([log_surprise(share, 1.0, one, given, missing=False) for one in times_s])  # alike for all jets
     otherwise = np.logaddexp(0.0, np.array(jumped))
     counts = np.arange(1, since_s.size + 1) >= FOLLOWED
     for jet in range(n):
         others = np.delete(np.arange(2 * n), (jet, n + jet))
         force, thrust = float(forces[jet]), float(thrusts[jet])
-        fails = np.array([log_surprise(force, thrust, one, given, missing=False) for one in since_s.tolist()])
         led = fails + from_nothing(own[:, jet], force, thrust) - otherwise[:, jet]
         apart = from_another(own[:, jet, None], shown[:, jet, others], own[:, others], force) >= needed
         noticed = _first(since_s, counts & (led >= needed))

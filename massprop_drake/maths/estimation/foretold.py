@@ -21,9 +21,9 @@ import numpy as np
 from massprop_drake.maths.estimation.filter import Told
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams, JointFilterState
-from massprop_drake.maths.estimation.joint.hypotheses import jump_units, without_increments
+from massprop_drake.maths.estimation.joint.hypotheses import JUMP_SHARES, jump_sigma, without_increments
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES
-from massprop_drake.maths.estimation.joint.sensitivity import carried, impulse_columns, informed, link
+from massprop_drake.maths.estimation.joint.sensitivity import carried, corrected, informed, link
 from massprop_drake.maths.estimation.joint.start import OVER
 from massprop_drake.maths.linear_algebra import Array
 
@@ -33,8 +33,8 @@ class Foretelling(NamedTuple):
 
     Attributes:
         filter: state of the joint filter.
-        carried: B, by a leak of each jet and a loss of each, per lbf or N, and by jumps of the mass properties in their
-            units, shape (size, p).
+        carried: B, by a leak of each jet and a loss of each, per lbf or N, and by a large jump of the ten
+            parameters, 1-sigma each, shape (size, p).
         shown: G, shape (p, p).
     """
 
@@ -53,10 +53,9 @@ def begun(properties: Array, params: JointFilterParams) -> tuple[Foretelling, Jo
     places, begins = params.joint.places, joint.initial(params)
     state = begins.joint._replace(mean=begins.joint.mean.copy(), guarded=True)
     state.mean[:N_PROPERTIES] = properties
-    units = jump_units(params.joint)
-    pushes = 2 * places.jets + units.shape[1]
+    pushes = 2 * places.jets + N_PROPERTIES
     carried_by = np.zeros((places.size, pushes))
-    carried_by[:N_PROPERTIES, 2 * places.jets :] = units
+    carried_by[:N_PROPERTIES, 2 * places.jets :] = np.diag(jump_sigma(params.joint, JUMP_SHARES[0]))
     linear = params._replace(joint=without_increments(params.joint)._replace(second_order=False))
     return Foretelling(begins._replace(joint=state, start=OVER), carried_by, np.zeros((pushes, pushes))), linear
 
@@ -81,12 +80,13 @@ def step(
         over = link(before.filter.joint, report, sample, params.joint)
         crossed = over.crossing_rows @ by_forces
         by_forces = informed(by_forces, over, places)
-        by_forces = carried(by_forces, np.zeros((6, by_forces.shape[1])), over, places)
-        pushed = np.hstack((over.duration_s * over.effects.T, -over.amount * over.effects.T))
-        by_forces[:, : 2 * places.jets] += impulse_columns(pushed, over, places)
+        forcing = np.zeros((6, by_forces.shape[1]))
+        forcing[:, : 2 * places.jets] = np.hstack((over.duration_s * over.effects.T, -over.amount * over.effects.T))
+        by_forces = carried(by_forces, forcing, over, places)
         shown = shown + crossed.T @ crossed
         counts = np.flatnonzero(report.used)
         if counts.size > 0:
-            seen = np.linalg.solve(update.upper.T, over.jacobian[counts] @ by_forces)
-            by_forces, shown = by_forces - update.half_gain @ seen, shown + seen.T @ seen
+            moved = over.jacobian @ by_forces
+            seen = np.linalg.solve(update.upper.T, moved[counts])
+            by_forces, shown = corrected(by_forces, moved, over), shown + seen.T @ seen
     return Foretelling(measured.state, by_forces, shown)

@@ -26,8 +26,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.hypotheses import JUMP_SHARES
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES
+from massprop_drake.maths.estimation.joint.screen import explained
 from massprop_drake.maths.linear_algebra import Array, scaled_root
 
 _TINY = float(np.finfo(np.float64).tiny)
@@ -46,7 +46,8 @@ class Aims(NamedTuple):
         forces: of j, lbf or N, shape (p,).
         most: that it might have been, lbf or N, shape (p,).
         odds: delta that is wanted, nats, shape (p,).
-        jump: log probability of a jump of each size, nats.
+        jumps: variances of jumps of the mass properties, see `hypotheses.jump_variances`; none: they are not weighed.
+        jump: log probability of each, nats.
     """
 
     combinations: Array
@@ -55,6 +56,7 @@ class Aims(NamedTuple):
     forces: Array
     most: Array
     odds: Array
+    jumps: Array = np.zeros((0, N_PROPERTIES))
     jump: float = -math.inf
 
 
@@ -110,8 +112,8 @@ def reached(shown: Array, known: Known, aims: Aims) -> Reached:
         own, other = aims.pairs.T
         another = from_another(left[own, own], left[own, other], left[other, other], aims.forces)
         nothing = from_nothing(left[own, own], aims.forces, aims.most)
-        if math.isfinite(aims.jump):
-            nothing -= np.logaddexp(0.0, aims.jump + of_jump(left, own, aims.forces))
+        if aims.jumps.size:
+            nothing -= np.logaddexp(0.0, aims.jump + of_jump(left, own, aims.forces, aims.jumps))
         deltas = np.maximum(np.where(other < 0, nothing, another), _NOTHING)
         ratios.append(np.sqrt(aims.odds / deltas))
     return Reached(deviations, deltas, np.concatenate(ratios))
@@ -134,19 +136,16 @@ def from_nothing(own: Array, force: Array | float, most: Array | float) -> Array
     return 0.5 * force**2 * own - 0.5 * np.log1p(most**2 * np.maximum(own, 0.0))
 
 
-def of_jump(left: Array, own: np.ndarray, force: Array) -> Array:
-    """Computes the expected log likelihood ratio of jumps over nothing, where a jet fails, nats, shape (p,).
+def of_jump(left: Array, own: np.ndarray, force: Array, variances: Array) -> Array:
+    """Computes the expected lead over nothing, where a jet fails, of jumps of each size together, nats, shape (p,).
 
     Args:
-        left: S, jumps last, see `hypotheses.jump_units`, shape (f, f).
+        left: S, jumps last, in units of the largest, shape (f, f).
         own: failures, integers, shape (p,).
         force: f of each, lbf or N, shape (p,).
+        variances: see `hypotheses.jump_variances`.
     """
-    sizes, leads = np.arange(-N_PROPERTIES * len(JUMP_SHARES), 0).reshape(-1, N_PROPERTIES), []
-    for size in sizes:
-        root, scale = scaled_root(np.eye(N_PROPERTIES) + left[np.ix_(size, size)])
-        half = np.linalg.solve(root, scale.reshape(-1, 1) * left[size][:, own])
-        spent = np.log(np.diagonal(root)).sum() - np.log(scale).sum()
-        leads.append(0.5 * force**2 * np.sum(half**2, axis=0) - spent)
+    jumps = slice(-variances.shape[1], None)
+    leads = explained(left[jumps, jumps], (force * left[jumps, own]).T, variances[:, None])[0]
     found: Array = np.logaddexp.reduce(leads, axis=0)
     return found

@@ -24,7 +24,7 @@ from massprop_drake.maths.attitude import rotation_matrix
 from massprop_drake.maths.estimation.joint import bound
 from massprop_drake.maths.estimation.joint.bound import carried_on, leaks_and_losses
 from massprop_drake.maths.estimation.joint.burns import Burn
-from massprop_drake.maths.estimation.joint.hypotheses import jump_units
+from massprop_drake.maths.estimation.joint.hypotheses import JUMP_SHARES, jump_sigma
 from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, begun, initial
 from massprop_drake.maths.estimation.joint.layout import (
     MASS,
@@ -111,7 +111,7 @@ def start(properties: Array, rate: Array, speeds: Array, params: JointParams) ->
     joint = begun(before._replace(root=root, mean=mean), sample, params)._replace(
         mean=mean, reference=mean[RATE].copy()
     )
-    size = known + 2 * places.jets + jump_units(params).shape[1]
+    size = known + 2 * places.jets + N_PROPERTIES
     carried = np.zeros((places.size, size))
     carried[:N_PROPERTIES, :N_PROPERTIES] = np.eye(N_PROPERTIES)
     carried[places.thrust : places.force, N_PROPERTIES:known] = np.eye(known - N_PROPERTIES)
@@ -120,10 +120,10 @@ def start(properties: Array, rate: Array, speeds: Array, params: JointParams) ->
 
 def failing_from_now(course: FollowedCourse, params: JointParams) -> FollowedCourse:
     """Returns the course with failures or jumps of mass properties at its end, of which nothing is known yet."""
-    first, units = n_known(params), jump_units(params)
+    first = n_known(params)
     carried, shown = course.carried.copy(), course.shown.copy()
     carried[:, first:], shown[first:], shown[:, first:] = 0.0, 0.0, 0.0
-    carried[:N_PROPERTIES, -units.shape[1] :] = units
+    carried[:N_PROPERTIES, -N_PROPERTIES:] = np.diag(jump_sigma(params, JUMP_SHARES[0]))
     return course._replace(carried=carried, shown=shown)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -127,18 +128,22 @@ def _named_s(rows: list[FlownAction], task: Task, n: int) -> dict[int, float | N
     after = list(rows)
     for _ in range(rest.coast):
         after.append(stepped(after[-1], rest, task.craft, fires=False))
-    found: dict[int, float | None] = {}
-    for own in dict.fromkeys(aims.pairs[:, 0].tolist()):
-        (nothing,) = np.flatnonzero((aims.pairs[:, 0] == own) & (aims.pairs[:, 1] < 0))
-        others = np.append(np.delete(np.arange(2 * jets), (own % jets, jets + own % jets)), -1)
-        odds = np.where(others < 0, aims.odds[nothing], aims.odds[aims.pairs[:, 1] >= 0].min())
-        size = others.size
-        pairs = np.column_stack((np.full(size, own), others))
-        forces, most = (np.full(size, each[nothing]) for each in (aims.forces, aims.most))
-        every = aims._replace(pairs=pairs, forces=forces, most=most, odds=odds)
-        told = _told_s(after, task, every, n)[1]
-        found[own % jets] = None if None in told else max(one for one in told if one is not None)
-    return found
+    apart, nothing = aims.odds[aims.pairs[:, 1] >= 0].min(), np.flatnonzero(aims.pairs[:, 1] < 0)
+    whom = aims.pairs[nothing, 0]
+    others = [np.append(np.delete(np.arange(2 * jets), (own % jets, jets + own % jets)), -1) for own in whom]
+    rivals, size = np.concatenate(others), others[0].size
+    of = np.repeat(nothing, size)
+    every = aims._replace(
+        pairs=np.column_stack((np.repeat(whom, size), rivals)),
+        forces=aims.forces[of],
+        most=aims.most[of],
+        odds=np.where(rivals < 0, aims.odds[of], apart),
+    )
+    told = np.array([math.inf if one is None else one for one in _told_s(after, task, every, n)[1]])
+    last = told.reshape(-1, size).max(axis=1).tolist()
+    return {
+        own % jets: time_s if math.isfinite(time_s) else None for own, time_s in zip(whom.tolist(), last, strict=True)
+    }
 
 
 def _scenario(plan: Plan, task: Task, base: Scenario, begins_s: float, *, hold: bool) -> Scenario:

@@ -59,14 +59,16 @@ def test_two_suspects_differ_by_what_the_rest_leaves(alike: bool) -> None:
 def test_a_jump_is_worth_what_its_evidence_says() -> None:
     """Against densities of the readings, of both sizes of a jump together."""
     random = np.random.default_rng(3)
-    rows, units = random.standard_normal((9, 2)), 0.3 * random.standard_normal((9, 20))
+    rows, units = random.standard_normal((9, 2)), 0.3 * random.standard_normal((9, 10))
     every = np.hstack((rows, units))
     aims = Aims(np.zeros((0, 0)), np.zeros(0), np.array([[1, -1]]), np.array([0.7]), np.full(1, 5.0), np.full(1, 4.0))
     known = Known(np.zeros((0, 0)), np.zeros(0, dtype=int))
     without = reached(every.T @ every, known, aims).deltas.item()
-    found = reached(every.T @ every, known, aims._replace(jump=-0.5)).deltas.item()
+    found = reached(
+        every.T @ every, known, aims._replace(jumps=np.array([np.ones(10), np.full(10, 0.04)]), jump=-0.5)
+    ).deltas.item()
     data, leads = 0.7 * rows[:, 1], []
-    for unit in np.split(units, 2, axis=1):
+    for unit in (units, 0.2 * units):
         spread = np.eye(9) + unit @ unit.T
         ahead = 0.5 * data @ data - 0.5 * data @ np.linalg.solve(spread, data) - 0.5 * np.linalg.slogdet(spread)[1]
         leads.append(math.exp(-0.5 + ahead))

@@ -53,7 +53,7 @@ class HypothesisFilterState(NamedTuple):
 
 def make_params(_jets: KnownJets, options: Any, filter_params: JointFilterParams) -> Params:
     """Makes the parameters from those of the filter and the scenario's block `faults`, with an entry for each jet."""
-    priors, of_jets = Priors(*(getattr(options, name) for name in Priors._fields)), options.jets.values()
+    priors, of_jets = Priors.stated(options), options.jets.values()
     allowed = [*(jet.gives_more for jet in of_jets), *(jet.gives_less for jet in of_jets)]
     rates = np.array([jet.per_hour for jet in of_jets]) / priors.jet_per_hour
     return Params(without_increments(filter_params.joint), priors, np.array(allowed, dtype=float), rates)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.faults.fault_events import ANEW, Event, Hypothesis, gone_on
-from massprop_drake.maths.estimation.faults.priors import Params, Priors, log_rate
+from massprop_drake.maths.estimation.faults.priors import Params, Priors, log_jump, log_rate
 from massprop_drake.maths.estimation.joint import bank as banks
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.bank import Bank
@@ -663,7 +663,7 @@ def _jumps(each: Hypothesis, alarm: Alarm, level: float, params: Params) -> list
         if lead < least:
             continue
         for place, (onset, state, score) in enumerate(zip(screen.onsets, alarm.states, alarm.scores, strict=True)):
-            prior = log_rate(params.priors.payload_per_hour, _seconds(alarm, place)) - math.log(len(JUMP_SHARES))
+            prior = log_jump(_seconds(alarm, place), params.priors)
             run = Runner(Cause(Kind.JUMP), onset, (), onset, state, score, share=share)
             child = _born(each, run, prior, params.joint)
             found.append(Birth(child, level + lead + child.prior - each.prior, None, _NEAR))

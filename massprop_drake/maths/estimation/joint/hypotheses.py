@@ -243,9 +243,11 @@ def jump_sigma(params: JointParams, share: float) -> Array:
     return sigma
 
 
-def jump_units(params: JointParams) -> Array:
-    """Returns units of jumps of the mass properties, of each of `JUMP_SHARES`, shape (10, 10 * len(JUMP_SHARES))."""
-    return np.hstack([np.diag(jump_sigma(params, share)) for share in JUMP_SHARES])
+def jump_variances(params: JointParams) -> Array:
+    """Computes variances of a jump of each of `JUMP_SHARES`, in terms of the first, shape (len(JUMP_SHARES), 10)."""
+    sigmas = np.array([jump_sigma(params, share) for share in JUMP_SHARES])
+    result: Array = (sigmas / sigmas[0]) ** 2
+    return result
 
 
 def opened(

@@ -31,6 +31,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     Score,
     cost_of_a_lie,
     jump_sigma,
+    jump_variances,
 )
 from massprop_drake.maths.estimation.joint.layout import (
     CENTER,
@@ -355,8 +356,7 @@ def contenders(
 
 def jumps(screen: Screen, params: JointParams) -> Array:
     """Computes L of a jump at the screen's beginning above that of none, for each of `JUMP_SHARES`, nats."""
-    sigmas = np.array([jump_sigma(params, share) for share in JUMP_SHARES])
-    lead, _, _ = explained(screen.jump_information, screen.jump_projection, (sigmas / sigmas[0]) ** 2)
+    lead, _, _ = explained(screen.jump_information, screen.jump_projection, jump_variances(params))
     return lead
 
 
