@@ -6,6 +6,7 @@ import re
 from itertools import pairwise
 from typing import Any, NamedTuple
 
+import bound_probe as bound
 import numpy as np
 import pytest
 from joint_probe import INVERSE, PERIOD, POSITIONS, TRUTH, read_as, small_params
@@ -15,7 +16,6 @@ from scipy.stats import chi2
 
 from massprop_drake.maths.estimation import hindsight
 from massprop_drake.maths.estimation.hindsight import Columns, FlightFit, FlightModel, Stretch
-from massprop_drake.maths.estimation.joint import bound
 from massprop_drake.maths.estimation.joint.joint_cycle import JointSample
 from massprop_drake.maths.estimation.joint.layout import make_places
 from massprop_drake.maths.estimation.joint.measurement import outputs

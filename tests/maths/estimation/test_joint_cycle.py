@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import bound_probe as bound
 import numpy as np
 import pytest
 from joint_probe import INVERSE, PERIOD, TRUTH, read_as, small_params, some_sample, some_state, unread, vehicle_params
 
 from massprop_drake.inputs.vehicle_file import Vehicle
-from massprop_drake.maths.estimation.joint import bound
 from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, initial, step
 from massprop_drake.maths.estimation.joint.layout import JointState, pack, state_layout, unpack
 from massprop_drake.maths.estimation.joint.measurement import outputs

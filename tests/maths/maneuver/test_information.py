@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import bound_probe as bound
 import numpy as np
 import pytest
 
 from massprop_drake import Scenario
 from massprop_drake.inputs import params
-from massprop_drake.maths.estimation.joint import bound
 from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, begun, initial
 from massprop_drake.maths.estimation.joint.layout import RATE, VELOCITY, JointParams
 from massprop_drake.maths.estimation.joint.orientation import UNTURNED

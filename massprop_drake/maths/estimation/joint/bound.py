@@ -15,10 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.joint.covariance import compressed, updated
-from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, begun, driven, initial
+from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, driven
 from massprop_drake.maths.estimation.joint.layout import (
     CENTER,
-    N_PROPERTIES,
     RATE,
     VELOCITY,
     JointParams,
@@ -35,37 +34,6 @@ from massprop_drake.maths.estimation.joint.prediction import (
 )
 from massprop_drake.maths.estimation.joint.ticks import stamped
 from massprop_drake.maths.linear_algebra import Array
-
-
-def true_mean(properties: Array, rate: Array, errors: Array, params: JointParams) -> Array:
-    """Returns the state's mean at the truth, shape (size,); velocities that accelerometers have gathered are zero.
-
-    Args:
-        properties: the ten parameters, shape (10,).
-        rate: rad/s, shape (3,).
-        errors: parameters from `Places.thrust` on, in units of their sigmas, shape (size - thrust,).
-        params: see `JointParams`.
-    """
-    mean = np.zeros(params.places.size)
-    mean[:N_PROPERTIES], mean[RATE], mean[params.places.thrust :] = properties, rate, errors
-    return mean
-
-
-def start(sample: JointSample, mean: Array, params: JointParams) -> JointState:
-    """Returns the bound's state after the first sample.
-
-    Args:
-        sample: the first one; what of it is missing counts.
-        mean: the truth then, see `true_mean`.
-        params: see `JointParams`.
-    """
-    return begun_at(initial(params), sample, mean, params)
-
-
-def begun_at(state: JointState, sample: JointSample, mean: Array, params: JointParams) -> JointState:
-    """Returns the bound's state after a sample before which nothing is known of the motion; arguments as `course`."""
-    begins = begun(state._replace(mean=mean), sample, params)
-    return begins._replace(mean=mean, reference=mean[RATE].copy())
 
 
 class BoundStep(NamedTuple):
@@ -108,7 +76,7 @@ class IntervalEnd(NamedTuple):
     Attributes:
         acting: see `Drive`.
         prediction: see `Prediction`.
-        mean: the truth, see `true_mean`, shape (size,).
+        mean: the truth, shape (size,).
         root: of the covariance, with its noise as more columns, shape (size, k).
         spin: see `JointState`.
     """
@@ -120,32 +88,17 @@ class IntervalEnd(NamedTuple):
     spin: Array
 
 
-def step(state: JointState, sample: JointSample, mean: Array, used: np.ndarray, params: JointParams) -> JointState:
-    """Computes the bound's state after one more sample; arguments as `course`."""
-    return course(state, sample, mean, used, params)[0]
-
-
-def course(
-    state: JointState, sample: JointSample, mean: Array, used: np.ndarray, params: JointParams
-) -> tuple[JointState, BoundStep]:
-    """Computes the bound's state after one more sample, and the propagation of errors to it.
-
-    Args:
-        state: after the last one; its mean is the truth then.
-        sample: of this interval; of its readings it only counts which are missing.
-        mean: the truth at its end, see `true_mean`.
-        used: the components that the estimator used, shape (m,).
-        params: see `JointParams`.
-    """
-    return taken_in(state, ahead(state, sample, mean, params), sample.time_s, (used, params.variances), params)
-
-
 def ahead(
     state: JointState, sample: JointSample, mean: Array | None, params: JointParams, doubt: Array | None = None
 ) -> IntervalEnd:
-    """Computes the end of an interval; arguments as `course`; without a mean it is the predicted one.
+    """Computes the end of an interval.
 
-    With a doubt, the root of a covariance of all the state, products of its errors are noise, as to the filter.
+    Args:
+        state: before it; its mean is the truth then.
+        sample: of it; of its readings it only counts which are missing.
+        mean: the truth at its end, shape (size,); None: what is predicted.
+        params: see `JointParams`.
+        doubt: root of a covariance of all the state; products of its errors are noise then, as to the filter.
     """
     at, at_truth = state.mean, params._replace(second_order=False)
     stamped_too, _ = stamped(state, sample.timing, at_truth)
@@ -197,13 +150,6 @@ def taken_in(
         time_s=time_s,
     )
     return after, BoundStep(end.acting, end.prediction, jacobian, half_gain, upper)
-
-
-def deviation(state: JointState) -> Array:
-    """Computes the least 1-sigma of the ten parameters, shape (10,)."""
-    rows = state.root[:N_PROPERTIES]
-    result: Array = np.sqrt(np.sum(rows * rows, axis=1))
-    return result
 
 
 def carried_on(

@@ -1,0 +1,56 @@
+"""The Cramér-Rao bound of a flight by the recursion of `joint.bound`, for tests to compare with."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprop_drake.maths.estimation.joint.bound import ahead, taken_in
+from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, begun, initial
+from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, RATE, JointParams, JointState
+from massprop_drake.maths.linear_algebra import Array
+
+
+def true_mean(properties: Array, rate: Array, errors: Array, params: JointParams) -> Array:
+    """Returns the state's mean at the truth, shape (size,); velocities that accelerometers have gathered are zero.
+
+    Args:
+        properties: the ten parameters, shape (10,).
+        rate: rad/s, shape (3,).
+        errors: parameters from `Places.thrust` on, in units of their sigmas, shape (size - thrust,).
+        params: see `JointParams`.
+    """
+    mean = np.zeros(params.places.size)
+    mean[:N_PROPERTIES], mean[RATE], mean[params.places.thrust :] = properties, rate, errors
+    return mean
+
+
+def start(sample: JointSample, mean: Array, params: JointParams) -> JointState:
+    """Returns the bound's state after the first sample.
+
+    Args:
+        sample: the first one; what of it is missing counts.
+        mean: the truth then, see `true_mean`.
+        params: see `JointParams`.
+    """
+    begins = begun(initial(params)._replace(mean=mean), sample, params)
+    return begins._replace(mean=mean, reference=mean[RATE].copy())
+
+
+def step(state: JointState, sample: JointSample, mean: Array, used: np.ndarray, params: JointParams) -> JointState:
+    """Computes the bound's state after one more sample.
+
+    Args:
+        state: after the last one; its mean is the truth then.
+        sample: of this interval; of its readings it only counts which are missing.
+        mean: the truth at its end, see `true_mean`.
+        used: the components that the estimator used, shape (m,).
+        params: see `JointParams`.
+    """
+    return taken_in(state, ahead(state, sample, mean, params), sample.time_s, (used, params.variances), params)[0]
+
+
+def deviation(state: JointState) -> Array:
+    """Computes the least 1-sigma of the ten parameters, shape (10,)."""
+    rows = state.root[:N_PROPERTIES]
+    result: Array = np.sqrt(np.sum(rows * rows, axis=1))
+    return result
