@@ -71,16 +71,16 @@ def require_writable(target: Path, *, force: bool = False, reads: Iterable[str |
     """
     with _told(target):
         path = _found(target)
-        may_stay = force and _is_whole(path)  # a run that is flown again
-        _require_replaceable(target, path, [one for one in reads if not (may_stay and _real(one) == path)])
-        if force:
-            _require_apart(target, path, _within(path))
         path.parent.mkdir(parents=True, exist_ok=True)
         with stage(path.parent):  # can be made
             pass
         with locked(path.parent):  # nobody exchanges it while it is looked at
-            found = manifest.read(path) if path.exists() else None
-            if path.exists() and not force:
+            found = manifest.read(path)
+            may_stay = force and found is not None and not _others(path, found)  # a run that is flown again
+            _require_replaceable(target, path, [one for one in reads if not (may_stay and _real(one) == path)])
+            if force:
+                _require_apart(target, path, _within(path))
+            elif path.exists():
                 _require_ours(target, path, found)
         return Place(path, target, force, None if found is None else found.id)
 
@@ -464,12 +464,6 @@ def _within(path: Path) -> Iterator[Path]:
         here = Path(folder)
         if _MARKER in names or (here != path and manifest.NAME in names and manifest.read(here) is not None):
             yield here
-
-
-def _is_whole(path: Path) -> bool:
-    """Tests whether a folder has a manifest, and contains only our own files."""
-    found = manifest.read(path)
-    return found is not None and not _others(path, found)
 
 
 @contextlib.contextmanager
