@@ -4,7 +4,7 @@
 #   make demo PYTHON=python3.13        another Python (of a new environment)
 #   make test PYTEST_FLAGS="-k gyro"   other flags for pytest
 #   make bench AGAINST=HEAD~3          how many times as fast as that commit; BENCH_FLAGS="--scaling --write docs"
-#   make mutants MUTANTS=cglr          those alone whose file or tests are so called
+#   make mutants MUTANTS=cglr          those alone whose file or tests are so called; MUTANTS="--random 200" draws edits
 #   make reproduce REPRODUCE_FLAGS="--only fig_5_6"   other options for `python -m reproduction`
 
 PYTHON ?= python3

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 import re
 from pathlib import Path
 
 import pytest
 from mutants import REPOSITORY, Mutant, load, made
+from random_edits import draw, edits_of
 
 MUTANTS = load()
 # what is to be held: each of these files, or a file below them, is edited at least once
@@ -52,3 +54,25 @@ def test_an_edit_is_made_and_taken_back(tmp_path: Path) -> None:
             assert not applies
     with made(Mutant("gone.py", "x", "", []), tmp_path) as applies:
         assert not applies
+
+
+def test_random_edits_are_single_and_can_be_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.py"
+    source = 'def f(x: int = 0) -> int:\n    """Two."""\n    return 2 * x if not x < -1 else 1.5\n'
+    path.write_text(source, encoding="utf-8")
+    edits = list(edits_of(path))
+    pieces = {(source[edit.start : edit.end], edit.new) for edit in edits}
+    assert pieces == {
+        ("0", "1"),
+        ("not x < -1", "(not (not x < -1))"),
+        ("*", "/"),
+        ("2", "3"),
+        ("not x < -1", "x < -1"),
+        ("<", ">="),
+        ("-1", "1"),
+        ("1", "2"),
+        ("1.5", "2.25"),
+    }
+    for edit in edits:
+        assert ast.dump(ast.parse(edit.text)) != ast.dump(ast.parse(source))
+    assert draw([path], 4, seed=1) == draw([path], 4, seed=1) != draw([path], 4, seed=2)
