@@ -20,7 +20,7 @@ from massprop_drake.maths.estimation.detectors.jet_tests import (
     signatures,
     uncertain_jet_tests,
 )
-from massprop_drake.maths.estimation.filters.rotation_filter import rate_increment_jacobian
+from massprop_drake.maths.estimation.filters.rate_increments import rate_increment_jacobian
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import ELEMENT, pack
 

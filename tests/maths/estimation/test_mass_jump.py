@@ -12,10 +12,10 @@ from massprop_drake import load_scenario
 from massprop_drake.inputs import params as inputs
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
 from massprop_drake.maths.estimation.filters.mass_filter import (
+    MassCycle,
     MassInnovation,
     MassSample,
     MassState,
-    MassUpdate,
     innovate,
     update,
 )
@@ -130,7 +130,7 @@ def test_the_variance_after_a_jump_is_exact_for_the_right_theta(theta: int) -> N
     np.testing.assert_allclose(corrected(0.0, none, 1.0), 0.0, atol=1e-12)  # and nothing of the jump is left
 
 
-def updated(flight: Firing, error: float, length: int = 1, **params: Any) -> MassUpdate:
+def updated(flight: Firing, error: float, length: int = 1, **params: Any) -> MassCycle:
     """The filter after one sample that shows an error of its estimate, 2."""
     seen, information = flight.impulses[0] * error + np.array([0.1, -0.2, 0.3]), flight.informations[0]
     nis = float(seen @ information @ seen)

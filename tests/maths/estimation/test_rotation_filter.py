@@ -9,6 +9,13 @@ import pytest
 from params_probe import INVERSE, STATE, rotation_params
 
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
+from massprop_drake.maths.estimation.filters.rate_increments import (
+    coupling_increment,
+    coupling_jacobian,
+    rate_increment,
+    rate_increment_jacobian,
+    second_order_terms,
+)
 from massprop_drake.maths.estimation.filters.rotation_filter import (
     RotationCoupling,
     RotationCycle,
@@ -18,14 +25,9 @@ from massprop_drake.maths.estimation.filters.rotation_filter import (
     RotationParams,
     RotationSample,
     RotationState,
-    coupling_increment,
-    coupling_jacobian,
     finish,
     innovate,
     measure,
-    rate_increment,
-    rate_increment_jacobian,
-    second_order_terms,
 )
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
 from massprop_drake.maths.mass_properties import ELEMENT, MassProperties, six_elements, symmetric

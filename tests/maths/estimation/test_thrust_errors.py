@@ -14,14 +14,16 @@ from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION, Action, Ad
 from massprop_drake.maths.estimation.filters import mass_filter, rotation_filter
 from massprop_drake.maths.estimation.filters.mass_filter import MassInnovation, MassSample, MassState
 from massprop_drake.maths.estimation.filters.mass_jump import empty_window
+from massprop_drake.maths.estimation.filters.rate_increments import (
+    rate_increment,
+    rate_increment_jacobian,
+    second_order_terms,
+)
 from massprop_drake.maths.estimation.filters.rotation_filter import (
     RotationCoupling,
     RotationInnovation,
     RotationSample,
     RotationState,
-    rate_increment,
-    rate_increment_jacobian,
-    second_order_terms,
 )
 from massprop_drake.maths.estimation.redundancy import Rule
 from massprop_drake.maths.linear_algebra import Array
