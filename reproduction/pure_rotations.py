@@ -9,12 +9,8 @@ from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import load_scenario
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
 from massprop_drake.maths.estimation.filters import rotation_filter
-from massprop_drake.maths.estimation.filters.rotation_filter import (
-    RotationParams,
-    RotationSample,
-    RotationState,
-    rate_increment,
-)
+from massprop_drake.maths.estimation.filters.rate_increments import rate_increment
+from massprop_drake.maths.estimation.filters.rotation_filter import RotationParams, RotationSample, RotationState
 from reproduction.measures import CENTER, DIAGONAL, orbiter
 
 Array = NDArray[np.float64]
