@@ -68,6 +68,23 @@ def fed(dut: LeafSystem, run: Run, row: int, names: Sequence[str], context: Any 
     return context
 
 
-def output(dut: System, context: Any, name: str) -> Any:
-    """What an output port says."""
-    return dut.GetOutputPort(name).Eval(context)
+def give(dut: System, context: Any, **values: Any) -> None:
+    """Fixes input ports."""
+    for name, value in values.items():
+        dut.GetInputPort(name).FixValue(context, np.asarray(value, dtype=float))
+
+
+def output(dut: System, context: Any, name: str, **values: Any) -> Any:
+    """What an output port says, with some inputs fixed before; asked twice, it says the same."""
+    give(dut, context, **values)
+    port = dut.GetOutputPort(name)
+    said = port.Eval(context)
+    np.testing.assert_array_equal(port.Eval(context), said)
+    return said
+
+
+def sample(dut: LeafSystem, context: Any, name: str, **values: Any) -> Any:
+    """The same; the sample is then over."""
+    said = output(dut, context, name, **values)
+    advance(dut, context)
+    return said
