@@ -44,8 +44,9 @@ def update(dut: LeafSystem, context: Any) -> None:
 
 
 def advance(dut: LeafSystem, context: Any) -> None:
-    """The update at a sample, and the time of the next sample."""
-    update(dut, context)
+    """The update at a sample, where there is one, and the time of the next sample."""
+    if dut.GetUniquePeriodicDiscreteUpdateAttribute() is not None:
+        update(dut, context)
     context.SetTime(PERIOD_S * (round(context.get_time() / PERIOD_S) + 1))
 
 
