@@ -13,13 +13,22 @@ from numpy.typing import NDArray
 from massprop_drake.inputs import factors, params
 from massprop_drake.inputs.factors import Factor
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.maths.estimation import hindsight, oscillation
 from massprop_drake.maths.estimation.filter import Instruments, Setup
 from massprop_drake.maths.estimation.filters.joint import chi_square_limit
-from massprop_drake.maths.estimation.hindsight import FlightFit, FlightModel, Reckoned, ScoreTest, Stretch
 from massprop_drake.maths.estimation.joint.burns import Burn, EngineSettings, at_rest, burnt, push
 from massprop_drake.maths.estimation.joint.disturbance_states import NO_DISTURBANCE
 from massprop_drake.maths.estimation.joint.prediction import propellant_drift
+from massprop_drake.maths.estimation.offline import (
+    flight_bound,
+    flight_model,
+    oscillation,
+    record_kernels,
+    regression,
+    thrust_course,
+    unexplained_motion,
+)
+from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch
+from massprop_drake.maths.estimation.offline.regression import FlightFit, Reckoned, ScoreTest
 from massprop_drake.maths.mass_properties import MassProperties
 from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS, N_ERRORS, channels
 from massprop_drake.maths.vehicle.mounting import EXACT
@@ -119,7 +128,7 @@ def model(scenario: Scenario) -> FlightModel:
         gyros=gyros.quanta.size,
         prior=prior,
         sigma=sigma,
-        compute=hindsight.compute(compiled=scenario.execution.compiled),
+        compute=record_kernels.compute(compiled=scenario.execution.compiled),
         at_stamps=(scenario.joint.switching == "stamps" or params.steps_by_readings(scenario)) if joint else None,
         walks=_walks(scenario, setup) if joint else (0.0, 0.0),
         disturbance=setup.disturbance if joint else NO_DISTURBANCE,
@@ -130,7 +139,7 @@ def model(scenario: Scenario) -> FlightModel:
         mounting=mounting,
         modes=setup.modes,
     )
-    places = hindsight.columns(made)
+    places = flight_model.columns(made)
     sigma[places.properties] = _PRIOR * setup.widest
     sigma[places.thrust] = of_thrust
     sigma[places.lag] = of_lag
@@ -180,7 +189,7 @@ def _by_noise(noise: Array, body: MassProperties) -> Array:
 def steady(made: FlightModel) -> FlightModel:
     """Returns the model without shifts of inertia and center of mass in one direction by used propellant."""
     sigma = made.sigma.copy()
-    sigma[hindsight.columns(made).shift] = 0.0
+    sigma[flight_model.columns(made).shift] = 0.0
     return made._replace(sigma=sigma)
 
 
@@ -521,14 +530,14 @@ def _looked_back(
         begin = np.where(np.isnan(estimate) | jumped, made.prior[:10], estimate)  # that at the end is of after a jump
         if until_s < math.inf and _off_ticks(parts, made):  # what was declared may be the clock's doing
             every = _some(parts, math.inf, made)
-            if _switched(every, hindsight.fitted(every, _from(begin, made), made), made)[-1]:
+            if _switched(every, regression.fitted(every, _from(begin, made), made), made)[-1]:
                 until_s = math.inf
         names = names_of(scenario)
         chosen = _some(parts, until_s, made)
         diagnoses, fit = diagnosed(chosen, begin, made, names)
         if until_s < math.inf and _excess(fit) > 0.0:  # what was declared may be the doing of what moves inside
             every = _some(parts, math.inf, made)
-            whole = hindsight.fitted(every, _from(begin, made), made)
+            whole = regression.fitted(every, _from(begin, made), made)
             diagnoses = _oscillating(every, whole, made, names) or diagnoses
         if until_s < math.inf and names.wheels:  # or of a wheel that is not as stated
             whole_of_it, _ = diagnosed(_some(parts, math.inf, made), begin, made, names)
@@ -542,12 +551,12 @@ def _looked_back(
         if apart is not None:
             diagnoses = [apart, *diagnoses] if apart.kind == "factor" else [*diagnoses, apart]
         tracked = bool(params.trackers(scenario))  # whose readings it does not go over: they allow less
-        if resumed or jumped or tracked or not hindsight.possible(fit.at):
+        if resumed or jumped or tracked or not flight_model.possible(fit.at):
             return Hindsight(np.full(10, np.nan), tuple(diagnoses))
         start, drift = params.initial_covariance(scenario), _drift(scenario, fit.at)
         all_of_it = sum(one.time_s.size for one in chosen) == sum(one.time_s.size for one in parts)
-        known = fit.normal.information if all_of_it and not hindsight.gathers(made) else None
-        bound = hindsight.least_deviation(parts, fit.at, start, drift, steady(made), known)
+        known = fit.normal.information if all_of_it and not flight_model.gathers(made) else None
+        bound = flight_bound.least_deviation(parts, fit.at, start, drift, steady(made), known)
     return Hindsight(bound, tuple(diagnoses))
 
 
@@ -603,10 +612,10 @@ def diagnosed(
         names: of jets, kinds and sensors.
     """
     found: list[Diagnosis] = []
-    fit = first = hindsight.fitted(parts, _from(begin, made), made)
+    fit = first = regression.fitted(parts, _from(begin, made), made)
     if fit.normal.is_finite and (wider := _reaching(fit.at[:10], made)) is not made:
         made = wider
-        fit = first = hindsight.fitted(parts, fit.at, made)
+        fit = first = regression.fitted(parts, fit.at, made)
     if fit.normal.readings < _FEWEST or not fit.normal.is_finite:
         return found, first
     fit, reckoned, found = _switched(parts, fit, made)
@@ -649,17 +658,17 @@ def _explanations(parts: Sequence[Stretch], fit: FlightFit, made: FlightModel, n
         cause = _named(one, fit, made, names)
         wider = made._replace(sigma=made.sigma.copy())
         wider.sigma[cause.group] = cause.sigma
-        after = hindsight.fitted(parts, fit.at, wider)
+        after = regression.fitted(parts, fit.at, wider)
         if _explains(after, fit):
             reason = _late_thrust(cause, after, made, names) if cause.kind == "lag" else cause.reason
             found = Diagnosis(cause.kind, reason, one.statistic, one.threshold)
             yield _Explanation(found, _cost(after, wider) + per_unknown * one.score.degrees, parts, after, wider)
     for rows in (1, -1) if _excess(fit) > 0.0 and not made.own_times else ():
         moved = [_commanded_later(part, rows) for part in parts]
-        after = hindsight.fitted(moved, made.prior, made)
+        after = regression.fitted(moved, made.prior, made)
         if not _explains(after, fit):
             continue
-        same = hindsight.fitted([_rows_of(part, _kept_of(part, rows)) for part in parts], fit.at, made)
+        same = regression.fitted([_rows_of(part, _kept_of(part, rows)) for part in parts], fit.at, made)
         if _excess(same) > 0.0 and _explains(after, same):  # else the row that is left out is all that contradicts
             words = f"delay wrong: commands act {1e3 * made.period_s:.3g} ms {'later' if rows > 0 else 'earlier'}"
             reason = f"{words} than they are logged, one sample period"
@@ -686,7 +695,7 @@ def _kept_of(part: Stretch, rows: int) -> slice:
 
 def _late_thrust(cause: _Cause, after: FlightFit, made: FlightModel, names: Names) -> str:
     """Describes the lags with which the thrust of each kind of jet builds up, by a fit in which they are free."""
-    places, words = hindsight.columns(made), []
+    places, words = flight_model.columns(made), []
     for place in cause.group.tolist():
         index, off = place - places.lag.start, 1e3 * float(after.at[place])
         told = 1e3 * float(made.time_constants_s[made.kinds == index].max(initial=0.0))
@@ -703,8 +712,8 @@ def _oscillating(parts: Sequence[Stretch], fit: FlightFit, made: FlightModel, na
 
     Where walks or a disturbance are stated, whatever exceeds them is told, a mode or not.
     """
-    stated = hindsight.gathers(made)
-    if not hindsight.possible(fit.at):
+    stated = flight_model.gathers(made)
+    if not flight_model.possible(fit.at):
         return []
     if oscillation.is_covered(parts, fit, made) if stated else _excess(fit) == 0.0:
         return []
@@ -731,7 +740,7 @@ def _covering(rate: float, velocity: float) -> str:
 def _from(begin: Array, made: FlightModel) -> Array:
     """Returns the start of a fit: these ten parameters, if they are a body's."""
     start = made.prior.copy()
-    if hindsight.possible(begin):  # NaN is not
+    if flight_model.possible(begin):  # NaN is not
         start[:10] = begin
     return start
 
@@ -749,7 +758,7 @@ def _reaching(found: Array, made: FlightModel) -> FlightModel:
 
 def _off_ticks(parts: Sequence[Stretch], made: FlightModel) -> bool:
     """Tests whether stamps are off their ticks."""
-    return any(hindsight.off_ticks(part, made) for part in parts)
+    return any(thrust_course.off_ticks(part, made) for part in parts)
 
 
 def _switched(
@@ -768,7 +777,7 @@ def _switched(
     if made.at_stamps is None or _excess(fit) == 0.0 or not _off_ticks(parts, made):
         return fit, made, []
     other = made._replace(at_stamps=not made.at_stamps)
-    after = hindsight.fitted(parts, fit.at if hindsight.possible(fit.at) else made.prior, other)
+    after = regression.fitted(parts, fit.at if flight_model.possible(fit.at) else made.prior, other)
     if not after.normal.is_finite or _excess(after) > (1.0 - _EXPLAINED) * _excess(fit):
         return fit, made, []
     where = "the stamps of their rows" if other.at_stamps else "regular ticks"
@@ -790,7 +799,7 @@ def _turned_right(
             signs = np.ones((made.variances.shape[0], 3))
             signs[package, axis] = -1.0
             turned = [part._replace(readings=part.readings * signs) for part in parts]
-            after = hindsight.fitted(turned, made.prior, made)
+            after = regression.fitted(turned, made.prior, made)
             if after.normal.per_reading < _HOPELESS and _excess(after) < (1.0 - _EXPLAINED) * _excess(fit):
                 reason = f"axis {names.gyros[package]} {'xyz'[axis]} has the wrong sign"
                 return after, [Diagnosis("gyro_sign", reason, fit.normal.per_reading, _HOPELESS)]
@@ -820,7 +829,7 @@ def _rescaled(parts: Sequence[Stretch], begin: Array, made: FlightModel, scenari
         made: see `model`.
         scenario: as run.
     """
-    ratios = hindsight.gain_ratios(parts, made.prior, made)
+    ratios = unexplained_motion.gain_ratios(parts, made.prior, made)
     vehicle, gyro = scenario.vehicle_data, np.arange(ratios.size) < made.gyros
     rates = factors.of_rates(vehicle.sample_period_s)
     velocities = factors.of_velocities(vehicle.units, vehicle.sample_period_s)
@@ -840,10 +849,10 @@ def _rescaled(parts: Sequence[Stretch], begin: Array, made: FlightModel, scenari
             continue
         other = [_times(part, 1.0 / sizes) for part in parts]
         chosen = _some(other, math.inf, made)
-        after = hindsight.fitted(chosen, made.prior, made)
+        after = regression.fitted(chosen, made.prior, made)
         if after.normal.readings < _FEWEST or not after.normal.is_finite:
             continue
-        before = hindsight.fitted([_times(part, sizes) for part in chosen], _from(begin, made), made)
+        before = regression.fitted([_times(part, sizes) for part in chosen], _from(begin, made), made)
         gained = _cost(before, made) - _cost(after, made)
         settled = _excess(after) <= (1.0 - _EXPLAINED) * _excess(before)
         if before.normal.is_finite and not (settled and gained > _GAINED * max(after.normal.per_reading, 1.0)):
@@ -880,7 +889,7 @@ def _cost(fit: FlightFit, made: FlightModel) -> float:
 
 
 def _groups(made: FlightModel) -> dict[str, NDArray[np.int_]]:
-    places = hindsight.columns(made)
+    places = flight_model.columns(made)
     every = {
         "thrust": places.thrust,
         "torque": places.torque,
@@ -912,7 +921,7 @@ def _tested(
     common: Reckoned | None = None,
 ) -> _Suspect:
     stated = float(made.sigma[group].max())
-    score = hindsight.score(fit, group, made, stated, clear, common)
+    score = regression.score(fit, group, made, stated, clear, common)
     threshold = chi_square_limit(RATE, score.degrees) if score.degrees else np.inf
     alike = 1.0  # packages of a kind, side by side, may round alike: then they say no more than one
     if kind.startswith("gyro"):
@@ -923,7 +932,7 @@ def _tested(
 
 
 def _suspects(fit: FlightFit, made: FlightModel) -> Iterator[_Suspect]:
-    places, common = hindsight.columns(made), hindsight.reckoned_in(fit, made)
+    places, common = flight_model.columns(made), regression.reckoned_in(fit, made)
     for kind, group in _groups(made).items():
         if group.size and made.sigma[group].max() < _WIDE:
             yield _tested(kind, group, fit, made, _CLEAR if kind == "thrust" else np.inf, common)
@@ -969,7 +978,7 @@ def _named(worst: _Suspect, fit: FlightFit, made: FlightModel, names: Names) -> 
 def _of_many(worst: _Suspect, fit: FlightFit, made: FlightModel, names: Names) -> _Cause:
     """Finds the cause among jets or axes: the one that explains all of it, else all of them."""
     kind, group, size = worst.kind, worst.group, worst.score.size
-    common = hindsight.reckoned_in(fit, made)
+    common = regression.reckoned_in(fit, made)
     each = [_tested(kind, np.array([place]), fit, made, common=common) for place in group.tolist()]
     best = max(range(len(each)), key=lambda index: each[index].score.statistic)
     gain, alone = float(each[best].score.size[0]), each[best].score.statistic >= _SHARE * worst.score.statistic
@@ -1045,7 +1054,7 @@ def _scattered(parts: Sequence[Stretch], fit: FlightFit, made: FlightModel, name
 
 def _of_torques(parts: Sequence[Stretch], made: FlightModel, names: Names) -> str:
     """Describes what turns the vehicle beyond the fit: wheels, where the equivalent force would act far outside."""
-    momentum, impulse = hindsight.unexplained(parts, made)
+    momentum, impulse = unexplained_motion.unexplained(parts, made)
     torques, forces = made.wrenches[:, :3], made.wrenches[:, 3:]
     reach = float((np.linalg.norm(torques, axis=1) / np.linalg.norm(forces, axis=1)).max())
     if not made.positions.size or momentum < _OUTSIDE * reach * impulse:

@@ -14,14 +14,19 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
-from massprop_drake.maths.estimation import hindsight
-from massprop_drake.maths.estimation.hindsight import Columns, FlightFit, FlightModel, Stretch
 from massprop_drake.maths.estimation.joint.joint_cycle import JointSample
 from massprop_drake.maths.estimation.joint.layout import make_places
 from massprop_drake.maths.estimation.joint.measurement import outputs
 from massprop_drake.maths.estimation.joint.prediction import drive, predict, propellant_drift
 from massprop_drake.maths.estimation.joint.ticks import on_ticks
 from massprop_drake.maths.estimation.joint.wheels import NO_WHEELS, WheelParams
+from massprop_drake.maths.estimation.offline.flight_bound import least_deviation
+from massprop_drake.maths.estimation.offline.flight_model import Columns, FlightModel, Stretch, columns
+from massprop_drake.maths.estimation.offline.normal_equations import normal
+from massprop_drake.maths.estimation.offline.record_kernels import used as informative
+from massprop_drake.maths.estimation.offline.regression import FlightFit, fitted
+from massprop_drake.maths.estimation.offline.regression import score as score_of
+from massprop_drake.maths.estimation.offline.thrust_course import off_ticks
 from massprop_drake.maths.vehicle.mounting import mounting
 from massprop_drake.results.shown_in_hindsight import Names, diagnosed
 
@@ -138,7 +143,7 @@ def known(thrust: float = 0.01, lag: float = 0.2, wheels: WheelParams = NO_WHEEL
         sigma=np.zeros_like(prior),
         wheels=wheels,
     )
-    places = hindsight.columns(model)
+    places = columns(model)
     model.sigma[places.properties] = np.diag(PARAMS.start_root)
     model.sigma[places.thrust] = thrust
     model.sigma[places.lag] = lag * np.array([0.015, 0.03])
@@ -148,7 +153,7 @@ def known(thrust: float = 0.01, lag: float = 0.2, wheels: WheelParams = NO_WHEEL
 
 def fit_of(stretch: Stretch, model: FlightModel) -> FlightFit:
     """From the start that is stated."""
-    fit = hindsight.fitted([stretch], model.prior, model)
+    fit = fitted([stretch], model.prior, model)
     assert fit.settled
     return fit
 
@@ -157,7 +162,7 @@ def least_of(stretches: tuple[Stretch, ...], tank_fraction: float = 0.0) -> Arra
     """The least 1-sigma in hindsight, at the truth."""
     model, _ = known()
     drift = propellant_drift(TRUTH, 1.0, tank_fraction, PARAMS.arm)
-    return hindsight.least_deviation(stretches, model.prior, np.diag(model.sigma[:10] ** 2), drift, model)
+    return least_deviation(stretches, model.prior, np.diag(model.sigma[:10] ** 2), drift, model)
 
 
 @pytest.mark.parametrize(("tank_fraction", "times"), [(0.0, 1.0), (3.0, 1.15), (100.0, 5.0)])
@@ -211,7 +216,7 @@ def test_what_is_used_before_a_sensor_reads_does_not_move_what_it_reads_first() 
     drift = propellant_drift(TRUTH, 1.0, 300.0, PARAMS.arm)
     (model, _), later = known(), pieces(blind, 40)[1]
     start = np.diag(model.sigma[:10] ** 2 - drift * used_after[40])
-    expected = hindsight.least_deviation([later], model.prior, start, drift, model)
+    expected = least_deviation([later], model.prior, start, drift, model)
     np.testing.assert_allclose(least_of((blind,), 300.0), expected, rtol=5e-3)
 
 
@@ -246,9 +251,9 @@ def test_commands_that_switch_at_the_stamps_are_told_from_regular_ticks() -> Non
     shifted = jittered(flight(5)[0], 5)
     assert fit_of(stretch, stamps).normal.per_reading < 1.1
     assert fit_of(stretch, model).normal.per_reading > 2.0
-    assert hindsight.off_ticks(shifted, model)
-    assert not hindsight.off_ticks(flight(5)[0], model)
-    assert hindsight.fitted([shifted], model.prior, stamps).normal.per_reading > 2.0
+    assert off_ticks(shifted, model)
+    assert not off_ticks(flight(5)[0], model)
+    assert fitted([shifted], model.prior, stamps).normal.per_reading > 2.0
 
 
 def test_a_flight_that_is_as_stated_passes_every_test() -> None:
@@ -259,7 +264,7 @@ def test_a_flight_that_is_as_stated_passes_every_test() -> None:
         fit = fit_of(flight(seed, 1.0 + 0.01 * rng.standard_normal(6), lag=rng.standard_normal())[0], model)
         ratios.append(fit.normal.per_reading)
         for part, stated in ((places.torque, 0.0), (places.drag, 0.0), (places.thrust, 0.01)):
-            score = hindsight.score(fit, np.arange(fit.at.size)[part], model, stated, 0.01)
+            score = score_of(fit, np.arange(fit.at.size)[part], model, stated, 0.01)
             statistics.append(chi2.sf(score.statistic, score.degrees) if score.degrees else 0.5)
     assert np.mean(ratios) == pytest.approx(0.95, abs=0.04)  # of 600 readings some 20 go into the fit
     assert min(statistics) > 1e-3
@@ -277,10 +282,10 @@ def test_what_is_wrong_is_found_with_its_size(faulty: dict[str, Any], part: str,
     model, places = known(thrust=0.0, lag=0.0)
     stretch, unknown = flight(3, **faulty)[0], np.arange(model.prior.size)[getattr(places, part)]
     fit = fit_of(stretch, model)
-    score = hindsight.score(fit, unknown, model)
+    score = score_of(fit, unknown, model)
     assert score.statistic > 10.0 * chi2.isf(1e-4, score.degrees)
     model.sigma[unknown] = 1.0
-    after = hindsight.fitted([stretch], fit.at, model)
+    after = fitted([stretch], fit.at, model)
     np.testing.assert_allclose(after.at[unknown], expected, atol=0.05 * np.abs(expected).max())
     assert after.normal.per_reading < 1.1
 
@@ -290,7 +295,7 @@ def test_thrusts_that_are_stated_to_be_off_by_so_much_are_none_that_are_off_by_m
     for stated, wrong in ((0.03, False), (0.005, True)):
         model, places = known(thrust=stated)
         fit = fit_of(stretch, model)
-        score = hindsight.score(fit, np.arange(fit.at.size)[places.thrust], model, stated, 0.01)
+        score = score_of(fit, np.arange(fit.at.size)[places.thrust], model, stated, 0.01)
         assert (score.statistic > chi2.isf(2e-4, score.degrees)) == wrong
 
 
@@ -334,12 +339,12 @@ def test_the_score_is_the_slope_of_the_misfit() -> None:
     at[places.torque], at[places.drag], at[places.momentum], at[places.acceleration_bias] = 1e-6, 1e-3, 2e-3, 1e-3
     steps = np.full(at.size, 1e-5)
     steps[:10] = 1e-4 * model.sigma[:10]
-    found = hindsight.normal(stretch, at, model)
+    found = normal(stretch, at, model)
     for place, step in enumerate(steps):
         ahead, back = at.copy(), at.copy()
         ahead[place] += step
         back[place] -= step
-        change = hindsight.normal(stretch, ahead, model).misfit - hindsight.normal(stretch, back, model).misfit
+        change = normal(stretch, ahead, model).misfit - normal(stretch, back, model).misfit
         scale = np.sqrt(found.information[place, place] * found.misfit)
         assert -change / (4.0 * step) == pytest.approx(found.score[place], abs=2e-6 * scale)
 
@@ -350,9 +355,9 @@ def test_what_propellant_shifts_steadily_is_no_fault_where_it_may_do_so() -> Non
     used = -stretch.used_after[-1]
     stretch = stretch._replace(used_after=stretch.used_after + used)
     stretch.readings[:, 1] = np.nan
-    assert hindsight.fitted([stretch], model.prior, model).normal.per_reading > 10.0
+    assert fitted([stretch], model.prior, model).normal.per_reading > 10.0
     model.sigma[places.shift] = 0.03 * np.abs(TRUTH[:9]) / used
-    fit = hindsight.fitted([stretch], model.prior, model)
+    fit = fitted([stretch], model.prior, model)
     assert fit.settled
     assert fit.normal.per_reading < 1.2
     np.testing.assert_allclose(fit.at[places.shift][:3] * used, -0.02 * TRUTH[:3], rtol=0.1)
@@ -362,7 +367,7 @@ def test_a_shift_by_what_will_be_used_only_after_all_rows_is_another_vehicle() -
     stretch, (model, places) = flight(5)[0], known()
     model.sigma[places.shift] = 1.0
     later = 0.7
-    found = hindsight.normal(stretch._replace(used_after=np.full(ROWS + 1, later)), model.prior, model)
+    found = normal(stretch._replace(used_after=np.full(ROWS + 1, later)), model.prior, model)
     scale = found.information[:9]
     np.testing.assert_allclose(found.information[places.shift], later * scale, atol=1e-9 * np.abs(scale).max())
     np.testing.assert_allclose(found.score[places.shift], later * found.score[:9], rtol=1e-9)
@@ -373,9 +378,9 @@ def test_rates_that_are_missing_while_jets_fire_lie_on_no_straight_line(monkeypa
     monkeypatch.setitem(globals(), "PARAMS", PARAMS._replace(wrenches=10.0 * PARAMS.wrenches))
     stretch, (model, _) = flight(7)[0], known()
     stretch.readings[:, 0][np.random.default_rng(7).random((ROWS + 1, 3)) < 0.1] = np.nan
-    fit = hindsight.fitted([stretch], model.prior, model)
+    fit = fitted([stretch], model.prior, model)
     assert fit.normal.per_reading < 1.2
-    once = hindsight.normal(stretch, model.prior, model)  # at the truth, before any rate is followed
+    once = normal(stretch, model.prior, model)  # at the truth, before any rate is followed
     assert once.misfit < 1.2 * once.readings
     assert (fit.normal.by_package[:, 0] < 1.2 * fit.normal.by_package[:, 1]).all()
 
@@ -383,9 +388,9 @@ def test_rates_that_are_missing_while_jets_fire_lie_on_no_straight_line(monkeypa
 def test_a_reading_counts_once_it_has_moved() -> None:
     expected = np.array([0.0, 0.3, 0.6, 1.0, 1.4, 2.1, 2.1])
     read = np.array([0.0, 0.0, 1.0, 1.0, np.nan, 2.0, 5.0])
-    assert hindsight.used(expected, read, 1.0).tolist() == [0, 3, 5, 6]
-    assert hindsight.used(expected, read, 0.0).tolist() == [0, 1, 2, 3, 5, 6]
-    assert hindsight.used(expected, np.full(7, np.nan), 1.0).size == 0
+    assert informative(expected, read, 1.0).tolist() == [0, 3, 5, 6]
+    assert informative(expected, read, 0.0).tolist() == [0, 1, 2, 3, 5, 6]
+    assert informative(expected, np.full(7, np.nan), 1.0).size == 0
 
 
 @pytest.mark.parametrize("wrong", [0.01, 0.1, 1.0, 30.0])
@@ -399,8 +404,8 @@ def test_passes_that_go_astray_are_not_followed(wrong: float) -> None:
     with np.errstate(all="ignore"):
         found, fit = diagnosed([told], model.prior[:10], model, NAMES)
     assert not fit.settled
-    assert fit.normal.misfit <= hindsight.normal(told, model.prior, model).misfit
-    assert fit.normal.misfit == hindsight.normal(told, fit.at, model).misfit
+    assert fit.normal.misfit <= normal(told, model.prior, model).misfit
+    assert fit.normal.misfit == normal(told, fit.at, model).misfit
     assert [one.kind for one in found] == ["drift"]
 
 
@@ -458,33 +463,33 @@ def test_wheels_turn_the_vehicle_as_they_are_read(followed: bool) -> None:
     at[places.gyro_bias], at[places.wheel] = (1e-5, -2e-5, 5e-6), (0.011, -0.018)
     require_slopes(stretch, at, model._replace(followed=followed), 5e-3)
     model.sigma[places.properties] *= 1e-3  # else both scales are one
-    fit = hindsight.fitted([stretch], model.prior, model)
+    fit = fitted([stretch], model.prior, model)
     np.testing.assert_allclose(fit.at[places.wheel], errors, atol=1e-3)
     assert fit.normal.misfit < 1.5 * fit.normal.readings
     model.sigma[places.wheel] = 0.0
-    assert hindsight.fitted([stretch], model.prior, model).normal.misfit > 100.0 * fit.normal.misfit
+    assert fitted([stretch], model.prior, model).normal.misfit > 100.0 * fit.normal.misfit
 
 
 def test_jets_are_mounted_as_they_push() -> None:
     """Slopes of the misfit by errors of the mounting are those of differences, and the errors are found."""
     model, _ = known()
     each = mounting(PARAMS.wrenches, POSITIONS, np.full((6, 2), (0.02, 0.01)))
-    prior = np.insert(model.prior, hindsight.columns(model).fill.start, np.zeros(each.jets.size))
+    prior = np.insert(model.prior, columns(model).fill.start, np.zeros(each.jets.size))
     model = model._replace(prior=prior, sigma=np.zeros_like(prior), mounting=each)
-    places = hindsight.columns(model)
+    places = columns(model)
     model.sigma[places.properties], model.sigma[places.mount] = 1e-3 * np.diag(PARAMS.start_root), 1.0
     at = model.prior.copy()
     at[places.mount] = np.random.default_rng(2).standard_normal(each.jets.size)
     stretch = flight(2)[0]
     require_slopes(stretch, at, model, 5e-3)
-    fit = hindsight.fitted([stretch], at, model)
+    fit = fitted([stretch], at, model)
     assert np.abs(fit.at[places.mount]).max() < 0.3  # as they were flown
     assert fit.normal.misfit < 1.2 * fit.normal.readings
 
 
 def require_slopes(stretch: Stretch, at: Array, model: FlightModel, tolerance: float) -> None:
     """Compares the score with slopes of the misfit by differences, to a share of the largest."""
-    places, score = hindsight.columns(model), hindsight.normal(stretch, at, model).score
+    places, score = columns(model), normal(stretch, at, model).score
     sizes = np.concatenate((1e-4 * np.abs(TRUTH), np.full(at.size - 10, 1e-6)))
     tested = [*range(10), places.thrust.start + 2, *range(at.size)[places.gyro_bias], places.torque.start]
     tested += [
@@ -500,7 +505,7 @@ def require_slopes(stretch: Stretch, at: Array, model: FlightModel, tolerance: f
         for sign in (1.0, -1.0):
             moved = at.copy()
             moved[unknown] += sign * sizes[unknown]
-            ends.append(hindsight.normal(stretch, moved, model).misfit)
+            ends.append(normal(stretch, moved, model).misfit)
         slope = (ends[1] - ends[0]) / (4.0 * sizes[unknown])
         assert score[unknown] == pytest.approx(slope, rel=2e-3, abs=tolerance * abs(score).max()), unknown
 
@@ -508,7 +513,7 @@ def require_slopes(stretch: Stretch, at: Array, model: FlightModel, tolerance: f
 def of_all(model: FlightModel, at: Array, stretch: Stretch) -> tuple[Array, Array]:
     """Information about everything that may be wrong, scaled, and the score."""
     wide = model._replace(sigma=np.where(model.sigma > 0.0, model.sigma, 1.0))
-    found = hindsight.normal(stretch, at, wide)
+    found = normal(stretch, at, wide)
     scale = 1.0 / np.sqrt(np.maximum(found.information.diagonal(), 1e-300))
     return scale[:, None] * found.information * scale, found.score * scale
 
@@ -542,7 +547,7 @@ def test_rows_of_other_sensors_between_tell_neither_more_nor_less() -> None:
         outside=np.zeros((2 * ROWS + 1, 6)),
         used_after=np.insert(stretch.used_after, place, stretch.used_after[:-1]),
     )
-    one, other = hindsight.normal(stretch, at, model), hindsight.normal(between, at, own)
+    one, other = normal(stretch, at, model), normal(between, at, own)
     assert other.readings == one.readings
     assert other.misfit == pytest.approx(one.misfit, rel=1e-3)
     np.testing.assert_allclose(other.information[:10, :10].diagonal(), one.information[:10, :10].diagonal(), rtol=1e-3)

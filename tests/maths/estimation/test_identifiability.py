@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprop_drake.maths.estimation.identifiability import Flag, asked, flags, foretold
+from massprop_drake.maths.estimation.offline.identifiability import Flag, asked, flags, foretold
 
 NOWHERE = np.zeros(10, dtype=bool)
 

@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from massprop_drake.maths.estimation.hindsight import FlightModel, Stretch
-from massprop_drake.maths.estimation.intervals import Cells, Confined, Constraints, confined, deepest, extremes
+from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch
+from massprop_drake.maths.estimation.offline.intervals import Cells, Confined, Constraints, confined, deepest, extremes
 from massprop_drake.systems.estimation.interval_program import solved
 
 Array = NDArray[np.float64]

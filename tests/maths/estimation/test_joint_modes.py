@@ -18,7 +18,7 @@ from massprop_drake.maths.estimation.joint.layout import CENTER, INERTIA, MASS, 
 from massprop_drake.maths.estimation.joint.modes import ModeParams
 from massprop_drake.maths.estimation.joint.prediction import predict
 from massprop_drake.maths.estimation.joint.sensitivity import carried, impulse_columns, link
-from massprop_drake.maths.estimation.swings import Locked, with_modes
+from massprop_drake.maths.estimation.offline.swings import Locked, with_modes
 from massprop_drake.maths.linear_algebra import Array, skew
 from massprop_drake.maths.mass_properties import MassProperties
 from massprop_drake.systems.multibody.plants import parsed_plant

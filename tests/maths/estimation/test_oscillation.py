@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from massprop_drake.maths.estimation.oscillation import driven, lines_of, wander_lines
+from massprop_drake.maths.estimation.offline.oscillation import driven, lines_of, wander_lines
 
 
 @pytest.mark.parametrize(("frequency_hz", "damping"), [(0.05, 0.02), (1.1, 0.3)])
