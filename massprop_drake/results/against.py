@@ -16,7 +16,9 @@ from massprop_drake.maths.estimation.filters.joint import chi_square_limit
 from massprop_drake.maths.estimation.offline import flight_model, normal_equations
 from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch
 from massprop_drake.maths.estimation.offline.normal_equations import NormalEquations
-from massprop_drake.results.shown_in_hindsight import RATE, Names, model, names_of, pieces, steady
+from massprop_drake.results.diagnoses import RATE
+from massprop_drake.results.record_stretches import pieces
+from massprop_drake.results.regression_model import Names, model, names_of, steady
 from massprop_drake.results.spool import Spool
 from massprop_drake.signals import AGAINST, AXES, SYMBOLS, in_units, mass_property_units
 

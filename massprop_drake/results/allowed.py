@@ -20,7 +20,8 @@ from massprop_drake.maths.mass_properties import CENTER_OF_MASS, ELEMENT, MASS_R
 from massprop_drake.maths.vehicle.on_times import opens_within
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.events import EventRecord
-from massprop_drake.results.shown_in_hindsight import believed, model
+from massprop_drake.results.record_stretches import believed
+from massprop_drake.results.regression_model import model
 from massprop_drake.results.spool import Spool
 
 Array = NDArray[np.float64]

@@ -13,7 +13,8 @@ from massprop_drake import Run, load_scenario
 from massprop_drake.results.consistency import Diagnosis, Tally, judged
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.events import EventRecord
-from massprop_drake.results.shown_in_hindsight import Hindsight, looked_back, stretches
+from massprop_drake.results.record_stretches import stretches
+from massprop_drake.results.shown_in_hindsight import Hindsight, looked_back
 from massprop_drake.results.spool import Spool
 from massprop_drake.results.summary import Summary
 

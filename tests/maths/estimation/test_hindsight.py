@@ -28,7 +28,8 @@ from massprop_drake.maths.estimation.offline.regression import FlightFit, fitted
 from massprop_drake.maths.estimation.offline.regression import score as score_of
 from massprop_drake.maths.estimation.offline.thrust_course import off_ticks
 from massprop_drake.maths.vehicle.mounting import mounting
-from massprop_drake.results.shown_in_hindsight import Names, diagnosed
+from massprop_drake.results.diagnoses import diagnosed
+from massprop_drake.results.regression_model import Names
 
 Array = NDArray[np.float64]
 ROWS = 100
