@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from faults_probe import JETS, Flown, commands_of, dock, fail, flight, make_params
 
+from massprop_drake.maths.estimation.faults.alarms import WatchedCycle, loss
 from massprop_drake.maths.estimation.faults.declarations import (
     JetsDeclared,
     JumpDeclared,
@@ -16,7 +17,6 @@ from massprop_drake.maths.estimation.faults.declarations import (
     Word,
 )
 from massprop_drake.maths.estimation.faults.priors import Params
-from massprop_drake.maths.estimation.faults.proposals import WatchedCycle, loss
 from massprop_drake.maths.estimation.faults.tree import probabilities
 from massprop_drake.maths.estimation.faults.verdicts import odds
 from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Score
