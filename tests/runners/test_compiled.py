@@ -21,7 +21,7 @@ from massprop_drake.diagrams import closed_loop
 from massprop_drake.inputs.params import thesis_params
 from massprop_drake.maths import kernels
 from massprop_drake.maths.autopilot.phase_space import Sensed
-from massprop_drake.maths.estimation import hindsight
+from massprop_drake.maths.estimation.offline import record_kernels
 from massprop_drake.maths.linear_algebra import cross
 from massprop_drake.maths.vehicle.rigid_body import step
 
@@ -129,7 +129,7 @@ def test_levels_lag_the_same_compiled() -> None:
     lagged = []
     for compiled in (False, True):
         level, slope = told.copy(), np.zeros((40, 3))
-        hindsight.compute(compiled=compiled).lag(level, slope, remaining, 0.5 * remaining)
+        record_kernels.compute(compiled=compiled).lag(level, slope, remaining, 0.5 * remaining)
         lagged.append(np.hstack((level, slope)))
     np.testing.assert_allclose(*lagged, atol=1e-15)
 

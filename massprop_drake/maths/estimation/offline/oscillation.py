@@ -23,7 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.filters.joint import chi_square_limit
-from massprop_drake.maths.estimation.hindsight import FlightFit, FlightModel, Residuals, Stretch, gathering, residuals
+from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch
+from massprop_drake.maths.estimation.offline.normal_equations import Residuals, gathering, residuals
+from massprop_drake.maths.estimation.offline.regression import FlightFit
 from massprop_drake.maths.linear_algebra import Array
 
 _DAMPING = 0.02  # ratio, of slosh in a bare tank or a panel, by which the frequency is found
@@ -84,7 +86,7 @@ def strongest_mode(stretches: Sequence[Stretch], fit: FlightFit, model: FlightMo
     Args:
         stretches: of the flight.
         fit: about which all is taken.
-        model: see `hindsight.FlightModel`.
+        model: see `flight_model.FlightModel`.
     """
     flight = _linearized([_part(stretch, fit.at, model) for stretch in stretches], fit, model)
     longest_s = max((part.time_s[-1] for part in flight.parts), default=0.0)
@@ -117,7 +119,7 @@ def covering_walk(
     Args:
         stretches: of the flight.
         fit: about which all is taken.
-        model: see `hindsight.FlightModel`.
+        model: see `flight_model.FlightModel`.
         change: of the unknowns, by which residuals change to first order, shape (n,).
 
     Returns:

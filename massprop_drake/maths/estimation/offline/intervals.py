@@ -19,8 +19,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.maths.estimation import hindsight
-from massprop_drake.maths.estimation.hindsight import FlightModel, Stretch, coupled, crossing
+from massprop_drake.maths.estimation.offline import flight_model, normal_equations
+from massprop_drake.maths.estimation.offline.coupled_rates import coupled, crossing
+from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch
 from massprop_drake.maths.linear_algebra import Array
 
 SIGMAS = 4.0  # of what is stated, to which it is confined: one of thirty jets is beyond in one of 500 flights
@@ -243,13 +244,13 @@ def _outputs(stretch: Stretch, at: Array, rate: Array, biases: Array, model: Fli
 
     Coupling is with true rates: biases of gyros, which have unknowns of their own, play no part in it.
     """
-    gyros, m, wanted = model.gyros, stretch.time_s.size, hindsight.reckoned(model)
-    of_gyros = hindsight.columns(model).gyro_bias
+    gyros, m, wanted = model.gyros, stretch.time_s.size, flight_model.reckoned(model)
+    of_gyros = flight_model.columns(model).gyro_bias
     at = np.where(np.isin(np.arange(at.size), np.arange(of_gyros.start, of_gyros.stop)), 0.0, at)
     read, offset, course = np.zeros_like(stretch.readings), rate, np.zeros((3, m))
     for _ in range(_ROUNDS):  # Newton's, for coupling with the rates that come of it
         read[:, :gyros] = course.T[:, None]
-        found, motion = hindsight.residuals(stretch._replace(readings=read), at, model)
+        found, motion = normal_equations.residuals(stretch._replace(readings=read), at, model)
         if np.isnan(rate).any():
             offset = np.nanmean(stretch.readings[:, :gyros] - biases - motion[:3].T[:, None], axis=(0, 1))
         away, lengths_s = motion[:3] + offset[:, None] - course, np.diff(stretch.time_s)
@@ -343,15 +344,15 @@ class _Linear:
     Args:
         stretches: of the flight.
         point: about which.
-        model: see `hindsight.FlightModel`.
+        model: see `flight_model.FlightModel`.
         cells: see `Cells`.
     """
 
     def __init__(self, stretches: Sequence[Stretch], point: _Point, model: FlightModel, cells: Cells):
         self._stretches, self._model, self._cells = stretches, model, cells
-        wanted = np.flatnonzero(hindsight.reckoned(model))
+        wanted = np.flatnonzero(flight_model.reckoned(model))
         self._frame = _Frame(wanted, 3 * model.gyros, 3 + 3 * model.positions.shape[0])
-        thrust = hindsight.columns(model).thrust  # unknown ones of jets that fire
+        thrust = flight_model.columns(model).thrust  # unknown ones of jets that fire
         self._loose = (model.sigma[thrust] > 0.0) & np.any([part.commands.any(axis=0) for part in stretches], axis=0)
         self._parts: list[_CellRows] = []
         self.point = point
@@ -436,7 +437,7 @@ class _Linear:
         the point moves by the factor along that curve, and not along its tangent.
         """
         frame, (at, rates, biases) = self._frame, self.point
-        change, thrust = np.zeros_like(at), hindsight.columns(self._model).thrust
+        change, thrust = np.zeros_like(at), flight_model.columns(self._model).thrust
         change[frame.wanted] = move[: frame.wanted.size]
         loose = self._loose
         factor = -float(np.mean(change[thrust][loose])) if loose.any() else 0.0
@@ -456,7 +457,7 @@ class _Linear:
     def bend(self, move: Array) -> Array:
         """Computes every reading's departure from linearization at a difference of all unknowns, quanta."""
         every = []
-        there = self.about(move)._parts if hindsight.possible(self.moved(move).at) else self._parts
+        there = self.about(move)._parts if flight_model.possible(self.moved(move).at) else self._parts
         for here, other in zip(self._parts, there, strict=True):
             off = here.left - other.left - here.matrix @ move
             if off.size and here.package >= self._model.gyros:  # an accelerometer may start anywhere
@@ -499,8 +500,8 @@ def confined(stretches: Sequence[Stretch], begin: Array, model: FlightModel, cel
 
     Args:
         stretches: of the flight, at least one.
-        begin: all unknowns about which is linearized first; see `hindsight.possible`, shape (n,).
-        model: see `hindsight.FlightModel`; stamps lie on ticks, and nothing shifts with propellant.
+        begin: all unknowns about which is linearized first; see `flight_model.possible`, shape (n,).
+        model: see `flight_model.FlightModel`; stamps lie on ticks, and nothing shifts with propellant.
         cells: see `Cells`.
         solve: see `Solve`.
 
