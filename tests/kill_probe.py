@@ -70,7 +70,7 @@ def two_renames(child: Child) -> Child:
     """The same where the system cannot exchange folders."""
 
     def call() -> None:
-        exchange._swapped = lambda *_: False  # type: ignore[assignment]
+        exchange.swapped = lambda *_: False  # type: ignore[assignment]
         child()
 
     return call
