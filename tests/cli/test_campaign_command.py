@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from campaign_rows import SWEPT, declaration, failure, folder, lost, many, row
+from campaign_rows import declaration, failure, folder, lost, row
 from command_probe import Massprop, contents, require_refused
 
 from massprop_drake import Campaign, Run
@@ -150,13 +150,6 @@ def test_planning_needs_no_dask_and_flying_says_that_it_does(tmp_path: Path) -> 
 # ------------------------------------------------------------------------------------------ report
 
 
-@pytest.fixture
-def swept(massprop: Massprop) -> Path:
-    """A campaign as if it had been flown."""
-    assert massprop("list", "--json").status == 0  # in the folder that it works in
-    return folder(Path("K"), SWEPT.format(cases=6), many(2, 6))
-
-
 @pytest.mark.parametrize(("asked", "status"), [("{max: 1000}", 0), ("{max: 0.001}", 3)])
 def test_a_gate_that_fails_is_status_3(massprop: Massprop, asked: str, status: int) -> None:
     text = f"{SHORT}".replace("failed_to_run: {max: 0}", f"false_declarations_per_hour: {asked}")
@@ -216,28 +209,6 @@ def test_status_and_report_count_the_same_in_every_cell(
             assert cell["figures"][name]["value"] == pytest.approx(one[name] / one[of])
 
 
-def test_a_report_of_ours_is_replaced_and_no_other(massprop: Massprop, swept: Path) -> None:
-    massprop("campaign", "report", swept)
-    massprop("campaign", "report", swept)
-    page = swept / "campaign.html"
-    page.write_text(page.read_text(encoding="utf-8") + "<!-- my remark -->", encoding="utf-8")
-    require_refused(massprop("campaign", "report", swept), "campaign.html: is there already, and not as we wrote it")
-    assert massprop("campaign", "report", swept, "--force", "-q").out == ""
-    assert "my remark" in (swept / "campaign.html.1").read_text(encoding="utf-8")
-    assert "my remark" not in page.read_text(encoding="utf-8")
-
-
-def test_cells_and_campaigns_are_compared(massprop: Massprop, swept: Path) -> None:
-    done = massprop("campaign", "compare", swept)
-    assert (done.status, done.err) == (0, "")
-    assert "margin 4, compared with margin 6" in done.out
-    assert done.out.endswith("comparison: compare.html\n")
-    other = folder(Path("L"), SWEPT.format(cases=6).replace("seed: 3", "seed: 4"), many(2, 6))
-    require_refused(
-        massprop("campaign", "compare", swept, other), "is drawn by random with seed 4, K by random with seed 3"
-    )
-
-
 # --------------------------------------------------------------------------------------- bad input
 
 BAD = {
@@ -257,15 +228,7 @@ def test_bad_campaigns_are_one_message(massprop: Massprop, override: str) -> Non
     assert not Path("runs").exists()
 
 
-def test_what_is_wrong_in_a_file_is_told_with_its_line(massprop: Massprop) -> None:
-    name = written(SHORT.replace("uniform", "uniformm"))
-    done = massprop("check", name)
-    assert done.status == 2
-    assert "short.yaml, line 9: draw.plant.thrust_dispersion: there is no distribution 'uniformm'" in done.out
-    require_refused(massprop("campaign", "plan", name), "short.yaml, line 9: draw.plant.thrust_dispersion")
-
-
-def test_folders_that_hold_no_campaign_are_require_refused(massprop: Massprop) -> None:
+def test_folders_that_hold_no_campaign_are_refused(massprop: Massprop) -> None:
     Path("empty").mkdir()
     for command in ("status", "report", "compare"):
         require_refused(massprop("campaign", command, "empty"), "empty")
@@ -281,22 +244,6 @@ def test_folders_that_hold_no_campaign_are_require_refused(massprop: Massprop) -
     )
 
 
-def test_workers_of_two_kinds_are_require_refused(massprop: Massprop) -> None:
+def test_workers_of_two_kinds_are_refused(massprop: Massprop) -> None:
     done = massprop("campaign", "run", written(), "--workers", "2", "--scheduler", "tcp://127.0.0.1:1")
     require_refused(done, "give either --workers or --scheduler")
-
-
-# ------------------------------------------------------------------------------ elsewhere
-
-
-def test_campaigns_are_checked(massprop: Massprop) -> None:
-    done = massprop("check", written(), "every_jet")
-    assert (done.status, done.err) == (0, "")
-    assert "short.yaml: ok: campaign 'short' of scenario 'sample_maneuver', cases: 3, each in 2 ways" in done.out
-
-
-def test_a_notebook_shows_the_verdict(swept: Path) -> None:
-    shown = Campaign.load(swept)._repr_html_()
-    assert shown is not None
-    assert "Gate passed: False declarations" in shown
-    assert Campaign.load("every_jet")._repr_html_() is None

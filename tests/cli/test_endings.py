@@ -12,7 +12,6 @@ import sys
 import time
 import warnings
 from collections.abc import Callable
-from importlib.abc import MetaPathFinder
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,6 @@ import pytest
 from command_probe import FILES, Massprop, everything
 
 from massprop_drake.cli import show
-from massprop_drake.results.folder import write_files
 from massprop_drake.results.run import Run
 
 RUN = ("run", "sample_maneuver", "--no-report", "--out", "there")
@@ -160,41 +158,6 @@ def test_a_signal_tells_what_is_saved(
         massprop(*RUN, "-q")
 
 
-def test_a_signal_is_told_while_a_module_loads(massprop: Massprop, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Drake turns what is raised while it loads into an error of its own."""
-
-    class Signaling(MetaPathFinder):
-        def find_spec(self, name: str, *_: object) -> None:
-            if name == "massprop_drake.cli.app":
-                try:
-                    signal.raise_signal(signal.SIGINT)
-                except BaseException as error:
-                    raise ImportError("initialization failed") from error
-
-    monkeypatch.delitem(sys.modules, "massprop_drake.cli.app", raising=False)
-    monkeypatch.setattr(sys, "meta_path", [Signaling(), *sys.meta_path])
-    assert massprop(*RUN) == (130, "", NOTHING)
-
-
-def test_an_interrupted_reproduction_goes_on(reproduction: Massprop, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("reproduction.reproduce.run_missing", _signals(signal.SIGINT))
-    done = reproduction("--only", "fig_5_6", "--out", "there")
-    kept = "finished runs are kept in there/, and the same command goes on from there"
-    assert done == (130, "", f"massprop: interrupted: {kept}\n")
-
-
-@pytest.mark.usefixtures("at_once")
-def test_an_interrupted_view(massprop: Massprop, monkeypatch: pytest.MonkeyPatch) -> None:
-    def write(*arguments: Any, **options: Any) -> None:
-        write_files(*arguments, **options)
-        signal.raise_signal(signal.SIGINT)
-
-    massprop(*RUN, "-q")
-    monkeypatch.setattr("massprop_drake.cli.pages.write_files", write)
-    said = "massprop: interrupted: the replay is saved in there/replay.html\n"
-    assert massprop("view", "there") == (130, "", said)
-
-
 def test_an_interruption_that_is_swallowed_comes_again(massprop: Massprop, monkeypatch: pytest.MonkeyPatch) -> None:
     def swallow(*_: Any, **__: Any) -> None:
         with contextlib.suppress(BaseException):
@@ -276,9 +239,3 @@ def test_warnings_and_failures_of_ours_are_safe_lines(massprop: Massprop, monkey
     said = "massprop: internal failure: RuntimeError: two\\nlines \\x1b[31m[/red]\n"
     assert massprop(*RUN) == (1, "", said)
     assert everything() == []
-
-
-def test_without_arguments_there_is_help_alone(massprop: Massprop) -> None:
-    done = massprop()
-    assert (done.status, done.err) == (2, "")
-    assert "Usage: " in done.out

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 from typing import Any
 
@@ -50,16 +49,6 @@ def test_a_vehicle_and_a_log_give_a_folder_and_a_table(massprop: Massprop) -> No
     assert {path.name for path in Path("there").iterdir()} == FILES - {"figures"}
 
 
-def test_warnings_are_printed(massprop: Massprop, toy: Vehicle) -> None:
-    log = Log(toy)
-    del log.rows[20:25]
-    log.add("gyr_x", ["0"] * 55)
-    log.write(Path("flight.csv"))
-    done = massprop("estimate", "flight.csv", "--vehicle", "toy.yaml")
-    warnings = [line for line in done.out.splitlines() if line.startswith("warning:")]
-    assert any("1 gap in time, 0.6 s the longest" in line for line in warnings)
-
-
 @pytest.mark.usefixtures("toy")
 def test_like_takes_every_setting_and_options_replace_some(massprop: Massprop) -> None:
     Path("mine.yaml").write_text(
@@ -101,19 +90,6 @@ def test_rows_on_standard_input(massprop: Massprop) -> None:
     assert massprop("estimate", "flight.csv", "--vehicle", "toy.yaml", "--quiet").status == 0
     one, other = Run.load("runs/stdin").summary, Run.load("runs/flight").summary
     assert one["estimates"] == other["estimates"]
-
-
-def test_a_vehicle_without_accelerometer(massprop: Massprop, toy_data: dict[str, Any]) -> None:
-    del toy_data["accelerometers"]
-    Path("bare.yaml").write_text(to_yaml(toy_data), encoding="utf-8")
-    Log(toy_vehicle(toy_data)).write(Path("flight.csv"))
-    done = massprop("estimate", "flight.csv", "--vehicle", "bare.yaml")
-    assert (done.status, done.err) == (0, "")
-    assert re.search(r"│ 1/m +│ 1/kg +│ +not observable │", done.out)
-    assert "warning:     the vehicle has no accelerometer: its mass is not observable" in done.out
-    summary = json.loads(Path("runs/flight/summary.json").read_text(encoding="utf-8"))
-    assert summary["estimates"]["mass_reciprocal"] is None
-    assert summary["detections"] == []
 
 
 def test_a_vehicle_without_gyro_is_refused_with_a_reason(massprop: Massprop, toy_data: dict[str, Any]) -> None:
@@ -167,14 +143,3 @@ def test_check_telemetry(massprop: Massprop, toy: Vehicle) -> None:
     assert finding["findings"] == [
         "other.csv, line 2, column note: 'hello' is not a number; leave the cell empty where there is no value"
     ]
-
-
-def test_check_parquet(massprop: Massprop, toy: Vehicle) -> None:
-    arrow, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
-    log = Log(toy)
-    columns = {name: [float(row[index]) for row in log.rows] for index, name in enumerate(log.header)}
-    parquet.write_table(arrow.table(columns), "flight.parquet")
-    done = massprop("check", "flight.parquet", "--vehicle", "toy.yaml")
-    assert (done.status, done.err) == (0, "")
-    done = massprop("estimate", "flight.parquet", "--vehicle", "toy.yaml", "--json")
-    assert json.loads(done.out)["data_quality"]["rows"] == 60

@@ -45,18 +45,6 @@ def test_a_run_is_written_into_its_folder_again_and_again(
     assert massprop(*again).status == 0  # it still is a run of ours
 
 
-def test_what_it_prints(massprop: Massprop, folder: Path, short_run: Run) -> None:
-    assert massprop("export", folder, "--to", "mcap", "-q") == (0, "", "")
-    said = json.loads(massprop("export", folder, "--to", "mcap", "--out", "a.mcap", "--json").out)
-    assert said == {
-        "file": "a.mcap",
-        "bytes": Path("a.mcap").stat().st_size,
-        "rows": short_run.time_s.size,
-        "signals": list(short_run.units),
-        "notes": ["lengths of frames and scene are in ft"],
-    }
-
-
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import builtins
 import json
 from pathlib import Path
 from typing import Any
@@ -153,25 +152,3 @@ def test_bad_input_is_one_message(massprop: Massprop, one: Flight, tmp_path: Pat
         assert said in done.err, done.err
     done = massprop("estimate", "-", *FREE_FLYER, "--map", tmp_path / "good.yaml")
     assert (done.status, done.err.count("\n")) == (2, 1)
-
-
-@pytest.mark.parametrize(
-    ("ending", "package", "extra"),
-    [(".ulg", "pyulog", "ulog"), (".bag", "rosbags", "rosbag"), (".mat", "h5py", "mat")],
-)
-def test_a_missing_extra_is_named(
-    ending: str, package: str, extra: str, massprop: Massprop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / f"log{ending}"
-    path.write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(600))
-    usual = builtins.__import__
-
-    def without(name: str, *rest: Any) -> Any:
-        if name.partition(".")[0] == package:
-            raise ImportError(name)
-        return usual(name, *rest)
-
-    monkeypatch.setattr(builtins, "__import__", without)
-    done = massprop("map", path, *FREE_FLYER)
-    assert (done.status, done.out, done.err.count("\n")) == (2, "", 1)
-    assert f"needs {package}: pip install 'massprop-drake[{extra}]'" in done.err

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from campaign_rows import SWEPT, folder, many
 from command_probe import Massprop, contents, require_refused
-from record_probe import flight, px4_topics, usual_columns, write_bag, write_csv, write_ulog
+from record_probe import flight, usual_columns, write_bag, write_csv
 
 from massprop_drake import Run, load_vehicle
 from massprop_drake.inputs.model import yaml_text
@@ -124,29 +124,4 @@ def test_a_file_is_known_by_any_path(massprop: Massprop, here: Path, target: str
     for force in ((), ("--force",)):
         for command in (("compare", "A", "B"), ("export", "A", "--to", "rerun")):
             require_refused(massprop(*command, "--out", target, *force), f"massprop: {target}: {words}")
-    assert contents() == before
-
-
-@pytest.mark.usefixtures("here")
-@pytest.mark.parametrize("place", ["page.html", "A/page.html", "K/page.html", "A/figures/page.html"])
-def test_a_page_is_replaced_by_its_like_alone(massprop: Massprop, place: str) -> None:
-    for _ in range(2):
-        assert massprop("compare", "A", "B", "--out", place, "-q") == (0, "", "")
-    page = Path(place).read_bytes()
-    for command in (("view", "A"), ("report", "A"), ("campaign", "compare", "K")):
-        assert massprop(*command, "--out", place, "-q").status == 2
-    done = massprop("campaign", "compare", "K", "--out", place, "-q", "--force")
-    assert Path(place if done.status else f"{place}.1").read_bytes() == page
-    assert (done.status == 2) == (place in ("A/page.html", "K/page.html"))
-
-
-def test_a_vehicle_made_of_a_log_replaces_neither_the_log_nor_a_run(massprop: Massprop, here: Path) -> None:
-    log = write_ulog(here / "log.ulg", px4_topics(flight(load_vehicle("free_flyer"))), {})
-    before = contents()
-    for target in (log, "A/scenario.yaml", "K/campaign.yaml", "vehicle.yaml"):
-        assert massprop("map", log, "--make-vehicle", target).status == 2
-    for target in (log, "A/scenario.yaml", "K/campaign.yaml"):
-        done = massprop("map", log, "--make-vehicle", target, "--force")
-        assert done.status == 2
-        assert "belongs to" in done.err
     assert contents() == before

@@ -131,14 +131,6 @@ def test_a_slip_gets_one_message(massprop: Massprop, target: str, message: str) 
     assert not Path("graphs").exists() or list(Path("graphs").iterdir()) == []
 
 
-def test_what_does_not_go_together_is_refused(massprop: Massprop) -> None:
-    done = massprop("graph", "own_loop.py:diagram", "--like", "leak_named")
-    require_refused(done, "'own_loop.py:diagram' is built by a function of your own, which takes no scenario")
-    done = massprop("graph", "own_loop.py:diagram", "own_loop:diagram")
-    assert done.status == 2
-    assert "own_loop:diagram: its files would be called own_loop_diagram, as those of another" in done.err
-
-
 def test_graphs_are_put_into_no_campaign_and_no_run(massprop: Massprop, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(graphs, "svg_text", lambda _: None)
     assert massprop("campaign", "plan", "healthy_maneuver", "--set", "cases=2", "--out", "campaign", "-q").status == 0

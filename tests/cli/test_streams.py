@@ -4,22 +4,16 @@ from __future__ import annotations
 
 import errno
 import io
-import re
 import sys
 import unicodedata
-from dataclasses import replace
-from pathlib import Path
-from typing import cast
 
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from rich.table import Table
 
-from massprop_drake import Run
 from massprop_drake.cli import progress, show, streams
 from massprop_drake.cli.streams import Stream, visible
-from massprop_drake.inputs.vehicle_file import Vehicle
 
 HOSTILE = {
     "[/red]": "[/red]",
@@ -51,13 +45,6 @@ def test_no_text_is_an_order(text: str) -> None:
         visible(text, encoding).encode(encoding)
 
 
-@pytest.mark.parametrize(
-    ("encoding", "shown"), [("utf-8", "±⁻¹"), ("latin-1", "±\\u207b¹"), ("ascii", "\\xb1\\u207b\\xb9")]
-)
-def test_what_an_encoding_lacks_is_visible(encoding: str, shown: str) -> None:
-    assert visible("±⁻¹", encoding) == shown
-
-
 def _terminal(monkeypatch: pytest.MonkeyPatch, encoding: str = "utf-8") -> io.BytesIO:
     """Puts a stream of an encoding in the place of standard output."""
     raw = io.BytesIO()
@@ -79,26 +66,6 @@ def test_every_place_of_a_table_is_safe(monkeypatch: pytest.MonkeyPatch, text: s
     out = raw.getvalue().decode()
     assert out.count(shown) == 10, out
     assert all(map(_is_safe, out.splitlines()))
-
-
-@pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
-def test_results_are_printed_in_any_encoding(
-    monkeypatch: pytest.MonkeyPatch, short_run: Run, orbiter: Vehicle, encoding: str
-) -> None:
-    raw = _terminal(monkeypatch, encoding)
-    autopilot = short_run.results.autopilot._replace(jets_out_of_use=list(HOSTILE))
-    names = replace(short_run.results, scenario="[/red]\x1b", vehicle="é[bold]π", autopilot=autopilot)
-    show.simulated(names, orbiter, Path("runs/[/x]"))
-    lines = raw.getvalue().decode(encoding).splitlines()
-    assert all(map(_is_safe, lines))
-    assert lines[0].startswith(f"[/red]\\x1b: {visible('é[bold]π', encoding)}, 6.96 s")
-    (row,) = [line for line in lines if re.match(rf". {re.escape(visible('Ixx⁻¹', encoding))} ", line)]
-    table = lines[1 : next(i for i, line in enumerate(lines) if line.startswith("consistency: "))]
-    assert len(table) == 22
-    assert len({len(line) for line in table}) == 1, "columns out of line"
-    assert row in table
-    assert f"             out of use: {visible(', '.join(HOSTILE), encoding)}" in lines
-    assert lines[-1] == "files:       runs/[/x]/"
 
 
 class _Terminal(io.StringIO):
@@ -155,12 +122,3 @@ def test_a_stream_keeps_its_first_failure() -> None:
     assert stream.failure.errno == number
     with pytest.raises(OSError, match="takes nothing"):
         under.close()
-
-
-def test_a_stream_is_the_one_below_it() -> None:
-    under = io.TextIOWrapper(io.BytesIO(), "ascii")
-    stream = Stream(under)
-    stream.write("±")
-    stream.flush()
-    assert (stream.failure, stream.encoding, stream.isatty()) == (None, "ascii", False)
-    assert cast(io.BytesIO, under.buffer).getvalue() == b"\\xb1"

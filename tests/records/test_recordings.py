@@ -23,7 +23,7 @@ from record_probe import (
     write_ulog,
 )
 
-from massprop_drake.cli.sources import checked
+from massprop_drake.cli.checks import checked
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.vehicle_file import load_vehicle
 from massprop_drake.records.reader import vehicle_scenario
