@@ -67,7 +67,8 @@ class Row(NamedTuple):
 def reference(found: Sequence[Key], elsewhere: tuple[str, ...] = ()) -> str:
     """A table of keys for the file itself, then one for each mapping in it, in Markdown.
 
-    Kinds of a mapping share a table, and so do mappings with the same keys.
+    Kinds of a mapping share a table, and so do mappings with the same keys. Two keys or more that stand in an earlier
+    table with the same words are named alone.
 
     Args:
         found: all keys of the file.
@@ -83,7 +84,8 @@ def reference(found: Sequence[Key], elsewhere: tuple[str, ...] = ()) -> str:
         rows = _rows([key for key in shown if _parent(key.name) in parents], parents, by_name, set(blocks))
         same = tuple(row.key if row.parents == tuple(parents) else row for row in rows)
         alike.setdefault(same or (Key(parents[0], "", "", "", "", ""),), []).append(parents)
-    parts = [_block(same, members, by_name) for same, members in alike.items()]
+    seen: dict[Key, str] = {}
+    parts = [_block(same, members, by_name, seen) for same, members in alike.items()]
     return "\n\n".join(filter(None, parts)) + "\n"
 
 
@@ -133,7 +135,10 @@ def _heading(parents: Sequence[str]) -> str:
     return f"`{_KIND.sub(lambda _: f' ({_kinds(parents)})', parents[0])}`"
 
 
-def _block(same: Sequence[Row | Key], members: Sequence[list[str]], by_name: Mapping[str, Key]) -> str:
+def _block(
+    same: Sequence[Row | Key], members: Sequence[list[str]], by_name: Mapping[str, Key], seen: dict[Key, str]
+) -> str:
+    """One table under its heading; `seen` has the mapping in which each row stood first, and gains those of this one."""
     rows = [row if isinstance(row, Row) else Row(row, ()) for row in same if row[1]]
     names = [_bare(_KIND.sub("", parents[0]) if parents[0].endswith(")") else parents[0]) for parents in members]
     said = [by_name[name] for name in names if name in by_name]
@@ -143,9 +148,18 @@ def _block(same: Sequence[Row | Key], members: Sequence[list[str]], by_name: Map
     parts = [f"### {heading}"]
     if members[0][0]:
         parts.append(" ".join(dict.fromkeys(map(_told_of, said))))
-    if rows:
-        cells = [HEADINGS, ("---",) * len(HEADINGS), *map(_cells, rows)]
+    before: dict[str, list[Row]] = {}
+    for row in rows:
+        if row.key in seen and not row.parents:
+            before.setdefault(seen[row.key], []).append(row)
+        seen.setdefault(row.key, _KIND.sub("", members[0][0]))
+    known = {place: found for place, found in before.items() if len(found) > 1}
+    own = [row for row in rows if not any(row in found for found in known.values())]
+    if own:
+        cells = [HEADINGS, ("---",) * len(HEADINGS), *map(_cells, own)]
         parts.append("\n".join("| " + " | ".join(one) + " |" for one in cells))
+    for place, found in known.items():
+        parts.append(f"{', '.join(f'`{row.key.name}`' for row in found)}: as in `{place}`.")
     return "\n\n".join(filter(None, parts))
 
 
@@ -167,6 +181,8 @@ def _value(key: Key) -> str:
     """Type, unit and range of a key; a number's type is left out, and words that its meaning explains."""
     words = key.type.split(" | ")
     kind = "a word" if len(words) > 1 and all(f"{word}: " in key.meaning for word in words) else key.type
+    if key.default == "null":
+        kind = kind.removesuffix(" | null")  # its default says so
     span = (
         key.range.replace(", < 9.22337e+18", "").replace(">= 0, >= 1", ">= 1").replace("at least 1 long", "not empty")
     )
@@ -175,7 +191,7 @@ def _value(key: Key) -> str:
     unit = "-" if span.endswith(f" {key.unit.rpartition('| ')[2]}") else key.unit  # the range has that of SI
     if kind == "number" and (unit, span) != ("-", "-"):
         kind = "-"
-    return ", ".join(part for part in (kind, unit, span) if part != "-")
+    return ", ".join(part for part in (kind, unit, span.replace("<= ", "≤ ").replace(">= ", "≥ ")) if part != "-")
 
 
 def _escaped(text: str) -> str:

@@ -90,6 +90,8 @@ def shown_keys(page: str) -> tuple[list[str], list[str]]:
             within = [one for one in parents if not chosen or any(f"({kind})" in one for kind in chosen)]
             assert len(within) >= len(chosen), key
             rows += [f"{parent}.{key}".removeprefix(".") for parent in within]
+        for known in re.findall(r"^(`.+`): as in `", table, flags=re.MULTILINE):
+            rows += [f"{parent}.{key}" for parent in parents for key in re.findall(r"`([^`]+)`", known)]
     return rows, list(dict.fromkeys(headings))
 
 
