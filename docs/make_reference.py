@@ -38,6 +38,7 @@ _MAPPINGS = ("mapping", "mapping | null", "list of mapping", "map of mapping")
 _KIND = re.compile(r" \(([^).]*)\)")  # of a mapping that has several; with a dot it is the key of something else
 _TOLD = re.compile(r"<!-- default ([^>]+) -->`[^`\n]*`")
 _MOST = 10  # elements of a field that are all shown
+_VAST, _TINY = 500.0, 1e-4  # bounds of a range beyond which it only keeps slips out
 _LONG = 12  # characters of a number beyond which its page shows six digits
 
 
@@ -178,20 +179,33 @@ def _cells(row: Row) -> tuple[str, ...]:
 
 
 def _value(key: Key) -> str:
-    """Type, unit and range of a key; a number's type is left out, and words that its meaning explains."""
+    """Type, SI unit and range of a key; a number's type is left out, and what its default or its meaning tells."""
     words = key.type.split(" | ")
     kind = "a word" if len(words) > 1 and all(f"{word}: " in key.meaning for word in words) else key.type
     if key.default == "null":
-        kind = kind.removesuffix(" | null")  # its default says so
-    span = (
-        key.range.replace(", < 9.22337e+18", "").replace(">= 0, >= 1", ">= 1").replace("at least 1 long", "not empty")
-    )
-    span = re.sub(r">= (\S+), <= (\S+)$", r"\1 to \2", span)
-    span = re.sub(r"^-(\S+) to \1\b", r"±\1", span)
-    unit = "-" if span.endswith(f" {key.unit.rpartition('| ')[2]}") else key.unit  # the range has that of SI
+        kind = kind.removesuffix(" | null")
+    span = _span(key)
+    unit = "-" if span.endswith(f" {key.unit.rpartition('| ')[2]}") else _si(key.unit)
     if kind == "number" and (unit, span) != ("-", "-"):
         kind = "-"
-    return ", ".join(part for part in (kind, unit, span.replace("<= ", "≤ ").replace(">= ", "≥ ")) if part != "-")
+    return ", ".join(part for part in (kind, unit, span) if part != "-")
+
+
+def _span(key: Key) -> str:
+    """The range of a key, unless its bounds only refuse what no vehicle can have: `massprop check --schema` has these."""
+    span = key.range.replace(", < 9.22337e+18", "").replace(">= 0, >= 1", ">= 1")
+    span = span.replace("at least 1 long", "not empty")
+    bounds = [abs(float(number)) for number in re.findall(r"(?<![\w^/.])-?\d[\d.]*(?:e[-+]\d+)?(?= |,|$)", span)]
+    if span == ">= 0" or any(bound >= _VAST or 0.0 < bound <= _TINY for bound in bounds):
+        return "not empty" if "not empty" in span else "-"
+    span = re.sub(r">= (\S+), <= (\S+)", r"\1 to \2", span)
+    span = re.sub(r"^-(\S+) to \1\b", r"±\1", span)
+    return span.replace("<= ", "≤ ").replace(">= ", "≥ ")
+
+
+def _si(unit: str) -> str:
+    """A unit without its twins in feet, slugs and pounds."""
+    return " | ".join(one for one in unit.split(" | ") if not re.search(r"ft|slug|lbf", one))
 
 
 def _escaped(text: str) -> str:
