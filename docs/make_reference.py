@@ -32,12 +32,12 @@ KEYS: dict[str, Callable[[], list[Key]]] = {
     "records.md": map_keys,
 }
 MARK = "<!-- docs/make_reference.py writes what follows from the code: edit the descriptions there -->"
-HEADINGS = ("key", "value", "default", "meaning")
+HEADINGS = ("key", "value, default", "meaning")
 ELSEWHERE = {"scenario.md": ("vehicle.", "moving[]")}  # beginnings of keys that the page on vehicles has
 _MAPPINGS = ("mapping", "mapping | null", "list of mapping", "map of mapping")
 _KIND = re.compile(r" \(([^).]*)\)")  # of a mapping that has several; with a dot it is the key of something else
 _TOLD = re.compile(r"<!-- default ([^>]+) -->`[^`\n]*`")
-_MOST = 10  # elements of a field that are all shown
+_MOST = 8  # elements of a field that are all shown
 _VAST, _TINY = 500.0, 1e-4  # bounds of a range beyond which it only keeps slips out
 _LONG = 12  # characters of a number beyond which its page shows six digits
 
@@ -139,7 +139,7 @@ def _heading(parents: Sequence[str]) -> str:
 def _block(
     same: Sequence[Row | Key], members: Sequence[list[str]], by_name: Mapping[str, Key], seen: dict[Key, str]
 ) -> str:
-    """One table under its heading; `seen` has the mapping in which each row stood first, and gains those of this one."""
+    """One table under its heading; `seen` has the mapping in which each row stood first, and gains its own."""
     rows = [row if isinstance(row, Row) else Row(row, ()) for row in same if row[1]]
     names = [_bare(_KIND.sub("", parents[0]) if parents[0].endswith(")") else parents[0]) for parents in members]
     said = [by_name[name] for name in names if name in by_name]
@@ -175,13 +175,14 @@ def _cells(row: Row) -> tuple[str, ...]:
     key = row.key
     of = f" ({_escaped(_kinds(row.parents))})" if row.parents else ""
     default = "zero" if re.fullmatch(r"\[0\.0(, 0\.0)+\]", key.default) else _default(key)
-    return (f"`{key.name}`{of}", _escaped(_value(key)), default, _escaped(key.meaning))
+    return (f"`{key.name}`{of}", f"{_escaped(_value(key))}, {default}", _escaped(key.meaning))
 
 
 def _value(key: Key) -> str:
     """Type, SI unit and range of a key; a number's type is left out, and what its default or its meaning tells."""
     words = key.type.split(" | ")
-    kind = "a word" if len(words) > 1 and all(f"{word}: " in key.meaning for word in words) else key.type
+    told = re.findall(r"(?:^|; )([\w, ]+): ", key.meaning)
+    kind = "a word" if len(words) > 1 and {*words} <= {word for one in told for word in one.split(", ")} else key.type
     if key.default == "null":
         kind = kind.removesuffix(" | null")
     span = _span(key)
@@ -192,7 +193,7 @@ def _value(key: Key) -> str:
 
 
 def _span(key: Key) -> str:
-    """The range of a key, unless its bounds only refuse what no vehicle can have: `massprop check --schema` has these."""
+    """The range of a key, unless its bounds only refuse what no vehicle can have, as `check --schema` has them."""
     span = key.range.replace(", < 9.22337e+18", "").replace(">= 0, >= 1", ">= 1")
     span = span.replace("at least 1 long", "not empty")
     bounds = [abs(float(number)) for number in re.findall(r"(?<![\w^/.])-?\d[\d.]*(?:e[-+]\d+)?(?= |,|$)", span)]
