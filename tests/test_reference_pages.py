@@ -110,15 +110,12 @@ def test_prose_tells_the_defaults_of_the_code(make_reference: ModuleType) -> Non
     assert stale == [], "run 'python docs/make_reference.py' and commit what it writes"
 
 
-def test_a_default_in_prose_is_written_anew(make_reference: ModuleType) -> None:
+def test_a_default_in_prose_is_written_anew_and_what_is_not_there_is_refused(make_reference: ModuleType) -> None:
     text = "It is <!-- default autopilot.jet_kinds -->`[primary]`, which is `[primary]`."
     written = make_reference.told(text, make_reference.all_defaults())
     assert written == "It is <!-- default autopilot.jet_kinds -->`null`, which is `[primary]`."
     with pytest.raises(ValueError, match="there is no such key"):
         make_reference.told("<!-- default nope -->`1`", {"some": "`1`"})
-
-
-def test_page_without_its_mark_is_refused(make_reference: ModuleType) -> None:
     with pytest.raises(ValueError, match="the page has no line"):
         make_reference.updated("# A page\n", make_reference.ports())
 
@@ -163,9 +160,3 @@ def test_the_telemetry_page_shows_what_is_printed(
     assert len(shown) > 10
     missing = [line for line in shown if line not in printed]
     assert missing == []
-
-
-def test_links_of_the_telemetry_page_lead_somewhere() -> None:
-    page = (DOCS / "telemetry.md").read_text(encoding="utf-8")
-    for link in re.findall(r"\]\(([^)#]+)", page):
-        assert (DOCS / link).exists(), link
