@@ -20,7 +20,7 @@ from massprop_drake.studies.campaign.campaign import Campaign
 from massprop_drake.studies.campaign.campaign_flight import Flights
 from massprop_drake.studies.campaign.plan import design, planned
 
-PAGES = {"every_jet", "healthy_maneuver", "thrust_dispersion"}  # that the repository keeps
+PAGES = {"every_jet"}  # that the repository keeps
 
 CAMPAIGN = """
 name: tiny
