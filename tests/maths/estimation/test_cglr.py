@@ -432,6 +432,20 @@ def test_a_known_force_that_has_ceased_is_withdrawn_though_a_healthy_jet_could_e
     assert not bench.state.force.any()
 
 
+def test_uncertain_estimates_keep_the_detector_from_naming_the_neighbor(orbiter: Vehicle) -> None:
+    # the arms of the aft jets are believed 1.08 ft short, which is one sigma: jet 30 seems to have the arm of jet 29
+    believed, spread = orbiter.nominal.vector(), np.diag(np.append((1e-15 * np.ones(3)) ** 2, np.zeros(6)))
+    spread[6, 6], believed[6] = 1.08**2, believed[6] - 1.08
+    about = {"mass_properties": believed, "state_covariance": spread}
+    plain, aware = (
+        Bench(orbiter, limits=2.0 * LIMITS, unexplained_limit=limit, signature_uncertainty=uncertain)
+        for uncertain, limit in ((False, np.inf), (True, settings_of().unexplained_limit))
+    )
+    unaware, found = plain.failing(STUCK, 868.8, **about).finding, aware.failing(STUCK, 868.8, **about).finding
+    assert (unaware.isolation.jet, unaware.jet_isolated) == (NEIGHBOR, True)
+    assert (found.alarm, found.isolation.cluster, found.jet_isolated) == (True, 12, False)
+
+
 def erring(bench: Bench, jet: int, velocity_variance: float = VELOCITY_VARIANCE) -> dict[str, Any]:
     """A jet that fires, its thrust known to 1 %: what its error adds to the covariances."""
     moving, turning = 0.01 * THRUSTS[jet] * bench.signatures[jet].reshape(2, 3)
