@@ -226,9 +226,6 @@ def readings_of(tracked: Array | None, rates: Array, velocities: Array, params: 
     return PoseReadings(positions, rotations, row[7 * params.poses :].reshape(-1, 3), rates, velocities)
 
 
-# ------------------------------------------------------------------------------------------ commands
-
-
 def _before(commands: Commands, time_s: float) -> Commands:
     """Returns commands up to a time, without those given at it."""
     until = int(np.searchsorted(commands.time_s, time_s))
@@ -262,9 +259,6 @@ def _trimmed(commands: Commands, since_s: float) -> Commands:
     """Returns commands that still act after a time, and the one that was in force then."""
     begin = max(int(np.searchsorted(commands.time_s, since_s, side="right")) - 1, 0)
     return Commands(commands.time_s[begin:], commands.levels[begin:])
-
-
-# ------------------------------------------------------------------------------------------- reports
 
 
 def evidence(_state: PoseFilterState | None, measurement: PoseMeasurement, _interval: Interval | None) -> PoseEvidence:
@@ -340,9 +334,6 @@ def published(step: FilterStep, tried: Tried, params: PoseFilterParams) -> Filte
     """Makes a cycle that publishes the estimates of another filter, and goes on from its own."""
     other = _reporting(step.state._replace(tried=tried), params)
     return telling(step, other.estimate, other.covariance)._replace(known=(other.estimate, other.covariance))
-
-
-# --------------------------------------------------------------------------------------- kept states
 
 
 def _layout(params: PoseFilterParams) -> Layout:
