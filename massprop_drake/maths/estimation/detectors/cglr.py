@@ -32,14 +32,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.maths.arrays import NUMBER, Layout
 from massprop_drake.maths.estimation.adaptation import Action, Adaptation, left_alone
-from massprop_drake.maths.estimation.detector import (
-    STATUS,
-    Detector,
-    Evidence,
-    Judgment,
-    KnownJets,
-    Verdict,
-)
+from massprop_drake.maths.estimation.detector import STATUS, Detector, Evidence, Judgment, KnownJets, Verdict
 from massprop_drake.maths.estimation.detectors.jet_tests import (
     Circumstances,
     Isolation,
@@ -333,15 +326,7 @@ def _rotation_nis(evidence: Evidence) -> float:
 def _suspecting(state: DetectorState, cluster: float, alarms: float, since: float) -> DetectorState:
     """Returns the state with another suspicion."""
     return DetectorState(
-        cluster,
-        alarms,
-        since,
-        state.onset_s,
-        state.effect,
-        state.force,
-        state.variance,
-        state.removed,
-        state.closed,
+        cluster, alarms, since, state.onset_s, state.effect, state.force, state.variance, state.removed, state.closed
     )
 
 
@@ -384,14 +369,7 @@ def _correction(signature: Array, tests: JetTests, jet: int, params: CglrParams)
     """Takes the likeliest jet's signature out of the innovations (4-29) to (4-32)."""
     effect = float(tests.magnitude[jet]) * signature
     spread = float(tests.variance[jet]) * (signature[:, None] * signature)
-    return Adaptation(
-        params.action,
-        effect[:3],
-        effect[3:],
-        spread[:3, :3].copy(),
-        spread[3:, 3:].copy(),
-        False,
-    )
+    return Adaptation(params.action, effect[:3], effect[3:], spread[:3, :3].copy(), spread[3:, 3:].copy(), False)
 
 
 @kernel

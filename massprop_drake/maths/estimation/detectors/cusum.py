@@ -86,13 +86,7 @@ LAYOUT = Layout(
 def make_params(jets: KnownJets, options: Any) -> CusumParams:
     """Makes the parameters from a scenario's block `detector` of kind `cusum`."""
     return CusumParams(
-        jets.period_s,
-        jets.clusters,
-        jets.unit_wrenches,
-        jets.thrusts,
-        jets.limits,
-        options.drift,
-        options.threshold,
+        jets.period_s, jets.clusters, jets.unit_wrenches, jets.thrusts, jets.limits, options.drift, options.threshold
     )
 
 

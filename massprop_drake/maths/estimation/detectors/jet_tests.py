@@ -160,11 +160,7 @@ def signatures(unit_wrenches: Array, mass_properties: Array, period_s: float) ->
 
 @kernel
 def jet_tests(
-    coefficients: Array,
-    innovation: Array,
-    information: Array,
-    impossible_negative: Array,
-    impossible_positive: Array,
+    coefficients: Array, innovation: Array, information: Array, impossible_negative: Array, impossible_positive: Array
 ) -> JetTests:
     """Tests every jet against no failure, its signature taken as certain.
 

@@ -498,11 +498,7 @@ def measure(
 
 @kernel
 def measure_one(
-    state: MassState,
-    velocities: tuple[Array, Array],
-    interval: MassInterval,
-    rotation: Rotation,
-    params: MassParams,
+    state: MassState, velocities: tuple[Array, Array], interval: MassInterval, rotation: Rotation, params: MassParams
 ) -> tuple[MassSample, MassInnovation]:
     """Runs `measure` with the first accelerometer that reads, alone; readings before and now."""
     increments = velocities[1] - velocities[0]

@@ -149,12 +149,7 @@ def initial(params: PoseFilterParams) -> PoseFilterState:
     made = params.pose
     jets = made.pushes.shape[0]
     bank = PoseBank(
-        made.start[None],
-        made.covariance[None],
-        np.eye(3)[None],
-        np.array([-1]),
-        np.zeros((1, 3)),
-        np.zeros((1, 3, 3)),
+        made.start[None], made.covariance[None], np.eye(3)[None], np.array([-1]), np.zeros((1, 3)), np.zeros((1, 3, 3))
     )
     tried = pose_hypotheses.alone(bank, np.zeros(1 + 2 * jets), 0.0)
     commands = Commands(np.zeros(0), np.zeros((0, jets)))

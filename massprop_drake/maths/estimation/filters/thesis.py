@@ -257,13 +257,7 @@ def joint_of(turning: Turning, sample: MassSample, innovation: MassInnovation, s
     cross = np.zeros((6, N_ROTATION + 1))
     cross[3:, :N_ROTATION] = turning.cross_covariance
     cross[:3, N_ROTATION] = impulse * mass_filter.independent_of(state.variance, state.sensitivity)
-    _share(
-        (parameters, cross),
-        turning.sensitivity,
-        state.sensitivity,
-        innovation.effects,
-        turning.effects,
-    )
+    _share((parameters, cross), turning.sensitivity, state.sensitivity, innovation.effects, turning.effects)
     return Joint(
         np.concatenate((innovation.innovation, turning.innovation)),
         covariance,
