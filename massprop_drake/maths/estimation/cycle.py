@@ -207,9 +207,6 @@ def step(
     """Runs one cycle.
 
     Args:
-        state: of the cycle before.
-        sample: see `Sample`.
-        params: see `EstimationParams`.
         call: calls a part of it, of `ESTIMATORS` or the `DETECTOR`, with its arguments, and may take the time.
 
     Raises:

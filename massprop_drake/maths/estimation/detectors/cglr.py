@@ -34,14 +34,15 @@ from massprop_drake.maths.arrays import NUMBER, Layout
 from massprop_drake.maths.estimation.adaptation import Action, Adaptation, left_alone
 from massprop_drake.maths.estimation.detector import STATUS, Detector, Evidence, Judgment, KnownJets, Verdict
 from massprop_drake.maths.estimation.detectors.jet_tests import (
-    Circumstances,
     Isolation,
     JetTests,
+    Signs,
     UncertainSignatures,
     information,
     isolate,
+    jet_tests,
+    signatures,
     testable,
-    tested,
     uncertain_jet_tests,
 )
 from massprop_drake.maths.estimation.detectors.known_forces import excess_share, known_force
@@ -108,7 +109,6 @@ def make_params(jets: KnownJets, options: Any) -> CglrParams:
     """Makes the parameters from a scenario's block `detector`.
 
     Args:
-        jets: see `Jets`.
         options: the block, field by field.
     """
     limit = options.unexplained_limit
@@ -286,15 +286,13 @@ def _tested(
     state: DetectorState, evidence: Evidence, inverse: Array, params: CglrParams
 ) -> tuple[Array, JetTests, Isolation]:
     """Tests every jet, with uncertain signatures where a first look is suspicious; returns signatures besides."""
-    around = Circumstances(
-        evidence.command,
-        state.variance,
-        params.unit_wrenches,
-        params.clusters,
-        params.period_s,
-        params.mirror_sign_rule,
-    )
-    coefficients, tests, isolation, signs = tested(evidence.innovation, inverse, evidence.estimate, around)
+    coefficients = signatures(params.unit_wrenches, evidence.estimate, params.period_s)
+    known, off = state.variance > 0.0, evidence.command == 0.0
+    impossible_negative, impossible_positive = off & ~known, np.zeros(off.size, dtype=np.bool_)
+    if params.mirror_sign_rule:
+        impossible_positive = ~off & ~known
+    tests = jet_tests(coefficients, evidence.innovation, inverse, impossible_negative, impossible_positive)
+    isolation = isolate(tests.likelihood, params.clusters)
     suspicious = isolation.cluster_margin > params.margin or tests.likelihood[isolation.jet] > _AMBIGUOUS
     if suspicious and params.signature_uncertainty:
         uncertain = UncertainSignatures(
@@ -304,7 +302,9 @@ def _tested(
             evidence.estimate_covariance,
             evidence.cross_covariance,
         )
-        tests = uncertain_jet_tests(tests, evidence.innovation, evidence.covariance, uncertain, signs)
+        tests = uncertain_jet_tests(
+            tests, evidence.innovation, evidence.covariance, uncertain, Signs(impossible_negative, impossible_positive)
+        )
         isolation = isolate(tests.likelihood, params.clusters)
     return coefficients, tests, isolation
 

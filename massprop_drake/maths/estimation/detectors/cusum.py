@@ -98,11 +98,6 @@ def initial_state(n_jets: int) -> CusumState:
 def judge(state: CusumState, evidence: Evidence, params: CusumParams) -> Judgment:
     """Runs one cycle: adds a sample that can be tested, and declares the jet of the largest sum above the threshold.
 
-    Args:
-        state: of the cycle before.
-        evidence: of this one.
-        params: see `CusumParams`.
-
     Raises:
         NotPositiveDefiniteError: when an innovation covariance is not positive definite.
     """

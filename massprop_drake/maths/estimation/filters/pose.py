@@ -207,9 +207,7 @@ def readings_of(tracked: Array | None, rates: Array, velocities: Array, params: 
     """Collects the readings of all sensors, those in a fixed frame from their columns; of a pose what is measured.
 
     Args:
-        tracked: see `Told.tracked`.
         rates, velocities: of gyros and accelerometers, shapes (n_gyros, 3) and (n_accelerometers, 3).
-        params: see `PoseFilterParams`.
     """
     row = np.full(7 * params.poses + 3 * params.velocities, np.nan) if tracked is None else tracked
     poses = row[: 7 * params.poses].reshape(-1, 7)
@@ -236,7 +234,6 @@ def _with(
         commands: those before, and others from that time on, which fall away.
         time_s: when they are given.
         told: command, None: nothing is said, and its onsets, None: they are not told.
-        params: see `PoseFilterParams`.
     """
     command, onset_s = told
     commands = _before(commands, time_s)

@@ -360,7 +360,6 @@ def make_params(setup: Setup, options: Any) -> ThesisParams:
     """Makes the parameters from a scenario's blocks `rotation`, `mass` and `sensors.combine`.
 
     Args:
-        setup: see `Setup`.
         options: the scenario, field by field.
     """
     rotation, mass, combine = options.rotation, options.mass, options.sensors.combine
