@@ -50,7 +50,7 @@ def test_the_ports_say_what_the_summary_says_and_change_nothing(name: str) -> No
     failed, detections, verdict = said(*FINDINGS)
     found = [entry._replace(**dict.fromkeys(ONLY_A_WHOLE_FLIGHT_TELLS)) for entry in run.results.detections]
     assert list(detections) == found
-    assert bool(found) == (scenario.detector.kind != "off")
+    assert bool(found) == (name in ("thesis", "joint"))
     named = {jet for entry in found if entry.withdrawn_s is None for jet in entry.jets}
     marked = zip(scenario.vehicle_data.designations, failed.tolist(), strict=True)
     assert {jet for jet, mark in marked if mark} == named

@@ -126,7 +126,7 @@ def test_outputs_are_those_of_the_mathematics(orbiter: Vehicle, override: str) -
         assert_array_equal(rig.out("held_closed"), before.closed)
         rig.next()
         assert_array_equal(rig.memory(), MEMORY.pack(expected.state))
-    assert rig.state().variance.any()
+    assert rig.state().variance.any() == ("manifold" not in override)  # a closed jet pushes no more
     moved = rig.properties * np.where(np.isin(np.arange(10), (0, 6, 9)), 1.1, 1.0)
     rig.see(np.zeros(6), estimate=moved)  # the known force's effect follows the predictions
     for found, part in zip(
