@@ -46,10 +46,7 @@ def build(scenario: Scenario) -> Diagram:
         "attitude_reference", AttitudeReference(period_s=period, capture_rate=control.capture_rate, compiled=compiled)
     )
     controller = builder.AddNamedSystem("phase_space_controller", PhaseSpaceController(control, compiled=compiled))
-    selection = builder.AddNamedSystem(
-        "jet_selection",
-        JetSelection(**params.selection(scenario), compiled=compiled),
-    )
+    selection = builder.AddNamedSystem("jet_selection", JetSelection(**params.selection(scenario), compiled=compiled))
 
     for system in (reference, controller):
         builder.Connect(controllers.GetOutputPort("hand_controllers"), system.GetInputPort("hand_controllers"))

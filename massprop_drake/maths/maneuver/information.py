@@ -26,14 +26,7 @@ from massprop_drake.maths.estimation.joint.bound import carried_on, leaks_and_lo
 from massprop_drake.maths.estimation.joint.burns import Burn
 from massprop_drake.maths.estimation.joint.hypotheses import JUMP_SHARES, jump_sigma
 from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, begun, initial
-from massprop_drake.maths.estimation.joint.layout import (
-    MASS,
-    N_PROPERTIES,
-    RATE,
-    VELOCITY,
-    JointParams,
-    JointState,
-)
+from massprop_drake.maths.estimation.joint.layout import MASS, N_PROPERTIES, RATE, VELOCITY, JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import outputs
 from massprop_drake.maths.estimation.joint.orientation import UNTURNED
 from massprop_drake.maths.estimation.joint.prediction import effective_seconds, wrenches_of
