@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.display import event_marks, instruments, interactive, motion, plots, templates
+from massprop_drake.display import event_marks, instruments, interactive, motion, templates
 from massprop_drake.display.links import Links
+from massprop_drake.display.plot_source import failing as truly_failing
 from massprop_drake.display.stage import MeshcatStage
 from massprop_drake.display.style import (
     ESTIMATE_COLOR,
@@ -174,7 +175,7 @@ def _flight(run: Run, stage: MeshcatStage) -> dict[str, Any]:
     failed, found = event_marks.failures(scenario, float(time_s[-1])), event_marks.found(run)
     asked = np.nan_to_num(np.asarray(run["command"])) > 0.0
     lists = {
-        **motion.plumes(_levels(run), asked, plots.failing(time_s, scenario)),
+        **motion.plumes(_levels(run), asked, truly_failing(time_s, scenario)),
         "failed": _marked(run, failed),
         "found": _marked(run, found),
     }

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.display import event_marks, flight3d, instruments, interactive, motion, plots
+from massprop_drake.display import event_marks, flight3d, instruments, interactive, motion
+from massprop_drake.display.plot_source import failing as truly_failing
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS
 
@@ -84,7 +85,7 @@ class Live:
 
     def _row(self, moment: Moment) -> dict[str, Any]:
         now = np.array([moment.time_s])
-        failing = plots.failing(now, self._scenario)[0]
+        failing = truly_failing(now, self._scenario)[0]
         asked = np.nan_to_num(moment.command) > 0.0
         lists = {
             **motion.plumes(moment.thrust / self._full, asked, failing),

@@ -187,7 +187,7 @@ class Run:
     def plot(self) -> Plots:
         """Plots of the run: `run.plot.rates()` and the others return matplotlib figures."""
         from massprop_drake.display.figures import Plots  # noqa: PLC0415 (matplotlib is slow to load)
-        from massprop_drake.display.plots import source  # noqa: PLC0415
+        from massprop_drake.display.plot_source import source  # noqa: PLC0415
 
         return Plots(source(self.shown()))
 
