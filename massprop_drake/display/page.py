@@ -70,18 +70,16 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
         "failing": _failing(source) if jumps else None,
     }
     units = scenario.vehicle_data.unit_names
-    first, rest = table.blocks(results, units, truth=source.simulated)
     content = {
         "title": f"{results.vehicle}: {results.scenario}",
         "summary": run.summary,
         "innovations": results.consistency.in_words(),
         "units": units,
         "verdict": [*_verdict(run), *_armed(source, results)],
-        "blocks": [first, rest],
+        "parameters": table.parameter_sheets(results, units, truth=source.simulated),
         "bound": results.above_bound,
-        "bounded": any(row.bound != "-" for row in rest),
         "intervals": results.intervals and results.intervals.in_words(),
-        "allowed": results.intervals and results.intervals.guaranteed and table.intervals(results, units),
+        "allowed": results.intervals and results.intervals.guaranteed and table.interval_sheet(results, units),
         "contradicted": results.intervals is not None and results.intervals.contradicted,
         "simulated": source.simulated,
         "unidentified": in_words(results.identifiability, SYMBOLS),
@@ -330,8 +328,8 @@ def _against(found: Against) -> dict[str, Any]:
     return {
         "run": found.run,
         "words": found.in_words(),
-        "residuals": table.residuals(found),
-        "causes": table.causes(found),
+        "residuals": table.residual_sheet(found),
+        "causes": table.cause_sheet(found),
         "alike": found.causes[0].alike if found.causes else (),
     }
 
