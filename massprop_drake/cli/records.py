@@ -9,6 +9,7 @@ from rich.table import Table
 
 from massprop_drake.cli import show
 from massprop_drake.cli.streams import note, say
+from massprop_drake.cli.terminal import Terminal
 from massprop_drake.errors import InputError, moment
 from massprop_drake.inputs.model import validated
 from massprop_drake.inputs.record_map import RecordMap, load_map
@@ -146,7 +147,7 @@ def _shown(found: Proposal, understood: mapping.Mapped | None, how: How, recordi
         show.as_json({"map": found.data, **said, "rows": rows, "notes": notes})
     elif not how.quiet:
         if understood is not None:
-            show.Terminal(120).print(_table(understood, rows))
+            Terminal(120).print(_table(understood, rows))
         for sentence in notes:
             note(f"warning: {sentence}")
 

@@ -35,22 +35,13 @@ from massprop_drake.results.consistency import TOO_LITTLE, Consistency, Tally, j
 from massprop_drake.results.detections import JUMP, DetectionRecord
 from massprop_drake.results.events import EventRecord
 from massprop_drake.results.exchange import recover
+from massprop_drake.results.json_arrays import kept_onsets, null_for_nan
 from massprop_drake.results.parts import PartsMade
 from massprop_drake.results.run import Run
 from massprop_drake.results.shown_in_hindsight import Hindsight, looked_back
 from massprop_drake.results.stored import STATE_FILE, FilterState, read_json, require_made_with
-from massprop_drake.results.summary import (
-    AutopilotSummary,
-    Findings,
-    RunTiming,
-    Summary,
-    composed,
-    explained,
-    firings,
-    kept_onsets,
-    not_summed_up,
-    null_for_nan,
-)
+from massprop_drake.results.summarize import composed, explained, firings, not_summed_up
+from massprop_drake.results.summary import AutopilotSummary, Findings, RunTiming, Summary
 from massprop_drake.runners.cycles import RecordRows, cycles
 from massprop_drake.runners.logs import EstimationLog, Intake, estimation_signals, kept, restored
 from massprop_drake.signals import SYMBOLS
