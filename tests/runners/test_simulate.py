@@ -88,3 +88,5 @@ def test_a_watched_run_is_the_same(scenario: Scenario, at_once: Run, few_rows: l
     assert set(few_rows[:-1]) == {20}
     assert len(seen) == 150
     _assert_same(run, at_once)
+    assert len(run.summary["identifiability"]) == 10  # which a look back on the run tells
+    assert simulate(scenario, look_back=False).summary["identifiability"] == []

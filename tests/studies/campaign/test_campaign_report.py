@@ -108,6 +108,14 @@ def test_every_section_has_its_table_and_plots(contents: dict[str, Any]) -> None
     assert len(contents["sweep"]["cells"]) == 2
     assert len(contents["worst"]) == 10
     assert contents["failed"] == [("Segmentation fault", 1)]
+    figures = {line["name"]: line["value"] for line in contents["figures"]}
+    assert contents["delays"][-1]["found"].startswith(figures["isolated"])
+    assert contents["delays"][-1]["median"].startswith(figures["delay_50_percent_s"])
+    assert contents["delays"][-1]["within"][1].startswith(figures["found_within_5_s"])
+    assert f"{contents['falsely'][-1]['rate']} 1/h" == figures["false_declarations_per_hour"]
+    assert sum(int(line["n"]) for line in contents["groups"]) == 29
+    assert {line["n"] for line in contents["coverage"]} == {"29"}
+    assert sum(int(line["found"].split(" of ")[1]) for line in contents["leaks"]["leak"]) == 14
 
 
 def at_times() -> dict[str, float]:
