@@ -177,6 +177,7 @@ def test_every_runner_gives_the_same_bits(name: str, tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.covariance, second.covariance)
     assert found.state is not None
     assert found.state["states"] == second.states
+    assert found.state["row"] == run.state["row"] == run.time_s.size - 1
     assert found.summary["detections"] == run.summary["detections"]
     assert found.summary["autopilot"]["firings"] == run.summary["autopilot"]["firings"]
 
