@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from textwrap import wrap
 from typing import Any, NamedTuple
 
 from rich.table import Table
@@ -127,13 +128,16 @@ def _map_text(found: Proposal, record: str, vehicle: Vehicle) -> str:
 
 def _comment(text: str) -> list[str]:
     """Formats a sentence as lines of a comment."""
-    lines, line = [], "# -"
-    for word in "".join(one if one.isprintable() else " " for one in text).split():
-        if len(line) + len(word) >= _WIDTH:
-            lines.append(line)
-            line = "#  "
-        line += f" {word}"
-    return [*lines, line]
+    printable = "".join(one if one.isprintable() else " " for one in text)
+    first, others = "# - ", "#   "
+    return wrap(
+        printable,
+        _WIDTH,
+        initial_indent=first,
+        subsequent_indent=others,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
 
 
 def _shown(found: Proposal, understood: mapping.Mapped | None, how: How, recording: Recording) -> None:

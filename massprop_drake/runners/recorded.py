@@ -282,7 +282,7 @@ class _Estimation:
             signals["outside_wrench"] = rows.outside_wrench
         signals |= estimation_signals(self._scenario, logs)
         signals |= rows.readings
-        signals |= _by_sensor(rows, self._vehicle)
+        signals |= by_sensor(rows, self._vehicle)
         for name in {"onset", "verdict_onset", "unexplained_since", "history_since"} & set(signals):
             if not self._at_any_time:
                 signals[name] = self._record_time(signals[name], rows.time_s)
@@ -420,7 +420,7 @@ def _name_of(telemetry: str | Path | Sequence[str | Path]) -> str:
     return ", ".join(Path(one).name for one in telemetry)
 
 
-def _by_sensor(rows: Rows, vehicle: Vehicle) -> dict[str, Array]:
+def by_sensor(rows: Rows, vehicle: Vehicle) -> dict[str, Array]:
     """Splits readings by sensor in a fixed frame."""
     if rows.tracked is None:
         return {}
