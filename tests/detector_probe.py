@@ -12,9 +12,10 @@ from massprop_drake.maths.estimation.faults.declarations import Declaration, Jet
 from massprop_drake.maths.estimation.faults.priors import Params, Priors
 from massprop_drake.maths.estimation.faults.tree import Tree, advance
 from massprop_drake.maths.estimation.faults.verdicts import Verdicts, judged
+from massprop_drake.maths.estimation.joint.beginning import initial as initial_filter
 from massprop_drake.maths.estimation.joint.hypotheses import without_increments
-from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence, JointSample, step
-from massprop_drake.maths.estimation.joint.joint_cycle import initial as initial_filter
+from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence, step
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import JointState, make_places
 from massprop_drake.maths.estimation.joint.ticks import on_ticks
 from massprop_drake.maths.linear_algebra import Array

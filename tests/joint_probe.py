@@ -10,11 +10,15 @@ from scipy.stats import chi2
 
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.estimation.joint import ticks
+from massprop_drake.maths.estimation.joint.beginning import initial
 from massprop_drake.maths.estimation.joint.disturbance_states import NO_DISTURBANCE
-from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, driven, initial
+from massprop_drake.maths.estimation.joint.joint_cycle import driven
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import NO_ATTITUDE_SENSORS, JointParams, JointState, make_places
-from massprop_drake.maths.estimation.joint.prediction import ALONE, RateRead, predict, propagated
+from massprop_drake.maths.estimation.joint.prediction import ALONE, predict
+from massprop_drake.maths.estimation.joint.propagation import propagated
 from massprop_drake.maths.estimation.joint.quantized import DITHER, FLOOR
+from massprop_drake.maths.estimation.joint.rate_coupling import RateRead
 from massprop_drake.maths.estimation.joint.ticks import Clock, Commanded, Elapsed, Pace, on_ticks
 from massprop_drake.maths.estimation.joint.wheels import Spun
 from massprop_drake.maths.linear_algebra import Array

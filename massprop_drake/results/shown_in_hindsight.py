@@ -19,7 +19,7 @@ from massprop_drake.maths.estimation.filters.joint import chi_square_limit
 from massprop_drake.maths.estimation.hindsight import FlightFit, FlightModel, Reckoned, ScoreTest, Stretch
 from massprop_drake.maths.estimation.joint.burns import Burn, EngineSettings, at_rest, burnt, push
 from massprop_drake.maths.estimation.joint.disturbance_states import NO_DISTURBANCE
-from massprop_drake.maths.estimation.joint.prediction import propellant_drift
+from massprop_drake.maths.estimation.joint.process_noise import propellant_drift
 from massprop_drake.maths.mass_properties import MassProperties
 from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS, N_ERRORS, channels
 from massprop_drake.maths.vehicle.mounting import EXACT

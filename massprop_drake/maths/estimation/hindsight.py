@@ -39,7 +39,7 @@ from massprop_drake.maths.estimation.joint.burns import pushes
 from massprop_drake.maths.estimation.joint.disturbance_states import NO_DISTURBANCE, DisturbanceParams
 from massprop_drake.maths.estimation.joint.lagged_impulses import LEAST_LAG, Lingering, fire, lingering
 from massprop_drake.maths.estimation.joint.modes import ERRORS, NO_MODES, ModeParams
-from massprop_drake.maths.estimation.joint.prediction import PARABOLA
+from massprop_drake.maths.estimation.joint.rate_coupling import PARABOLA
 from massprop_drake.maths.estimation.joint.swing import swung
 from massprop_drake.maths.estimation.joint.tanks import NO_TANKS, TankParams
 from massprop_drake.maths.estimation.joint.wheels import NO_WHEELS, WheelParams

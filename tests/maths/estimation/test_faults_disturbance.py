@@ -8,6 +8,7 @@ from faults_probe import commands_of, fail, flight, known_vehicle, make_params, 
 from joint_probe import PERIOD, some_sample, unread
 
 from massprop_drake.maths.estimation.faults.declarations import DisturbanceDeclared, JetsDeclared
+from massprop_drake.maths.estimation.joint.beginning import begun
 from massprop_drake.maths.estimation.joint.hypotheses import (
     STIRS,
     Cause,
@@ -17,9 +18,10 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     size_of_unstated,
     stirs_beyond,
 )
-from massprop_drake.maths.estimation.joint.joint_cycle import begun, driven
+from massprop_drake.maths.estimation.joint.joint_cycle import driven
 from massprop_drake.maths.estimation.joint.layout import RATE
-from massprop_drake.maths.estimation.joint.prediction import predict, propagated
+from massprop_drake.maths.estimation.joint.prediction import predict
+from massprop_drake.maths.estimation.joint.propagation import propagated
 
 PARAMS = make_params(unstated=6)
 JOINT = PARAMS.joint

@@ -16,10 +16,12 @@ from scipy.stats import chi2
 
 from massprop_drake.maths.estimation import hindsight
 from massprop_drake.maths.estimation.hindsight import Columns, FlightFit, FlightModel, Stretch
-from massprop_drake.maths.estimation.joint.joint_cycle import JointSample
+from massprop_drake.maths.estimation.joint.forcing import drive
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import make_places
 from massprop_drake.maths.estimation.joint.measurement import outputs
-from massprop_drake.maths.estimation.joint.prediction import drive, predict, propellant_drift
+from massprop_drake.maths.estimation.joint.prediction import predict
+from massprop_drake.maths.estimation.joint.process_noise import propellant_drift
 from massprop_drake.maths.estimation.joint.ticks import on_ticks
 from massprop_drake.maths.estimation.joint.wheels import NO_WHEELS, WheelParams
 from massprop_drake.maths.vehicle.mounting import mounting

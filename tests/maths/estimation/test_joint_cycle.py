@@ -13,8 +13,10 @@ from massprop_drake.maths.estimation.filter import Told
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import GROUP, JointFilterParams, JointFilterState, JointMeasurement
 from massprop_drake.maths.estimation.filters.registry import FILTERS
+from massprop_drake.maths.estimation.joint.beginning import initial
 from massprop_drake.maths.estimation.joint.covariance import in_order
-from massprop_drake.maths.estimation.joint.joint_cycle import driven, expect, initial, step
+from massprop_drake.maths.estimation.joint.innovation import expect
+from massprop_drake.maths.estimation.joint.joint_cycle import driven, step
 from massprop_drake.maths.estimation.joint.layout import CENTER, RATE, pack, state_layout, unpack
 from massprop_drake.maths.estimation.joint.measurement import outputs
 from massprop_drake.maths.estimation.joint.prediction import predict

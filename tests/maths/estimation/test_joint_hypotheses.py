@@ -11,7 +11,8 @@ from joint_probe import PERIOD, elapsed, small_params, some_sample, some_state, 
 from massprop_drake.maths.estimation.joint import bank as banks
 from massprop_drake.maths.estimation.joint import hypotheses as h
 from massprop_drake.maths.estimation.joint import screen as screens
-from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, driven, step
+from massprop_drake.maths.estimation.joint.joint_cycle import driven, step
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import RATE, JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import outputs, rate_read, readings
 from massprop_drake.maths.estimation.joint.prediction import predict

@@ -30,9 +30,11 @@ from scipy.spatial.transform import Rotation
 from massprop_drake.inputs.moving import Slosh, mode_params
 from massprop_drake.inputs.scenario import load_scenario
 from massprop_drake.maths.estimation.joint import bank as banks
+from massprop_drake.maths.estimation.joint.beginning import begun, initial
 from massprop_drake.maths.estimation.joint.burns import Burn, at_rest, burnt, push
 from massprop_drake.maths.estimation.joint.disturbance_states import DisturbanceParams, come, wandered
-from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, begun, driven, initial, step
+from massprop_drake.maths.estimation.joint.joint_cycle import driven, step
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import (
     CENTER,
     INERTIA,
@@ -47,7 +49,8 @@ from massprop_drake.maths.estimation.joint.layout import (
 )
 from massprop_drake.maths.estimation.joint.modes import ModeParams
 from massprop_drake.maths.estimation.joint.orientation import STILL
-from massprop_drake.maths.estimation.joint.prediction import Prediction, predict, propagated
+from massprop_drake.maths.estimation.joint.prediction import Prediction, predict
+from massprop_drake.maths.estimation.joint.propagation import propagated
 from massprop_drake.maths.estimation.joint.sensitivity import link
 from massprop_drake.maths.estimation.joint.tanks import TankParams, drawn
 from massprop_drake.maths.estimation.joint.wheels import UNSPUN, Spun, WheelParams, spun, turn_by

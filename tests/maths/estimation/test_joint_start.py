@@ -14,8 +14,10 @@ from massprop_drake.maths.estimation.filter import Told
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import JointFilterState
 from massprop_drake.maths.estimation.joint import joint_cycle, start
-from massprop_drake.maths.estimation.joint.joint_cycle import OWN_CHOICE, JointSample, cycled, gone_over
+from massprop_drake.maths.estimation.joint.joint_cycle import OWN_CHOICE, cycled
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams, JointState
+from massprop_drake.maths.estimation.joint.relinearization import gone_over
 from massprop_drake.maths.estimation.joint.start import BEGUN, OVER, STEPS
 from massprop_drake.maths.estimation.joint.thrust_scale import reported
 from massprop_drake.maths.estimation.joint.ticks import on_ticks

@@ -9,10 +9,12 @@ import pytest
 from joint_probe import elapsed, small_params, some_state, unread
 
 from massprop_drake.maths.estimation.joint import ticks
-from massprop_drake.maths.estimation.joint.joint_cycle import initial
+from massprop_drake.maths.estimation.joint.beginning import initial
+from massprop_drake.maths.estimation.joint.forcing import Drive, drive
 from massprop_drake.maths.estimation.joint.lagged_impulses import fire
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
-from massprop_drake.maths.estimation.joint.prediction import Drive, drive, gathered_rows, predict
+from massprop_drake.maths.estimation.joint.prediction import predict
+from massprop_drake.maths.estimation.joint.propagation import gathered_rows
 from massprop_drake.maths.estimation.joint.sensitivity import Link, informed
 from massprop_drake.maths.estimation.joint.ticks import (
     JITTER,

@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 from joint_probe import PERIOD, small_params, some_sample, some_state, unread
 
-from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, driven, relinearized, step
+from massprop_drake.maths.estimation.joint.forcing import drive
+from massprop_drake.maths.estimation.joint.joint_cycle import driven, step
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import RATE, VELOCITY, JointState
 from massprop_drake.maths.estimation.joint.measurement import outputs
-from massprop_drake.maths.estimation.joint.prediction import drive, predict
+from massprop_drake.maths.estimation.joint.prediction import predict
+from massprop_drake.maths.estimation.joint.relinearization import relinearized
 from massprop_drake.maths.estimation.joint.unknown import indifferent, is_anything, spread
 from massprop_drake.maths.linear_algebra import Array
 

@@ -6,16 +6,12 @@ import numpy as np
 import pytest
 from joint_probe import PERIOD, TRUTH, central_differences, small_params, some_sample, some_state
 
+from massprop_drake.maths.estimation.joint.beginning import begun, initial
 from massprop_drake.maths.estimation.joint.covariance import compressed, updated
+from massprop_drake.maths.estimation.joint.crossing import Crossing, crossed
 from massprop_drake.maths.estimation.joint.guard import converged, guarded, unguarded
-from massprop_drake.maths.estimation.joint.joint_cycle import (
-    Crossing,
-    JointSample,
-    begun,
-    crossed,
-    initial,
-    step,
-)
+from massprop_drake.maths.estimation.joint.joint_cycle import step
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointState, make_places
 from massprop_drake.maths.estimation.joint.measurement import changed, counted, outputs, rate_read, rebased
 from massprop_drake.maths.estimation.joint.quantized import sites

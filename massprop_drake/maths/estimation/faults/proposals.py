@@ -36,7 +36,8 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     stirs_beyond,
     told,
 )
-from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence, JointSample
+from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import CENTER, JointParams, JointState
 from massprop_drake.maths.estimation.joint.screen import PAIR_PRIOR, Contender, Screen
 from massprop_drake.maths.estimation.joint.sensitivity import Link, Traces, linked, traces

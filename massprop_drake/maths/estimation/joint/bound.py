@@ -15,7 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.joint.covariance import compressed, updated
-from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, driven
+from massprop_drake.maths.estimation.joint.forcing import Drive, error_rows
+from massprop_drake.maths.estimation.joint.joint_cycle import driven
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import (
     CENTER,
     RATE,
@@ -24,14 +26,9 @@ from massprop_drake.maths.estimation.joint.layout import (
     JointState,
 )
 from massprop_drake.maths.estimation.joint.measurement import outputs, rate_read
-from massprop_drake.maths.estimation.joint.prediction import (
-    Drive,
-    Prediction,
-    error_rows,
-    predict,
-    propagated,
-    turned_by,
-)
+from massprop_drake.maths.estimation.joint.prediction import Prediction, predict
+from massprop_drake.maths.estimation.joint.propagation import propagated
+from massprop_drake.maths.estimation.joint.rate_coupling import turned_by
 from massprop_drake.maths.estimation.joint.ticks import stamped
 from massprop_drake.maths.linear_algebra import Array
 

@@ -27,8 +27,13 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.joint.covariance import compressed, semidefinite_root
+from massprop_drake.maths.estimation.joint.crossing import crossed
+from massprop_drake.maths.estimation.joint.error_products import parameter_effects
+from massprop_drake.maths.estimation.joint.forcing import lag_of
 from massprop_drake.maths.estimation.joint.guard import unguarded
-from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, Report, crossed, floors, step
+from massprop_drake.maths.estimation.joint.innovation import floors
+from massprop_drake.maths.estimation.joint.joint_cycle import Report, step
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import (
     CENTER,
     MASS,
@@ -39,7 +44,6 @@ from massprop_drake.maths.estimation.joint.layout import (
     Places,
 )
 from massprop_drake.maths.estimation.joint.measurement import rebased
-from massprop_drake.maths.estimation.joint.prediction import lag_of, parameter_effects
 from massprop_drake.maths.estimation.joint.sensitivity import Link, impulse_columns, smeared
 from massprop_drake.maths.estimation.joint.unknown import reading_sigmas
 from massprop_drake.maths.linear_algebra import Array

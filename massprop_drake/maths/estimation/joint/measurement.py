@@ -23,7 +23,7 @@ import numpy as np
 
 from massprop_drake.maths.estimation.joint.covariance import compressed
 from massprop_drake.maths.estimation.joint.layout import CENTER, RATE, VELOCITY, JointParams, JointState
-from massprop_drake.maths.estimation.joint.prediction import RateRead, turning
+from massprop_drake.maths.estimation.joint.rate_coupling import RateRead, turning
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array, skew
 

@@ -42,7 +42,7 @@ from massprop_drake.maths.estimation.joint.layout import (
     thrust_sigmas,
 )
 from massprop_drake.maths.estimation.joint.possible import beyond
-from massprop_drake.maths.estimation.joint.prediction import turning
+from massprop_drake.maths.estimation.joint.rate_coupling import turning
 from massprop_drake.maths.estimation.joint.sensitivity import Link, carried, corrected, informed
 from massprop_drake.maths.linear_algebra import Array
 

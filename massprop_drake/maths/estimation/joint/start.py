@@ -30,16 +30,11 @@ import numpy as np
 
 from massprop_drake.maths.estimation.joint.covariance import compressed
 from massprop_drake.maths.estimation.joint.guard import guarded, knows_rotation, unguarded
-from massprop_drake.maths.estimation.joint.joint_cycle import (
-    JointSample,
-    Report,
-    acts,
-    gone_over,
-    incremented_root,
-    restart,
-)
+from massprop_drake.maths.estimation.joint.joint_cycle import Report, incremented_root, restart
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample, acts
 from massprop_drake.maths.estimation.joint.lag_prior import begun_as
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams, JointState, Places
+from massprop_drake.maths.estimation.joint.relinearization import gone_over
 from massprop_drake.maths.linear_algebra import Array
 
 STEPS = 16  # in a cycle: 1 to 1.5 ms each
