@@ -107,7 +107,6 @@ def besides(count: int, places: Places, tracked: Array | None = None, onsets_s: 
 
     Args:
         count: number of rows.
-        places: see `Places`.
         tracked: see `filter.Told`, shape (n, columns); None: nothing.
         onsets_s: of the commands, shape (n, n_jets) at least; None: these are levels.
     """

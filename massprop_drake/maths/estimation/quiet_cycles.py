@@ -76,7 +76,6 @@ class Quiet:
         """Takes rows that cycles are to go through, and those that they fill in.
 
         Args:
-            samples, stamps_s: see `JointDesk`.
             beside: tracked readings and onsets, see `besides`.
             rows: to be filled in.
         """

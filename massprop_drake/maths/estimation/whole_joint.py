@@ -98,8 +98,6 @@ def watch(memory: Any, desk: JointDesk, params: JointParams) -> None:
 
     Args:
         memory: holder of a `JointMemory`.
-        desk: see `JointDesk`.
-        params: see `JointParams`.
     """
     reached = desk.reached
     while reached[0] < reached[1]:

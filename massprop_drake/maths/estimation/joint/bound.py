@@ -94,7 +94,6 @@ def ahead(
         state: before it; its mean is the truth then.
         sample: of it; of its readings it only counts which are missing.
         mean: the truth at its end, shape (size,); None: what is predicted.
-        params: see `JointParams`.
         doubt: root of a covariance of all the state; products of its errors are noise then, as to the filter.
     """
     at, at_truth = state.mean, params._replace(second_order=False)
@@ -124,7 +123,6 @@ def taken_in(
         end: of it.
         time_s: of the readings.
         readings: which components are used, and variances of all, shape (m,) each.
-        params: see `JointParams`.
     """
     (used, variances), root, first = readings, end.root, params.places.thrust
     counts = np.flatnonzero(used)
@@ -161,9 +159,7 @@ def carried_on(
     Args:
         before: both before the interval.
         state: likewise.
-        course: see `BoundStep`.
         failing: forces, and the columns that are theirs.
-        params: see `JointParams`.
     """
     (carried, shown), (forces, columns) = before, failing
     carried = propagated(carried, course.prediction, params)[:, : carried.shape[1]]

@@ -76,7 +76,6 @@ def burnt(before: EngineSettings, read: Array, duration_s: float, engines: Engin
         before: at the start of the interval.
         read: at its end, NaN where missing, shape (n, 3).
         duration_s: T.
-        engines: see `EngineParams`.
     """
     measured, missing = engines.measured.reshape(-1, 1) > 0.0, np.isnan(read)
     shown = np.where(missing, before.told, read)
@@ -142,7 +141,6 @@ def push(burn: Burn, errors: Array, duration_s: float, engines: EngineParams) ->
         burn: levels and angles.
         errors: the six of each engine, shape (6 n,).
         duration_s: T.
-        engines: see `EngineParams`.
     """
     n = engines.thrusts.shape[0]
     impulse, by_errors, noise, used = np.zeros(6), np.zeros((N_ERRORS * n, 6)), np.zeros((N_CHANNELS * n, 6)), 0.0
@@ -170,7 +168,6 @@ def pushes(
         points: level and angles at the start, middle and end of each interval, rad, shape (3 m, 3).
         errors: its six, shape (6,).
         duration_s: T.
-        engines: see `EngineParams`.
 
     Returns:
         The impulses, shape (m, 6), their derivatives by the errors, shape (6, m, 6), and by the level, shape (m, 6),

@@ -43,7 +43,6 @@ def crossed(
         about: the ten parameters at which outputs are linearized, shape (10,).
         sample: the next one, whose readings show which have changed.
         least: see `floors`.
-        params: see `JointParams`.
     """
     places, m = params.places, state.read.shape[0]
     rows, half_gain = np.zeros((m, places.size)), np.zeros((places.size, m))
@@ -76,7 +75,6 @@ def levels_at(levels: tuple[Array, Array, Array], before: Array, after: Array, p
     Args:
         levels: `level`, `slope` and `tick_slope` of a state.
         before, after: estimates, shape (size,).
-        params: see `JointParams`.
     """
     places, (level, slope, tick_slope) = params.places, levels
     if places.n_lag > 0:

@@ -87,7 +87,6 @@ def wandered(disturbance: DisturbanceParams, duration_s: float, level: float = 1
     """Computes the course of a disturbance over an interval.
 
     Args:
-        disturbance: see `DisturbanceParams`.
         duration_s: T, positive.
         level: 1-sigma of each component in its unit.
     """

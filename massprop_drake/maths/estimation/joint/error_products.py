@@ -31,10 +31,8 @@ def second_order(
 
     Args:
         state: before the interval.
-        acting: see `Drive`.
         pulls: linear impulse, shape (3,), and E_k of the wheels, shape (n_wheels, 3).
         covariance: of the ten parameters.
-        params: see `JointParams`.
     """
     bias, noise = np.zeros(6), np.zeros((6, 6))
     linear, exchange = pulls
@@ -147,14 +145,7 @@ def _force_products(state: JointState, firing: Firing, covariance: Array, params
 
 @kernel
 def _products(rows: Array, effects: Array, state: JointState, covariance: Array) -> tuple[Array, Array]:
-    """Computes mean, shape (6,), and covariance, shape (6, 6), of jet impulse errors times those of the parameters.
-
-    Args:
-        rows: of the covariance's root, of what each jet gives, shape (n, size).
-        effects: of errors of the parameters under a unit of that, shape (6, n, 10).
-        state: before the interval.
-        covariance: of the ten parameters.
-    """
+    """Computes mean, shape (6,), and covariance, shape (6, 6), of jet impulse errors times those of the parameters."""
     crossed = state.root[:N_PROPERTIES] @ rows.T
     flat = effects.reshape(6, -1)
     product_mean = flat @ np.ascontiguousarray(crossed.T).ravel()

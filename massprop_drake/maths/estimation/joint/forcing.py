@@ -66,8 +66,6 @@ def drive(
         state: before.
         durations_s, commands: the interval's pieces, see `lagged_impulses.fire`.
         outside: impulse of known outside forces, shape (6,).
-        timing: see `Timing`.
-        params: see `JointParams`.
     """
     constants, lag_slope = lag_of(state.mean, params)
     levels = state.level, state.slope, state.level_std
@@ -145,8 +143,6 @@ def error_rows(state: JointState, acting: Drive, params: JointParams) -> tuple[A
 
     Args:
         state: where they are taken; shape of both results (3, size), zero for the rest of the state.
-        acting: see `Drive`.
-        params: see `JointParams`.
     """
     mean, places, firing = state.mean, params.places, acting.firing
     inverse, reciprocal = picked(mean, ELEMENT), mean[MASS]
@@ -221,10 +217,8 @@ def impulse_rows(
 
     Args:
         state: before the interval.
-        acting: see `Drive`.
         impulse: linear, and angular about the center of mass, shape (3,) each.
         flow: mass that is used, slug or kg.
-        params: see `JointParams`.
     """
     rate_rows, velocity_rows = error_rows(state, acting, params)
     linear, moment = impulse
@@ -269,7 +263,6 @@ def with_wheels(rows: Array, mean: Array, exchange: Array, scale: float, params:
         mean: before the interval, shape (size,).
         exchange: E_k, shape (n_wheels, 3).
         scale: 1 - sigma_T s.
-        params: see `JointParams`.
     """
     if exchange.shape[0] == 0:
         return rows

@@ -94,7 +94,6 @@ def by_kind(values: Array, used: np.ndarray, nothing: float, params: JointParams
         values: of each that counts, shape (number,).
         used: which components count, shape (m,).
         nothing: in place of a sum of none.
-        params: see `JointParams`.
     """
     places = params.places
     gyros = int(used[: 3 * places.gyros].sum())
@@ -147,10 +146,7 @@ def opened_degrees(expected: Expected, acting: Drive, mean: Array, params: Joint
     """Counts components whose readings only show how long jets of unknown command were open, see `unknown`.
 
     Args:
-        expected: see `Expected`.
-        acting: see `Drive`.
         mean: before the interval, where it is linearized, shape (size,).
-        params: see `JointParams`.
 
     Returns:
         Degrees of freedom of the gyros, of the accelerometers given these, and what the log likelihood lacks, nats.

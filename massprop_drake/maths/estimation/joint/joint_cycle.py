@@ -133,8 +133,6 @@ def step(
 
     Args:
         state: after the last sample.
-        sample: see `JointSample`.
-        params: see `JointParams`.
         counts: see `cycled`.
 
     Raises:
@@ -197,8 +195,6 @@ def restart(state: JointState, sample: JointSample, params: JointParams) -> tupl
 
     Args:
         state: after the last sample, `started`.
-        sample: see `JointSample`.
-        params: see `JointParams`.
     """
     state, _ = stamped(state, sample.timing, params)
     acting = driven(state, sample, params)
@@ -315,11 +311,9 @@ def cycled(
 
     Args:
         state: after the last sample.
-        sample: see `JointSample`.
         thresholds: in place of those of the parameters.
         counts: which readings count unless they are missing, so that hypotheses are compared on the same ones, shape
             (m,); or `OWN_CHOICE`, shape (0,).
-        params: see `JointParams`.
     """
     least = floors(state, params)
     state, crossing = crossed(state, state.mean[:N_PROPERTIES], sample, least, params)
@@ -394,10 +388,7 @@ def learned(
     Args:
         state: before it.
         sample: of it.
-        acting: see `Drive`.
-        expected: see `Expected`.
         change: of no meaning where no component counted.
-        params: see `JointParams`.
     """
     mean, root, firing = expected.prediction.mean, change.root, acting.firing
     if expected.used.any():

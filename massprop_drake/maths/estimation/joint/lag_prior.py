@@ -32,13 +32,7 @@ _LEAST = 1e-12  # of the prior's information: less is rounding
 
 @kernel
 def _other(state: JointState, kind: int, params: JointParams) -> tuple[float, float, float]:
-    """Computes mean and variance of a lag's error by the prior that the filter does not use, and ln R of that one.
-
-    Args:
-        state: see `JointState`.
-        kind: of jet, whose lag is uncertain.
-        params: see `JointParams`.
-    """
+    """Computes mean and variance of a lag's error by the prior that the filter does not use, and ln R of that one."""
     places = params.places
     row = places.lag + kind
     m, v = state.mean[row], float(np.sum(state.root[row] * state.root[row]))
@@ -71,10 +65,6 @@ def log_odds(state: JointState, params: JointParams) -> Array:
 @kernel
 def reconsidered(state: JointState, params: JointParams) -> tuple[JointState, float]:
     """Switches to the wide prior each lag for which it has become the likelier one.
-
-    Args:
-        state: see `JointState`.
-        params: see `JointParams`.
 
     Returns:
         The state, and by how much the readings so far are likelier for it, nats.
@@ -123,7 +113,6 @@ def begun_as(entry: JointState, end: JointState, params: JointParams) -> JointSt
     Args:
         entry: with the stated priors of lags of which it knows nothing.
         end: state after the earlier pass, or the filter's.
-        params: see `JointParams`.
     """
     for kind in np.flatnonzero(log_odds(end, params) > 0.0).tolist():
         if entry.lag_open[kind] == 0.0:

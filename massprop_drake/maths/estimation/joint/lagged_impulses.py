@@ -219,12 +219,7 @@ def _parts(ratio: Array, mean: Array) -> tuple[Array, Array, Array]:
 
 @kernel
 def _bow_of_piece(lacking: Array, parts: tuple[Array, Array, Array], mean: Array) -> Array:
-    """Computes the bow of each jet over an interval of one piece, see `Firing`, shape (3, n_jets).
-
-    Args:
-        lacking: h d, s, shape (n_jets,).
-        parts, mean: E0, E1, E2, and k, shape (n_jets,) each.
-    """
+    """Computes the bow of each jet over an interval of one piece, see `Firing`, shape (3, n_jets)."""
     plain, by_time, square = parts
     bow = np.empty((3,) + lacking.shape)  # noqa: RUF005 (for numba)
     bow[0] = lacking * (plain - 0.5 * mean)
@@ -237,14 +232,7 @@ def _bow_of_piece(lacking: Array, parts: tuple[Array, Array, Array], mean: Array
 def _moments_of_piece(
     since_s: float, h: float, given: tuple[Array, Array, Array], parts: tuple[Array, Array, Array]
 ) -> Array:
-    """Computes integrals over a piece of p, p t and p^2, t since the interval began, shape (3, n_jets).
-
-    Args:
-        since_s: from the beginning of the interval to that of the piece, s.
-        h: length of the piece, s.
-        given: what was given before the piece, s; the command u; and d; shape (n_jets,) each.
-        parts: E0, E1, E2, shape (n_jets,) each.
-    """
+    """Computes integrals over a piece of p, p t and p^2, t since the interval began, shape (3, n_jets)."""
     before, u, d = given
     plain, by_time, square = parts
     first = before + h * (0.5 * u + d * plain)

@@ -51,7 +51,6 @@ def rate_read(rates: Array, mean: Array, params: JointParams) -> RateRead:
     Args:
         rates: of each package, NaN where missing, rad/s, shape (n_gyros, 3).
         mean: with the biases, shape (size,).
-        params: see `JointParams`.
     """
     places = params.places
     rate, rows, variance = np.full(3, np.nan), np.zeros((3, places.size)), np.full(3, np.inf)
@@ -114,7 +113,6 @@ def changed(read: Array, before: Array, params: JointParams) -> np.ndarray:
     Args:
         read: readings, NaN where missing, shape (m,).
         before: the last reading of each, NaN where there is none, shape (m,).
-        params: see `JointParams`.
     """
     return ~np.isnan(read) & ~(np.abs(read - before) <= 0.5 * params.cells)
 
@@ -131,7 +129,6 @@ def counted(
         predicted: outputs, shape (m,).
         variance: of these, shape (m,).
         floors: see `quantized`, shape (m,).
-        params: see `JointParams`.
     """
     half = 0.5 * params.cells
     off = np.abs(read - predicted) > half + _OFF * np.sqrt(variance + floors)
@@ -153,7 +150,6 @@ def told_by_trackers(
         projected: H times the root, shape (m, k).
         rate: rad/s, shape (3,).
         floors: see `quantized`, shape (m,).
-        params: see `JointParams`.
     """
     variances, floors = params.variances.copy(), floors.copy()
     trackers, begin = params.trackers, params.places.outputs - 3 * params.places.trackers

@@ -158,7 +158,6 @@ def tuned(errors: Array, modes: ModeParams) -> Array:
 
     Args:
         errors: estimates in units of their sigmas, shape (6 n_parts,); none: as stated.
-        modes: see `ModeParams`.
     """
     factors = np.ones(modes.sigmas.shape)
     factors[:, POSITION:] = 0.0
@@ -174,10 +173,8 @@ def swinging(rigid: Rigid, factors: Array, duration_s: float, modes: ModeParams)
     """Computes the motion of the modes over an interval.
 
     Args:
-        rigid: see `Rigid`.
         factors: see `tuned`.
         duration_s: T.
-        modes: see `ModeParams`.
     """
     n = modes.frequencies.shape[0]
     own = factors[modes.parts]
@@ -214,6 +211,5 @@ def spread_of(displaced: Array, modes: ModeParams) -> Array:
 
     Args:
         displaced: of eta, shape (n,).
-        modes: see `ModeParams`.
     """
     return np.concatenate((displaced, displaced * modes.frequencies))

@@ -127,9 +127,7 @@ def predict(
 
     Args:
         state: before.
-        acting: see `Drive`.
         rate_read: rate at the end of the interval as gyros show it.
-        params: see `JointParams`.
         around: frames, see `orientation.turned`, and speeds of the wheels.
     """
     mean, places, duration = state.mean, params.places, acting.firing.duration_s
@@ -216,17 +214,7 @@ def predict(
 def _from_tanks(
     state: JointState, acting: Drive, seconds: Array, params: JointParams
 ) -> tuple[float, TankChange, Array]:
-    """Computes the propellant used, slug or kg, the changes by drawing it from tanks, and their derivatives.
-
-    Args:
-        state: before the interval.
-        acting: see `Drive`.
-        seconds: see `effective_seconds`.
-        params: see `JointParams`.
-
-    Returns:
-        All of it; see `tanks.TankChange`; and see `Prediction.tank_rows`.
-    """
+    """Computes the propellant used, slug or kg, the changes by drawing it from tanks, and their derivatives."""
     mean, places, tanks = state.mean, params.places, params.tanks
     n, flows = places.tanks, seconds * params.flows
     flow = float(seconds @ params.flows) + acting.engines.used
@@ -264,14 +252,7 @@ def _from_tanks(
 
 @kernel
 def _while_drawn(change: Array, inverse: Array, moment: Array, linear: Array) -> Array:
-    """Computes the change of the rate by propellant drawn up to the middle of an interval, rad/s, shape (3,).
-
-    Args:
-        change: of the ten parameters by what is drawn, see `tanks.TankChange`; empty: there are no tanks.
-        inverse: J before the interval, shape (3, 3).
-        moment: angular impulse about the center of mass, shape (3,).
-        linear: impulse, shape (3,).
-    """
+    """Computes the change of the rate by propellant drawn up to the middle of an interval, rad/s, shape (3,)."""
     if change.shape[0] == 0:
         return np.zeros(3)
     return 0.5 * (picked(change, ELEMENT) @ moment + inverse @ cross(linear, change[CENTER]))
@@ -279,15 +260,7 @@ def _while_drawn(change: Array, inverse: Array, moment: Array, linear: Array) ->
 
 @kernel
 def _with_used(after: Array, lighter: float, change: Array, turned: Array, params: JointParams) -> Array:
-    """Computes the predicted mean once propellant has been used, shape (size,).
-
-    Args:
-        after: the mean without that, shape (size,).
-        lighter: change of mu by it.
-        change: see `tanks.TankChange`.
-        turned: see `Prediction`.
-        params: see `JointParams`.
-    """
+    """Computes the predicted mean once propellant has been used, shape (size,)."""
     n, places, result = change.shape[0] - N_PROPERTIES, params.places, after.copy()
     result[MASS] += lighter
     if n <= 0:
@@ -316,16 +289,7 @@ def _with_modes(
     about: tuple[float, float],
     params: JointParams,
 ) -> tuple[tuple[tuple[Array, Array], tuple[Array, Array]], Swung, Array, Wander]:
-    """Adds the modes' effects to the changes of w and c, their derivatives, noise and z; also returns the modes.
-
-    Args:
-        state: before the interval.
-        moved: without modes.
-        linear: impulse, shape (3,).
-        come_in: noise, shape (6, 6), and course of z.
-        about: 1 - sigma_T s, and the interval, s.
-        params: see `JointParams`.
-    """
+    """Adds the modes' effects to the changes of w and c, their derivatives, noise and z; also returns the modes."""
     (noise, wander), (scale, duration_s) = come_in, about
     if params.places.n_swing == 0:
         whole = (moved.rate, moved.velocity), (moved.rate_rows, moved.velocity_rows)
@@ -342,15 +306,7 @@ def _with_modes(
 def _with_gathered(
     after: Array, change: Array, apart: tuple[Array, Array], duration_s: float, params: JointParams
 ) -> Array:
-    """Computes the predicted mean with the accelerometers' velocity gained over the interval, shape (size,).
-
-    Args:
-        after: the mean without that, shape (size,).
-        change: of all c_s alike, shape (3,).
-        apart: derivative of what each gathers besides by w1, shape (n_accelerometers, 3, 3), and what w1 is off by.
-        duration_s: of the interval.
-        params: see `JointParams`.
-    """
+    """Computes the predicted mean with the accelerometers' velocity gained over the interval, shape (size,)."""
     places, result, (by_end, gap) = params.places, after.copy(), apart
     for package in range(places.accelerometers):
         part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
@@ -365,16 +321,7 @@ def _with_gathered(
 def _with_attitude(
     state: JointState, after: Array, acting: Drive, over: tuple[Array, Array, bool], params: JointParams
 ) -> tuple[Array, Array]:
-    """Computes the predicted mean with its attitude, shape (size,), and derivatives of that, see `Prediction`.
-
-    Args:
-        state: before the interval.
-        after: the predicted mean but for its attitude, shape (size,).
-        acting: see `Drive`.
-        over: frames, see `orientation.turned`; mean of what the rate lies off the line, rad/s, if coupling counts; and
-            whether it does.
-        params: see `JointParams`.
-    """
+    """Computes the predicted mean with its attitude, shape (size,), and derivatives of that, see `Prediction`."""
     if params.places.n_attitude == 0:
         return after, np.zeros((2, 0, 3))
     mean, (frames, bow, coupled) = state.mean, over

@@ -57,7 +57,6 @@ def propellant_drift(properties: Array, used: float, tank_fraction: float, arm: 
     Args:
         properties: the ten parameters, shape (10,) or more.
         used: mass of it, slug or kg.
-        tank_fraction, arm: see `JointParams`.
     """
     share = properties[MASS] * used
     if share > 0.0 and tank_fraction > 0.0:
@@ -74,7 +73,6 @@ def disturbances_of(state: JointState, speeds: Spun, inverse: Array, duration_s:
         speeds: of the wheels, those that are believed.
         inverse: what an impulse of them turns the vehicle by, shape (3, 3).
         duration_s: of the interval.
-        params: see `JointParams`.
     """
     unstated = DisturbanceParams(params.unstated, state.stir_s)
     wander = beside(wandered(params.disturbance, duration_s), wandered(unstated, duration_s, state.stir))
@@ -89,10 +87,8 @@ def moving_drift(state: JointState, turned: Array, pushed: Array, duration_s: fl
     share that what is unstated has in what they give. That share comes anew once in its time constant.
 
     Args:
-        state: see `JointState`.
         turned, pushed: changes of w and c by what acts, shape (3,) each.
         duration_s: of the interval.
-        params: see `JointParams`.
     """
     drift = np.zeros(N_PROPERTIES)
     if state.stir == 0.0 or not (turned.any() or pushed.any()):

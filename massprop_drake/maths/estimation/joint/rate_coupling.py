@@ -101,11 +101,9 @@ def coupled_rate(
 
     Args:
         state: before the interval.
-        acting: see `Drive`.
         change: of the rate without coupling, rad/s, shape (3,).
         read: see `RateRead`, and its share, shape (3,).
         momenta: h at the start and the end, shape (2, 3).
-        params: see `JointParams`.
     """
     mean, duration = state.mean, acting.firing.duration_s
     inverse, start, none = picked(mean, ELEMENT), mean[RATE], np.zeros((3, 3))
@@ -152,7 +150,6 @@ def share_of_reading(half: Array, noise: Array, read: RateRead) -> tuple[Array, 
     Args:
         half: root of the covariance of the predicted rate but for the noise, shape (3, k).
         noise: of the interval, shape (6, 6).
-        read: see `RateRead`.
     """
     share, left = np.zeros(3), np.empty(3)
     for axis in range(3):

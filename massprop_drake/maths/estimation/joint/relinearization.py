@@ -39,9 +39,7 @@ def gone_over(
 
     Args:
         state: after the last sample, not guarded.
-        sample: see `JointSample`.
         about: a state's estimate at which it is linearized, shape (size,).
-        params: see `JointParams`.
 
     Returns:
         The state after it, the NIS of the components that counted, and its expectation.
@@ -59,9 +57,7 @@ def relinearized(
 
     Args:
         state: after the last sample, not guarded.
-        sample: see `JointSample`.
         about: a state's estimate with these, shape (size,).
-        params: see `JointParams`.
 
     Returns:
         The state after it, how it went, and NIS of the gyros with its expectation.
@@ -145,7 +141,6 @@ def standing(about: Array, mean: Array, params: JointParams) -> Array:
     Args:
         about: the estimate, shape (size,).
         mean: the other, shape (size,).
-        params: see `JointParams`.
     """
     places, result = params.places, about[:N_PROPERTIES].copy()
     if places.tanks > 0:
@@ -158,13 +153,7 @@ def standing(about: Array, mean: Array, params: JointParams) -> Array:
 
 @kernel
 def _about(mean: Array, about: Array, params: JointParams) -> Array:
-    """Returns an estimate with mass properties, lags, forces and gyros' biases of another, and the rate to match.
-
-    Args:
-        mean: the estimate, shape (size,).
-        about: the other, shape (size,).
-        params: see `JointParams`.
-    """
+    """Returns an estimate with mass properties, lags, forces and gyros' biases of another, and the rate to match."""
     places = params.places
     result = mean.copy()
     result[:N_PROPERTIES] = standing(about, mean, params)

@@ -216,7 +216,6 @@ def link(before: JointState, report: Report, sample: JointSample, params: JointP
 
     Args:
         before, report, sample: see `traces`.
-        params: see `JointParams`.
     """
     return linked(traces(before, report, sample), params)
 
@@ -287,7 +286,6 @@ def informed(columns: Array, over: Link, places: Places) -> Array:
     Args:
         columns: errors before that, shape (size, h).
         over: the cycle.
-        places: see `Places`.
     """
     if over.crossing_half_gain.any():
         columns = columns - over.crossing_half_gain @ (over.crossing_rows @ columns)
@@ -307,7 +305,6 @@ def carried(columns: Array, forcing: Array, over: Link, places: Places) -> Array
         columns: errors before the interval, shape (size, h).
         forcing: what acts on w and c over it, shape (6, h).
         over: the interval.
-        places: see `Places`.
     """
     after = columns.copy()
     after[RATE] += over.rate_rows @ columns + forcing[:3]
@@ -353,7 +350,6 @@ def impulse_columns(columns: Array, over: Link, places: Places) -> Array:
     Args:
         columns: changes, rad/s and ft/s or m/s, shape (6, n).
         over: the interval.
-        places: see `Places`.
     """
     result = np.zeros((places.size, columns.shape[1]))
     result[RATE] = columns[:3]

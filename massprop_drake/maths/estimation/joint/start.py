@@ -108,7 +108,6 @@ def followed(
         before: the filter's state before it.
         done: its own state after it, and what it says.
         latest: its sample.
-        params: see `JointParams`.
     """
     after, report = done
     if not start.under_way:

@@ -98,7 +98,6 @@ def drawn(properties: Array, fill: Array, used: Array, scale: float, tanks: Tank
         fill: p_k, shape (n,).
         used: q_k, shape (n,).
         scale: 1 + sigma_T s.
-        tanks: see `TankParams`.
     """
     n = used.shape[0]
     change, by_used, by_state = np.zeros(_N + n), np.zeros((_N + n, n)), np.zeros((_N + n, _N + n))

@@ -37,7 +37,6 @@ def partitioned(state: JointState, amount: Array, params: JointParams) -> JointS
     Args:
         state: before an interval.
         amount: seconds for which each jet fires in it, shape (n_jets,).
-        params: see `JointParams`.
     """
     places, fires = params.places, amount > 0.0
     if places.n_scale == 0 or not fires.any() or state.root[places.scale].any():
@@ -72,9 +71,7 @@ def reported_force(state: JointState, slot: int, params: JointParams) -> tuple[f
     """Computes the force of a failed jet with the scale in it, and its 1-sigma, lbf or N.
 
     Args:
-        state: see `JointState`.
         slot: of the force.
-        params: see `JointParams`.
     """
     row = params.places.force + slot
     force, root = float(state.mean[row]), state.root[row]

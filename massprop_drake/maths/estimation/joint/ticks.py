@@ -225,7 +225,6 @@ def elapsed(
         clock: after the last reading.
         stamp_s: of this one, later.
         commands: of the row before, NaN where not known, and of this row, None: not known yet.
-        pace: see `Pace`.
     """
     (told, coming), (period_s, at_stamps) = commands, pace
     length = stamp_s - clock.stamp_s
@@ -258,15 +257,7 @@ def begun(stamp_s: float, told: Commanded) -> Clock:
 
 
 def _stamped(clock: Clock, stamp_s: float, since: tuple[int, float], sigma_s: Array, jitter: float) -> Clock:
-    """Updates the clock with one more stamp, before it is known what acted by then; as `stamped` has it.
-
-    Args:
-        clock: before, with a line.
-        stamp_s: later.
-        since: number of periods since the last tick, and the period.
-        sigma_s: of offset and period error where a line begins, shape (2,).
-        jitter: see `Timing`.
-    """
+    """Updates the clock with one more stamp, before it is known what acted by then; as `stamped` has it."""
     line_s, number = clock.tick_s + since[0] * since[1], clock.number + since[0]
     noise = _NOISE * np.array([[sigma_s[0], -number * sigma_s[1]], [0.0, sigma_s[1]]])
     covariance, row = clock.covariance + noise @ noise.T, np.array([1.0, number])
@@ -386,7 +377,6 @@ def stamped(state: JointState, timing: Timing, params: JointParams) -> tuple[Joi
     Args:
         state: before.
         timing: of the interval.
-        params: see `JointParams`.
     """
     places = params.places
     row, gain, correction = np.zeros(places.size), np.zeros(places.size), np.zeros(places.size)

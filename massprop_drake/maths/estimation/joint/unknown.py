@@ -53,8 +53,6 @@ def directions(mean: Array, firing: Firing, params: JointParams) -> Directions:
 
     Args:
         mean: state's estimate, shape (size,).
-        firing: see `Firing`.
-        params: see `JointParams`.
     """
     basis, dual = np.zeros((6, 6)), np.zeros((6, 6))
     if not firing.unknown.any():
@@ -89,7 +87,6 @@ def indifferent(rate_rows: Array, velocity_rows: Array, anything: Directions) ->
 
     Args:
         rate_rows, velocity_rows: of all, shape (3, size) each.
-        anything: see `Directions`.
     """
     if anything.number == 0.0:
         return rate_rows, velocity_rows
@@ -106,8 +103,6 @@ def shown_by(error: Array, mean: Array, firing: Firing, anything: Directions, pa
         error: of the predicted changes of w and c by the readings, NaN where none is there, shape (6,).
         mean: state's estimate, shape (size,).
         firing: as predicted.
-        anything: see `Directions`.
-        params: see `JointParams`.
     """
     if np.isnan(error).any():
         return firing

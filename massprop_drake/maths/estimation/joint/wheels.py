@@ -81,7 +81,6 @@ def spun(before: Array, read: Array, duration_s: float, wheels: WheelParams) -> 
         before: speeds that were read last, NaN where none has been, rad/s, shape (n,).
         read: at the end of the interval, NaN where missing, rad/s, shape (n,).
         duration_s: T.
-        wheels: see `WheelParams`.
     """
     missing = np.isnan(read)
     last = np.where(missing, before, read)
@@ -104,7 +103,6 @@ def believed(speeds: Spun, assumed: Array, duration_s: float, wheels: WheelParam
         speeds: as they are read.
         assumed: speed of each wheel whose readings are not believed, NaN: they are, rad/s, shape (n,).
         duration_s: of the interval.
-        wheels: see `WheelParams`.
     """
     if np.isnan(assumed).all():
         return speeds
@@ -136,9 +134,7 @@ def momenta(speeds: Spun, factors: Array, wheels: WheelParams) -> Array:
     """Computes angular momentum h at the start and at the end of an interval, body axes, shape (2, 3).
 
     Args:
-        speeds: see `Spun`.
         factors: 1 + sigma p_k, shape (n,).
-        wheels: see `WheelParams`.
     """
     result = np.zeros((2, 3))
     for k in range(factors.shape[0]):
@@ -153,10 +149,8 @@ def exchanged(speeds: Spun, start: Array, end: Array, duration_s: float, wheels:
     """Computes angular impulse E_k by each wheel, shape (n, 3).
 
     Args:
-        speeds: see `Spun`.
         start, end: w0 and w1, rad/s, shape (3,).
         duration_s: T.
-        wheels: see `WheelParams`.
     """
     result = np.zeros((speeds.end.shape[0], 3))
     for k in range(result.shape[0]):
@@ -173,10 +167,8 @@ def misread(wander: Wander, speeds: Spun, inverse: Array, turned: Array, wheels:
 
     Args:
         wander: of the disturbance alone.
-        speeds: see `Spun`.
         inverse: J, in the scale of known impulses, shape (3, 3).
         turned: integral of the rate over the interval, rad, shape (3,).
-        wheels: see `WheelParams`.
     """
     n, others = speeds.end.shape[0], wander.kept.shape[0]
     if n == 0:
