@@ -44,7 +44,6 @@ def tracked_params(**changed: object) -> JointParams:
 PARAMS = tracked_params()
 PLACES = PARAMS.places
 ATTITUDE = slice(PLACES.attitude, PLACES.attitude + 3)
-UNSEEN = np.full((1, 3), np.nan)
 BORDER = np.sqrt((np.log(0.98 / 0.02) + 1.5 * np.log(100.25 / 1.25)) / (0.5 / 1.25 - 0.5 / 100.25))
 
 

@@ -29,7 +29,6 @@ from massprop_drake.maths.mass_properties import MassProperties
 from massprop_drake.maths.vehicle import rigid_body
 
 PARAMS = small_params(second_order=False)
-SECOND = small_params()
 PLACES = PARAMS.places
 SAMPLE = some_sample(PARAMS, outside=np.array([0.01, -0.02, 0.03, 0.02, 0.01, -0.03]))
 ALONE = some_sample(PARAMS)  # without known outside forces

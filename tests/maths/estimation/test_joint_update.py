@@ -165,13 +165,6 @@ def test_the_last_reading_before_a_change_is_taken_in_with_its_own_state_and_onc
     np.testing.assert_array_equal(report.course.crossing.correction, told.correction)
 
 
-@pytest.mark.parametrize(("first", "later"), [((0, 1), 0), ((0, 0, np.nan), 1)])
-def test_nothing_is_taken_in_again_or_across_a_missing_reading(first: tuple[float, ...], later: float) -> None:
-    state = after(*first)
-    assert state.fresh[0] == 0.0
-    assert not taken_in(state, later, len(first))[1].rows.any()
-
-
 def test_rebase_keeps_outputs_and_their_covariance() -> None:
     state = some_state(PARAMS)
     now = rebased(state, PARAMS)
