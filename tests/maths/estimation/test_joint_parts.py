@@ -233,7 +233,7 @@ PRODUCTS = {
 @pytest.mark.parametrize("name", PRODUCTS)
 def test_products_of_errors_count(name: str) -> None:
     """Mean and covariance of their products with errors of center of mass or inertia, by drawn errors."""
-    (plain, own, times), rng, draws = PRODUCTS[name], np.random.default_rng(3), 120
+    (plain, own, times), rng, draws = PRODUCTS[name], np.random.default_rng(3), 150
     params, state = plain._replace(second_order=True), some_state(plain)
     others = INERTIA if name == "wheels" else CENTER
     root, rows = 0.0 * state.root, np.r_[others, own]
