@@ -54,7 +54,7 @@ from massprop_drake.maths.estimation.joint.propagation import propagated
 from massprop_drake.maths.estimation.joint.sensitivity import link
 from massprop_drake.maths.estimation.joint.tanks import TankParams, drawn
 from massprop_drake.maths.estimation.joint.wheels import UNSPUN, Spun, WheelParams
-from massprop_drake.maths.estimation.swings import Locked, with_modes
+from massprop_drake.maths.estimation.offline.swings import Locked, with_modes
 from massprop_drake.maths.linear_algebra import Array, skew
 from massprop_drake.maths.mass_properties import ELEMENT, MassProperties, six_elements
 from massprop_drake.maths.vehicle.depletion import Tanks, emptied

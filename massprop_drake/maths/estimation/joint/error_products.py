@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprop_drake.maths.estimation.filters.rotation_filter import second_order_terms
+from massprop_drake.maths.estimation.filters.rate_increments import second_order_terms
 from massprop_drake.maths.estimation.joint.burns import EngineImpulse
 from massprop_drake.maths.estimation.joint.forcing import Drive, slot_weight, wheel_factors
 from massprop_drake.maths.estimation.joint.lagged_impulses import Firing, moments_of

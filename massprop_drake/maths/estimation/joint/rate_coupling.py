@@ -34,7 +34,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.filters.rotation_filter import angular_block
+from massprop_drake.maths.estimation.filters.rate_increments import angular_block
 from massprop_drake.maths.estimation.joint.forcing import Drive, bows_of_thrust
 from massprop_drake.maths.estimation.joint.layout import INERTIA, N_PROPERTIES, RATE, JointParams, JointState
 from massprop_drake.maths.kernels import kernel, numbers, picked
