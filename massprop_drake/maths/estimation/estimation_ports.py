@@ -471,6 +471,7 @@ def judged(vector: Array, time_s: float, command: Array, told: Array, seen: Arra
 
     Args:
         vector: state, packed as `cglr.LAYOUT`.
+        time_s, command: see `detector.Evidence`.
         told: impulses, packed as `impulses.LAYOUT`.
         seen: by the filters, packed as `filter.JOINT`.
         held: holder of `Judging`.

@@ -76,7 +76,8 @@ class Quiet:
         """Takes rows that cycles are to go through, and those that they fill in.
 
         Args:
-            beside: tracked readings and onsets, see `besides`.
+            samples, stamps_s: see `JointDesk`.
+        beside: tracked readings and onsets, see `besides`.
             rows: to be filled in.
         """
         self._samples, self._besides = samples, besides(samples.time_s.size, self._places, *beside)

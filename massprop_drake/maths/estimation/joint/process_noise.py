@@ -57,6 +57,7 @@ def propellant_drift(properties: Array, used: float, tank_fraction: float, arm: 
     Args:
         properties: the ten parameters, shape (10,) or more.
         used: mass of it, slug or kg.
+        tank_fraction, arm: see `JointParams`.
     """
     share = properties[MASS] * used
     if share > 0.0 and tank_fraction > 0.0:

@@ -146,6 +146,7 @@ def begin(
 
     Args:
         start: state where it begins, and the cycle after which that is.
+        onsets, gaps: see `Screen`.
         read: readings then, shape (m,).
         single: whether it is about single jets alone, which takes far less.
     """
