@@ -1,14 +1,10 @@
-r"""Impulses on the vehicle over an interval, and their derivatives by the errors of what gives them.
+"""Impulses on the vehicle over an interval, and their derivatives by the errors of what gives them.
 
-*Forces of failed jets.* A slot's force f acts for all of T on top of what its jet is told to give (a leak), for the
-time that the jet's level leaves, T - L (it is stuck on), or is missing for the time L (it gives less). In the last two
-cases the lag of that jet counts for 1 - f/F.
-
-*Wheels* turn the vehicle by what their momentum h changes by, and by what turning h takes, see `wheels`: a has -(h1 -
-h0), and in the coupling l = J^-1 w + h, each of them at its end of the interval.
-
-*The common thrust scale* s (`thrust_scale`) is not seen by what jets do, but known outside forces, engines and wheels
-are not scaled with them: they enter by 1 - sigma_T s.
+A slot's force f of a failed jet acts for all of T on top of what its jet is told to give (a leak), for the time that
+the jet's level leaves, T - L (it is stuck on), or is missing for the time L (it gives less). In the last two cases
+the lag of that jet counts for 1 - f/F. Wheels turn the vehicle by what their momentum h changes by, and by what
+turning h takes. Known outside forces, engines and wheels are not in the common thrust scale s: they enter by 1 -
+sigma_T s.
 """
 
 from __future__ import annotations
@@ -276,6 +272,6 @@ def with_wheels(rows: Array, mean: Array, exchange: Array, scale: float, params:
 
 @kernel
 def bows_of_thrust(state: JointState, acting: Drive, params: JointParams) -> Array:
-    """Computes angular impulses of the bows by thrust that builds up or tails off, see the module, shape (3, 3)."""
+    """Computes angular impulses of the bows by thrust that builds up or tails off: mean, first moment, RMS, shape (3, 3)."""
     _, lagged = thrust_factors(state, params)
     return moments_of((acting.firing.bow * lagged) @ wrenches_of(state.mean, params), state.mean)

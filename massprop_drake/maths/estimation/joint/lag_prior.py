@@ -1,16 +1,7 @@
-r"""Prior of each kind's lag: as the file states it, or, with a probability of 1 %, anything from zero to three times.
+"""Prior of each kind's lag: as the file states it, or, with a probability of 1 %, anything from zero to three times.
 
-The error p of a lag, in units of its sigma, has the stated prior N(0, s^2) or the wide one N(a, S), of the mean and
-variance of what is uniform from tau = 0 to 3 tau_0. A filter has one of the two. By the other its p has, instead of
-N(m, v),
-
-    1/v' = 1/v - 1/s^2 + 1/S,    m'/v' = m/v + a/S,
-
-all else follows by its covariance with p, and the readings so far are likelier by
-
-    2 ln R = ln(v'/v) - ln(S/s^2) + m'^2/v' - m^2/v - a^2/S.
-
-That is exact for a filter that is linear in p. Once the wide prior is the likelier one, the filter has it from then on.
+Equations: theory page of the joint filter, "Lag". The mixture's other component is exact for a filter that is linear
+in p. Once the wide prior is the likelier one, the filter has it from then on.
 """
 
 from __future__ import annotations

@@ -1,20 +1,13 @@
-r"""Readings of gyros, integrating accelerometers and trackers of attitude, and which of them count.
+"""Readings of gyros, integrating accelerometers and trackers of attitude, and which of them count.
 
-    gyro g            y = w + sigma_g b_g
-    accelerometer s   y = c_s + O rho_s,    rho_s = p_s - r,    O = [(w - w_ref) x] + C
-    tracker           y = psi
+Equations: theory page of the joint filter, "Measurement", with O = [(w - w_ref) x] + C, C the integral of [w x]^2 dt
+since the last rebase and w_ref the rate then. Derivatives: 1 by c_s, -[rho_s x] by w, -O by r; C is taken as known.
 
-with C the integral of [w x]^2 dt since the last rebase, w_ref the rate then. Derivatives: 1 by c_s, -[rho_s x] by w,
--O by r; C is taken as known.
-
-A reading that stays in its cell repeats one constraint; where it changes, the last one before and the first one after
-say together when a mark was crossed. So a reading of a sensor whose noise does not dither it counts when
+A reading of a sensor whose noise does not dither it counts when
 
     it differs from the one before,    it is the one before that,    |y - y^| > q/2 + 3 s,    or    sqrt(h^T P h) > q/2.
 
-`quantized` says what it then tells. One that stays where it was, off its prediction, says that this is worse than
-believed: it is taken for a reading with rounding as noise, or the same cell again and again would be believed ever
-more. A reading that is missing (NaN) does not count.
+`quantized` says what it then tells. One that is missing (NaN) does not count.
 """
 
 from __future__ import annotations

@@ -1,19 +1,9 @@
-r"""Prediction of the joint state over one interval, exact in its length, and its linearization.
+"""Prediction of the joint state over one interval, exact in its length, and its linearization.
 
-    w   <- w + h + b2 + g          h = J (a + lambda x r)
-    c_s <- c_s + lambda mu + beta_s T
-    mu  <- mu + mu^2 sum_j m'_j L_j
-    psi <- what the rate turns it to, see `orientation`
-    z   <- what is left of it, see `disturbance` and `wheels`, whose accelerations w and c_s get besides
-    J, r, p: by what is drawn from tanks, see `tanks`
-    eta <- what all this drives modes to, see `joint.modes`, which w and c_s feel in turn
-
-with a and lambda the impulses about the vehicle origin of all jets, the sum of W_j L_j (1 + sigma_T b_j) with L_j the
-seconds of full thrust of `impulses`, of the forces of failed jets, of engines, and of known outside forces. While mu
-falls, c gathers lambda at its mean over the interval.
-
-Impulses stand in `forcing`, the products of errors in `error_products`, dynamic coupling and turning in
-`rate_coupling`, white noise and drifts in `process_noise`; `propagation` takes the covariance over the interval.
+Equations: theory page of the joint filter, "Prediction"; a and lambda are the impulses about the vehicle origin, L_j
+the seconds of full thrust. While mu falls, c gathers lambda at its mean over the interval. Impulses stand in
+`forcing`, the products of errors in `error_products`, dynamic coupling and turning in `rate_coupling`, white noise
+and drifts in `process_noise`; `propagation` takes the covariance over the interval.
 """
 
 from __future__ import annotations

@@ -1,31 +1,11 @@
-r"""Dynamic coupling of a rate that is linear in time but for its bows, and the turning of accelerometers.
+"""Dynamic coupling of a rate that is linear in time but for its bows, and the turning of accelerometers.
 
-*Dynamic coupling*, exact for a rate that is linear in time from w0 to w1: with l = J^-1 w,
-
-    g = -T J t,    t = w0 x u0 + w1 x u1,    u0 = (2 l0 + l1)/6,    u1 = (l0 + 2 l1)/6.
-
-Thrust that builds up or tails off bows the rate. With dL, dL' and dL" the angular impulses of the bows' mean, first
-moment and root mean square (`impulses`), the mean of w w^T over the interval grows by that of the products with the
-line and with each other, so
-
-    t += w_mean x dL + J dL x l_mean + (w1 - w0) x dL' + J dL' x (l1 - l0) + J dL" x dL".
-
-The last is exact where all jets that switch are bowed alike, and close to that otherwise. Coupling itself, whose torque
-is close to linear in time, bows the rate to a parabola: dL += (w1 x l1 - w0 x l0) T/12, dL" by (6/5)^1/2 of that.
-Coupling counts from when the diagonal of J is known to half its size; before, the most that it can be for any body,
-|w|^2 T, is noise on w: else what an open-loop drift does would be taken for what J and r are to explain. w1 is the
-predicted rate, coupling included, as the reading less its bias corrects it, axis by axis; where that is missing, as it
-is: an equation for w1, which is solved to the last digits, for what is left of it has one sign while a vehicle turns
-fast, and gathers. The derivatives follow.
-
-*Turning.* An accelerometer at rho from the center of mass gathers O rho besides, of which `measurement` adds what the
-rates say. What these are off by stays in it, and the same error of the rate turns every sample the same way: it is no
-noise. So the integral of w x (w x rho) is linearized at w0 and w1, for the same rate that is linear in time,
-
-    D0 = T (G(w0)/3 + G(w1)/6),    D1 = T (G(w1)/3 + G(w0)/6),    G(w) = w rho^T + (w . rho) 1 - 2 rho w^T,
-
-c gathers D0 by the error of w0 and D1 by that of the predicted w1, and D1 times what the linearization's w1 lies off
-the predicted one. The error of w1 after its reading, of the variance v, times that of r is noise on c, v tr P_rr.
+Equations: theory page of the joint filter, "Prediction" and "Measurement", with g, t, u0 = (2 l0 + l1)/6, u1 = (l0 +
+2 l1)/6, the bows' angular impulses dL, dL' and dL" (mean, first moment, root mean square), and D0, D1, G as there.
+The root mean square is exact where all jets that switch are bowed alike, and close to that otherwise. Before coupling
+counts, the most that it can be for any body, |w|^2 T, is noise on w: else an open-loop drift would be taken for what
+J and r are to explain. w1, coupling included, is solved for to the last digits: what is left of its equation has one
+sign while a vehicle turns fast, and gathers.
 """
 
 from __future__ import annotations

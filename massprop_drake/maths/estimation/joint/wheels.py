@@ -1,21 +1,12 @@
-r"""Reaction wheels, whose momentum is exchanged with the vehicle: a scale that does not depend on thrust.
+"""Reaction wheels, whose momentum is exchanged with the vehicle: a scale that does not depend on thrust.
 
-Wheel k with the inertia J_k about its axis a_k turns at W_k relative to the vehicle, h = sum J_k W_k a_k. With I the
-inertia of the vehicle with its wheels locked (Hughes, Spacecraft Attitude Dynamics, chapter 3),
-
-    d(I w + h)/dt + w x (I w + h) = torque.
-
-To the vehicle a wheel is so a known angular impulse, for speeds that are linear in time over an interval T and rates
-that are linear too,
+Equations: theory page of the joint filter, "Reaction wheels" (Hughes, Spacecraft Attitude Dynamics, chapter 3). For
+speeds and rates that are linear in time over an interval T, wheel k of inertia J_k is a known angular impulse,
 
     E_k = -J_k [ (W1 - W0) a_k + T w0 x a_k (2 W0 + W1)/6 + T w1 x a_k (W0 + 2 W1)/6 ].
 
-Known impulses are not scaled with thrust (`thrust_scale`): with wheels the common scale s is seen, and with it inertia
-and mass. J_k (1 + sigma p_k) are parameters.
-
-*Readings of speeds* have errors sigma_W z_k, which are states beside those of a disturbance: they come anew with each
-reading, and what is true less what is read of the impulse in between is J_k sigma_W (z1 - z0) a_k: nothing gathers.
-While a speed is not read it counts as what was read last, and z_k grows by all that the wheel may be accelerated.
+Errors of read speeds are states z_k that come anew with each reading: nothing gathers. While a speed is not read it
+counts as what was read last, and z_k grows by all that the wheel may be accelerated.
 """
 
 from __future__ import annotations
