@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.joint_cycle import initial
+from massprop_drake.maths.estimation.joint.beginning import initial
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES
 from massprop_drake.maths.linear_algebra import Array, scaled_inverse
 from massprop_drake.maths.maneuver.actions import Craft, candidates

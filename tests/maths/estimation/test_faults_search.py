@@ -16,7 +16,7 @@ from massprop_drake.maths.estimation.faults.search import BEGUN, OVER, SearchOut
 from massprop_drake.maths.estimation.filter import Told
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams
-from massprop_drake.maths.estimation.joint import joint_cycle
+from massprop_drake.maths.estimation.joint import relinearization
 from massprop_drake.maths.estimation.joint.hypotheses import Cause, Kind, slot_of
 from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams
@@ -190,7 +190,7 @@ def test_a_pass_is_linear_in_the_force_it_estimates(kept: StartSearch, params: J
 
     def after(share: float) -> np.ndarray:
         mean = (1.0 - share) * state.mean + share * there
-        return joint_cycle.relinearized(state._replace(mean=mean), sample, about, own)[0].mean
+        return relinearization.relinearized(state._replace(mean=mean), sample, about, own)[0].mean
 
     scale = np.maximum(np.abs(after(1.0) - after(0.0)), 1e-9)
     np.testing.assert_allclose((after(0.3) - 0.7 * after(0.0) - 0.3 * after(1.0)) / scale, 0.0, atol=1e-6)

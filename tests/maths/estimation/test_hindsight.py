@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
-from massprop_drake.maths.estimation.joint.joint_cycle import JointSample
+from massprop_drake.maths.estimation.joint.forcing import drive
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import make_places
 from massprop_drake.maths.estimation.joint.measurement import outputs
-from massprop_drake.maths.estimation.joint.prediction import drive, predict, propellant_drift
+from massprop_drake.maths.estimation.joint.prediction import predict
+from massprop_drake.maths.estimation.joint.process_noise import propellant_drift
 from massprop_drake.maths.estimation.joint.ticks import on_ticks
 from massprop_drake.maths.estimation.joint.wheels import NO_WHEELS, WheelParams
 from massprop_drake.maths.estimation.offline.flight_bound import least_deviation

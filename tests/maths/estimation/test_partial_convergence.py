@@ -9,7 +9,7 @@ import pytest
 
 from massprop_drake import load_scenario, simulate
 from massprop_drake.inputs import params as inputs
-from massprop_drake.maths.estimation.joint import joint_cycle
+from massprop_drake.maths.estimation.joint import beginning
 from massprop_drake.maths.estimation.joint.guard import knows_rotation
 from massprop_drake.maths.estimation.joint.lagged_impulses import effects_of
 from massprop_drake.maths.estimation.joint.layout import MASS, JointParams
@@ -42,7 +42,7 @@ def params() -> JointParams:
 def test_rotation_is_known_whatever_the_mass_and_not_without_any_other(
     row: int, matters: bool, params: JointParams
 ) -> None:
-    state = joint_cycle.initial(params)
+    state = beginning.initial(params)
     assert not knows_rotation(state, params)  # 30 %
     state = state._replace(root=0.1 * state.root)
     assert knows_rotation(state, params)

@@ -8,7 +8,8 @@ import pytest
 
 from massprop_drake import Scenario
 from massprop_drake.inputs import params
-from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, begun, initial
+from massprop_drake.maths.estimation.joint.beginning import begun, initial
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import RATE, JointParams
 from massprop_drake.maths.estimation.joint.orientation import UNTURNED
 from massprop_drake.maths.estimation.joint.ticks import on_ticks

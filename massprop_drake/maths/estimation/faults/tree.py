@@ -37,7 +37,8 @@ from massprop_drake.maths.estimation.faults.search import SearchOutcome
 from massprop_drake.maths.estimation.joint import bank as banks
 from massprop_drake.maths.estimation.joint.guard import unguarded
 from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Kind, Runner, prepared
-from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence, JointSample, step
+from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence, step
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.sensitivity import Link
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError

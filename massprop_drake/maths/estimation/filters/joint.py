@@ -31,12 +31,13 @@ from massprop_drake.maths.estimation.filter import (
     telling,
 )
 from massprop_drake.maths.estimation.filters.kept_joint_states import refusals
-from massprop_drake.maths.estimation.joint import disturbance_states, joint_cycle, ticks
+from massprop_drake.maths.estimation.joint import beginning, disturbance_states, joint_cycle, ticks
 from massprop_drake.maths.estimation.joint import start as starts
 from massprop_drake.maths.estimation.joint.burns import EngineSettings, at_rest, burnt
 from massprop_drake.maths.estimation.joint.guard import knows_rotation
 from massprop_drake.maths.estimation.joint.hypotheses import without_increments
-from massprop_drake.maths.estimation.joint.joint_cycle import UNTRACKED, JointEvidence, JointSample
+from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence
+from massprop_drake.maths.estimation.joint.joint_sample import UNTRACKED, JointSample
 from massprop_drake.maths.estimation.joint.lagged_impulses import effects_of
 from massprop_drake.maths.estimation.joint.layout import (
     RATE,
@@ -254,7 +255,7 @@ def _root(covariance: Array) -> Array:
 def initial(params: JointFilterParams) -> JointFilterState:
     """Returns the state before the first sample."""
     clock, unread = ticks.started(0.0, np.zeros(params.joint.places.jets)), np.full(params.joint.places.wheels, np.nan)
-    begun = _reporting(joint_cycle.initial(params.joint), clock, params)
+    begun = _reporting(beginning.initial(params.joint), clock, params)
     return begun._replace(start=starts.BEGUN, speeds=unread, setting=at_rest(params.joint.places.engines))
 
 
