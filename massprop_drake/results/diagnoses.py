@@ -389,9 +389,6 @@ def _scattered(parts: Sequence[Stretch], fit: FlightFit, made: FlightModel, name
     """Finds readings with larger residuals than stated: drifting, while the rate changes fast, or all of a package.
 
     Args:
-        parts: of the record.
-        fit: of them.
-        made: see `model`.
         names: of sensors, and units.
     """
     quick, quiet = fit.normal.quick, fit.normal.quiet

@@ -103,8 +103,6 @@ def _burns(scenario: Scenario, block: dict[str, Array], before: EngineSettings |
     """Computes the state of the engines in some rows.
 
     Args:
-        scenario: as run.
-        block: the rows.
         before: setting of the engines at the first row; None: it is that of the record.
     """
     vehicle, rows = scenario.vehicle_data, block["time_s"].size

@@ -205,7 +205,6 @@ def _known_one(
         each: hypothesis of which they are children.
         causes: of the proposals.
         since_s: time from which on they may have happened; what is said to have before is no proposal of these.
-        among: all hypotheses that there are.
     """
     n, found = len(each.events), list[tuple[int, Hypothesis]]()
     best = max(other.weight for other in among)
@@ -239,8 +238,6 @@ def _alike(
     Args:
         each: hypothesis of which they are children.
         causes: of the proposals, likeliest first.
-        alarm: see `Alarm`.
-        among: all hypotheses that there are.
     """
     first, since_s = alarm.screen.onsets[0], alarm.states[0].time_s
     best = max(other.weight for other in among)
@@ -337,12 +334,7 @@ def _child(
     """Makes a hypothesis of a proposal.
 
     Args:
-        each: its parent.
-        one: see `Contender`.
-        prior: see `_log_prior`.
-        alarm: see `Alarm`.
         at: place of the state from which its filter goes on, cycle of its onset, and cycles that the onset was of.
-        params: see `Params`.
     """
     place, onset, apart = at
     begins, state, score = alarm.screen.onsets[place], alarm.states[place], alarm.scores[place]
@@ -470,10 +462,7 @@ def _jumps(each: Hypothesis, alarm: Alarm, level: float, params: Params) -> list
     The first order, which is of the screen's beginning alone, may miss a share of what there is to explain.
 
     Args:
-        each: the hypothesis.
-        alarm: see `Alarm`.
         level: log weight over that of the likeliest that a lead of zero stands for.
-        params: see `Params`.
     """
     screen, found = alarm.screen, list[Birth]()
     least = (1.0 - _BENT) * 0.5 * screen.misfit - _NEAR
@@ -494,11 +483,7 @@ def _false(each: Hypothesis, alarm: Alarm, entry: float, cycle: int, params: Par
     Of several trackers one that jumps contradicts the others, and lies.
 
     Args:
-        each: the hypothesis.
-        alarm: see `Alarm`.
         entry: log weight, over that of the likeliest, of what explains all.
-        cycle: number of the newest sample.
-        params: see `Params`.
     """
     joint, found = params.joint, list[Birth]()
     places, inverse = joint.places, each.run.state.mean[:6][ELEMENT]
@@ -527,9 +512,7 @@ def _of_engines(each: Hypothesis, finest: float, params: JointParams) -> list[tu
     """Proposes failures of the engines that burn, with the change of each in log likelihood, nats.
 
     Args:
-        each: the hypothesis.
         finest: 1-sigma of the best gyro's reading, rad/s.
-        params: see `JointParams`.
     """
     burn, mean, found = each.watch.records[-1].sample.burn, each.run.state.mean, list[tuple[Cause, float]]()
     inverse, seconds = mean[:6][ELEMENT], each.watch.records[-1].link.duration_s

@@ -189,9 +189,6 @@ def _watched_from(
         before: that state.
         each: the hypothesis before the cycle.
         evidence: of the leader's cycle.
-        cycle: its number.
-        params: without increments.
-        likely: see `watched`.
     """
     after, report = step(before, evidence.sample, params)
     after = unguarded(after) if evidence.report.starting else after
@@ -205,8 +202,6 @@ def _surprised(hypotheses: list[Hypothesis], best: float, cycle: int, params: Pa
     Args:
         hypotheses: after it.
         best: log weight of the likeliest before it.
-        cycle: its number.
-        params: see `Params`.
     """
     now = max(each.weight for each in hypotheses)
     return [

@@ -229,7 +229,6 @@ def _at_most(way: Way, share: float, tree: Tree) -> float:
     Args:
         way: the failure.
         share: its probability among what has been heard.
-        tree: see `Tree`.
     """
     waiting = _waiting(tree, lambda child: _has(way, child)) if share < 0.5 else 0.0
     return (share + waiting) / (1.0 + waiting)

@@ -17,7 +17,6 @@ def _standing(at: Array, seconds: Array, model: FlightModel, more: Array | None 
     Args:
         at: all unknowns, of the end, shape (n,).
         seconds: of full thrust of each jet until then, and from then to the end, shape (..., 2, n_jets).
-        model: see `FlightModel`.
         more: further propellant that is still to be drawn from each tank, shape (n_tanks,).
     """
     places, tanks = columns(model), model.tanks

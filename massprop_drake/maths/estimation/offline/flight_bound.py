@@ -164,8 +164,6 @@ def _learned(before: Array, shown: _Shown, drift: Array, used: Array) -> Array:
 
     Args:
         before: shape (u, u).
-        shown: see `_Shown`.
-        drift: see `least_deviation`.
         used: propellant in each part, shape (p,).
     """
     u, size = before.shape[0], shown.information.shape[1]

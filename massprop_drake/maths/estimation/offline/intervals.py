@@ -472,7 +472,6 @@ def _widened(linear: _Linear, error: float, solve: Solve) -> tuple[Array | None,
     Args:
         linear: about a point amid them.
         error: of the model, by which cells are wider besides, quanta.
-        solve: see `Solve`.
 
     Returns:
         Points as `extremes` gives them, None where departures grow with the cells; and the largest departure, quanta.

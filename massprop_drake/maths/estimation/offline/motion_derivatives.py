@@ -118,10 +118,6 @@ def _of_stretch(
 
     Args:
         found: derivatives of rate and velocity without these, shape (n, 3, m) each.
-        kept, place: see `MotionDerivatives`.
-        expected: see `ExpectedMotion`.
-        at: all unknowns, shape (n,).
-        model: see `FlightModel`.
     """
     read, places, by_center = expected.course.read, columns(model), None
     if read.through is not None:
@@ -141,11 +137,8 @@ def _with_modes(
     """Adds the effects of modes to derivatives of rate and velocity, those by eta and eta' at the beginning last.
 
     Args:
-        expected: see `ExpectedMotion`.
         locked: derivatives of rate and velocity with the modes locked, shape (k, 3, m) each.
         moving: places of the errors of the parts among them, shape (p,).
-        at: all unknowns, shape (n,).
-        model: see `FlightModel`.
     """
     swings, k = with_swings(expected, locked, at, model), locked[0].shape[0]
     own = np.concatenate((np.arange(k), np.arange(k + moving.size, swings.by_rate.shape[0])))
@@ -163,9 +156,7 @@ def _from_middle(
     Args:
         found: of rate and velocity, shape (n, 3, m) each.
         kept: unknowns of the first k of these, the ten parameters first.
-        expected: see `ExpectedMotion`.
         at: all unknowns about the middle, shape (n,).
-        model: see `FlightModel`.
     """
     read, places, k = expected.course.read, columns(model), kept.size
     through = read.through
@@ -227,7 +218,6 @@ def _by_bias_of(held: Array, turned: Array, lengths_s: Lengths) -> Array:
     Args:
         held: momentum of the wheels at the rows, shape (3, m).
         turned: rate by a torque of one over an interval, or over a second, shape (3, 3).
-        lengths_s: of the intervals.
     """
     summed = accumulated(weighed_by_length(0.5 * (held[:, :-1] + held[:, 1:]), lengths_s))
     return np.asarray(np.einsum("ij,kjm->kim", turned, np.einsum("jkl,lm->kjm", CROSS, summed)))

@@ -270,7 +270,6 @@ def _pushed(after: Array, jacobian: Array, acting: _Acting, known: tuple[PoseBan
         after, jacobian: filled in so far.
         acting: see there.
         known: the bank before, and torque and force.
-        params: see `PoseParams`.
     """
     parts, duration, (bank, outside) = params.parts, acting.duration, known
     torque, force = np.split(outside / params.nominal_mass, 2)
@@ -464,7 +463,6 @@ def _noise(acting: _Acting, product: Array, spread: Array, params: PoseParams) -
         acting: see there.
         product: covariance on the rate of products of errors, shape (n_filters, 3, 3).
         spread: of products of errors of g and of J, shape (n_filters, n_jets, n_jets).
-        params: see `PoseParams`.
     """
     parts, free, duration = params.parts, params.free, acting.duration
     count, n_jets = acting.once.shape
