@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from faults_probe import commands_of, fail, flight, known_vehicle, make_params, push
 from joint_probe import PERIOD, some_sample, unread
 
@@ -60,20 +59,6 @@ def test_it_stays_as_strong_as_it_is_while_nothing_is_read() -> None:
     turned = np.sqrt(np.sum(root[RATE] ** 2, axis=1))
     given = STIRS[4][0] * PERIOD * JOINT.unstated.diagonal()[:3]
     assert (turned > 0.95 * given).all()
-
-
-def test_while_jets_fire_parameters_walk_by_the_share_that_it_has_in_what_they_give() -> None:
-    level, constant_s = STIRS[4]
-    acts = KNOWN._replace(stir=level, stir_s=constant_s)
-    fires = some_sample(JOINT, commands=np.array([[1.0, 1.0, 0.0, 0.0, 0.0, 0.0]]))
-    drift = predict(acts, driven(acts, fires, JOINT), unread(JOINT), JOINT).drift
-    linear = (driven(acts, fires, JOINT).firing.amount @ JOINT.wrenches)[3:] * KNOWN.mean[9]
-    share = level * PERIOD * np.linalg.norm(JOINT.unstated.diagonal()[3:]) / np.linalg.norm(linear)
-    assert share < level * np.sqrt(6.0)  # else it is that of one jet
-    assert drift[9] == pytest.approx(2.0 * PERIOD / constant_s * (share * KNOWN.mean[9]) ** 2)
-    rest = some_sample(JOINT, commands=np.zeros((1, 6)))
-    assert not predict(acts, driven(acts, rest, JOINT), unread(JOINT), JOINT).drift.any()
-    assert not predict(KNOWN, driven(KNOWN, fires, JOINT), unread(JOINT), JOINT).drift.any()
 
 
 def test_what_has_acted_until_now_has_made_parameters_less_well_known() -> None:

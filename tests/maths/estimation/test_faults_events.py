@@ -14,9 +14,7 @@ from massprop_drake.maths.estimation.faults.fault_events import (
     Event,
     Hypothesis,
     begun,
-    behind,
     force_of,
-    gone_on,
     regained,
     split,
     weighed,
@@ -83,19 +81,6 @@ def test_a_jet_that_gives_too_much_is_on_top_or_in_place_once_it_is_commanded() 
         assert each.run.state.slot_on_top[1] == one.run.state.slot_on_top[1]
         assert split(each, fires) == (each,)
     assert twins[0].key != twins[1].key
-
-
-def test_a_proposal_is_compared_with_what_another_was_worth_at_the_same_cycle() -> None:
-    other = hypothesis()._replace(prior=-1.0)
-    for cycle, likelihood in ((6, -2.0), (7, -3.0), (8, -3.5)):
-        score = NO_SCORE._replace(likelihood=likelihood)
-        other = gone_on(other, other.run._replace(cycle=cycle, score=score), JOINT)
-    one = hypothesis(of_jet(2))._replace(prior=-17.0)
-    one = one._replace(run=one.run._replace(onset=5, cycle=7, score=NO_SCORE._replace(likelihood=-8.0)))
-    assert behind(one, other) == pytest.approx((-3.0 - 1.0) - (-8.0 - 17.0))
-    assert behind(one._replace(run=one.run._replace(cycle=5)), other) == 0.0  # it has not begun
-    before = one._replace(run=one.run._replace(onset=2, cycle=4))
-    assert behind(before, other) == 0.0  # of that cycle nothing is kept
 
 
 def test_a_gap_takes_what_is_known_of_the_motion_and_keeps_events_and_forces() -> None:

@@ -9,9 +9,8 @@ import pytest
 
 from massprop_drake import Run, load_scenario, simulate
 from massprop_drake.inputs import params as inputs
-from massprop_drake.maths.estimation.faults.passes import begin_fit, linearization, step_fit
+from massprop_drake.maths.estimation.faults.passes import begin_fit, step_fit
 from massprop_drake.maths.estimation.faults.priors import Priors, force_correction
-from massprop_drake.maths.estimation.faults.screening import begin_screening, rank_jets, refine, step_screening
 from massprop_drake.maths.estimation.faults.search import BEGUN, OVER, SearchOutcome, StartSearch, followed
 from massprop_drake.maths.estimation.filter import Told
 from massprop_drake.maths.estimation.filters import joint
@@ -157,21 +156,6 @@ def kept(leaking: Run) -> StartSearch:
     """Everything that is kept of the flight with a leak, and its entry."""
     _, *every = cycles(leaking, params_of(LEAK))
     return StartSearch(entry=every[0].before, kept=tuple(Kept(each.sample, False) for each in every))
-
-
-def test_finer_onsets_are_about_the_likeliest_and_among_the_samples(kept: StartSearch, params: JointParams) -> None:
-    entry, samples = kept.beginning, kept.kept[:70]
-    coarse = begin_screening(entry, linearization(entry, entry, params), samples, None, params)
-    assert coarse.screen.onsets == tuple(range(0, 70, 5))
-    for each in samples:
-        coarse = step_screening(coarse, each, params)
-    assert rank_jets(coarse, params)[0].cause == LEAK_ON_TOP
-    fine = refine(coarse, samples, params)
-    assert fine is not None
-    assert set(np.diff(fine.screen.onsets)) == {1}
-    assert 18 in fine.screen.onsets  # 1.48 s
-    assert max(fine.screen.onsets) < 70
-    assert refine(fine, samples, params) is None
 
 
 def test_a_pass_is_linear_in_the_force_it_estimates(kept: StartSearch, params: JointParams) -> None:

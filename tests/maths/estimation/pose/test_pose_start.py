@@ -153,17 +153,3 @@ def test_jets_that_have_failed_say_nothing_of_the_mass() -> None:
     assert covariance[9, 9] == pytest.approx((0.01 / MASS) ** 2, rel=1e-9)
     root = _inverse_root()
     np.testing.assert_allclose(covariance[:6, :6], root @ root.T, rtol=1e-6, atol=1e-12 * np.abs(covariance).max())
-
-
-def test_the_parameters_vary_as_the_state_does() -> None:
-    """Against draws: the state, and a mu of it by conditioning."""
-    params = _at_the_start(Sensors())
-    params = params._replace(mass_std=0.01, thrust_std=THRUST_STD)
-    _, covariance = outcome(params.start, params.covariance, np.ones(JETS, dtype=bool), params)
-    sample = drawn(40_000)
-    mass = MASS * (1.0 + 0.01 * np.random.default_rng(12).standard_normal(40_000))  # as `drawn` has it
-    ten = np.column_stack((sample[:, 5:] / mass[:, None], 1.0 / mass))
-    places = [*range(6), 9]
-    deviation = np.sqrt(np.diag(covariance))[places]
-    own = covariance[np.ix_(places, places)] / np.outer(deviation, deviation)
-    np.testing.assert_allclose(np.cov(ten.T) / np.outer(deviation, deviation), own, atol=0.03)
