@@ -11,7 +11,7 @@ from massprop_drake import Run, load_scenario, simulate
 from massprop_drake.inputs import params as inputs
 from massprop_drake.maths.estimation.faults.passes import begin_fit, step_fit
 from massprop_drake.maths.estimation.faults.priors import Priors, force_correction
-from massprop_drake.maths.estimation.faults.search import BEGUN, OVER, SearchOutcome, StartSearch, followed
+from massprop_drake.maths.estimation.faults.search import BEGUN, SearchOutcome, StartSearch, followed
 from massprop_drake.maths.estimation.filter import Told
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams
@@ -20,7 +20,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import Cause, Kind, slot_o
 from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams
 from massprop_drake.maths.estimation.joint.screen import Contender
-from massprop_drake.maths.estimation.joint.start import LONGEST, Kept
+from massprop_drake.maths.estimation.joint.start import Kept
 from massprop_drake.maths.estimation.joint.thrust_scale import reported
 
 ACCELEROMETERS = ("acc2", "acc1", "acc3")  # the preferred one first, as the filter has them
@@ -135,17 +135,6 @@ def test_a_contradiction_by_chance_is_put_down_to_the_start() -> None:
     found, time_s = searched(iter(evidence), own.joint)
     assert probabilities(found, own.joint)[Cause(Kind.NOTHING).key] > 0.999
     assert nees(found[0], run, time_s, own.joint) < 29.6
-
-
-def test_nothing_is_searched_where_nothing_contradicts(leaking: Run, params: JointParams) -> None:
-    search = BEGUN
-    for each in cycles(leaking, params_of(LEAK)):
-        report = each.report._replace(contradicted=False, incremented=False)
-        search, found = followed(search, each.before, report, each.sample, Priors(), params)
-        assert (search.until, found) == (0, ())
-    search = search._replace(kept=search.kept[:1] * LONGEST)
-    assert followed(search, each.before, report, each.sample, Priors(), params) == (OVER, ())
-    assert followed(OVER, each.before, report, each.sample, Priors(), params) == (OVER, ())
 
 
 # --- by hand

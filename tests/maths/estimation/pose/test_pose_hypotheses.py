@@ -129,25 +129,6 @@ def test_a_push_is_taken_but_may_come_again() -> None:
     assert np.isfinite(tried.likelihood).all()
 
 
-def test_every_renewal_a_jet_may_also_have_failed_now() -> None:
-    tried, params = fresh()
-    before = with_odds(tried, (0, 5.0))
-    later = pose_hypotheses.RENEWAL_S
-    same, _ = pose_hypotheses.judged(before, later - 0.1, RULES, params)
-    assert same.renewed_s == 0.0
-    np.testing.assert_array_equal(same.likelihood, before.likelihood)
-    renewed, _ = pose_hypotheses.judged(before, later, RULES, params)
-    assert renewed.renewed_s == later
-    chance = pose_hypotheses.BEFORE * later / pose_hypotheses.AGAIN_S
-    np.testing.assert_allclose(renewed.likelihood[1 + 1], np.log(np.exp(-50.0) + chance), rtol=1e-12)
-    np.testing.assert_allclose(renewed.likelihood[1], np.log(np.exp(5.0) + chance), rtol=1e-12)
-    np.testing.assert_allclose(renewed.likelihood[-1], np.log(np.exp(-50.0) + 2 * JETS * chance), rtol=1e-12)
-    np.testing.assert_array_equal(renewed.onset_s[1:3], [0.0, later])  # the leader holds on, the other begins now
-    assert len(renewed.bank.mean) == len(before.bank.mean)
-    again = pose_hypotheses.failing(before.bank, before.known, params)
-    np.testing.assert_allclose(renewed.bank.mean[2], again.mean[1], rtol=1e-9)
-
-
 def test_jets_are_named_in_flights_and_nobody_in_a_healthy_one() -> None:
     """A jet that was weak before the record began, and one that comes to stand open."""
     healthy = 1.0 + 0.04 * np.random.default_rng(21).standard_normal(8)

@@ -55,19 +55,6 @@ def test_the_priors_covariances_are_those_of_drawn_vehicles() -> None:
     assert np.abs(correlation[parts.thrust, parts.spin]).max() > 0.5  # a heavy vehicle has a large K and small g
 
 
-def test_what_has_no_sigma_or_cannot_move_is_not_free() -> None:
-    parts = make_parts(JETS, 2, 1, 0, 0)
-    fixed = np.zeros(parts.size, dtype=bool)
-    fixed[parts.point] = True
-    given = known(parts, mass_std=0.0, common_std=0.0)
-    given.rest_std[parts.drag] = 0.0
-    mean, covariance, free = prior(given._replace(thrust_std=np.array([0.0, 0.1, 0.0, 0.1])), fixed, parts)
-    gone = {0, 2, parts.common.start, *range(*parts.drag.indices(parts.size)), *range(*parts.point.indices(parts.size))}
-    assert set(range(parts.size)) - set(free.tolist()) == gone
-    assert covariance.shape == (free.size, free.size)
-    np.testing.assert_array_equal(mean[parts.drag], 0.25)
-
-
 # ----------------------------------------------------------------------------------- first readings
 
 
