@@ -34,20 +34,6 @@ def drawn(folder: Path, number: int, *settings: str) -> Scenario:
     return load_scenario(folder / "scenario.yaml", [*flight.settings, *KEPT, *settings])
 
 
-@pytest.mark.parametrize(("number", "factor"), [(2, 0.0), (5, 3.0)])
-def test_a_lag_that_the_file_has_wrong_is_named_and_found(tmp_path: Path, number: int, factor: float) -> None:
-    """Tests lags of nothing or three times the stated one; the estimates do not suffer."""
-    none = ("plant.thrust_transient=none", "joint.thrust_transient=vehicle")
-    run = simulate(drawn(tmp_path, number, *(none if factor == 0.0 else (f"plant.lag_factor={factor}",))))
-    (kind,) = run.scenario.vehicle_data.jet_kinds.values()
-    reason = run.summary["consistency"]["reasons"][0]
-    told = 1e3 * kind.time_constant_s
-    found = float(reason.removeprefix("lag wrong: thruster jets build up with ").split(" ms")[0])
-    assert found == pytest.approx(factor * told, abs=0.05 * told)
-    assert reason.endswith(f"told {told:.3g} ms")
-    assert np.abs((run["estimate"][-1] - run["truth"][-1]) / run["standard_deviation"][-1]).max() < 3.5
-
-
 def test_commands_that_are_logged_a_sample_off_are_named_and_one_row_that_is_off_is_no_delay(tmp_path: Path) -> None:
     scenario = drawn(tmp_path, 2)
     run = simulate(scenario)

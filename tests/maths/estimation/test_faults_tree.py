@@ -76,16 +76,6 @@ def test_a_failed_jet_is_named_with_its_force(params: Params, jet: int, sign: in
     assert worst(flown) < 4.0
 
 
-def test_two_jets_that_leak_at_once_are_both_named() -> None:
-    def both(truth: Any) -> Any:
-        return fail(5, 0.2 * THRUSTS[5], 1, 1)(fail(3, 0.3 * THRUSTS[3], 1, 1)(truth))
-
-    flown = flight(NOISY, COMMANDS, changes={ONSET: both})
-    assert {of(one, JetsDeclared).jets for _, one in flown.said} == {(3,), (5,)}
-    assert flown.said[-1][0] < 0.1 * ONSET + 1.0
-    assert min(flown.probability(3), flown.probability(5)) > 0.999
-
-
 def test_a_payload_is_a_jump_and_no_jet() -> None:
     flown = flight(NOISY, COMMANDS, changes={ONSET: dock(NOISY.joint, 0.3)})
     ((time_s, one),) = flown.said

@@ -256,25 +256,6 @@ def test_a_flight_that_is_as_stated_passes_every_test() -> None:
 
 
 @pytest.mark.parametrize(
-    ("faulty", "part", "expected"),
-    [
-        ({"torque": np.array([0.0, 2e-5, 0.0])}, "torque", np.array([0.0, 2e-5, 0.0])),
-        ({"lag": 1.5}, "lag", np.array([0.3 * 0.015, 0.3 * 0.03])),
-    ],
-)
-def test_what_is_wrong_is_found_with_its_size(faulty: dict[str, Any], part: str, expected: Array) -> None:
-    model, places = known(thrust=0.0, lag=0.0)
-    stretch, unknown = flight(3, **faulty)[0], np.arange(model.prior.size)[getattr(places, part)]
-    fit = fit_of(stretch, model)
-    score = score_of(fit, unknown, model)
-    assert score.statistic > 10.0 * chi2.isf(1e-4, score.degrees)
-    model.sigma[unknown] = 1.0
-    after = fitted([stretch], fit.at, model)
-    np.testing.assert_allclose(after.at[unknown], expected, atol=0.05 * np.abs(expected).max())
-    assert after.normal.per_reading < 1.1
-
-
-@pytest.mark.parametrize(
     ("faulty", "words"),
     [
         ({"lag": -5.0}, "lag wrong: 1 jets build up with 0 ms, told 15 ms; 2 jets build up with 0 ms, told 30 ms"),

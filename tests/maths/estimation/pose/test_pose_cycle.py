@@ -81,17 +81,6 @@ def test_the_estimate_has_the_moments_of_the_posterior(read: float) -> None:
     assert float(found.nis[0]) == pytest.approx(read**2 / (PRIOR**2 + NOISE**2), rel=1e-9)
 
 
-def test_a_reading_that_cannot_be_told_from_a_poor_one_counts_as_poor_but_is_as_likely_as_it_is() -> None:
-    wide = {"covariance": np.array([[0.2**2]]), "kicks_per_s": 0.0, "kick_velocity": 0.0}
-    for read in (0.0, 0.3):
-        found = cycled(read, **wide)
-        hand = sum(
-            chance * norm.pdf(read, scale=np.hypot(0.2, noise)) for chance, noise in ((0.9, NOISE), (0.1, 5 * NOISE))
-        )
-        assert float(found.likelihood[0]) == pytest.approx(np.log(hand), rel=1e-12)
-        assert float(found.bank.covariance[0, 0, 0]) == pytest.approx(1.0 / (0.2**-2 + (5.0 * NOISE) ** -2), rel=1e-9)
-
-
 def test_without_kicks_and_poor_readings_it_is_a_kalman_filter() -> None:
     plain = Poses(np.array([NOISE**2]), np.array([1e-6]), np.zeros(1))
     found = cycled(0.05, kicks_per_s=0.0, pose=plain)
