@@ -647,7 +647,7 @@ def _arrow_column(arrow: Any, name: str, column: Any) -> dict[str, Column]:
     if types.is_integer(kind) and not column.null_count:
         return {name: column.to_numpy()}
     if types.is_integer(kind) or types.is_floating(kind) or types.is_boolean(kind) or types.is_decimal(kind):
-        return {name: column.cast(arrow.float64()).to_numpy()}
+        return {name: column.cast(arrow.float64(), safe=False).to_numpy()}
     return {}
 
 
