@@ -146,8 +146,6 @@ def spoil_bytes(content: bytes, rng: random.Random) -> bytes:
     return bytes(data)
 
 
-# ------------------------------------------------------------------------------------- sound files
-
 SCENARIO = """
 name: sound
 vehicle: vehicle.yaml
@@ -208,9 +206,6 @@ class Sound:
         self.log.write(folder / "log.csv")
         Log(load_vehicle(folder / "vehicle.yaml"), n_rows=20).write(folder / "first.csv")
         estimate(folder / "first.csv", load_scenario(folder / "run")).save(folder / "estimated", pictures=False)
-
-
-# ------------------------------------------------------------------------------------------- cases
 
 
 class Case(NamedTuple):
@@ -400,9 +395,6 @@ KINDS: dict[str, Maker] = {
     **{"vehicle": vehicle_case, "scenario": scenario_case, "campaign": campaign_case, "set": set_case},
     **{"csv": csv_case, "parquet": parquet_case, "folder": folder_case},
 }
-
-
-# ----------------------------------------------------------------------------------------- verdicts
 
 
 class Hung(BaseException):

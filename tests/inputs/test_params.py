@@ -12,23 +12,18 @@ from scipy.stats import chi2
 from massprop_drake import Scenario, load_scenario, load_vehicle
 from massprop_drake.inputs import params
 from massprop_drake.inputs.model import keys
-from massprop_drake.inputs.scenario import FaultMode, FaultsBlock, JetPulse, JointBlock, resolved
+from massprop_drake.inputs.scenario import FaultMode, FaultsBlock, resolved
 from massprop_drake.maths.estimation import redundancy
 from massprop_drake.maths.estimation.faults.declarations import Mode
 from massprop_drake.maths.estimation.faults.hypothesis_filter import Params
 from massprop_drake.maths.estimation.faults.priors import Priors
-from massprop_drake.maths.estimation.filters import mass_filter, rotation_filter
-from massprop_drake.maths.estimation.filters.joint import chi_square_limit
+from massprop_drake.maths.estimation.filters import rotation_filter
 from massprop_drake.maths.estimation.joint.layout import JointParams
 from massprop_drake.maths.noise import uniform_phase
-from massprop_drake.runners.recorded import settings_alone
 
 
 def sample(*overrides: str) -> Scenario:
     return load_scenario("sample_maneuver", list(overrides))
-
-
-# ------------------------------------------------------------------------------ samples and commands
 
 
 @pytest.mark.parametrize(
@@ -50,22 +45,6 @@ def test_a_pulse_is_commanded_at_the_samples_from_its_start_until_before_its_end
     names = scenario.vehicle_data.designations
     on = {names[jet]: np.flatnonzero(table[:, jet]).tolist() for jet in np.flatnonzero(table.any(axis=0))}
     assert on == {"R4R": [7, 8, 9], "F1F": [2, 3], "L4L": [24]}
-
-
-def test_pulses_at_any_multiple_of_the_period_begin_and_end_on_their_samples(sample_maneuver: Scenario) -> None:
-    for first in range(0, 625, 5):
-        start_s, end_s = (float(f"{8 * k / 100:.2f}") for k in (first, first + 1))
-        pulse = JetPulse(jet="R4R", start_s=start_s, end_s=end_s)
-        table, _ = params.commands(sample_maneuver.model_copy(update={"jet_schedule": (pulse,)}))
-        assert np.flatnonzero(table.any(axis=1)).tolist() == [first]
-
-
-def test_jets_are_selectable_by_their_kind() -> None:
-    assert params.selectable(sample()).sum() == 38
-    assert params.selectable(sample("autopilot.jet_kinds=[vernier]")).sum() == 6
-
-
-# ------------------------------------------------------------------------------- where filters start
 
 
 def test_what_the_filters_start_from(sample_maneuver: Scenario) -> None:
@@ -107,9 +86,6 @@ def test_limits_of_convergence() -> None:
     assert params.convergence_limits(sample("estimation.convergence.center_of_mass=1.5"))[1] == 1.5
 
 
-# ------------------------------------------------------------------------------- the thesis's filters
-
-
 def test_settings_of_the_rotation_filter() -> None:
     default = params.rotation_params(sample())
     assert (default.second_order, default.coupling) == (True, rotation_filter.RotationCoupling.HYBRID)
@@ -125,14 +101,6 @@ def test_settings_of_the_rotation_filter() -> None:
     np.testing.assert_allclose(changed.disturbance_covariance, 0.01 * np.eye(3), rtol=1e-15)
     np.testing.assert_allclose(changed.process_noise, np.diag([0, 0, 0, 0, 0, 0, 4.0, 0, 0]), rtol=1e-15)
     np.testing.assert_allclose(changed.jump_covariance, 0.25 * default.jump_covariance, rtol=1e-14)
-
-
-def test_settings_of_the_mass_filter() -> None:
-    default = params.mass_params(sample())
-    assert (default.compensation, default.compensation_covariance) == (mass_filter.Compensation.TRANSVERSE, True)
-    changed = params.mass_params(sample("mass={compensation: none, process_noise_std: 3.0, disturbance_std: 0.1}"))
-    assert (changed.compensation, changed.process_noise) == (mass_filter.Compensation.NONE, 9.0)
-    np.testing.assert_allclose(changed.disturbance_covariance, 0.01 * np.eye(3), rtol=1e-15)
 
 
 @pytest.mark.parametrize("window", [2, 40])
@@ -159,9 +127,6 @@ def test_rules_and_packages_reach_the_filters_in_order_of_preference(toy_data: d
     toy_data["gyros"].append({"name": "spare", "quantum": 1e-5})
     assert params.gyro(resolved({"vehicle": toy_data})).name == "gyro"
     assert params.gyro(resolved({"vehicle": toy_data, "sensors": {"gyro": "spare"}})).name == "spare"
-
-
-# ------------------------------------------------------------------------------- plant and sensors
 
 
 def test_sensor_errors_are_those_of_the_vehicle_and_the_scenario() -> None:
@@ -227,9 +192,6 @@ def test_thrust_errors_are_those_of_one_sigma_at_full_level() -> None:
     np.testing.assert_allclose(params.thrust_errors(scenario), 0.02 * 0.08 * scenario.vehicle_data.wrenches, rtol=1e-14)
 
 
-# ---------------------------------------------------------------------------------- the joint filter
-
-
 def joint(*overrides: str) -> JointParams:
     return params.joint_params(load_scenario("orbiter_maneuver", ["joint={}", *overrides])).joint
 
@@ -272,27 +234,6 @@ def test_a_disturbance_accelerates_the_nominal_vehicle() -> None:
     assert alone.places.unstated - alone.places.slow == 3  # no reading shows a force
 
 
-@pytest.mark.parametrize(
-    ("key", "value", "field"),
-    [
-        ("thrust_transient", "none", "time_constants_s"),
-        ("thrust_uncertainty", 0.02, "thrust_sigma"),
-        ("lag_uncertainty", 0.1, "lag_sigma"),
-        ("tank_fraction", 0.05, "tank_fraction"),
-        ("rate_walk", 1e-7, "rate_walk"),
-        ("velocity_walk", 1e-3, "velocity_walk"),
-        ("increment_rate", 1e-4, "thresholds"),
-        ("settled_after", 7, "settled_after"),
-    ],
-)
-def test_every_key_of_the_block_has_its_effect(key: str, value: Any, field: str) -> None:
-    keys_here = {"thrust_transient", "switching", "thrust_uncertainty", "lag_uncertainty", "tank_fraction"}
-    assert set(JointBlock.model_fields) == keys_here | {"rate_walk", "velocity_walk", "increment_rate", "settled_after"}
-    before, after = getattr(joint(), field), getattr(joint(f"joint.{key}={value}"), field)
-    assert not np.array_equal(before, after)
-    assert field in ("time_constants_s", "thresholds") or after == value
-
-
 def test_defaults_of_the_joint_filter() -> None:
     found, vehicle = joint(), load_vehicle("orbiter")
     np.testing.assert_allclose(found.thresholds, chi2.isf(1.5e-5, [1, 2, 3]))
@@ -308,21 +249,6 @@ def test_defaults_of_the_joint_filter() -> None:
     np.testing.assert_array_equal(params.joint_params(dithered).joint.quanta, np.zeros(6))  # it needs no quantum
     assert params.joint_params(load_scenario("orbiter_maneuver", ["joint.switching=stamps"])).at_stamps
 
-
-def test_instantaneous_thrust_of_the_plant_is_known_to_the_filter_without_the_plant() -> None:
-    instantaneous = load_scenario("orbiter_maneuver", ["plant.thrust_transient=none"])
-    assert not params.joint_params(settings_alone(instantaneous)).joint.time_constants_s.any()
-    assert joint("plant.thrust_transient=none", "joint.thrust_transient=vehicle").time_constants_s.all()
-    assert joint("plant.thrust_transient=none").places.n_lag == 0  # nothing to estimate
-
-
-@pytest.mark.parametrize("degrees", [1, 3, 18])
-@pytest.mark.parametrize("rate", [0.3, 1.5e-5, 1e-60])
-def test_limits_of_chi_square(rate: float, degrees: int) -> None:
-    assert chi_square_limit(rate, degrees) == pytest.approx(chi2.isf(rate, degrees), rel=1e-9)
-
-
-# -------------------------------------------------------------------------------- hypotheses of faults
 
 JETS = 44  # of the orbiter
 

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from command_probe import Massprop
-from test_refused import LEAK, PAYLOAD, changed, diagonal
+from test_refused import LEAK, changed, diagonal
 
 from massprop_drake import InputError, load_scenario, load_vehicle, simulate
 from massprop_drake.inputs import plausible
 from massprop_drake.inputs.model import validated
 from massprop_drake.inputs.scenario import Scenario, resolved
 from massprop_drake.inputs.vehicle_file import Vehicle
-from massprop_drake.inputs.yaml import to_yaml
-from massprop_drake.records.reader import columns
 
 
 @pytest.mark.parametrize(
@@ -24,13 +20,11 @@ from massprop_drake.records.reader import columns
     [
         ("mass_properties.inertia", diagonal(1e5), "mass_properties.inertia: is too large for this mass"),
         ("jets.1.thrust", 20.0, "jets[1].thrust: is 2 times the nominal thrust of its kind; impingement takes away"),
-        ("jet_kinds.primary.time_constant_s", 2.0, "is 20 sample periods"),
         ("gyros.0.quantum", 1e-8, "gyros[0]: what one sample of jet"),
         ("gyros.0.quantum", 500.0, "gyros[0]: a sample of the strongest jet shows as"),
-        ("gyros.0.range", 5e-6, "gyros[0].range: is 5e-06"),
     ],
 )
-def test_what_is_hardly_meant_in_a_vehicle_is_doubted(
+def test_what_is_hardly_meant_of_a_vehicle_is_doubted(
     toy_data: dict[str, Any], path: str, value: Any, words: str
 ) -> None:
     assert words in " ".join(map(str, validated(Vehicle, changed(toy_data, path, value)).doubts))
@@ -40,17 +34,10 @@ def test_what_is_hardly_meant_in_a_vehicle_is_doubted(
     ("name", "override", "words"),
     [
         ("jet_pulses", "failures=[{kind: stuck_on, jet: R4R, start_s: 50}]", "failures[0].start_s: comes at or after"),
-        (
-            "jet_pulses",
-            PAYLOAD.replace("time_s: 1", "time_s: 60") % ("1.0", "[0, 0, 0]", "null"),
-            "jumps[0].time_s: comes at or after",
-        ),
-        ("sample_maneuver", "duration_s=3", "maneuver[1].start_s: 12 of 13 entries come at or after the end of the ru"),
         ("jet_pulses", "plant.initial_rate=[0, 3, 0]", "plant.initial_rate: turns the vehicle by 0.24 rad in a sample"),
         ("jet_pulses", LEAK % "1000", "failures[0].force: is 1.15 times the thrust of jet 'R4R'"),
         ("sample_maneuver", "mass.process_noise_std=1", "mass.process_noise_std: is 1 in each sample, more than the p"),
         ("jet_pulses", "plant.disturbance.torque_std=[1.0e6, 0, 0]", "1e+06 ft-lbf, and the strongest jet gives"),
-        ("jet_pulses", "plant.disturbance.force_std=[1.0e6, 0, 0]", "1e+06 lbf, and the strongest jet gives"),
         ("small_satellite_maneuver", "plant.disturbance.torque_std=[1.0e6, 0, 0]", "1e+06 N-m, and the strongest jet"),
     ],
 )
@@ -142,27 +129,3 @@ def test_a_vehicle_that_a_jet_spins_up_for_good_ends_the_run(toy_data: dict[str,
     }
     with pytest.raises(InputError, match=r"at t = 3\.\d+ s the vehicle makes 1\.\d+ turns in a sample"):
         simulate(resolved(case))
-
-
-def test_check_and_run_warn_in_a_line_and_are_content(
-    massprop: Massprop, tmp_path: Path, toy_data: dict[str, Any]
-) -> None:
-    toy_data["jets"][1]["thrust"] = 20.0
-    path = tmp_path / "toy.yaml"
-    path.write_text(to_yaml(toy_data), encoding="utf-8")
-    said = massprop("check", path)
-    assert said.status == 0
-    assert f"{path}: warning: jets[1].thrust: is 2 times the nominal thrust of its kind" in said.out
-    late = "failures=[{kind: stuck_on, jet: R4R, start_s: 9}]"
-    arguments = ("run", "jet_pulses", "--set", "duration_s=1", "--set", late, "--no-report")
-    warnings = [line for line in massprop(*arguments).err.splitlines() if "failures" in line]
-    assert warnings == [
-        "massprop: warning: failures[0].start_s: comes at or after the end of the run, 1 s, and does nothing"
-    ]
-
-
-def test_a_designation_may_be_anything_that_telemetry_bears(toy_data: dict[str, Any]) -> None:
-    names = ["[/red]", "/*NAME*/", "a,b", "</script>", "é", "1"]
-    for jet, name in zip(toy_data["jets"], names, strict=False):
-        jet["designation"] = name
-    assert [f"jet_{name}" for name in names] == columns(validated(Vehicle, toy_data))[7:13]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -37,15 +36,6 @@ def test_vehicles_that_are_followed_choose_their_filter() -> None:
         simulate(flown)
 
 
-def test_columns_are_named_after_their_sensors() -> None:
-    cameras = (STARS, PoseSensor(name="two", position_std=0.1))
-    vehicle = again(load_vehicle("tracked_flyer"), poses=cameras, velocities=(SPEED,))
-    parts = ("x", "y", "z", "qw", "qx", "qy", "qz")
-    expected = [f"{name}_{part}" for name in ("stars", "two") for part in parts] + ["v_x", "v_y", "v_z"]
-    assert list(vehicle.tracked_columns) == expected
-    assert "2 pose sensors, 1 velocity sensor" in repr(vehicle)
-
-
 def test_in_a_plane_x_y_and_the_heading_alone_are_free() -> None:
     found = made(load_vehicle("air_bearing"))
     parts = found.parts
@@ -68,14 +58,6 @@ def test_fixed_parameters_have_no_sigma_and_keep_their_value() -> None:
     assert np.isnan(deviation[:, [6, MASS_RECIPROCAL]]).all()
     np.testing.assert_array_equal(estimate[:, [6, MASS_RECIPROCAL]], [[0.0, 1.0 / fixed.nominal.mass]] * len(estimate))
     assert np.isfinite(deviation[:, [2, 7]]).all()
-
-
-def test_a_weighed_mass_begins_with_the_scales_sigma_unless_the_scenario_says_otherwise() -> None:
-    weighed = again(load_vehicle("air_bearing"), mass_std=0.2)
-    assert made(weighed).mass_std == pytest.approx(0.2 / 23.09, rel=1e-12)
-    assert made(load_vehicle("air_bearing")).mass_std == pytest.approx(0.3, rel=1e-9)
-    given = made(weighed, estimation={"start": "nominal", "std_fraction": 0.1})
-    assert given.mass_std == pytest.approx(0.1, rel=1e-9)
 
 
 def test_what_nothing_measures_is_not_free() -> None:
@@ -106,13 +88,6 @@ def test_common_scale_and_own_sigmas_of_jets_reach_the_filter() -> None:
     place = int(np.flatnonzero(found.free == found.parts.common.start)[0])
     assert found.covariance[place, place] == pytest.approx(0.05**2)
     assert found.kicks_per_s == pytest.approx(10.0 / 60.0)
-
-
-def test_a_pose_model_measures_what_its_sensor_does() -> None:
-    scenario = resolved({"name": "made", "vehicle": "air_bearing"})
-    model = params.pose_model(scenario, PoseSensor(name="stars", attitude_std=2e-3, time_std_s=1e-3, outliers=0.1))
-    assert math.isinf(model.position_std)
-    assert (model.attitude_std, model.time_std_s, model.outliers, model.planar) == (2e-3, 1e-3, 0.1, True)
 
 
 def test_a_floor_carries_what_would_lift_or_tip() -> None:

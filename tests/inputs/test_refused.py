@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import math
 import re
 from collections.abc import Callable
 from functools import partial
@@ -16,7 +15,6 @@ from conftest import cube_data
 
 from massprop_drake import InputError, Scenario, load_scenario, load_vehicle
 from massprop_drake.inputs.model import validated
-from massprop_drake.inputs.scenario import resolved
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.yaml import Document, to_yaml
 
@@ -37,9 +35,6 @@ def require(said: str, pattern: str) -> None:
     assert re.search(re.escape(pattern).replace(r"\*", ".*"), said), said
 
 
-# ----------------------------------------------------------------------------------- scenario files
-
-
 def listed(key: str, *entries: str) -> str:
     return f"duration_s: 60\n{key}:\n" + "".join(f"  - {{{entry}}}\n" for entry in entries)
 
@@ -58,9 +53,7 @@ COUPLED[9, 2] = COUPLED[2, 9] = 0.1
 
 FILES = [
     (maneuver(WINDOW, WINDOW), ", line 4: maneuver[1]: overlaps maneuver[0] on the same axis*1 to 3 s and 1 to 3 s"),
-    (maneuver(WINDOW.replace("start_s: 1", "start_s: -1")), "line 3: maneuver[0].start_s: *greater than or equal to 0"),
     (maneuver(WINDOW.replace("end_s: 3", "end_s: 1")), "line 3: maneuver[0]: end_s must be later than start_s, got 1"),
-    (maneuver(WINDOW.replace("+x", "x")), "line 3: maneuver[0].axis: 'x' is not one of '+x', '-x'"),
     (maneuver(WINDOW.replace("3", ".nan")), "line 3: maneuver[0].end_s: *finite number, got nan"),
     (maneuver(WINDOW.replace(", end_s: 3", "")), "line 3: maneuver[0].end_s: missing"),
     (pulses("jet: R9R, start_s: 0, end_s: 1"), "line 3: jet_schedule[0].jet: 'R9R' is no jet of vehicle 'orbiter'; di"),
@@ -68,32 +61,20 @@ FILES = [
     (errors("sensor: gyr"), "line 4: sensors.errors[0].sensor: 'gyr' is no sensor of vehicle 'orbiter'; did you mean"),
     (errors("sensor: gyro", "sensor: gyro"), "line 5: sensors.errors[1].sensor: 'gyro' has errors already"),
     ("sensors: {gyro: acc1}\n", "line 1: sensors.gyro: 'acc1' is no gyro of vehicle 'orbiter'; valid are: gyro"),
-    ("sensors: {combine: {gyros: median}}\n", "sensors.combine.gyros: 'median' is not one of 'single'"),
     ("autopilot: {jet_kinds: [primry]}\n", "line 1: autopilot.jet_kinds[0]: 'primry' is no jet kind*mean 'primary'"),
     ("plant: {time_step: 0.05}\n", "plant.time_step: must be 0 (continuous) or the vehicle's sample period, 0.08 s"),
-    ("plant:\n  thrust_dispersion: 0.31\n", "line 2: plant.thrust_dispersion: *less than or equal to 0.3"),
     ("duration_s: 0.05\n", "line 1: duration_s: must be at least one sample period, 0.08 s"),
     ("duration_s: '50'\n", "line 1: duration_s: *valid number, got '50'"),
-    ("seed: 9223372036854775808\n", "line 1: seed: *less than 9223372036854775808"),
     ("rotation:\n  process_noise_std: [0, 0, 0, 0, 0, 0, 0, 0, -1]\n", "line 2: rotation.process_noise_std: must be z"),
-    ("rotation:\n  process_noise_std: [0, 0, 0]\n", "line 2: rotation.process_noise_std: *9"),
-    ("name: ../../etc/passwd\n", "line 1: name: *got '../../etc/passwd'"),
     ("rotation:\n  filtr: extended\n", "line 2: rotation.filtr: unknown key; did you mean 'filter'?"),
     ("name: a\nseed: 1\nname: b\n", "line 3: name: the key appears twice, first in line 1"),
-    ("maneuver: null\n", "line 1: maneuver: *got None"),
     ("vehicle: orbitr\n", "line 1: vehicle: 'orbitr' is neither a bundled vehicle nor a file; did you mean 'orbiter'?"),
-    ("vehicle: nowhere.yaml\n", "line 1: vehicle: nowhere.yaml: no such file"),
     ('vehicle: "a\\0b.yaml"\n', "line 1: vehicle: *no file can have this name"),
     ("name: [a\nb: c\n", ": not valid YAML: *line 2"),
     ("", ": the document is empty"),
-    ("- a\n", ": the document is no mapping"),
     # failures and payloads
-    (failures(ON, "kind: stuck_off, jet: 11, start_s: 56"), "line 4: failures[1].jet: *string"),
     (failures(ON, "kind: stuck_off, jet: R4R, start_s: 55"), "line 4: failures[1]: overlaps failures[0]*R4R"),
-    (failures(ON + ", end_s: 50"), "line 3: failures[0]: end_s must be later than start_s, got 50 to 50"),
-    (failures("kind: degraded, jet: R4R, start_s: 50, fraction: 1.5"), "failures[0].fraction: *than or equal to 1, go"),
     (failures("kind: degraded, jet: R4R, start_s: 50"), "line 3: failures[0].fraction: missing; this field is require"),
-    (failures("kind: leak, jet: R4R, start_s: 50, force: 0"), "line 3: failures[0].force: *greater than 0"),
     (failures(ON + ", force: 3"), "line 3: failures[0].force: is a key of kind: leak, and the kind is stuck_on"),
     (failures("kind: stuckon, jet: R4R, start_s: 50"), "line 3: failures[0]*'stuckon'*stuck_on, stuck_off, degraded,"),
     (failures("jet: R4R, start_s: 50"), "line 3: failures[0]: missing kind*stuck_on, stuck_off, degraded, leak, inter"),
@@ -101,29 +82,19 @@ FILES = [
     (jumps(RELEASE.replace("10", "3000"), RELEASE.replace("10", "3000")), "line 4: jumps[1].mass: *3000*2908.11"),
     (jumps(RELEASE.replace("10, position: [32", "1000, position: [500")), "line 3: jumps[0]: *inertia*no rigid body"),
     (jumps(f"{RELEASE}, inertia: [[9e8, 0, 0], [0, 1, 0], [0, 0, 1]]"), "line 3: jumps[0]: leaves an inertia that no"),
-    (jumps(DOCK.replace("dock", "explode")), "line 3: jumps[0].kind: 'explode' is not one of 'release' or 'dock'"),
     (jumps(DOCK.replace(", 2]", "]")), "line 3: jumps[0].position: *3 values, got 2"),
-    ("estimation: {filter: thesis}\ndetector: {on_detection: ignore}\n", "line 2: detector.on_detection: 'ignore' is"),
     # a given start
     ("estimation: {start: given}\n", "estimation: start: given and the field `given` go together"),
-    ("estimation: {start: given, given: {}}\n", "estimation.given: give either standard_deviation or covariance"),
-    (
-        f"estimation: {{start: given, given: {{standard_deviation: {TEN.replace('1e-5', '-1e-5')}}}}}\n",
-        "estimation.given: standard_deviation: must be zero or positive",
-    ),
     (f"estimation: {{start: given, given: {{covariance: {INDEFINITE}}}}}\n", "covariance: must be symmetric and posit"),
     (
         f"estimation: {{filter: thesis, start: given, given: {{covariance: {COUPLED.tolist()}}}}}\n",
         "covariance: must be zero between 1/m and the others, whose filters are apart",
     ),
     # priors of faults
-    ("faults:\n  together: 1.5\n", "line 2: faults.together: input should be less than 1, got 1.5"),
     ("faults:\n  drifting: 0.3\n  full_thrust: 0.8\n", "line 3: faults.full_thrust: is with drifting 1.1 of all failu"),
     ("faults:\n  false_per_hour: 1e-3\n", "line 2: faults.false_per_hour: 0.001 is not below jet_per_hour, 0.001: "),
     ("faults:\n  jet_per_hour: 2000\n", "faults: rates of 44 jets, *8.8e+04 per hour, 1.96 events in a sample period"),
-    ("faults:\n  change_per_hour: 9e4\n", "line 2: faults.change_per_hour: 9e+04 is 2 changes in a sample period of 0"),
     ("faults:\n  jets:\n    R4R: {modes: []}\n", "line 3: faults.jets.R4R.modes: is empty; this field is required: na"),
-    ("faults:\n  modes: [leaks]\n", "line 2: faults.modes[0]: 'leaks' is not one of 'stuck_on', 'leak', "),
     ("faults:\n  jets:\n    R4S: {per_hour: 0.1}\n", "line 3: faults.jets.R4S: 'R4S' is no jet of vehicle 'orbiter';"),
     ("estimation: {filter: thesis}\nfaults:\n  drifting: 0.1\n", "line 3: faults.drifting: is a key of estimation.fil"),
 ]
@@ -138,8 +109,6 @@ def test_a_wrong_scenario_file_is_named_with_line_and_field(tmp_path: Path, text
     require(said, message)
     assert "this field is required" not in said or "missing" in said or "is empty" in said
 
-
-# ------------------------------------------------------------------------------------------ overrides
 
 PRESCRIBED = ["autopilot={}", "maneuver=[]"]
 MOVE = "joint: j, position: 0"
@@ -157,22 +126,15 @@ THESIS, JOINT, ARM, FREE = "sample_maneuver", "orbiter_maneuver", "servicer_slos
 OVERRIDES = [
     # not an override, or none that can be set
     (THESIS, "seed", "--set seed: *expected KEY=VALUE"),
-    (THESIS, "seed=[", "--set seed=[: *not valid YAML"),
-    (THESIS, "seed=\n  1", "the value has more than one line"),
     (THESIS, "maneuver[99].axis=-x", "there is no 99"),
     (THESIS, "maneuver[x].axis=-x", "expected an index such as [0] in 'maneuver[x].axis'"),
     (THESIS, f"failures[{'9' * 5000}].jet=x", "expected an index such as [0]"),
     (THESIS, "rotation..filter=extended", "empty part"),
-    (THESIS, "seed.x=1", "there is no 'x'"),
     (THESIS, "sede=1", "sede: unknown key; did you mean 'seed'?"),
-    (THESIS, "seed=1.5", "seed: *integer, got 1.5"),
-    (THESIS, "plant.depletion=yes", "plant.depletion: *boolean, got 'yes'"),
     (THESIS, f"name={'x' * 3000}", "got 'x*x... (3000 characters)"),
     # what no physical run can be
     (THESIS, "plant.initial_rate=[0, 1.0e5, 0]", "plant.initial_rate[1]: 100000 rad/s, is above 10000 rad/s"),
     (THESIS, "plant.initial_rate=[0, 50, 0]", "plant.initial_rate: turns the vehicle by 4 rad in a sample of 0.08 s"),
-    (THESIS, "plant.accuracy=1e-300", "plant.accuracy: 1e-300, is below 1e-13: an integrator gets no closer"),
-    (THESIS, "plant.disturbance.torque_std=[-1, 0, 0]", "plant.disturbance.torque_std: must be zero or positive"),
     (THESIS, "plant.disturbance.torque=[1.0e14, 0, 0]", "in SI units 1.356e+14 N-m, is above 1e+12 N-m"),
     (THESIS, "estimation={filter: thesis, start: nominal, std_fraction: 1e6}", "estimation.std_fraction: 1e+06, is ab"),
     (
@@ -181,18 +143,11 @@ OVERRIDES = [
         "the covariance could lose its definiteness",
     ),
     (THESIS, LEAK % "1e5", "failures[0].force: is 115 times the thrust of jet 'R4R'"),
-    (THESIS, "failures=[{kind: stuck_on, jet: R4R, start_s: 1e308}]", "failures[0].start_s: 1e+308 s, is above 1e+09"),
     (THESIS, PAYLOAD % ("1e300", "[0, 0, 0]", "null"), "jumps[0].mass: 1e+300, in SI units"),
-    (THESIS, PAYLOAD % (1, "[0, 0, 0]", "[[1, 0, 0], [5, 1, 0], [0, 0, 1]]"), "jumps[0].inertia: must be symmetric"),
-    (THESIS, "sensors.errors=[{sensor: gyro, noise_std: 1e300}]", "sensors.errors[0].noise_std: 1e+300 rad/s, is abov"),
-    (THESIS, "sensors.errors=[{sensor: acc2, scale_factor: [1e300, 0, 0]}]", "errors[0].scale_factor[0]: 1e+300, is"),
     (THESIS, TONE % (3, [1.0e9, 1, 1]), "sensors.errors[0].vibration[0].amplitude[0]: 1e+09 rad/s, is above"),
     # keys of the other filter, kind or detector
     (JOINT, "rotation.filter=extended", "rotation.filter: is a key of estimation.filter: thesis, and the filter is jo"),
-    (JOINT, "sensors.combine.gyros=average", "sensors.combine.gyros: is a key of estimation.filter: thesis"),
-    (JOINT, "estimation.thrust_transient=gate", "estimation.thrust_transient: is a key of"),
     (JOINT, "detector.kind=cglr", "detector.kind: cglr does not go with estimation.filter: joint; use hypotheses or o"),
-    (JOINT, "joint.switching=rows", "joint.switching: 'rows' is not one of"),
     (THESIS, "joint.rate_walk=1e-7", "joint.rate_walk: is a key of estimation.filter: joint, and the filter is thesis"),
     (THESIS, "plant.model=servicer_arm.sdf", "plant.model: is a key of kind: multibody, and the kind is rigid"),
     (ARM, "plant.depletion=false", "plant.depletion: is a key of kind: rigid, and the kind is multibody"),
@@ -208,7 +163,6 @@ OVERRIDES = [
     (JOINT, ["estimation={filter: pose}", "joint={}"], "pose does not go with vehicle 'orbiter', which has no pose"),
     # a vehicle's parts
     (JOINT, "vehicle.disturbance={time_constant_s: 60}", "vehicle.disturbance: nothing is said to act; give torque_st"),
-    (JOINT, "vehicle.disturbance={torque_std: [1, 2], time_constant_s: 60}", "vehicle.disturbance.torque_std"),
     (JOINT, "vehicle.accelerometers=[]", "preferred_accelerometer: 'acc2' is not an accelerometer"),
     (ARM, SLOSH % (4, "[x, [0.6, 0.8, 0.0]]", 0.1), "vehicle.moving[0].axes: *square to each other"),
     (ARM, SLOSH % (500, "[x]", 0.1), "moving: *as much mass"),
@@ -220,20 +174,13 @@ OVERRIDES = [
         "moving: plays no part",
     ),
     ("cubesat_leak", "vehicle.wheels[0].axis=[1, 1, 0]", "vehicle.wheels[0].axis: must have length 1 within 0.002"),
-    ("cubesat_leak", "vehicle.wheels[0].inertia_uncertainty=0.5", "vehicle.wheels[0].*less than or equal to 0.3"),
     ("cubesat_leak", "vehicle.wheels[0].name=wheels", "'wheels' is a signal of every run"),
     ("cubesat_leak", f"vehicle.poses=[{MOCAP}]", "play no part in a fixed frame"),
     (FREE, "vehicle.jets[2].direction=[0, 0, 1]", "jets[2].direction: with motion: planar a jet along z moves nothing"),
-    (
-        FREE,
-        ["vehicle.poses=[{name: m, position_std: 1e-4}]", "vehicle.gyros=[{name: g, noise_std: 1, quantum: 0}]"],
-        "poses: positions and velocities in a fixed frame need a p",
-    ),
     (FREE, f"vehicle.poses=[{MOCAP}, {{name: cam}}]", "sensor 'cam' measures nothing: give position_std, attitude_std"),
     (FREE, f"vehicle.poses=[{MOCAP}, {MOCAP}]", "sensors: name 'mocap' appears twice; it must be unique"),
     (FREE, "vehicle.motion=free", "surroundings.heading_turn_std: goes with motion: planar, which has a heading; here"),
     (FREE, "vehicle.disturbance={torque_std: 1, time_constant_s: 60}", "disturbance: is not estimated in a fixed fram"),
-    (FREE, "vehicle.poses[0].outliers=0.5", "vehicle.poses[0].outliers: "),
     (
         FREE,
         "vehicle.mass_properties.inertia=[[0.3, 0, 0.01], [0, 0.3, 0], [0.01, 0, 0.3]]",
@@ -246,21 +193,6 @@ OVERRIDES = [
 def test_a_wrong_override_is_named_with_its_field(name: str, overrides: str | list[str], message: str) -> None:
     given = [overrides] if isinstance(overrides, str) else overrides
     require(refused(lambda: load_scenario(name, given)), message)
-
-
-@pytest.mark.parametrize(
-    ("data", "message"),
-    [
-        ({"detector": {"kind": "hypotheses"}, "mass": {"jump": "none"}}, "mass.jump: is a key of"),
-        ({"detector": {"threshold": 30}}, "threshold: is a key of kind: cglr, and the kind is hypotheses"),
-        ({"detector": {"slot": 3}}, "detector.slot: unknown key"),
-        ({"estimation": {"filter": ["joint"]}}, "estimation.filter: * is not one of"),
-        ({"detector": None}, "detector: *mapping"),
-        ({"vehicle": cube_data() | {"sample_period_s": 1e-4}, "duration_s": 1e6}, "duration_s: is 1e+10 samples of 0."),
-    ],
-)
-def test_wrong_data_of_a_program_are_named_with_their_field(data: dict[str, Any], message: str) -> None:
-    require(refused(lambda: resolved(data)), message)
 
 
 def test_a_scenario_that_a_program_makes_wrong_is_refused_where_it_is_made() -> None:
@@ -279,9 +211,6 @@ def test_missing_files_and_unknown_names_are_told(tmp_path: Path) -> None:
         require(refused(lambda load=load: load("x" * 300)), "")
     (tmp_path / "latin.yaml").write_bytes(b"name: \xe9t\xe9\n")
     require(refused(lambda: load_vehicle(tmp_path / "latin.yaml")), "latin.yaml: not a text file in UTF-8")
-
-
-# ------------------------------------------------------------------------------------- vehicle files
 
 
 def changed(data: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
@@ -311,50 +240,33 @@ VEHICLES = [
     (INERTIA, diagonal(1.0, 1.0, 0.0), "mass_properties.inertia: *positive definite"),
     (INERTIA, diagonal(1.0, 1.0, 2.1), "mass_properties.inertia: *exceeds the sum of the other two"),
     (f"{INERTIA}.0.1", 5.0, "mass_properties.inertia: must be symmetric"),
-    (f"{INERTIA}.1.1", math.nan, "mass_properties.inertia[1][1]: *finite number, got nan"),
-    (INERTIA, diagonal(9.0)[:2], "mass_properties.inertia: *3"),
     (INERTIA, diagonal(1e-6), "too small for this mass: the radius of gyration is 0.0001 m"),
-    (INERTIA, diagonal(1e10), "too large for this mass: the radius of gyration is 1e+04 m"),
     (INERTIA, diagonal(0.05), "turns it by 2 rad more in the sample"),
-    ("mass_properties.mass", 0.0, "mass_properties.mass: *greater than 0, got 0.0"),
     ("mass_properties.mass", 1e300, "above 1e+09 kg: from a satellite on a chip"),
     ("mass_properties.center_of_mass", [0.0, 5e3, 0.0], "mass_properties.center_of_mass[1]: 5000 m, is above 1000 m"),
     ("jets.2.position", [1.0, 0.0], "jets[2].position: *3 values, got 2"),
-    ("jets.2.position", 1.0, "jets[2].position: *got 1.0"),
-    ("jets.1.position", [2e3, 0.0, 0.0], "jets[1].position[0]: 2000 m, is above 1000 m: no structure is longer"),
     ("jets.0.thrusts", 1.0, "jets[0].thrusts: unknown key; did you mean 'thrust'?"),
     ("color", "red", "color: unknown key; valid are: name, description"),
     ("units", DELETED, "units: missing"),
-    ("units", "metric", "units: 'metric' is not one of 'us' or 'si'"),
     ("jets.4.designation", "J1", "jets: designation 'J1' appears twice"),
-    ("jets.4.number", 1, "jets: number 1 appears twice"),
-    ("jets.4.number", 5.5, "jets[4].number: *integer, got 5.5"),
     ("jets.1.number", 2**70, "jets[1].number: input should be less than or equal to 1000000"),
     ("jets.4.kind", "primry", "jets[4].kind: *did you mean 'primary'?"),
     ("jets.4.thrust", "10", "jets[4].thrust: *valid number, got '10'"),
-    ("jets.4.thrust", True, "jets[4].thrust: *valid number, got True"),
     ("jets.1.thrust", 2e5, "jets[1].thrust: accelerates 100 kg at 2000 m/s^2, 203.9 times the weight on Earth"),
     ("jets.1.mass_flow", 1e-12, "gives a specific impulse that cannot be"),
     ("jets.1.designation", "J\x1b[31m", "jets[1].designation: must be printable characters"),
     ("jets.1.designation", "J2 ", "no blank at either end, got 'J2 '"),
     ("jets.1.designation", "j1", "'j1' has a column in telemetry that is like one of 'J1', but for the case of letter"),
-    ("jets", [], "jets: *at least 1"),
     ("preferred_accelerometer", "ac", "preferred_accelerometer: *did you mean 'acc'?"),
-    ("gyros.0.name", "acc", "sensors: name 'acc' appears twice"),
     ("gyros.0.name", "rate", "'rate' is a signal of every run"),
     ("gyros.0.quantum", 0.0, "gyros[0]: *cannot use a perfect sensor"),
-    ("gyros.0.quantum", 1e6, "gyros[0].quantum: 1e+06 rad/s, is above 1000 rad/s"),
     ("gyros.0.quantum", 1e-11, "the covariance could lose its definiteness in rounding"),
     ("gyros.0.range", 1e-7, "gyros[0].range: is 1e-07, for a quantum of 1e-06: hardly a reading lies within it"),
     ("gyros", [], "gyros: is empty; this field is required: without measured rates neither inertia nor center of mass"),
     ("gyros", DELETED, "gyros: missing; this field is required: without measured rates neither inertia nor center of"),
-    ("sample_period_s", 1e-12, "sample_period_s: 1e-12 s, is below 0.0001 s: no valve acts within less"),
     ("uncertainty", 1e6, "uncertainty: 1e+06, is above 10: less is beyond any scale, more says nothing"),
     (f"{KIND}.specific_impulse_s", 1e6, "above 30000 s: cold gas gives tens of seconds"),
-    (f"{KIND}.time_constant_s", -0.1, "jet_kinds.primary.time_constant_s: *greater than or equal to 0"),
     (f"{KIND}.time_constant_s", 5e-324, "below 1e-06 s: no valve is faster; 0: instantaneous"),
-    (f"{KIND}.time_constant_s", 50.0, "is 500 sample periods: no command of a period would be followed"),
-    ("name", "a\nb", "name: must be printable characters"),
 ]
 
 
@@ -389,26 +301,19 @@ def test_thousands_of_mistakes_are_told_in_a_hundred_lines() -> None:
     assert caught.value.problems[-1].endswith("more like these")
 
 
-# ------------------------------------------------------------------------------------------------ YAML
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         ("jets:\n  - number: 1\n    number: 2\n", ", line 3: jets[0].number: the key appears twice, first in line 2"),
         ("a:\n\t- b\n", ": not valid YAML: *line 2"),
-        ("a: \x07\n", ": not valid YAML: "),
-        ("# nothing but a remark\n", ": the document is empty"),
-        ("a: 1\n---\nb: 2\n", ": not valid YAML: *document"),
         ("a: !!python/object:os.system 1\n", ": not valid YAML: "),
         ("? [a, b]\n: 1\n", ", line 1: a key must be a plain word"),
         ("a: &x\n  b: *x\n", ""),
         ("a: " + 1000 * "[" + 1000 * "]" + "\n", ""),
         ("name: !!bool maybe\n", "tag tag:yaml.org,2002:bool says what the value is not"),
-        ("name: !!binary xx\n", "write the value alone (line 1, column 7)"),
         ("name: " + 500_000 * "a " + "\n", "1000007 characters; no vehicle or scenario needs more"),
     ],
-    ids=range(12),
+    ids=range(8),
 )
 def test_what_is_no_yaml_of_ours_is_refused(text: str, message: str) -> None:
     said = refused(lambda: Document(text, "case.yaml"))

@@ -24,7 +24,6 @@ from massprop_drake.inputs.scenario import (
     set_field,
 )
 from massprop_drake.inputs.yaml import to_yaml
-from massprop_drake.records.reader import vehicle_scenario
 
 DATA = REPOSITORY / "tests" / "data"
 WINDOW = "{controller: rhc, axis: +x, start_s: 1, end_s: 3}"
@@ -34,9 +33,6 @@ def written(folder: Path, text: str, name: str = "case.yaml") -> Path:
     path = folder / name
     path.write_text(text, encoding="utf-8")
     return path
-
-
-# ---------------------------------------------------------------------------------- the bundled ones
 
 
 @pytest.mark.parametrize("name", bundled_scenarios())
@@ -75,14 +71,6 @@ def test_the_sample_maneuver_is_that_of_the_thesis(sample_maneuver: Scenario) ->
     assert (sample_maneuver.duration_s, sample_maneuver.vehicle_data.name) == (50.0, "orbiter")
     assert (sample_maneuver.plant.thrust_transient, sample_maneuver.estimation.start) == ("none", "zero")
     assert len(sample_maneuver.maneuver) == 13
-
-
-def test_a_scenario_that_states_nothing_has_the_defaults() -> None:
-    scenario = load_scenario(DATA / "defaults.yaml")
-    assert scenario.model_copy(update={"vehicle": "orbiter"}) == Scenario()
-    assert not simulate(load_scenario(DATA / "defaults.yaml", ["duration_s=1"]))["command"].any()
-    alone = vehicle_scenario("flight", "orbiter")
-    assert alone.model_copy(update={"name": "scenario", "vehicle": "orbiter"}) == Scenario()
 
 
 def unset(model: Model, prefix: str = "") -> list[str]:
@@ -156,22 +144,16 @@ def test_what_follows_at_once_or_goes_together_is_fine(tmp_path: Path) -> None:
     assert [one.kind for one in found.jumps] == ["release", "dock"]
 
 
-# ------------------------------------------------------------------------- filter and detector
-
-
 @pytest.mark.parametrize(
     ("data", "chosen"),
     [
         ({}, ("joint", "hypotheses")),
-        ({"estimation": {"start": "zero"}, "faults": {"slots": 2}}, ("joint", "hypotheses")),
         ({"detector": {"kind": "off"}}, ("joint", "off")),
         ({"estimation": {"filter": "thesis"}}, ("thesis", "cglr")),
         # files of before there was a choice name no filter, and have keys of the thesis's alone
         ({"rotation": {"filter": "extended"}}, ("thesis", "cglr")),
-        ({"estimation": {"thrust_transient": "gate"}}, ("thesis", "cglr")),
         ({"sensors": {"combine": {"gyros": "average"}}}, ("thesis", "cglr")),
         ({"detector": {"kind": "cusum"}}, ("thesis", "cusum")),
-        ({"mass": {}, "detector": {"kind": "off"}}, ("thesis", "off")),
         ({"vehicle": "tracked_flyer"}, ("pose", "thrust_factors")),
         ({"vehicle": "air_bearing", "detector": {"lead": 8.0}}, ("pose", "thrust_factors")),
     ],
@@ -183,20 +165,14 @@ def test_filter_and_detector_of_a_scenario(data: dict[str, Any], chosen: tuple[s
     assert (again.estimation, again.detector) == (scenario.estimation, scenario.detector)
 
 
-# --------------------------------------------------------------------------------------- overrides
-
-
 @pytest.mark.parametrize(
     ("override", "value"),
     [
         ("seed=3", 3),
         ("rotation.filter=extended", "extended"),
         ("plant.depletion=false", False),
-        ("mass.process_noise_std=1e-7", 1e-7),
         ("estimation.std_fraction=", None),
         ("plant.initial_rate=[0, 0.1, 0]", (0.0, 0.1, 0.0)),
-        ("autopilot.jet_kinds=[primary, vernier]", ("primary", "vernier")),
-        ("description=a = b", "a = b"),
     ],
 )
 def test_an_override_replaces_a_field(override: str, value: Any) -> None:
@@ -224,26 +200,6 @@ def test_overrides_reach_into_lists_and_later_ones_win() -> None:
     assert load_scenario("sample_maneuver").seed == 0
 
 
-@pytest.mark.parametrize(
-    ("former", "overrides", "left"),
-    [
-        ({"kind": "cglr", "threshold": 0.0}, ["kind=cusum"], {"kind": "cusum"}),  # means something else there
-        ({"kind": "cglr", "margin": 7.0}, ["kind=off"], {"kind": "off", "margin": 7.0}),
-        ({"kind": "cglr", "margin": 7.0}, ["drift=2.0", "kind=cusum"], {"kind": "cusum", "drift": 2.0}),
-        ({"kind": "multi_hypothesis", "lead": 7.0}, ["kind=thrust_factors"], {"kind": "thrust_factors"}),
-        ({"slots": 2}, ["kind=off"], {"kind": "off"}),
-        ({"lead": 7.0}, ["kind=thrust_factors"], {"kind": "thrust_factors", "lead": 7.0}),
-    ],
-)
-def test_a_kind_that_is_set_keeps_the_keys_that_kinds_share(
-    former: dict[str, Any], overrides: list[str], left: dict[str, Any]
-) -> None:
-    data, given = {"detector": dict(former)}, set()
-    for override in overrides:
-        set_field(data, f"detector.{override}", given)
-    assert data == {"detector": left}
-
-
 def test_a_key_that_is_set_is_not_dropped_with_the_former_kind(tmp_path: Path) -> None:
     path = written(tmp_path, yaml_text(resolved({"estimation": {"filter": "joint"}})))
     assert load_scenario(path, ["detector.kind=off"]).detector.kind == "off"
@@ -254,10 +210,7 @@ def test_a_key_that_is_set_is_not_dropped_with_the_former_kind(tmp_path: Path) -
     assert data == {"failures": [{"kind": "stuck_off", "jet": "R1U"}]}
 
 
-# ---------------------------------------------------------------------------------------- vehicles
-
-
-def test_a_vehicle_file_is_found_beside_the_scenario(
+def test_a_vehicle_is_found_beside_it(
     tmp_path: Path, toy_data: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in ("cases", "vehicles", "elsewhere"):
@@ -290,13 +243,3 @@ def test_a_scenario_of_a_program_has_its_vehicle_and_its_model() -> None:
     named = ["vehicle=servicer", "maneuver=[]", "autopilot={}"]
     assert made == load_scenario("servicer_slosh", named).model_copy(update={"name": "scenario", "description": ""})
     assert Scenario().detector == HypothesesBlock()
-
-
-def test_a_vehicle_without_accelerometers_can_be_flown(toy_data: dict[str, Any]) -> None:
-    """Its mass is not observed, all else is."""
-    del toy_data["accelerometers"]
-    window = {"controller": "rhc", "axis": "+x", "start_s": 0.2, "end_s": 1.0}
-    run = simulate(resolved({"vehicle": toy_data, "duration_s": 2.0, "maneuver": [window]}))
-    assert np.isfinite(run["estimate"][:, :9]).all()
-    assert np.isnan(run["estimate"][:, 9]).all()
-    assert run.summary["estimates"]["mass_reciprocal"] is None

@@ -33,9 +33,6 @@ def table(name: str, **where: str) -> list[dict[str, str]]:
         return [row for row in csv.DictReader(file) if where.items() <= row.items()]
 
 
-# ------------------------------------------------------------------------------ figures of the sources
-
-
 def test_the_orbiter_has_the_jets_of_table_5_1(orbiter: Vehicle) -> None:
     stated = [
         (jet.number, jet.designation, jet.cluster, jet.kind, *jet.position, *jet.direction, jet.thrust, jet.mass_flow)
@@ -134,9 +131,6 @@ def test_every_jet_is_where_and_what_its_source_says(vehicle: str) -> None:
     assert stated == [[*(row[key] for key in words), *(float(row[key]) for key in figures)] for row in rows]
 
 
-# ---------------------------------------------------------------------------------- bundled vehicles
-
-
 @pytest.mark.parametrize("name", bundled_vehicles())
 def test_a_bundled_vehicle_is_sound_and_reads_back_equal(tmp_path: Path, name: str) -> None:
     vehicle = load_vehicle(name)
@@ -162,9 +156,6 @@ def test_estimates_of_a_bundled_vehicle_are_as_good_as_they_claim(name: str) -> 
     # far too small would be as wrong; 1e-3 either way
     assert chi2.ppf(1e-3, 10) < nees < chi2.ppf(1.0 - 1e-3, 10)
     assert (run.summary["detections"], run.summary["autopilot"]["lp_infeasible"]) == ([], 0)
-
-
-# -------------------------------------------------------------------------------- what follows from data
 
 
 def test_what_follows_from_the_orbiters_data(orbiter: Vehicle) -> None:
@@ -214,8 +205,6 @@ def test_times_of_several_rates_are_counted_once() -> None:
     sensors = tuple(one.model_copy(update={"rate_hz": 50.0}) for one in servicer.gyros)
     assert again(servicer, gyros=sensors).readings_per_s == 50.0
 
-
-# --------------------------------------------------------------------------------- mass properties
 
 points = arrays.arrays(float, (20, 3), elements=st.floats(-3.0, 3.0).filter(lambda x: x == 0.0 or abs(x) > 1e-3))
 

@@ -32,7 +32,7 @@ from massprop_drake.inputs.scenario import resolved
 from massprop_drake.inputs.units import factor, parsed
 from massprop_drake.inputs.vehicle_file import Gyro, PoseSensor, VelocitySensor
 from massprop_drake.maths.attitude import from_rotation_vector
-from massprop_drake.records.mapping import Mapped, MappedTable, comes_faster, mapped, preview, table
+from massprop_drake.records.mapping import Mapped, MappedTable, comes_faster, mapped, table
 from massprop_drake.records.recording import open_recording
 
 GYRO = "{kind: gyro, columns: [wx, wy, wz]"
@@ -66,18 +66,12 @@ def columns_of(made: MappedTable) -> dict[str, np.ndarray]:
     return dict(zip(made.header, values.T, strict=True))
 
 
-# ------------------------------------------------------------------------------------ units and axes
-
-
 @pytest.mark.parametrize(
     ("text", "kind", "size"),
     [
         ("deg/s", "rate", math.pi / 180.0),
-        ("rpm", "rate", 2.0 * math.pi / 60.0),
-        ("mrad/ms", "rate", 1.0),
         ("g", "acceleration", 9.80665),
         ("m/s²", "acceleration", 1.0),
-        ("m s^-1", "velocity", 1.0),
         ("lbf*ft", "torque", 1.3558179483314004),
         ("%", "number", 0.01),
     ],
@@ -130,8 +124,6 @@ def test_readings_that_rows_repeat_are_left_out(log: Callable[..., Path]) -> Non
     assert "sensors.gyro.every: 2 does not fit" in wrong
 
 
-# ---------------------------------------------------------------------------------------- poses
-
 HALF = np.sqrt(0.5)
 
 
@@ -165,16 +157,6 @@ def test_angles_turn_about_z_then_y_then_x(log: Callable[..., Path]) -> None:
     np.testing.assert_allclose(found, by_hand, atol=1e-15)
 
 
-def test_a_pose_in_other_frames(log: Callable[..., Path]) -> None:
-    """From east-north-up and forward-left-up to north-east-down and forward-right-down: facing north is no turn."""
-    quarter = {"qw": HALF, "qx": 0.0, "qy": 0.0, "qz": HALF}  # of east to north
-    path = log(**{name: np.full(N, value) for name, value in (quarter | {"px": 1e3, "py": 2e3, "pz": 3e3}).items()})
-    frames = "axes: [x, -y, -z], world_axes: [y, x, -z]"
-    pose = f"position: [px, py, pz], unit: mm, quaternion: [qw, qx, qy, qz], order: wxyz, {frames}"
-    found = understood(path, with_camera(pose).replace("attitude", "pose")).channels["cam"]
-    np.testing.assert_allclose(found.values[0], [2.0, 1.0, -3.0, 1.0, 0.0, 0.0, 0.0], atol=1e-12)
-
-
 def test_body_axes_that_are_exchanged(log: Callable[..., Path]) -> None:
     """The recorder does not turn; the vehicle's x points along minus its z, and so along minus the world's z."""
     found = understood(log(h=np.zeros(N)), with_camera("heading: h, axes: [-z, x, -y]")).channels["cam"].values[0]
@@ -182,9 +164,6 @@ def test_body_axes_that_are_exchanged(log: Callable[..., Path]) -> None:
     for vector, expected in (([1.0, 0.0, 0.0], [0.0, 0.0, -1.0]), ([0.0, 1.0, 0.0], [1.0, 0.0, 0.0])):
         turned = vector + 2.0 * np.cross(q, np.cross(q, vector) + w * np.array(vector))
         np.testing.assert_allclose(turned, expected, atol=1e-12)
-
-
-# --------------------------------------------------------------------------------------- clocks
 
 
 def test_clocks(log: Callable[..., Path]) -> None:
@@ -227,9 +206,6 @@ def test_times_from_differences(log: Callable[..., Path]) -> None:
     path = log(x=place, dx=random.normal(size=N))
     alone = usual_map(ONE, time="{column: t, differences: [{value: x, rate: dx}]}")
     assert "time.differences:" in refused(lambda: understood(path, alone))
-
-
-# --------------------------------------------------------------------------------- many samples
 
 
 def dense_log(tmp_path: Path, count: int, gives: str, jitter: float = 0.0) -> tuple[Path, str, np.ndarray]:
@@ -284,36 +260,12 @@ def test_a_hole_is_not_bridged(tmp_path: Path) -> None:
     assert np.flatnonzero(np.isnan(found_in(path, text)["acc_accel_x"])).tolist() == [0, 11]
 
 
-def test_rows_keep_their_own_times(tmp_path: Path) -> None:
-    path, text, _ = dense_log(tmp_path, 20, "integral", jitter=1e-4)
-    steps = np.diff(found_in(path, text)["time_s"])
-    assert len(steps) == N - 1
-    assert 0.0 < np.abs(steps - 0.05).max() < 4e-4
-
-
-# ------------------------------------------------------------------------------------- commands
-
-
 def test_commands_that_were_already_in_force(log: Callable[..., Path]) -> None:
     late = np.vstack([np.zeros((1, len(ONE.jets))), ONE.commands[:-1]])
     path = log(**{f"u{index + 1}": late[:, index] for index in range(len(ONE.jets))})
     found = found_in(path, usual_map(ONE, commands=COMMANDS + ", acts: until_row}"))
     require_the_flight(found, ONE)
     assert np.isnan(found["jet_T1"][-1])
-
-
-@pytest.mark.parametrize(
-    ("scale", "keys"),
-    [
-        (lambda share: 100.0 * share, "unit: '%'"),
-        (lambda share: 40.0 * share, "unit: ms, on: 40"),
-        (lambda share: 1000.0 + 1000.0 * share, "off: 1000, on: 2000"),
-        (lambda share: 0.2 + 0.6 * share, "threshold: 0.5"),
-    ],
-)
-def test_commands_in_other_units(scale: Callable[..., np.ndarray], keys: str, log: Callable[..., Path]) -> None:
-    path = log(**{f"u{index + 1}": scale(ONE.commands[:, index]) for index in range(len(ONE.jets))})
-    require_the_flight(found_in(path, usual_map(ONE, commands=f"{COMMANDS}, {keys}}}")), ONE)
 
 
 def test_masks_and_lists_of_jets(log: Callable[..., Path]) -> None:
@@ -374,31 +326,18 @@ def test_on_times_lie_in_a_sample_where_map_or_vehicle_say(log: Callable[..., Pa
     np.testing.assert_array_equal(plain["onset_T1_s"][:-1], 0.0)
 
 
-def test_preview(log: Callable[..., Path]) -> None:
-    shown = preview(understood(log(), usual_map(ONE)), 3)
-    assert [row["time_s"] for row in shown] == pytest.approx([0.0, 0.05, 0.1])
-    assert shown[1]["sensors"]["gyro"]["y"] == pytest.approx(ONE.rates[1, 1])
-    assert set(shown[2]["jets"]) == {jet for jet, on in zip(ONE.jets, ONE.commands[2], strict=True) if on}
-
-
-# -------------------------------------------------------------------------------------- what cannot be
-
 GROWS = np.linspace(100.0, 300.0, N)
 WRONG: list[tuple[dict[str, Any], dict[str, str], str]] = [
     ({"wz": 400.0 + ONE.rates[:, 2]}, {}, "sensor 'gyro' turns at up to *it looks like degrees: `unit: deg/s`"),
-    ({"vx": 1e6 * ONE.velocities[:, 0]}, {"acc": f"{ACC}, gives: mean, unit: m/s^2}}"}, "'acc' accelerates at up to"),
     ({"vx": 1e6 * ONE.velocities[:, 0]}, {}, "check its unit, and what it `gives`"),
     ({"h": np.full(N, 0.7)}, {"pose": "quaternion: [h, h, h, h], order: wxyz"}, "have length 1.4, and a quaternion th"),
     ({"h": (GROWS + 180.0) % 360.0 - 180.0}, {"pose": "heading: h"}, "h jumps by 360, and the map has it in radians"),
     ({"t": 1e-3 * ONE.time_s, "h": 0.3 * GROWS}, {"pose": "heading: h"}, "is rad the unit of its angles?"),
     ({"t": np.where(np.arange(N) < 40, 0.0, -1.0) + ONE.time_s}, {}, ", line 42: time goes back, from 1.95 to 1 s; ha"),
-    ({"t": np.zeros(N)}, {}, "most rows have the time of the row before; does t hold the time, in s?"),
     ({}, {"time": "{}"}, "log.csv has no stamps of its own: name the column, `time: {column: ...}`"),
     ({}, {"gyro": "{kind: gyro, columns: [null, null, wz]}"}, "map.yaml: sensors.gyro: has no x, y; the estimators ta"),
     ({}, {"acc": f"{ACC}, gives: instant, unit: m/s^2}}"}, "1 times a sample period of 0.05 s, does not tell what"),
     ({"t": 0.02 / 0.05 * ONE.time_s}, {}, "no multiple of it; set sample_period_s to 0.04 or 0.06"),
-    ({}, {"commands": f"{COMMANDS}, unit: ms, off: 50}}"}, "is what `on` is, too"),
-    ({}, {"commands": f"{COMMANDS}, at: end}}"}, "at goes with on-times"),
     ({"u3": np.full(N, 7.0)}, {}, ", line 2, column u3: 7 is no command between closed and open"),
     ({}, {"commands": f"{COMMANDS.replace('T12:', 'T13:')}}}"}, "map.yaml: commands: 'T13' is no jet of vehicle 'free"),
     (
@@ -411,9 +350,7 @@ WRONG: list[tuple[dict[str, Any], dict[str, str], str]] = [
 
 
 @pytest.mark.parametrize(("columns", "parts", "said"), WRONG, ids=[said[:40] for *_, said in WRONG])
-def test_what_does_not_fit_is_told(
-    columns: dict[str, Any], parts: dict[str, str], said: str, log: Callable[..., Path]
-) -> None:
+def test_misfits_are_told(columns: dict[str, Any], parts: dict[str, str], said: str, log: Callable[..., Path]) -> None:
     text = with_camera(parts["pose"]) if "pose" in parts else usual_map(ONE, **parts)
     message = refused(lambda: found_in(log(**columns), text))
     assert re.search(re.escape(said).replace(r"\*", ".*"), message), message
@@ -456,21 +393,15 @@ def test_what_a_map_names(tmp_path: Path) -> None:
         ("unit: deg/s", "unit: m/s", "line 5: sensors.gyro.unit: 'm/s' is a unit of velocity; expected one of rate"),
         ("unit: deg/s", "unit: deg/s^2", "'deg/s^2' is a unit of something else"),
         ("unit: deg/s", "unit: degg/s", "did you mean 'deg'?"),
-        ("gives: mean", "gives: integral", "line 6: sensors.acc: unit 'g' does not fit gives: integral"),
         ("order: xyzw", "heading: q", "line 7: sensors.cam: give one of quaternion and heading"),
         (", order: xyzw", "", "line 7: sensors.cam: quaternion and order belong together"),
         ("order: xyzw", "order: xyzw, axes: [x, y, -z]", "axes: [x, y, -z] is left-handed"),
-        ("unit: deg/s", "axes: [x, x, z]", "sensors.gyro.axes: must name each of x, y and z once, got [x, x, z]"),
         ("unit: deg/s", "axes: [y, x, z], rotation: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]", "either axes or rotation"),
         ("unit: deg/s", "rotation: [[1, 0, 0], [0, 1, 0], [0, 1, 1]]", "rotation: its rows must be at right angles"),
-        ("[wx, wy, null]", "[null, null, null]", "columns: none is named"),
         ("{T1: u1, T2: u2}", "{T1: u1}, listed: {column: c}", "commands: give one of columns, mask and listed, got co"),
-        ("{T1: u1, T2: u2}", "{T1: u1}, on: 0", "commands: on and off must differ, got 0"),
-        ("{T1: u1, T2: u2}", "{T1: u1}, off: -1e300", "commands.off: input should be greater than or equal to"),
         ("rate: dx", "rate: dx, rate_unit: rad/s", "rate_unit 'rad/s' is none of a rate of 'm'"),
         ("unit: N", "unit: N*m", "known_force: unit 'N*m' is none of a force"),
         ("topic: imu", "topic: imu\nrows: none", "rows: 'none' is not one of sensors (gyro, acc, cam, sun)"),
-        ("kind: attitude, angles: [r, p, h]", "kind: attitude", "sensors.sun: give quaternion, angles or heading"),
         ("unit: g, gives: mean", "unit: m/s, gives: increment, every: 3", "every goes with gives: integral"),
     ],
 )
@@ -478,8 +409,6 @@ def test_a_wrong_map_is_told_with_its_place(old: str, new: str, said: str) -> No
     assert old in GOOD
     assert said in refused(lambda: as_map(GOOD.replace(old, new)))
 
-
-# --------------------------------------------------------------- vehicles that are followed in a frame
 
 FLYER, ROWS = load_vehicle("tracked_flyer"), 40
 CAMERAS = "{kind: pose, position: [px, py, pz], unit: mm, heading: h, angle_unit: deg}"

@@ -44,9 +44,6 @@ def losses_of(found: Recording) -> str:
     return " | ".join(f"{loss.kind}: {loss.text}" for loss in found.losses)
 
 
-# -------------------------------------------------------------------------------- what reads as written
-
-
 def as_text(path: Path) -> tuple[Path, str]:
     """Semicolons, decimal commas, a line of units and remarks."""
     write_csv(path := path.with_suffix(".txt"), usual_columns(ONE), delimiter=";")
@@ -154,41 +151,17 @@ def test_a_file_gives_the_flight_back(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "form"),
-    [
-        ("t;wx\n0;1.5\n1;2\n", {"separator": ";"}),
-        ("t;wx\n0;1\n1;2,5\n", {"separator": ";", "decimal": ","}),
-        ("t\twx\n0\t1e3\n", {"separator": "\t"}),
-        ("t\n0\n", {}),
-    ],
-)
-def test_separator_and_decimal_mark_are_told_by_the_first_lines(
-    text: str, form: dict[str, str], tmp_path: Path
-) -> None:
-    path = tmp_path / "log.txt"
-    path.write_text(text, encoding="utf-8")
-    assert open_recording(path).form.model_dump(exclude_defaults=True) == form
-
-
-# ------------------------------------------------------------------------------------ what is refused
-
-
-@pytest.mark.parametrize(
     ("name", "content", "said"),
     [
         ("log.csv", b"", "is empty; expected a line of column names"),
         ("log.csv", b"t,wx,wy,wz\n", "is empty: it has no row of data"),
         ("log.csv", b"0,1,2,3\n0,1,2,3\n", "line 1: has numbers; expected a line of column names"),
-        ("log.csv", b"t,wx,wx,wz\n0,1,2,3\n", "line 1: column 'wx' appears twice; keep one of them"),
         ("log.csv", b"t,wx\n" + b"0,1\n" * 20 + b"0,1,2\n" * 20, "20 of 40 rows have another number of cells than the"),
-        ("log.csv", b"t,wx\n0,\0\n", "line 2: holds a NUL byte"),
-        ("log.csv", b"t,wx\n0,\xff\n", "not a text file in UTF-8"),
         ("log.xls", b"x", "'.xls' is no ending of a record that is known; known are .bag, .csv"),
         ("log.mat", b"nothing of the kind" * 20, "not a .mat file that can be read"),
         ("log.ulg", b"no log of this kind", "not a ULog"),
         ("log.ulg", b"ULog\x01\x12\x35\x01" + bytes(8), "is empty"),
         ("log.bag", b"#ROS", "not"),
-        ("log.mcap", b"", "is empty"),
         ("log.db3", b"SQLite format 3\0" * 30, "is cut off"),
     ],
 )
@@ -228,9 +201,7 @@ def test_what_does_not_go_with_the_map_is_named(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["log.csv", "log.mcap", "log.ulg", "log"])
 @pytest.mark.parametrize("command", ["map", "check", "estimate"])
-def test_what_needs_a_map_or_is_no_file_is_told_at_the_command_line(
-    name: str, command: str, massprop: Massprop, tmp_path: Path
-) -> None:
+def test_what_needs_a_map_or_is_no_file_is_told(name: str, command: str, massprop: Massprop, tmp_path: Path) -> None:
     vehicle = () if command == "check" else ("--vehicle", "free_flyer")
     os.mkfifo(tmp_path / name)
     done = massprop(command, tmp_path / name, *vehicle)
@@ -243,9 +214,6 @@ def test_what_needs_a_map_or_is_no_file_is_told_at_the_command_line(
         needs = f"{tmp_path / name}: is a ULog, and needs a map of what is in it: 'massprop map' proposes one"
         assert done.status == 2
         assert needs in done.err + done.out
-
-
-# --------------------------------------------------------------------------- bags that are not whole
 
 
 @pytest.fixture(scope="module")
@@ -266,10 +234,8 @@ def alone(bag: Path, folder: Path) -> Path:
 
 
 @pytest.mark.parametrize("kind", ["ros1", "sqlite3", "mcap"])
-@pytest.mark.parametrize("share", [0.6, 0.95])
-def test_a_bag_that_is_cut_off_is_read_as_far_as_it_goes(
-    kind: str, share: float, bags: dict[str, Path], tmp_path: Path
-) -> None:
+@pytest.mark.parametrize("share", [0.8])
+def test_a_bag_is_read_as_far_as_it_goes(kind: str, share: float, bags: dict[str, Path], tmp_path: Path) -> None:
     path = alone(bags[kind], tmp_path)
     path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
     found = open_recording(path, as_map(bag_map(ONE)))
@@ -300,19 +266,6 @@ def test_no_damage_is_more_than_bad_input(kind: str, bags: dict[str, Path], tmp_
         else:
             assert number % 2 == 0 or completeness(found.losses) == "truncated" or kind == "ulog"
     assert refusals < 12
-
-
-@pytest.mark.parametrize("kind", ["ros1", "mcap"])
-def test_damage_within_a_bag_costs_what_it_hits(kind: str, bags: dict[str, Path], tmp_path: Path) -> None:
-    path = alone(bags[kind], tmp_path)
-    content = bytearray(path.read_bytes())
-    half = len(content) // 2
-    content[half : half + 900] = random.Random(3).randbytes(900)
-    path.write_bytes(content)
-    found = open_recording(path)
-    assert completeness(found.losses) == "damaged"
-    assert f"{path}: its recorder counted 120 messages, " in losses_of(found)
-    assert 40 < sum(topic.rows for topic in found.topics.values()) < 120
 
 
 def edited(bag: Path, folder: Path, *statements: str) -> Path:
@@ -413,9 +366,6 @@ def test_topics_that_nobody_asked_for_are_named_and_refuse_nothing(bags: dict[st
     assert message == f"{folder}: topic /health, of type my_msgs/msg/Health, {why}"
 
 
-# ---------------------------------------------------------------------- other files that are not whole
-
-
 def test_a_ulog_that_is_cut_off_or_has_dropouts(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, text = as_ulog(tmp_path / "log")
     content = path.read_bytes()
@@ -437,7 +387,6 @@ CUT = "truncated: {}: is cut off within line 5, which is left out"
     [
         ("0.3,1.5,2.5", 4, ""),  # nobody has to end the last line
         ("0.3,1.5,2.", 3, CUT),
-        ("0.3,1.5,-", 3, CUT),
         ("0.3", 3, CUT),
         ('0.3,1.5,"2', 3, CUT),
         ("0.3,1.5,2.5\n\0\0\0\0\0\0", 4, "truncated: {}: has nothing but zeros from line 6 on"),
@@ -487,9 +436,6 @@ STRANGE = {
     "nested": (cells(*[cells(1.0, cells(2.0, 3.0))] * N), "x (cells in cells)"),
     "structures of arrays": (np.array([(np.zeros(4), 1.0)] * 3, dtype=[("a", "O"), ("b", "O")]), "x (structures)"),
     "cells in two dimensions": (np.array([[1.0, "a"]] * N, dtype=object), "x (cells in rows and columns)"),
-    "complex": (np.exp(1j * np.arange(N)), "x (complex numbers)"),
-    "cube": (np.zeros((N, 3, 3)), "x (of 30 x 3 x 3 values)"),
-    "image": (np.zeros((N, 100)), "x (of more than 64 columns)"),
     "short": (np.arange(5.0), "x (of 5 values)"),
     "in a structure": ({"a": np.arange(N), "d": cells(cells(1.0, 2.0), 3.0)}, "x.d (cells in cells)"),
 }
@@ -508,19 +454,6 @@ def test_variables_that_give_no_columns_are_named(what: str, tmp_path: Path) -> 
         savemat(path, {"x": STRANGE[what][0]})
         why = f"has no variable that gives columns: {STRANGE[what][1]}"
         assert refused(lambda: open_recording(path)) == f"{path}: {why}"
-
-
-def test_structures_and_cells_of_a_row_each_are_columns(tmp_path: Path) -> None:
-    from scipy.io import savemat  # noqa: PLC0415
-
-    path, stamps = tmp_path / "log.mat", 1.7e9 + 0.1 * np.arange(N)
-    rows = np.array([(stamp, 2.0) for stamp in stamps], dtype=[("t", "O"), ("u", "O")])
-    names = cells(*["T1" if index % 2 else "" for index in range(N)])
-    savemat(path, {"runs": rows, "cells": cells(*stamps.tolist()), "fired": names})
-    topics = open_recording(path).topics
-    np.testing.assert_array_equal(topics["runs"].numbers("t"), stamps)
-    np.testing.assert_array_equal(topics[""].numbers("cells"), stamps)
-    assert topics[""].texts("fired")[:3] == ["", "T1", ""]
 
 
 @pytest.mark.parametrize("compressed", [False, True])
