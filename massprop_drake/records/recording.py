@@ -510,10 +510,7 @@ def _require_names(header: list[str], form: CsvForm, where: str) -> None:
 
 
 def _gathered(
-    cells: Iterator[list[str]],
-    header: list[str],
-    wanted: list[str],
-    how: tuple[CsvForm, set[str], int | None, _Where],
+    cells: Iterator[list[str]], header: list[str], wanted: list[str], how: tuple[CsvForm, set[str], int | None, _Where]
 ) -> tuple[dict[str, Column], NDArray[np.int64], Ragged]:
     """Collects the wanted columns, the line of each row, and the rows with another number of cells."""
     form, as_text, most, where = how
