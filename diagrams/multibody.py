@@ -16,7 +16,8 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from massprop_drake.diagrams import vehicle as vehicle_diagram
 from massprop_drake.inputs import params
 from massprop_drake.inputs.model_file import blamed, model_joints, model_kind
-from massprop_drake.inputs.scenario import JointMove, JointStart, MultibodyBlock, PlantBlock, Scenario
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.true_blocks import JointMove, JointStart, MultibodyBlock, PlantBlock
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.systems.multibody.body_motion import FROM_PLANT
 from massprop_drake.systems.multibody.multibody_vehicle import TRUTH, BodyBridge, MultibodyVehicle

@@ -24,8 +24,9 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from massprop_drake.diagrams._wiring import ONSETS, built, export_outputs
 from massprop_drake.inputs import params
-from massprop_drake.inputs.scenario import PlantBlock, Scenario
-from massprop_drake.inputs.vehicle_file import Accelerometer, PoseSensor, SensorPackage, VelocitySensor
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.true_blocks import PlantBlock
+from massprop_drake.inputs.vehicle_sensors import Accelerometer, PoseSensor, SensorPackage, VelocitySensor
 from massprop_drake.systems.vehicle.disturbance_source import Disturbance
 from massprop_drake.systems.vehicle.engines import Engines
 from massprop_drake.systems.vehicle.integrating_accelerometer import IntegratingAccelerometer

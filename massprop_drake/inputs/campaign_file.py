@@ -16,7 +16,9 @@ from massprop_drake.inputs import params
 from massprop_drake.inputs.distributions import KINDS, Choice, Distribution, Normal, distribution_in
 from massprop_drake.inputs.kinds import bundled, require_kind, require_named
 from massprop_drake.inputs.model import Flag, Key, Model, Real, Text, Whole, described, keys, validated
-from massprop_drake.inputs.scenario import Dispersion, Scenario, load_scenario, parsed_key, replace_at, resolved, set_at
+from massprop_drake.inputs.overrides import parsed_key, set_at
+from massprop_drake.inputs.scenario import Scenario, load_scenario, replace_at, resolved
+from massprop_drake.inputs.true_blocks import Dispersion
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.yaml import Document, FieldPath, exists, read_text
 from massprop_drake.maths.mass_properties import drawn_body

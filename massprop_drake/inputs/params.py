@@ -13,28 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError
+from massprop_drake.inputs.estimation_blocks import HypothesesBlock
 from massprop_drake.inputs.moving import mode_params
-from massprop_drake.inputs.scenario import (
-    Degraded,
-    Drift,
-    Failure,
-    HypothesesBlock,
-    Intermittent,
-    Leak,
-    MultibodyBlock,
-    PlantBlock,
-    Scenario,
-    SensorErrors,
-    jump_terms,
-)
-from massprop_drake.inputs.vehicle_file import (
-    STANDARD_GRAVITY,
+from massprop_drake.inputs.onboard_blocks import SensorErrors
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.scheduled import Degraded, Drift, Failure, Intermittent, Leak, jump_terms
+from massprop_drake.inputs.true_blocks import MultibodyBlock, PlantBlock
+from massprop_drake.inputs.vehicle_file import STANDARD_GRAVITY, Vehicle
+from massprop_drake.inputs.vehicle_sensors import (
     Accelerometer,
     Gyro,
     PoseSensor,
     RocketEngine,
     SensorPackage,
-    Vehicle,
     VelocitySensor,
     Wheel,
 )

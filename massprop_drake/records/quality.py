@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from massprop_drake.errors import moment
 from massprop_drake.inputs import factors, params
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.inputs.vehicle_file import Accelerometer, SensorPackage
+from massprop_drake.inputs.vehicle_sensors import Accelerometer, SensorPackage
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, ELEMENT, MASS_RECIPROCAL
 from massprop_drake.records.reader import Record, Rows
 from massprop_drake.records.unknown_commands import UnknownCommands

@@ -17,7 +17,8 @@ from massprop_drake.errors import InputError, in_words, suggestion
 from massprop_drake.inputs import params
 from massprop_drake.inputs.kinds import about_folder, bundled
 from massprop_drake.inputs.model import validated, yaml_text
-from massprop_drake.inputs.scenario import MultibodyBlock, Scenario, load_scenario
+from massprop_drake.inputs.scenario import Scenario, load_scenario
+from massprop_drake.inputs.true_blocks import MultibodyBlock
 from massprop_drake.inputs.yaml import exists, read_text
 from massprop_drake.records import reader as telemetry
 from massprop_drake.results.exchange import recover

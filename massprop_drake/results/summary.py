@@ -15,7 +15,8 @@ from pydantic import BeforeValidator, ConfigDict, Field, field_validator
 
 from massprop_drake.inputs import params
 from massprop_drake.inputs.model import Count, Flag, Model, NotNegative, Real, Text, Whole, digest, validated
-from massprop_drake.inputs.scenario import MultibodyBlock, Scenario
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.true_blocks import MultibodyBlock
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths import mass_properties, possible_inertia
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, N_ROTATION, Derived, six_elements

@@ -13,8 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from massprop_drake.errors import InputError, dotted, moment
 from massprop_drake.inputs import params
 from massprop_drake.inputs.model import validated
-from massprop_drake.inputs.scenario import Scenario, check_against_vehicle
-from massprop_drake.inputs.vehicle_file import SensorPackage, Vehicle
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.scenario_checks import check_against_vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.inputs.vehicle_sensors import SensorPackage
 from massprop_drake.maths.estimation import cycle, whole
 from massprop_drake.maths.estimation.detector import Verdict
 from massprop_drake.maths.estimation.faults.declarations import Word

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from massprop_drake.errors import InputError
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.inputs.vehicle_file import SensorPackage
+from massprop_drake.inputs.vehicle_sensors import SensorPackage
 from massprop_drake.maths import attitude
 from massprop_drake.maths.estimation.filters.pose import PoseFilterParams, readings_of
 from massprop_drake.maths.estimation.pose import delays, pose_hindsight, setting

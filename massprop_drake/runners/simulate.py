@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError, moment
 from massprop_drake.inputs import params
-from massprop_drake.inputs.scenario import MultibodyBlock, Scenario
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.true_blocks import MultibodyBlock
 from massprop_drake.maths.autopilot.jet_selection import activity_vectors
 from massprop_drake.maths.estimation.filter import Groups
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError

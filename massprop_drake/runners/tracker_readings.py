@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.inputs.vehicle_file import PoseSensor, VelocitySensor
+from massprop_drake.inputs.vehicle_sensors import PoseSensor, VelocitySensor
 from massprop_drake.maths.noise import normal_sample
 from massprop_drake.maths.vehicle.rigid_body import STRUCTURE
 from massprop_drake.maths.vehicle.tracking import N_NOISE, is_due, pose_read, velocity_read

@@ -11,8 +11,9 @@ from scipy.stats import chi2
 
 from massprop_drake import Scenario, load_scenario, load_vehicle
 from massprop_drake.inputs import params
+from massprop_drake.inputs.estimation_blocks import FaultMode, FaultsBlock
 from massprop_drake.inputs.model import keys
-from massprop_drake.inputs.scenario import FaultMode, FaultsBlock, resolved
+from massprop_drake.inputs.scenario import resolved
 from massprop_drake.maths.estimation import redundancy
 from massprop_drake.maths.estimation.faults.declarations import Mode
 from massprop_drake.maths.estimation.faults.hypothesis_filter import Params

@@ -11,7 +11,8 @@ from pose_probe import again
 from massprop_drake import InputError, load_scenario, load_vehicle, simulate
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import resolved
-from massprop_drake.inputs.vehicle_file import PoseSensor, Vehicle, VelocitySensor, bundled_vehicles
+from massprop_drake.inputs.vehicle_file import Vehicle, bundled_vehicles
+from massprop_drake.inputs.vehicle_sensors import PoseSensor, VelocitySensor
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, NAMES
 
 STARS, SPEED = PoseSensor(name="stars", attitude_std=1e-3), VelocitySensor(name="v", noise_std=1e-3)

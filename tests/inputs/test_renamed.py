@@ -9,8 +9,9 @@ import pytest
 from command_probe import Massprop
 
 from massprop_drake import InputError, Scenario, load_scenario, load_vehicle
+from massprop_drake.inputs.estimation_blocks import HypothesesBlock
 from massprop_drake.inputs.renamed import RenamedWarning
-from massprop_drake.inputs.scenario import HypothesesBlock, resolved
+from massprop_drake.inputs.scenario import resolved
 from massprop_drake.inputs.yaml import Document
 
 LANDED = Path(__file__).parents[1] / "data" / "landed_0_1"

@@ -14,15 +14,9 @@ from test_refused import refused, require
 
 from massprop_drake import InputError, Scenario, load_scenario, simulate
 from massprop_drake.inputs import params
+from massprop_drake.inputs.estimation_blocks import FaultsBlock, HypothesesBlock, JointBlock
 from massprop_drake.inputs.model import Model, digest, yaml_text
-from massprop_drake.inputs.scenario import (
-    FaultsBlock,
-    HypothesesBlock,
-    JointBlock,
-    bundled_scenarios,
-    resolved,
-    set_field,
-)
+from massprop_drake.inputs.scenario import bundled_scenarios, resolved, set_field
 from massprop_drake.inputs.yaml import to_yaml
 
 DATA = REPOSITORY / "tests" / "data"

@@ -21,7 +21,9 @@ from scipy.stats import chi2
 
 from massprop_drake import load_scenario, load_vehicle, simulate
 from massprop_drake.inputs.model import yaml_text
-from massprop_drake.inputs.vehicle_file import MassPropertiesModel, Vehicle, bundled_vehicles, times_per_s
+from massprop_drake.inputs.vehicle_file import Vehicle, bundled_vehicles
+from massprop_drake.inputs.vehicle_parts import MassPropertiesModel
+from massprop_drake.inputs.vehicle_sensors import times_per_s
 from massprop_drake.inputs.yaml import Document, to_yaml
 from massprop_drake.maths.mass_properties import could_be_inertia, six_elements, symmetric
 

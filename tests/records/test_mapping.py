@@ -30,7 +30,7 @@ from massprop_drake import estimate, load_vehicle
 from massprop_drake.inputs.record_map import load_map, rotation_of
 from massprop_drake.inputs.scenario import resolved
 from massprop_drake.inputs.units import factor, parsed
-from massprop_drake.inputs.vehicle_file import Gyro, PoseSensor, VelocitySensor
+from massprop_drake.inputs.vehicle_sensors import Gyro, PoseSensor, VelocitySensor
 from massprop_drake.maths.attitude import from_rotation_vector
 from massprop_drake.records.mapping import Mapped, MappedTable, comes_faster, mapped, table
 from massprop_drake.records.recording import open_recording

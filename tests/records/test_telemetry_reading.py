@@ -18,7 +18,8 @@ from telemetry_probe import PERIOD_S, Log, toy_vehicle
 
 from massprop_drake import InputError, estimate, load_vehicle
 from massprop_drake.inputs.scenario import resolved
-from massprop_drake.inputs.vehicle_file import JetCommands, Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.inputs.vehicle_parts import JetCommands
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.on_times import continued, pieces
 from massprop_drake.records.control_rows import Thinning

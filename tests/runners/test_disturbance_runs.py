@@ -12,7 +12,7 @@ from test_on_time_runs import pulses, quick
 
 from massprop_drake import Estimator, Run, Scenario, simulate
 from massprop_drake.inputs.scenario import resolved
-from massprop_drake.inputs.vehicle_file import Disturbance
+from massprop_drake.inputs.vehicle_parts import Disturbance
 
 STATED = {"torque_std": 0.005, "force_std": 0.01, "time_constant_s": 30.0}
 DISTURBANCE = {"torque_std": [0.005] * 3, "force_std": [0.01] * 3, "correlation_time_s": 30.0}

@@ -11,7 +11,8 @@ from pose_probe import again
 
 from massprop_drake import InputError, Run, Scenario, estimate, load_scenario, load_vehicle, simulate
 from massprop_drake.inputs.scenario import resolved
-from massprop_drake.inputs.vehicle_file import JetCommands, Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.inputs.vehicle_parts import JetCommands
 
 PERIOD_S, CLOCK_S, MINIMUM_S = 0.1, 0.001, 0.01
 SETTINGS = {"hold_rate_limit": 0.0035, "capture_rate": 0.0035, "acceleration": 0.006, "horizon_s": 1.0}

@@ -12,7 +12,8 @@ from replay_probe import replayed
 
 from massprop_drake import Estimator, Run, Scenario, estimate, load_scenario, load_vehicle, simulate
 from massprop_drake.inputs.scenario import resolved
-from massprop_drake.inputs.vehicle_file import JetCommands, Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.inputs.vehicle_parts import JetCommands
 from massprop_drake.runners.recorded import settings_alone
 
 PERIOD_S = 0.1

@@ -12,7 +12,8 @@ from pose_probe import again
 
 from massprop_drake import Estimator, Run, estimate, load_vehicle, simulate
 from massprop_drake.inputs.scenario import Scenario, resolved
-from massprop_drake.inputs.vehicle_file import PoseSensor, Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.inputs.vehicle_sensors import PoseSensor
 from massprop_drake.maths.estimation.joint.rates import EVERY_PERIOD, Rates, shortened
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.tracking import PoseModel, is_due

@@ -23,7 +23,8 @@ from massprop_drake import (
     simulate,
 )
 from massprop_drake.inputs.scenario import resolved
-from massprop_drake.inputs.vehicle_file import Accelerometer, Gyro, PoseSensor, Vehicle, VelocitySensor
+from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.inputs.vehicle_sensors import Accelerometer, Gyro, PoseSensor, VelocitySensor
 from massprop_drake.runners.recorded import settings_alone
 
 

@@ -12,7 +12,8 @@ from pose_probe import again
 
 from massprop_drake import Estimator, InputError, Run, Scenario, estimate, load_scenario, load_vehicle, simulate
 from massprop_drake.inputs.scenario import resolved
-from massprop_drake.inputs.vehicle_file import PoseSensor, Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.inputs.vehicle_sensors import PoseSensor
 from massprop_drake.runners.recorded import settings_alone
 
 TRACKER = PoseSensor(name="st", attitude_std=5e-5)

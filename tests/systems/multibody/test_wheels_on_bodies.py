@@ -19,7 +19,8 @@ from massprop_drake import Scenario, load_vehicle, simulate
 from massprop_drake.diagrams import open_loop
 from massprop_drake.diagrams.multibody import add_thrusters_and_sensors
 from massprop_drake.inputs.scenario import resolved
-from massprop_drake.inputs.vehicle_file import Vehicle, Wheel
+from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.inputs.vehicle_sensors import Wheel
 from massprop_drake.systems.multibody.body_wrench import BodyWrench
 
 AXIS, SPIN = np.array([0.6, 0.0, 0.8]), 0.02  # kg-m^2
