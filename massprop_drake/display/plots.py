@@ -30,7 +30,7 @@ from massprop_drake.display.spec import (
     Zone,
 )
 from massprop_drake.display.style import BAND_COLOR, COLORS, FAILED_COLOR, POINT_SIZE, THIN_LINE, TRUTH_COLOR
-from massprop_drake.inputs import params
+from massprop_drake.inputs import params, pilot_params, true_params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, commanded_rate
@@ -236,7 +236,7 @@ def phase_plane(run: Source) -> Plot:
 
     Both are as the autopilot sees them. An axis that does not hold its attitude has no error, and no path.
     """
-    law = params.phase_space_params(run.scenario)
+    law = pilot_params.phase_space_params(run.scenario)
     error = _DEGREES * np.where(run.signals["attitude_error"] == 0.0, np.nan, run.signals["attitude_error"])
     rate = _DEGREES * motion.read(run.scenario, run.signals)
     translates = any(window.controller == "thc" for window in run.scenario.maneuver)
@@ -440,7 +440,7 @@ def failing(time_s: Array, scenario: Scenario) -> NDArray[np.bool_]:
 
 def propellant(run: Source) -> Plot:
     """Plots the propellant used, by the jets' thrust or, where that is not known, by their commands."""
-    full, flows = np.linalg.norm(run.vehicle.thrusts, axis=1), params.plant_mass_flows(run.scenario)
+    full, flows = np.linalg.norm(run.vehicle.thrusts, axis=1), true_params.plant_mass_flows(run.scenario)
     level = run.signals["thrust"] / full if "thrust" in run.signals else np.nan_to_num(run.signals["command"])
     rate = (level * flows).sum(axis=1) * run.vehicle.sample_period_s
     used = np.concatenate([[0.0], np.cumsum(rate[:-1])])

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, ConfigDict, Field, field_validator
 
-from massprop_drake.inputs import params
+from massprop_drake.inputs import params, true_params
 from massprop_drake.inputs.model import Count, Flag, Model, NotNegative, Real, Text, Whole, digest, validated
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.true_blocks import MultibodyBlock
@@ -704,7 +704,7 @@ def _firings(signals: Spool) -> int:
 def _propellant(scenario: Scenario, signals: Spool) -> float:
     """Computes propellant used, slug or kg: by the thrust of every sample or, where it is not known, its command."""
     vehicle = scenario.vehicle_data
-    full, flows = np.linalg.norm(vehicle.thrusts, axis=1), params.plant_mass_flows(scenario)
+    full, flows = np.linalg.norm(vehicle.thrusts, axis=1), true_params.plant_mass_flows(scenario)
     name, full = ("thrust", full) if "thrust" in signals else ("command", np.ones_like(full))
     flow = np.concatenate([np.nansum(level / full * flows, axis=1) for level in _intervals(signals, name)])
     return float(flow.sum() * vehicle.sample_period_s)

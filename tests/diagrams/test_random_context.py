@@ -14,7 +14,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from massprop_drake import InputError, load_scenario, simulate
 from massprop_drake.diagrams import closed_loop, vehicle
-from massprop_drake.inputs import params
+from massprop_drake.inputs import true_params
 from massprop_drake.inputs.scenario import Scenario
 
 NOISY = "sensors.errors=[{sensor: gyro, noise_std: 2.0e-4}]"
@@ -133,8 +133,8 @@ def test_unless_drawn_it_is_what_the_scenario_s_seed_draws() -> None:
     scenario = load_scenario("sample_maneuver", overrides)
     diagram = vehicle.build(scenario)
     context: Any = diagram.CreateDefaultContext()
-    wrenches, jets = params.plant_wrenches(scenario), scenario.vehicle_data.designations
-    (leak,) = params.jet_failures(scenario)
+    wrenches, jets = true_params.plant_wrenches(scenario), scenario.vehicle_data.designations
+    (leak,) = true_params.jet_failures(scenario)
     for jet in range(len(jets)):
         command = np.eye(len(jets))[jet]
         for name in ("command", "held_command"):
@@ -221,7 +221,7 @@ def test_true_mass_properties_are_drawn_with_a_dispersion() -> None:
     truths = [
         readings(diagram, None if one is None else RandomGenerator(one), "mass_properties") for one in (None, 1, 2, 1)
     ]
-    expected = params.true_properties(scenario).vector()
+    expected = true_params.true_properties(scenario).vector()
     np.testing.assert_allclose(truths[0][0], expected, rtol=1e-12)
     assert 0.001 < np.abs(expected / scenario.vehicle_data.nominal.vector() - 1.0)[:3].max() < 0.3
     np.testing.assert_array_equal(truths[1], truths[3])

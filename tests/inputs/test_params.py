@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import chi2
 
 from massprop_drake import Scenario, load_scenario, load_vehicle
-from massprop_drake.inputs import params
+from massprop_drake.inputs import params, true_params
 from massprop_drake.inputs.estimation_blocks import FaultMode, FaultsBlock
 from massprop_drake.inputs.model import keys
 from massprop_drake.inputs.scenario import resolved
@@ -133,7 +133,7 @@ def test_rules_and_packages_reach_the_filters_in_order_of_preference(toy_data: d
 def test_sensor_errors_are_those_of_the_vehicle_and_the_scenario() -> None:
     stated = "{sensor: acc1, bias: [1, 2, 3], bias_random_walk: 0.5, quantum: 0.25, delay_samples: 3}"
     scenario = sample("seed=4", f"sensors.errors=[{stated}]", "vehicle.gyros[0].range=0.5")
-    gyro, acc1, acc2, _ = (params.sensor_model(scenario, package) for package in scenario.vehicle_data.sensors)
+    gyro, acc1, acc2, _ = (true_params.sensor_model(scenario, package) for package in scenario.vehicle_data.sensors)
     assert (gyro.quantum, gyro.delay, gyro.integrates, gyro.remembers) == (1.52e-6, 0, False, False)
     assert (gyro.limit, acc1.limit) == (0.5, math.inf)
     np.testing.assert_array_equal(gyro.phase, uniform_phase(4, "gyro", 3))
@@ -142,7 +142,7 @@ def test_sensor_errors_are_those_of_the_vehicle_and_the_scenario() -> None:
     assert acc1.walk_std == pytest.approx(0.5 * math.sqrt(0.08))  # 1-sigma after one second
     assert (acc2.quantum, acc2.walk_std) == (0.0344, 0.0)
     equal = sample("sensors.quantizer_phase=equal")
-    assert not params.sensor_model(equal, equal.vehicle_data.gyros[0]).phase.any()
+    assert not true_params.sensor_model(equal, equal.vehicle_data.gyros[0]).phase.any()
 
 
 def test_lags_are_used_where_they_are_asked_for() -> None:
@@ -171,18 +171,18 @@ def test_each_jet_is_off_by_its_own_fraction_drawn_from_the_seed() -> None:
     double = params.thrust_factors(sample("seed=7", "plant.thrust_dispersion=0.04"))
     np.testing.assert_allclose(double - 1.0, 2.0 * (factors[7] - 1.0), rtol=1e-12)
     # torque, force and flow go with the thrust; what the estimators take for true is not touched
-    nominal = params.plant_wrenches(sample())
-    np.testing.assert_allclose(params.plant_wrenches(scenario), nominal * factors[7][:, None], rtol=1e-15)
+    nominal = true_params.plant_wrenches(sample())
+    np.testing.assert_allclose(true_params.plant_wrenches(scenario), nominal * factors[7][:, None], rtol=1e-15)
     np.testing.assert_array_equal(nominal[:, 6], scenario.vehicle_data.mass_flows)
-    assert not params.plant_wrenches(sample("plant.depletion=false"))[:, 6].any()
+    assert not true_params.plant_wrenches(sample("plant.depletion=false"))[:, 6].any()
 
 
 # with the second seed the leaking jet's draw lies 3.6 sigma low: 1 - 3.6 x 0.3 is below zero
 @pytest.mark.parametrize(("seed", "dispersion"), [(0, 0.1), (1249, 0.3)])
 def test_a_leak_gives_the_force_it_states_whatever_the_jets_thrust(seed: int, dispersion: float) -> None:
     scenario = load_scenario("leak_24", [f"seed={seed}", f"plant.thrust_dispersion={dispersion}"])
-    (failure,) = params.jet_failures(scenario)
-    force = failure.amount * np.linalg.norm(params.plant_wrenches(scenario)[failure.jet, 3:6])
+    (failure,) = true_params.jet_failures(scenario)
+    force = failure.amount * np.linalg.norm(true_params.plant_wrenches(scenario)[failure.jet, 3:6])
     assert force == pytest.approx(scenario.failures[0].force, rel=1e-12)
     assert params.thrust_factors(scenario)[failure.jet] != 1.0
 

@@ -9,7 +9,7 @@ import pytest
 from pose_probe import again
 
 from massprop_drake import InputError, load_scenario, load_vehicle, simulate
-from massprop_drake.inputs import params
+from massprop_drake.inputs import params, true_params
 from massprop_drake.inputs.scenario import resolved
 from massprop_drake.inputs.vehicle_file import Vehicle, bundled_vehicles
 from massprop_drake.inputs.vehicle_sensors import PoseSensor, VelocitySensor
@@ -95,7 +95,7 @@ def test_a_floor_carries_what_would_lift_or_tip() -> None:
     vehicle = load_vehicle("air_bearing")
     jets = [jet.model_copy(update={"position": (*jet.position[:2], 0.05)}) for jet in vehicle.jets]
     jets[0] = jets[0].model_copy(update={"direction": (-0.8, 0.0, 0.6)})
-    wrenches = params.plant_wrenches(resolved({"name": "made", "vehicle": again(vehicle, jets=tuple(jets))}))
+    wrenches = true_params.plant_wrenches(resolved({"name": "made", "vehicle": again(vehicle, jets=tuple(jets))}))
     np.testing.assert_array_equal(wrenches[:, 5], 0.0)
     turns = wrenches[:, :3] - np.cross(vehicle.nominal.center_of_mass, wrenches[:, 3:6])  # about the center of mass
     np.testing.assert_allclose(turns[:, :2], 0.0, atol=1e-15)

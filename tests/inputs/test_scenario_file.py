@@ -13,7 +13,7 @@ from ruamel.yaml import YAML
 from test_refused import refused, require
 
 from massprop_drake import InputError, Scenario, load_scenario, simulate
-from massprop_drake.inputs import params
+from massprop_drake.inputs import params, true_params
 from massprop_drake.inputs.estimation_blocks import FaultsBlock, HypothesesBlock, JointBlock
 from massprop_drake.inputs.model import Model, digest, yaml_text
 from massprop_drake.inputs.scenario import bundled_scenarios, resolved, set_field
@@ -108,7 +108,7 @@ def test_one_of_everything_runs(tmp_path: Path, toy_data: dict[str, Any]) -> Non
     assert run.time_s.size == 21
     # nothing is used up, the mass is the one drawn about 110 kg until 1 kg docks at 1 s, which the sample after shows;
     # thrust is instantaneous, and only the first six jets fail
-    mass = params.true_properties(scenario).mass
+    mass = true_params.true_properties(scenario).mass
     assert 100.0 < mass < 120.0
     assert mass != 110.0
     np.testing.assert_allclose(1.0 / run["truth"][:, 9], [mass] * 11 + [mass + 1.0] * 10, rtol=1e-14)

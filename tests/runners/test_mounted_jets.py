@@ -8,7 +8,7 @@ from test_on_time_runs import pulses, quick
 
 from massprop_drake import Run, load_scenario, simulate
 from massprop_drake.errors import InputError
-from massprop_drake.inputs import params
+from massprop_drake.inputs import true_params
 from massprop_drake.inputs.scenario import resolved
 
 MOUNTED = {"direction_std": 0.02, "position_std": 0.01}
@@ -50,10 +50,10 @@ def test_both_simulators_fly_the_same_jets(told: Run) -> None:
 
 
 def test_a_seed_draws_the_mounting_and_zero_leaves_it() -> None:
-    drawn = [params.plant_wrenches(load_scenario("small_satellite_leak", [f"seed={seed}"])) for seed in (1, 2)]
+    drawn = [true_params.plant_wrenches(load_scenario("small_satellite_leak", [f"seed={seed}"])) for seed in (1, 2)]
     np.testing.assert_array_equal(*drawn)  # nothing is stated, and thrusts are exact
     one, other = flown(1.0, "loop", 1).scenario, flown(1.0, "loop", 2).scenario
-    assert np.abs(params.plant_wrenches(one) - params.plant_wrenches(other)).max() > 0.01
+    assert np.abs(true_params.plant_wrenches(one) - true_params.plant_wrenches(other)).max() > 0.01
 
 
 def test_what_no_jet_can_be_off_by_is_refused() -> None:

@@ -13,7 +13,7 @@ from pydrake.systems.primitives import LogVectorOutput
 
 from massprop_drake import load_scenario
 from massprop_drake.diagrams import vehicle
-from massprop_drake.inputs import params
+from massprop_drake.inputs import true_params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.vehicle.rigid_body import (
     MASS,
@@ -41,7 +41,7 @@ COMMON = (
 
 def _model(scenario: Scenario) -> str:
     """SDF of one body with a scenario's true mass properties."""
-    mass, center, inertia = params.true_properties(scenario)
+    mass, center, inertia = true_params.true_properties(scenario)
     names = (("ixx", 0, 0), ("iyy", 1, 1), ("izz", 2, 2), ("iyz", 1, 2), ("ixz", 0, 2), ("ixy", 0, 1))
     moments = "".join(f"<{name}>{inertia[i, j]}</{name}>" for name, i, j in names)
     place = " ".join(map(str, center))

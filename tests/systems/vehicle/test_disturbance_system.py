@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from systems_probe import PERIOD_S, advance, feedthrough, inputs, outputs
 
-from massprop_drake.inputs import params
+from massprop_drake.inputs import true_params
 from massprop_drake.inputs.scenario import Scenario, load_scenario
 from massprop_drake.maths.noise import normal_sample
 from massprop_drake.maths.vehicle.disturbance import DisturbanceModel
@@ -117,10 +117,10 @@ def test_drifting_without_jets_it_gives_the_change_of_momentum_it_should() -> No
 
 def test_params_begin_with_a_draw_of_the_stated_size() -> None:
     scenario: Scenario = load_scenario("sample_maneuver", SHAKEN)
-    model = params.disturbance(scenario)
+    model = true_params.disturbance(scenario)
     assert model is not None
     np.testing.assert_array_equal(model.mean, [50.0, 0.0, 20.0, 1.0, 2.0, 3.0])
     drawn = normal_sample(scenario.seed, "disturbance before the start", 0, 6)
     np.testing.assert_array_equal(model.before, np.array([100.0, 200.0, 50.0, 5.0, 5.0, 5.0]) * drawn)
     assert model.kept == pytest.approx(np.exp(-0.08 / 2.0))
-    assert params.disturbance(load_scenario("sample_maneuver")) is None
+    assert true_params.disturbance(load_scenario("sample_maneuver")) is None
