@@ -19,7 +19,8 @@ from massprop_drake.inputs.model import validated
 from massprop_drake.inputs.record_map import RecordMap
 from massprop_drake.inputs.vehicle_file import Vehicle, load_vehicle
 from massprop_drake.inputs.yaml import Document
-from massprop_drake.records.mapping import MappedTable, mapped, table
+from massprop_drake.records.mapped_rows import MappedTable, table
+from massprop_drake.records.mapping import mapped
 from massprop_drake.records.recording import open_recording
 
 Array = NDArray[np.float64]

@@ -29,9 +29,9 @@ from massprop_drake.inputs.scenario import Scenario, bundled_scenarios, load_sce
 from massprop_drake.inputs.vehicle_file import Vehicle, bundled_vehicles, load_vehicle
 from massprop_drake.inputs.yaml import Document, exists, read_text
 from massprop_drake.maths.kernels import compiler
-from massprop_drake.records.reader import check as check_telemetry
-from massprop_drake.records.reader import vehicle_scenario
 from massprop_drake.records.recording import require_table
+from massprop_drake.records.rows import vehicle_scenario
+from massprop_drake.records.structure_check import check as check_telemetry
 from massprop_drake.records.tables import require_file
 from massprop_drake.results.exchange import recover
 from massprop_drake.results.folder import Place

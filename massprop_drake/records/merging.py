@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError, counted, moment
 from massprop_drake.inputs import factors
-from massprop_drake.records.tables import Block, Loss, Ragged, open_table
+from massprop_drake.records.blocks import Block
+from massprop_drake.records.completeness import Loss, Ragged
+from massprop_drake.records.tables import open_table
 
 Array = NDArray[np.float64]
 

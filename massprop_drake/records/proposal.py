@@ -15,7 +15,7 @@ from massprop_drake.errors import InputError
 from massprop_drake.inputs.record_map import RecordMap
 from massprop_drake.inputs.units import factor
 from massprop_drake.inputs.vehicle_file import Vehicle
-from massprop_drake.records import evidence, mapping
+from massprop_drake.records import channels, evidence, mapped_rows, mapping
 from massprop_drake.records.clocks import TopicClock, clock_fault, find_clock
 from massprop_drake.records.command_scales import CommandScale, Levels, possible_scales, two_levels, without_rare
 from massprop_drake.records.names import (
@@ -28,7 +28,8 @@ from massprop_drake.records.names import (
     kind_of,
     read_name,
 )
-from massprop_drake.records.recording import Recording, Topic, is_number
+from massprop_drake.records.stamps import is_number
+from massprop_drake.records.topics import Recording, Topic
 
 Array = NDArray[np.float64]
 
@@ -696,7 +697,7 @@ class _Search:
                 "better with another lag: look at axes, signs, units and which jet is which"
             )
 
-    def _understood(self, acts: str) -> mapping.Mapped | None:
+    def _understood(self, acts: str) -> channels.Mapped | None:
         """Returns the record as the map has it so far; None where the map cannot be applied."""
         try:
             by = RecordMap.model_validate({**self.data, "commands": {**self.data["commands"], "acts": acts}})
@@ -746,7 +747,7 @@ class _Search:
                 "make them"
             )
 
-    def _tell_sums(self, name: str, by: mapping.Mapped) -> None:
+    def _tell_sums(self, name: str, by: channels.Mapped) -> None:
         """Distinguishes sums of velocity, increments and accelerations, by the jets' effects on them."""
         entry = self.data["sensors"][name]
         if entry["gives"] in ("mean", "instant") and name not in self._guessed:
@@ -779,7 +780,7 @@ class _Search:
             f"{min(sums.correlation, values.correlation):.2f}"
         )
 
-    def _of_values(self, name: str, by: mapping.Mapped, values: evidence.JetEvidence) -> str:
+    def _of_values(self, name: str, by: channels.Mapped, values: evidence.JetEvidence) -> str:
         """Distinguishes increments from accelerations, where sums do not follow the jets, by how much they change."""
         usual = "mean" if self.data["sensors"][name]["gives"] == "mean" else "increment"
         if name not in self._guessed:
@@ -897,7 +898,7 @@ class _Search:
         if stamps is None or stamps.size < 2:
             return "mean"
         every = float(np.median(np.diff(stamps)))
-        return "instant" if mapping.FEWEST_INSTANTS * every <= self.vehicle.sample_period_s * 1.01 else "mean"
+        return "instant" if mapped_rows.FEWEST_INSTANTS * every <= self.vehicle.sample_period_s * 1.01 else "mean"
 
     def _bag_commands(self, name: str, topic: Topic) -> None:
         count = len(self.vehicle.jets)

@@ -20,7 +20,7 @@ from massprop_drake.inputs.true_blocks import MultibodyBlock
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths import mass_properties, possible_inertia
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, N_ROTATION, Derived, six_elements
-from massprop_drake.records.tables import Completeness, Loss, completeness
+from massprop_drake.records.completeness import Completeness, Loss, completeness
 from massprop_drake.results.against import Against
 from massprop_drake.results.allowed import Intervals
 from massprop_drake.results.consistency import (

@@ -28,8 +28,8 @@ from massprop_drake.maths.mass_properties import converged_rows
 from massprop_drake.maths.possible_inertia import nearest_possible
 from massprop_drake.maths.vehicle.on_times import continued, levels_alone, told_onsets
 from massprop_drake.maths.vehicle.sensing import unsaturated
-from massprop_drake.records.reader import HELD
-from massprop_drake.records.tables import LARGEST
+from massprop_drake.records.blocks import LARGEST
+from massprop_drake.records.cadence import HELD
 from massprop_drake.results.events import kind_of, reading_of
 from massprop_drake.results.stored import FORMAT, EstimatorState, FilterState, made_with, require_made_with
 from massprop_drake.results.summary import kept_onsets, null_for_nan

@@ -32,7 +32,9 @@ from massprop_drake.inputs.scenario import resolved
 from massprop_drake.inputs.units import factor, parsed
 from massprop_drake.inputs.vehicle_sensors import Gyro, PoseSensor, VelocitySensor
 from massprop_drake.maths.attitude import from_rotation_vector
-from massprop_drake.records.mapping import Mapped, MappedTable, comes_faster, mapped, table
+from massprop_drake.records.channels import Mapped
+from massprop_drake.records.mapped_rows import MappedTable, comes_faster, table
+from massprop_drake.records.mapping import mapped
 from massprop_drake.records.recording import open_recording
 
 GYRO = "{kind: gyro, columns: [wx, wy, wz]"

@@ -30,12 +30,14 @@ from massprop_drake.inputs.model import validated
 from massprop_drake.inputs.record_map import RecordMap
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.yaml import to_yaml
-from massprop_drake.records.mapping import mapped, table
+from massprop_drake.records.mapped_rows import table
+from massprop_drake.records.mapping import mapped
 from massprop_drake.records.names import read_name
 from massprop_drake.records.proposal import Proposal, propose
 from massprop_drake.records.px4 import vehicle_of
-from massprop_drake.records.reader import vehicle_scenario
-from massprop_drake.records.recording import open_recording, stamp_of
+from massprop_drake.records.recording import open_recording
+from massprop_drake.records.rows import vehicle_scenario
+from massprop_drake.records.stamps import stamp_of
 
 Array = NDArray[np.float64]
 FLOWN = flown(load_vehicle("free_flyer"), 1)  # which follows its commands; `ONE` does not

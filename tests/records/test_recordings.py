@@ -33,9 +33,10 @@ from record_probe import (
 )
 from ruamel.yaml import YAML
 
-from massprop_drake.records.reader import check
-from massprop_drake.records.recording import Recording, open_recording
-from massprop_drake.records.tables import Loss, completeness
+from massprop_drake.records.completeness import Loss, completeness
+from massprop_drake.records.recording import open_recording
+from massprop_drake.records.structure_check import check
+from massprop_drake.records.topics import Recording
 
 ROWS = 60
 

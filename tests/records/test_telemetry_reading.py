@@ -23,17 +23,9 @@ from massprop_drake.inputs.vehicle_parts import JetCommands
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.on_times import continued, pieces
 from massprop_drake.records.control_rows import Thinning
-from massprop_drake.records.reader import (
-    AT_STAMPS,
-    WRENCH,
-    Continuation,
-    Reader,
-    Rows,
-    check,
-    columns,
-    scenario_name,
-    write_csv,
-)
+from massprop_drake.records.reader import AT_STAMPS, Reader
+from massprop_drake.records.rows import WRENCH, Continuation, Rows, columns, scenario_name, write_csv
+from massprop_drake.records.structure_check import check
 
 TOY = toy_vehicle(cube_data())
 

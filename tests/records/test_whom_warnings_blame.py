@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from massprop_drake import load_scenario
 from massprop_drake.maths.mass_properties import pack
 from massprop_drake.records.quality import QualityReport
-from massprop_drake.records.reader import Record, Rows
+from massprop_drake.records.rows import Record, Rows
 
 Array = NDArray[np.float64]
 

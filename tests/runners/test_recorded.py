@@ -21,7 +21,8 @@ from massprop_drake import InputError, Run, Scenario, estimate, load_scenario, s
 from massprop_drake.diagrams import estimation
 from massprop_drake.display import plots
 from massprop_drake.display.figures import Plots
-from massprop_drake.records.reader import Reader, vehicle_scenario
+from massprop_drake.records.reader import Reader
+from massprop_drake.records.rows import vehicle_scenario
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.spool import Spool
 
