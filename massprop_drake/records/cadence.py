@@ -15,7 +15,7 @@ HELD = 1.2  # sample periods for which a command holds in rows that have none; l
 _LATE_READING = 1.5  # of the interval between readings: what is longer lacks one
 
 
-class Held:
+class HeldRows:
     """Commands and outside wrench that hold in rows which have none.
 
     Args:

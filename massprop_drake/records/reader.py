@@ -21,7 +21,7 @@ from massprop_drake.inputs import factors
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.vehicle.on_times import onsets
 from massprop_drake.records.blocks import Block, Table
-from massprop_drake.records.cadence import FIRST_INTERVALS, Cadence, Held, any_told
+from massprop_drake.records.cadence import FIRST_INTERVALS, Cadence, HeldRows, any_told
 from massprop_drake.records.command_scales import CommandTally, hint_about
 from massprop_drake.records.completeness import Loss
 from massprop_drake.records.rows import (
@@ -110,7 +110,7 @@ class Reader:
             self.before = after.command, after.outside_wrench, after.onset_s
         start = {} if after is None else after.velocity
         self.velocity = {name: np.array(start.get(name, np.zeros(3))) for name in self._accelerations}
-        self._held = Held(n_jets, after)
+        self._held = HeldRows(n_jets, after)
         self._cadence = {package.name: Cadence(package.rate_hz) for package in vehicle.sensors}
         self._last_s = math.nan if after is None else after.time_s
         self._before_s = self._last_s
