@@ -21,8 +21,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 from conftest import cube_data
 from ruamel.yaml import YAML
 from telemetry_probe import Log
@@ -63,10 +61,6 @@ CELLS = [
     *('"a', "1,1", "\0", "0x1", " 1 ", "1 1", "NULL", ".5", "+1", "1e", "\u22121", "9" * 5000),
 ]
 HEADINGS = ["time_s", "gyro_x", "jet_J1", "jet_", "", " ", "known_force_x", "acc_accel_x", "GYRO_X", "é", "\x1b[31m"]
-KEYS = [
-    *("", ".", "a..b", "[0]", "failures[-1]", "failures[" + "9" * 5000 + "]", "maneuver[0][0]", "vehicle", "name"),
-    *("maneuver.", "rotation[0]", "\x00", "[", "a[", "a[0", "=", " seed"),
-]
 
 Place = tuple[str | int, ...]
 
@@ -246,17 +240,6 @@ def campaign_case(rng: random.Random, sound: Sound, here: Path) -> Case:
     return Case(rng.choice([["check", "campaign.yaml"], ["campaign", "plan", "campaign.yaml", "--out", "out"]]))
 
 
-def set_case(rng: random.Random, sound: Sound, here: Path) -> Case:
-    path = picked(sound.scenarios[2], rng)
-    key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path).lstrip(".")
-    value = nasty(rng, at(sound.scenarios[2], path))
-    text = value if isinstance(value, str) else json.dumps(value).replace("NaN", ".nan").replace("Infinity", ".inf")
-    text = f"{rng.choice(KEYS) if rng.random() < 0.25 else key}={rng.choice(TOKENS) if rng.random() < 0.3 else text}"
-    base = rng.choice(["run", "sound.yaml", "scheduled.yaml"])
-    command = ["estimate", "log.csv", "--like", base] if rng.random() < 0.2 else ["run", base]
-    return Case([*command, "--out", "out", *QUIET, "--set", text])
-
-
 def read_by(name: str, rng: random.Random) -> list[str]:
     how = (
         ["--vehicle", "vehicle.yaml"],
@@ -304,36 +287,6 @@ def spoil_table(log: Log, rng: random.Random) -> None:
                 cells[column : column + 1] = [text]
         case _:
             rows.reverse()
-
-
-def parquet_case(rng: random.Random, sound: Sound, here: Path) -> Case:
-    columns: dict[str, Any] = {
-        name: [float(row[i]) for row in sound.log.rows] for i, name in enumerate(sound.log.header)
-    }
-    for _ in range(rng.choice([0, 1, 1, 2])):
-        name = rng.choice(list(columns))
-        values = columns.pop(name)
-        match rng.randrange(7):
-            case 0:
-                columns[rng.choice(HEADINGS)] = values
-            case 1:
-                columns[name] = pa.nulls(len(values))
-            case 2:
-                columns[name] = [rng.choice([str, bool, lambda x: [x], lambda x: {"a": x}])(x) for x in values]
-            case 3:
-                columns[name] = pa.array([2**63 + 1] * len(values), pa.uint64())
-            case 4:
-                columns[name] = [rng.choice([1e308, float("nan"), float("inf"), None]), *values[1:]]
-            case 5:
-                columns[name] = values[::-1]
-    path = here / "log.parquet"
-    try:
-        pq.write_table(pa.table(columns), path, row_group_size=rng.choice([1, 7, 1000]))
-    except pa.ArrowException:  # of types that no column has together
-        path.write_bytes(sound.log.text().encode())
-    if rng.random() < 0.3:
-        path.write_bytes(spoil_bytes(path.read_bytes(), rng))
-    return Case(read_by(path.name, rng))
 
 
 def folder_case(rng: random.Random, sound: Sound, here: Path) -> Case:
@@ -392,8 +345,13 @@ def spoil_archive(path: Path, rng: random.Random) -> None:
 
 Maker = Callable[[random.Random, Sound, Path], Case]
 KINDS: dict[str, Maker] = {
-    **{"vehicle": vehicle_case, "scenario": scenario_case, "campaign": campaign_case, "set": set_case},
-    **{"csv": csv_case, "parquet": parquet_case, "folder": folder_case},
+    **{
+        "vehicle": vehicle_case,
+        "scenario": scenario_case,
+        "campaign": campaign_case,
+        "csv": csv_case,
+        "folder": folder_case,
+    }
 }
 
 

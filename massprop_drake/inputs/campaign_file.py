@@ -15,7 +15,7 @@ from massprop_drake.errors import InputError, dotted, suggestion
 from massprop_drake.inputs import true_params
 from massprop_drake.inputs.distributions import KINDS, Choice, Distribution, Normal, distribution_in
 from massprop_drake.inputs.kinds import bundled, require_kind, require_named
-from massprop_drake.inputs.model import Flag, Key, Model, Real, Text, Whole, described, keys, validated
+from massprop_drake.inputs.model import Flag, Key, Model, Positive, Real, Text, Whole, described, keys, validated
 from massprop_drake.inputs.overrides import parsed_key, set_at
 from massprop_drake.inputs.scenario import Scenario, load_scenario, replace_at, resolved
 from massprop_drake.inputs.true_blocks import Dispersion
@@ -32,7 +32,7 @@ MOST_CASES = 1_000_000
 class Limits(Model):
     """Limits of one case, beyond which it counts as failed to run."""
 
-    time_s: Real = described(600.0, "of wall time", "s", gt=0.0)
+    time_s: Positive = described(600.0, "of wall time", "s")
     memory_mb: Real = described(4000.0, "of resident memory; compiling kernels takes 2200", "MB", ge=200.0)
 
 

@@ -12,7 +12,11 @@ from massprop_drake.inputs import plausible
 from massprop_drake.inputs.model import (
     Flag,
     Model,
+    NotNegative,
+    Positive,
+    Probability,
     Real,
+    RelativeSigma,
     Text,
     Whole,
     described,
@@ -35,8 +39,8 @@ _TEN_UNITS = "1/(slug-ft^2) | 1/(kg-m^2) (6), ft | m (3), 1/slug | 1/kg"
 class ConvergenceLimits(Model):
     """1-sigma below which estimates may be acted on."""
 
-    diagonal: Real = described(0.02, "inverse inertia's diagonal, relative", gt=0.0)
-    mass_reciprocal: Real = described(0.2, "mass reciprocal, relative", gt=0.0)
+    diagonal: Positive = described(0.02, "inverse inertia's diagonal, relative")
+    mass_reciprocal: Positive = described(0.2, "mass reciprocal, relative")
     center_of_mass: Real | None = described(None, "center of mass; null: 3 % of the jets' RMS arm", "ft | m", gt=0.0)
 
 
@@ -87,8 +91,8 @@ class EstimationBlock(Model):
         "with filter: thesis; gate: skips samples whose jets have just changed; gate_lag: skips them, and"
         " takes impulses from the lagged thrust",
     )
-    thrust_uncertainty: Real = described(
-        0.0, "with filter: thesis, 1-sigma of each jet's constant thrust error, relative, considered", ge=0.0, le=0.3
+    thrust_uncertainty: RelativeSigma = described(
+        0.0, "with filter: thesis, 1-sigma of each jet's constant thrust error, relative, considered"
     )
     convergence: ConvergenceLimits = described(ConvergenceLimits(), "1-sigmas below which estimates may be acted on")
     readings_per_s: Real | None = described(
@@ -132,21 +136,21 @@ class RotationBlock(Model):
         "dynamic coupling; hybrid: subtracted once the estimates are good enough; model: part of the "
         "measurement model, for vehicles that turn fast",
     )
-    coupling_limit: Real = described(
-        50.0, "hybrid subtracts below this ratio of innovation to measurement variance", gt=0.0
+    coupling_limit: Positive = described(
+        50.0, "hybrid subtracts below this ratio of innovation to measurement variance"
     )
     jump: Literal["none", "covariance_increment"] = described(
         "covariance_increment", "response to a too large innovation"
     )
-    jump_threshold: Real = described(25.0, "NIS that is too large; 11.34 in the thesis", gt=0.0)
+    jump_threshold: Positive = described(25.0, "NIS that is too large; 11.34 in the thesis")
     jump_std_fraction: Real = described(1.0, "1-sigma then added, relative to the start", gt=0.0, le=100.0)
     process_noise_std: tuple[Real, Real, Real, Real, Real, Real, Real, Real, Real] = described(
         (0.0,) * 9, "1-sigma of the change per sample", "1/(slug-ft^2) | 1/(kg-m^2), ft | m"
     )
-    disturbance_std: Real = described(
-        0.0, "1-sigma per sample of unmodeled rate increments", "rad/s", ge=0.0, span=plausible.RATE_STEP
+    disturbance_std: NotNegative = described(
+        0.0, "1-sigma per sample of unmodeled rate increments", "rad/s", span=plausible.RATE_STEP
     )
-    largest_turn: Real = described(0.2, "largest turn in a sample that is used", "rad", gt=0.0)
+    largest_turn: Positive = described(0.2, "largest turn in a sample that is used", "rad")
 
     _not_negative = field_validator("process_noise_std")(none_negative)
 
@@ -167,9 +171,9 @@ class MassBlock(Model):
         1e-6, "false alarms of the test per used sample; 0.01 in the thesis", ge=1e-100, lt=1.0
     )
     jump_window: Whole = described(5, "used samples in glr's window", ge=2, le=1000)
-    process_noise_std: Real = described(0.0, "1-sigma of the change of 1/m per sample", "1/slug | 1/kg", ge=0.0)
-    disturbance_std: Real = described(
-        0.0, "1-sigma per sample of unmodeled velocity increments", "ft/s | m/s", ge=0.0, span=plausible.VELOCITY_STEP
+    process_noise_std: NotNegative = described(0.0, "1-sigma of the change of 1/m per sample", "1/slug | 1/kg")
+    disturbance_std: NotNegative = described(
+        0.0, "1-sigma per sample of unmodeled velocity increments", "ft/s | m/s", span=plausible.VELOCITY_STEP
     )
 
 
@@ -196,18 +200,16 @@ class JointBlock(Model):
         ge=0.0,
         le=1.0,
     )
-    rate_walk: Real = described(
+    rate_walk: NotNegative = described(
         0.0,
         "random walk of the rate by unmodeled torques, 1-sigma after 1 s",
         "rad/s/sqrt(s)",
-        ge=0.0,
         span=plausible.RATE_STEP,
     )
-    velocity_walk: Real = described(
+    velocity_walk: NotNegative = described(
         0.0,
         "random walk of the velocity by unmodeled forces, likewise",
         "ft/s/sqrt(s) | m/s/sqrt(s)",
-        ge=0.0,
         span=plausible.VELOCITY_STEP,
     )
     switching: Literal["ticks", "stamps"] = described(
@@ -232,10 +234,10 @@ class CglrBlock(Model):
         "cglr",
         "off, or, usual with estimation.filter: thesis, the constrained generalized likelihood ratio of one sample",
     )
-    margin: Real = described(6.0, "lead in likelihood argument that a cluster, and a jet in it, needs", gt=0.0)
-    threshold: Real = described(0.0, "least likelihood argument of an alarm", ge=0.0)
-    dispersion_threshold: Real = described(16.0, "the same while jets fire, with thrust_uncertainty", ge=0.0)
-    magnitude_threshold: Real = described(0.0, "least magnitude of an alarm", "lbf | N", ge=0.0)
+    margin: Positive = described(6.0, "lead in likelihood argument that a cluster, and a jet in it, needs")
+    threshold: NotNegative = described(0.0, "least likelihood argument of an alarm")
+    dispersion_threshold: NotNegative = described(16.0, "the same while jets fire, with thrust_uncertainty")
+    magnitude_threshold: NotNegative = described(0.0, "least magnitude of an alarm", "lbf | N")
     mirror_sign_rule: Flag = described(False, "whether a jet that is on cannot give too much thrust")
     signature_uncertainty: Flag = described(True, "whether signatures are uncertain; not in the thesis")
     unexplained_limit: Real | None = described(
@@ -255,8 +257,8 @@ class CusumBlock(Model):
     """Detection of failed jets by a cumulative sum for each; a baseline."""
 
     kind: Literal["cusum"] = described(..., "cumulative sums, jet by jet")
-    drift: Real = described(1.0, "taken off each sum at a sample, in its standard deviations", gt=0.0)
-    threshold: Real = described(20.0, "sum above which a jet is declared", gt=0.0)
+    drift: Positive = described(1.0, "taken off each sum at a sample, in its standard deviations")
+    threshold: Positive = described(20.0, "sum above which a jet is declared")
 
 
 class HypothesesBlock(Model):
@@ -295,37 +297,27 @@ class JetFaults(Model):
 class FaultsBlock(Model):
     """Priors of the faults that the detector of the joint filter looks for: rates and probabilities."""
 
-    jet_per_hour: Real = described(_PRIORS.jet_per_hour, "failures of one jet", "1/h", gt=0.0)
-    together: Real = described(
-        _PRIORS.together,
-        "probability that a given other jet fails in the same interval, as by a shared driver",
-        gt=0.0,
-        lt=1.0,
+    jet_per_hour: Positive = described(_PRIORS.jet_per_hour, "failures of one jet", "1/h")
+    together: Probability = described(
+        _PRIORS.together, "probability that a given other jet fails in the same interval, as by a shared driver"
     )
-    full_thrust: Real = described(
-        _PRIORS.full_thrust, "share of failures with full thrust, as of stuck valves", gt=0.0, lt=1.0
+    full_thrust: Probability = described(_PRIORS.full_thrust, "share of failures with full thrust, as of stuck valves")
+    drifting: Probability = described(_PRIORS.drifting, "share of failures whose force grows slowly")
+    change_per_hour: Positive = described(_PRIORS.change_per_hour, "changes of a failed jet's force", "1/h")
+    intermittent: Probability = described(_PRIORS.intermittent, "share of failures whose force changes all the time")
+    payload_per_hour: Positive = described(_PRIORS.payload_per_hour, "payloads that come or leave", "1/h")
+    reading_per_hour: Positive = described(
+        _PRIORS.reading_per_hour, "sensor components that begin to read falsely, each", "1/h"
     )
-    drifting: Real = described(_PRIORS.drifting, "share of failures whose force grows slowly", gt=0.0, lt=1.0)
-    change_per_hour: Real = described(_PRIORS.change_per_hour, "changes of a failed jet's force", "1/h", gt=0.0)
-    intermittent: Real = described(
-        _PRIORS.intermittent, "share of failures whose force changes all the time", gt=0.0, lt=1.0
+    disturbed: Probability = described(
+        _PRIORS.disturbed, "probability of an unstated disturbance, such as slosh, drag or a vent"
     )
-    payload_per_hour: Real = described(_PRIORS.payload_per_hour, "payloads that come or leave", "1/h", gt=0.0)
-    reading_per_hour: Real = described(
-        _PRIORS.reading_per_hour, "sensor components that begin to read falsely, each", "1/h", gt=0.0
+    unknown_per_hour: Positive = described(_PRIORS.unknown_per_hour, "pushes that nothing known explains", "1/h")
+    start: Probability = described(
+        _PRIORS.start, "probability, when data contradict the start, that its uncertainty was stated too small"
     )
-    disturbed: Real = described(
-        _PRIORS.disturbed, "probability of an unstated disturbance, such as slosh, drag or a vent", gt=0.0, lt=1.0
-    )
-    unknown_per_hour: Real = described(_PRIORS.unknown_per_hour, "pushes that nothing known explains", "1/h", gt=0.0)
-    start: Real = described(
-        _PRIORS.start,
-        "probability, when data contradict the start, that its uncertainty was stated too small",
-        gt=0.0,
-        lt=1.0,
-    )
-    false_per_hour: Real = described(
-        _PRIORS.false_per_hour, "accepted false declarations of one jet, or of anything else", "1/h", gt=0.0
+    false_per_hour: Positive = described(
+        _PRIORS.false_per_hour, "accepted false declarations of one jet, or of anything else", "1/h"
     )
     slots: Whole = described(4, "failed jets whose forces are estimated at a time; each adds a state", ge=1, le=16)
     modes: tuple[FaultMode, ...] = described(
@@ -366,10 +358,10 @@ class ThrustFactorsBlock(Model):
     """Detection of jets that are weak or stand open, from the start or later, by hypotheses about their thrust."""
 
     kind: Literal["thrust_factors"] = described("thrust_factors", "usual with estimation.filter: pose")
-    lead: Real = described(6.0, "log-likelihood lead of a hypothesis over others that name a jet, nats", gt=0.0)
-    lead_nothing: Real = described(12.0, "lead over no failure, nats", gt=0.0)
-    least: Real = described(
-        0.1, "least loss or opening that is declared, as a share of thrust; it must also exceed 3 sigma", gt=0.0, lt=1.0
+    lead: Positive = described(6.0, "log-likelihood lead of a hypothesis over others that name a jet, nats")
+    lead_nothing: Positive = described(12.0, "lead over no failure, nats")
+    least: Probability = described(
+        0.1, "least loss or opening that is declared, as a share of thrust; it must also exceed 3 sigma"
     )
 
 

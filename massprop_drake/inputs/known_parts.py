@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from massprop_drake.inputs.vehicle_file import STANDARD_GRAVITY, Vehicle
-from massprop_drake.inputs.vehicle_sensors import (
-    RocketEngine,
-)
+from massprop_drake.inputs.vehicle_sensors import RocketEngine
 from massprop_drake.maths.estimation.joint.tanks import TankParams
 from massprop_drake.maths.estimation.joint.wheels import WheelParams
 from massprop_drake.maths.linear_algebra import Array, normals

@@ -8,15 +8,7 @@ import numpy as np
 from pydantic import model_validator
 
 from massprop_drake.inputs import plausible
-from massprop_drake.inputs.model import (
-    Flag,
-    Model,
-    Real,
-    Text,
-    Vector3,
-    Whole,
-    described,
-)
+from massprop_drake.inputs.model import Flag, Model, NotNegative, Positive, Real, Text, Vector3, Whole, described
 
 _DEGREE = np.pi / 180.0
 
@@ -24,8 +16,8 @@ _DEGREE = np.pi / 180.0
 class VibrationTone(Model):
     """A vibration of the structure as the sensors of a package feel it; estimators and autopilot do not know of it."""
 
-    frequency_hz: Real = described(
-        ..., "frequency; from half the sample frequency on it is aliased", "Hz", gt=0.0, span=plausible.TONE
+    frequency_hz: Positive = described(
+        ..., "frequency; from half the sample frequency on it is aliased", "Hz", span=plausible.TONE
     )
     amplitude: Vector3 = described(
         ..., "amplitude per axis, of rate or acceleration; phases are drawn", "rad/s | ft/s^2 | m/s^2"
@@ -46,8 +38,8 @@ class SensorErrors(Model):
         span=plausible.BANDWIDTH,
     )
     bias: Vector3 = described((0.0, 0.0, 0.0), "constant bias of rate or acceleration", "rad/s | ft/s^2 | m/s^2")
-    bias_random_walk: Real = described(
-        0.0, "random walk of the bias, 1-sigma after 1 s", "rad/s/sqrt(s) | ft/s^2/sqrt(s) | m/s^2/sqrt(s)", ge=0.0
+    bias_random_walk: NotNegative = described(
+        0.0, "random walk of the bias, 1-sigma after 1 s", "rad/s/sqrt(s) | ft/s^2/sqrt(s) | m/s^2/sqrt(s)"
     )
     noise_std: Real | None = described(None, "white noise, 1-sigma; null: the vehicle's", "rad/s | ft/s | m/s", ge=0.0)
     quantum: Real | None = described(None, "step of a reading; null: the vehicle's", "rad/s | ft/s | m/s", ge=0.0)
@@ -99,11 +91,10 @@ class JetSelectionBlock(Model):
 class WheelControlBlock(Model):
     """Reaction wheels that hold attitude and follow rates, and are unloaded by jets."""
 
-    rate_gain: Real = described(
+    rate_gain: Positive = described(
         1.0,
         "wheel torque per rate error and inertia; four times hold_gain damps critically",
         "1/s",
-        gt=0.0,
         span=plausible.GAIN,
     )
     unload_above: Real | None = described(
@@ -138,8 +129,8 @@ class FiringTestBlock(Model):
         {}, "limits of one test: rate, angle, displacement, propellant, time; likewise"
     )
     without: tuple[Text, ...] = described((), "jets not to be fired")
-    patience_s: Real = described(
-        2.0, "how long the question must stand, and pause between tests", "s", gt=0.0, span=plausible.TIME
+    patience_s: Positive = described(
+        2.0, "how long the question must stand, and pause between tests", "s", span=plausible.TIME
     )
 
     @model_validator(mode="after")
@@ -166,41 +157,30 @@ class AutopilotBlock(Model):
     wheels: WheelControlBlock | None = described(
         None, "attitude control by wheels; null: they stand, or follow `wheel_schedule`"
     )
-    discrete_rate: Real = described(
-        0.5 * _DEGREE, "rate commanded by the rotational controller", "rad/s", gt=0.0, span=plausible.RATE
+    discrete_rate: Positive = described(
+        0.5 * _DEGREE, "rate commanded by the rotational controller", "rad/s", span=plausible.RATE
     )
-    hold_gain: Real = described(0.15, "commanded rate per attitude error in hold", "1/s", ge=0.0, span=plausible.GAIN)
-    hold_rate_limit: Real = described(
-        0.1 * _DEGREE, "largest rate commanded in hold", "rad/s", ge=0.0, span=plausible.RATE
+    hold_gain: NotNegative = described(0.15, "commanded rate per attitude error in hold", "1/s", span=plausible.GAIN)
+    hold_rate_limit: NotNegative = described(
+        0.1 * _DEGREE, "largest rate commanded in hold", "rad/s", span=plausible.RATE
     )
-    capture_rate: Real = described(
-        0.05 * _DEGREE,
-        "rate below which an axis in detent begins to hold attitude",
-        "rad/s",
-        gt=0.0,
-        span=plausible.RATE,
+    capture_rate: Positive = described(
+        0.05 * _DEGREE, "rate below which an axis in detent begins to hold attitude", "rad/s", span=plausible.RATE
     )
-    rate_deadband: Real = described(
-        0.02 * _DEGREE, "rate error that is corrected", "rad/s", gt=0.0, span=plausible.RATE
+    rate_deadband: Positive = described(0.02 * _DEGREE, "rate error that is corrected", "rad/s", span=plausible.RATE)
+    acceleration: Positive = described(
+        0.5, "acceleration commanded by the translational controller", "ft/s^2 | m/s^2", span=plausible.ACCELERATION
     )
-    acceleration: Real = described(
-        0.5,
-        "acceleration commanded by the translational controller",
-        "ft/s^2 | m/s^2",
-        gt=0.0,
-        span=plausible.ACCELERATION,
+    horizon_s: Positive = described(2.0, "time for which a translation is requested", "s", span=plausible.TIME)
+    resolve_rate: Positive = described(
+        0.2 * _DEGREE, "in a translation, rate error that causes a new selection", "rad/s", span=plausible.RATE
     )
-    horizon_s: Real = described(2.0, "time for which a translation is requested", "s", gt=0.0, span=plausible.TIME)
-    resolve_rate: Real = described(
-        0.2 * _DEGREE, "in a translation, rate error that causes a new selection", "rad/s", gt=0.0, span=plausible.RATE
+    resolve_after_s: NotNegative = described(
+        0.4, "least time between two selections in a translation", "s", span=plausible.TIME
     )
-    resolve_after_s: Real = described(
-        0.4, "least time between two selections in a translation", "s", ge=0.0, span=plausible.TIME
-    )
-    gimbal_bandwidth: Real = described(
+    gimbal_bandwidth: NotNegative = described(
         0.0,
         "bandwidth with which gimbals hold zero rate during burns, beside their schedule; 0: schedule alone",
         "rad/s",
-        ge=0.0,
         span=plausible.GAIN,
     )

@@ -43,11 +43,7 @@ from massprop_drake.maths.estimation.joint.modes import ModeParams
 from massprop_drake.maths.estimation.joint.rates import EVERY_PERIOD, Rates
 from massprop_drake.maths.estimation.pose import setting as pose_setting
 from massprop_drake.maths.estimation.pose.setting import Around, Tracking, Valves
-from massprop_drake.maths.mass_properties import (
-    MASS_RECIPROCAL,
-    NAMES,
-    initial_standard_deviation,
-)
+from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, NAMES, initial_standard_deviation
 from massprop_drake.maths.vehicle.mounting import mounting
 from massprop_drake.maths.vehicle.on_times import levels_alone, most_pieces, shares
 from massprop_drake.maths.vehicle.reaction_jets import drawn_factors

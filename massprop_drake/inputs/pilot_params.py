@@ -25,9 +25,7 @@ from massprop_drake.maths.autopilot.pulses import Pulses, most_edges, valve_puls
 from massprop_drake.maths.autopilot.wheel_control import WheelControlParams, shares_of
 from massprop_drake.maths.flight import FlightParams, PilotParams
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.mass_properties import (
-    MASS_RECIPROCAL,
-)
+from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS
 from massprop_drake.maths.vehicle.on_times import PLACES, most_pieces
 from massprop_drake.maths.vehicle.vehicle_cycle import VehicleParams, truth

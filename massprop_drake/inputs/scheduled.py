@@ -10,14 +10,7 @@ from pydantic import Field, field_validator, model_validator
 
 from massprop_drake.errors import moment
 from massprop_drake.inputs import plausible
-from massprop_drake.inputs.model import (
-    Matrix3,
-    Model,
-    Real,
-    Text,
-    Vector3,
-    described,
-)
+from massprop_drake.inputs.model import Matrix3, Model, NotNegative, Positive, Real, Share, Text, Vector3, described
 from massprop_drake.inputs.vehicle_parts import symmetric_inertia
 from massprop_drake.inputs.yaml import FieldPath
 from massprop_drake.maths.linear_algebra import Array
@@ -40,8 +33,8 @@ class HandControllerWindow(Model):
         ..., "rhc: rotational (discrete rate), thc: translational (acceleration)"
     )
     axis: Literal["+x", "-x", "+y", "-y", "+z", "-z"] = described(..., "body axis and direction")
-    start_s: Real = described(..., "leaves detent", "s", ge=0.0, span=plausible.TIME)
-    end_s: Real = described(..., "returns to detent", "s", gt=0.0, span=plausible.TIME)
+    start_s: NotNegative = described(..., "leaves detent", "s", span=plausible.TIME)
+    end_s: Positive = described(..., "returns to detent", "s", span=plausible.TIME)
 
     _ordered = model_validator(mode="after")(in_order)
 
@@ -50,8 +43,8 @@ class JetPulse(Model):
     """An interval in which a jet is commanded on, in a scenario with a prescribed jet schedule."""
 
     jet: Text = described(..., "designation")
-    start_s: Real = described(..., "first commanded", "s", ge=0.0, span=plausible.TIME)
-    end_s: Real = described(..., "no longer commanded", "s", gt=0.0, span=plausible.TIME)
+    start_s: NotNegative = described(..., "first commanded", "s", span=plausible.TIME)
+    end_s: Positive = described(..., "no longer commanded", "s", span=plausible.TIME)
 
     _ordered = model_validator(mode="after")(in_order)
 
@@ -60,8 +53,8 @@ class WheelPulse(Model):
     """An interval in which the motor of a reaction wheel gives a torque."""
 
     wheel: Text = described(..., "name")
-    start_s: Real = described(..., "first sample with it", "s", ge=0.0, span=plausible.TIME)
-    end_s: Real = described(..., "first sample without it", "s", gt=0.0, span=plausible.TIME)
+    start_s: NotNegative = described(..., "first sample with it", "s", span=plausible.TIME)
+    end_s: Positive = described(..., "first sample without it", "s", span=plausible.TIME)
     torque: Real = described(
         ..., "torque on the wheel; the vehicle gets the opposite", "ft-lbf | N-m", span=plausible.OUTSIDE_TORQUE
     )
@@ -73,9 +66,9 @@ class EngineBurn(Model):
     """An interval in which an engine burns at a level, or has its gimbal turned."""
 
     engine: Text = described(..., "name")
-    start_s: Real = described(..., "first sample with it", "s", ge=0.0, span=plausible.TIME)
-    end_s: Real = described(..., "first sample without it", "s", gt=0.0, span=plausible.TIME)
-    level: Real = described(1.0, "share of its thrust", ge=0.0, le=1.0)
+    start_s: NotNegative = described(..., "first sample with it", "s", span=plausible.TIME)
+    end_s: Positive = described(..., "first sample without it", "s", span=plausible.TIME)
+    level: Share = described(1.0, "share of its thrust")
     gimbal: tuple[Real, Real] = described((0.0, 0.0), "gimbal angles", "rad")
 
     _ordered = model_validator(mode="after")(in_order)
@@ -88,7 +81,7 @@ class EngineFailureBlock(Model):
     kind: Literal["out", "level_stuck", "gimbal_1_stuck", "gimbal_2_stuck"] = described(
         ..., "out: no thrust; others: the level or angle stays where it is"
     )
-    start_s: Real = described(..., "first sample with it", "s", ge=0.0, span=plausible.TIME)
+    start_s: NotNegative = described(..., "first sample with it", "s", span=plausible.TIME)
     end_s: Real | None = described(None, "first sample without it; null: never", "s", gt=0.0, span=plausible.TIME)
 
     _ordered = model_validator(mode="after")(in_order)
@@ -98,7 +91,7 @@ class _Timed(Model):
     """The fields common to all jet failures."""
 
     jet: Text = described(..., "designation")
-    start_s: Real = described(..., "onset", "s", ge=0.0, span=plausible.TIME)
+    start_s: NotNegative = described(..., "onset", "s", span=plausible.TIME)
     end_s: Real | None = described(None, "when the jet recovers; null: never", "s", gt=0.0, span=plausible.TIME)
 
     _ordered = model_validator(mode="after")(in_order)
@@ -120,22 +113,22 @@ class Degraded(_Timed):
     """The jet produces only a fraction of its thrust."""
 
     kind: Literal["degraded"] = described(..., "kind of failure")
-    fraction: Real = described(..., "share of thrust left", ge=0.0, le=1.0)
+    fraction: Share = described(..., "share of thrust left")
 
 
 class Leak(_Timed):
     """The jet produces a force along its direction, commanded or not."""
 
     kind: Literal["leak"] = described(..., "kind of failure")
-    force: Real = described(..., "additional force", "lbf | N", gt=0.0, span=plausible.LEAK)
+    force: Positive = described(..., "additional force", "lbf | N", span=plausible.LEAK)
 
 
 class Intermittent(_Timed):
     """The jet's valve fails at random, sample by sample."""
 
     kind: Literal["intermittent"] = described(..., "kind of failure")
-    probability: Real = described(..., "probability of failing in a sample", ge=0.0, le=1.0)
-    level: Real = described(0.0, "thrust while it fails: 0 off, 1 on", ge=0.0, le=1.0)
+    probability: Share = described(..., "probability of failing in a sample")
+    level: Share = described(0.0, "thrust while it fails: 0 off, 1 on")
 
 
 class Drift(_Timed):
@@ -152,10 +145,8 @@ class MassJump(Model):
     """A payload that leaves the vehicle or docks with it, moving with the structure at that moment."""
 
     kind: Literal["release", "dock"] = described(..., "whether the payload leaves or comes")
-    time_s: Real = described(
-        ..., "time; it happens at the first sample not before it", "s", ge=0.0, span=plausible.TIME
-    )
-    mass: Real = described(..., "mass of the payload", "slug | kg", gt=0.0, span=plausible.PAYLOAD)
+    time_s: NotNegative = described(..., "time; it happens at the first sample not before it", "s", span=plausible.TIME)
+    mass: Positive = described(..., "mass of the payload", "slug | kg", span=plausible.PAYLOAD)
     position: Vector3 = described(..., "its center of mass, vehicle frame", "ft | m", span=plausible.POSITION)
     inertia: Matrix3 | None = described(
         None,

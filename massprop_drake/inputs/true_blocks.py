@@ -12,7 +12,10 @@ from massprop_drake.inputs import plausible
 from massprop_drake.inputs.model import (
     Flag,
     Model,
+    NotNegative,
+    Positive,
     Real,
+    RelativeSigma,
     Text,
     Vector3,
     described,
@@ -50,12 +53,8 @@ class DisturbanceBlock(Model):
     force_std: Vector3 = described(
         (0.0, 0.0, 0.0), "1-sigma of its changing part", "lbf | N", span=plausible.OUTSIDE_FORCE
     )
-    correlation_time_s: Real = described(
-        100.0,
-        "correlation time of the changing part, which is held over a sample",
-        "s",
-        gt=0.0,
-        span=plausible.CORRELATION,
+    correlation_time_s: Positive = described(
+        100.0, "correlation time of the changing part, which is held over a sample", "s", span=plausible.CORRELATION
     )
 
     _not_negative = field_validator("torque_std", "force_std")(none_negative)
@@ -68,14 +67,12 @@ class _Plant(Model):
     integrator: Literal["runge_kutta3", "runge_kutta5", "bogacki_shampine3"] = described(
         "runge_kutta5", "Drake's scheme for the continuous plant"
     )
-    accuracy: Real = described(1e-10, "accuracy of that integrator", gt=0.0, span=plausible.ACCURACY)
+    accuracy: Positive = described(1e-10, "accuracy of that integrator", span=plausible.ACCURACY)
     thrust_transient: Literal["none", "vehicle"] = described(
         "vehicle", "none: instantaneous thrust; vehicle: first-order lag with the vehicle's time constants"
     )
     lag_factor: Real = described(1.0, "true time constants of thrust over the vehicle file's", gt=0.0, le=10.0)
-    thrust_dispersion: Real = described(
-        0.0, "1-sigma of each jet's constant thrust error, relative, drawn", ge=0.0, le=0.3
-    )
+    thrust_dispersion: RelativeSigma = described(0.0, "1-sigma of each jet's constant thrust error, relative, drawn")
     mounting_dispersion: Real = described(
         0.0, "1-sigma of each jet's mounting error, in the vehicle's stated 1-sigmas, drawn", ge=0.0, le=10.0
     )
@@ -84,7 +81,7 @@ class _Plant(Model):
         DisturbanceBlock(), "torque and force that nobody commands, a mean and a drawn changing part"
     )
     wheel_speeds: dict[Text, Real] = described({}, "speeds of wheels at the start, by name; others stand", "rad/s")
-    wheel_dispersion: Real = described(0.0, "1-sigma of each wheel's inertia error, relative, drawn", ge=0.0, le=0.3)
+    wheel_dispersion: RelativeSigma = described(0.0, "1-sigma of each wheel's inertia error, relative, drawn")
 
 
 class Dispersion(Model):
@@ -146,8 +143,8 @@ class JointMove(Model):
     """A move of a joint by its drive, along a profile of least jerk."""
 
     joint: Text = described(..., "name of a joint of one degree of freedom")
-    start_s: Real = described(..., "start of the move", "s", ge=0.0, span=plausible.TIME)
-    end_s: Real = described(..., "end of the move", "s", gt=0.0, span=plausible.TIME)
+    start_s: NotNegative = described(..., "start of the move", "s", span=plausible.TIME)
+    end_s: Positive = described(..., "end of the move", "s", span=plausible.TIME)
     position: Real = described(..., "position at the end", "rad | ft | m")
 
     _ordered = model_validator(mode="after")(in_order)

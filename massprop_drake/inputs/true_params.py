@@ -21,10 +21,7 @@ from massprop_drake.inputs.vehicle_sensors import (
     Wheel,
 )
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.mass_properties import (
-    MassProperties,
-    Spread,
-)
+from massprop_drake.maths.mass_properties import MassProperties, Spread
 from massprop_drake.maths.noise import normal_sample
 from massprop_drake.maths.vehicle import true_failures as failures
 from massprop_drake.maths.vehicle.depletion import NO_TANKS, Tanks

@@ -18,7 +18,10 @@ from massprop_drake.inputs.kinds import bundled, require_kind, require_named
 from massprop_drake.inputs.model import (
     Model,
     Name,
+    Positive,
     Real,
+    RelativeSigma,
+    Share,
     Text,
     described,
     refusal,
@@ -85,12 +88,11 @@ class Vehicle(Model):
     description: Text = described("", "one line")
     source: Text = described("", "where the data come from")
     units: Literal["us", "si"] = described(..., "us: ft, slug, lbf; si: m, kg, N; both s, rad")
-    sample_period_s: Real = described(..., "period of control and estimation", "s", gt=0.0, span=plausible.PERIOD)
+    sample_period_s: Positive = described(..., "period of control and estimation", "s", span=plausible.PERIOD)
     mass_properties: MassPropertiesModel = described(..., "nominal mass properties")
-    uncertainty: Real = described(
+    uncertainty: Positive = described(
         0.3,
         "1-sigma of the nominal mass properties, relative to them; products have floors",
-        gt=0.0,
         span=plausible.UNCERTAINTY,
     )
     center_of_mass_std: Real | None = described(
@@ -100,12 +102,10 @@ class Vehicle(Model):
         gt=0.0,
         span=plausible.POSITION,
     )
-    tank_fraction: Real = described(
+    tank_fraction: Share = described(
         0.01,
         "share of the jets' RMS arm by which propellant from no stated tank shifts center of mass and "
         "inertia; 0.1 where tanks lie far out; for filter: joint",
-        ge=0.0,
-        le=1.0,
     )
     mass_std: Real | None = described(
         None,
@@ -114,10 +114,10 @@ class Vehicle(Model):
         gt=0.0,
         span=plausible.MASS,
     )
-    common_scale_uncertainty: Real = described(
-        0.0, "1-sigma of the thrust error common to all jets, relative, as by supply pressure", ge=0.0, le=0.3
+    common_scale_uncertainty: RelativeSigma = described(
+        0.0, "1-sigma of the thrust error common to all jets, relative, as by supply pressure"
     )
-    common_scale_walk: Real = described(0.0, "its random walk, 1-sigma after 1 s", "1/sqrt(s)", ge=0.0, le=0.3)
+    common_scale_walk: RelativeSigma = described(0.0, "its random walk, 1-sigma after 1 s", "1/sqrt(s)")
     motion: Literal["free", "planar"] = described("free", "planar: in x, y and about z alone, as on an air bearing")
     fixed: tuple[_Fixable, ...] = described((), "parameters that are known, not estimated")
     surroundings: Surroundings = described(Surroundings(), "what moves the vehicle besides its jets; for filter: pose")

@@ -12,7 +12,11 @@ from massprop_drake.inputs.model import (
     Matrix3,
     Model,
     Name,
+    NotNegative,
+    Positive,
     Real,
+    RelativeSigma,
+    Share,
     Text,
     Vector3,
     Whole,
@@ -24,8 +28,7 @@ from massprop_drake.maths.mass_properties import MassProperties, could_be_inerti
 
 _UNIT_LENGTH_TOLERANCE = 0.002  # of a direction, as printed tables have it
 _LARGEST_NUMBER = 1_000_000  # of a jet or a cluster
-PositiveReal = Annotated[Real, Field(gt=0.0)]
-Positive3 = tuple[PositiveReal, PositiveReal, PositiveReal]
+Positive3 = tuple[Positive, Positive, Positive]
 
 
 def of_length_1(value: Vector3) -> Vector3:
@@ -47,7 +50,7 @@ def symmetric_inertia(value: Matrix3) -> Matrix3:
 class MassPropertiesModel(Model):
     """Mass, center of mass and inertia of a rigid body, as a file gives them."""
 
-    mass: Real = described(..., "mass", "slug | kg", gt=0.0, span=plausible.MASS)
+    mass: Positive = described(..., "mass", "slug | kg", span=plausible.MASS)
     center_of_mass: Vector3 = described(..., "center of mass, vehicle frame", "ft | m", span=plausible.POSITION)
     inertia: Matrix3 = described(
         ...,
@@ -80,37 +83,28 @@ class MassPropertiesModel(Model):
 class JetKind(Model):
     """The properties that jets of one kind share."""
 
-    nominal_thrust: Real = described(
-        ..., "thrust without plume impingement, for the propellant flow", "lbf | N", gt=0.0, span=plausible.FORCE
+    nominal_thrust: Positive = described(
+        ..., "thrust without plume impingement, for the propellant flow", "lbf | N", span=plausible.FORCE
     )
-    specific_impulse_s: Real = described(
-        ..., "specific impulse; flow = thrust / (g0 x this)", "s", gt=0.0, span=plausible.SPECIFIC_IMPULSE
+    specific_impulse_s: Positive = described(
+        ..., "specific impulse; flow = thrust / (g0 x this)", "s", span=plausible.SPECIFIC_IMPULSE
     )
-    time_constant_s: Real = described(
-        0.0, "first-order time constant of build-up and tail-off", "s", ge=0.0, span=plausible.VALVE
+    time_constant_s: NotNegative = described(
+        0.0, "first-order time constant of build-up and tail-off", "s", span=plausible.VALVE
     )
-    minimum_on_time_s: Real = described(0.0, "shortest firing", "s", ge=0.0, span=plausible.VALVE)
-    on_time_quantum_s: Real = described(
-        0.0,
-        "step of the valve's clock, for `autopilot.jet_selection.output: on_time`",
-        "s",
-        ge=0.0,
-        span=plausible.VALVE,
+    minimum_on_time_s: NotNegative = described(0.0, "shortest firing", "s", span=plausible.VALVE)
+    on_time_quantum_s: NotNegative = described(
+        0.0, "step of the valve's clock, for `autopilot.jet_selection.output: on_time`", "s", span=plausible.VALVE
     )
-    thrust_uncertainty: Real = described(
-        0.01,
-        "1-sigma of each jet's constant thrust error, relative; for filter: joint, like the next four",
-        ge=0.0,
-        le=0.3,
+    thrust_uncertainty: RelativeSigma = described(
+        0.01, "1-sigma of each jet's constant thrust error, relative; for filter: joint, like the next four"
     )
-    direction_std: Real = described(
-        0.0, "1-sigma of a jet's direction about either axis, estimated", "rad", ge=0.0, le=0.3
+    direction_std: RelativeSigma = described(0.0, "1-sigma of a jet's direction about either axis, estimated", "rad")
+    position_std: NotNegative = described(
+        0.0, "1-sigma of the force's place across its direction, estimated", "ft | m", span=plausible.POSITION
     )
-    position_std: Real = described(
-        0.0, "1-sigma of the force's place across its direction, estimated", "ft | m", ge=0.0, span=plausible.POSITION
-    )
-    lag_uncertainty: Real = described(0.2, "1-sigma of the time constant, relative, one error per kind", ge=0.0, le=1.0)
-    repeatability: Real = described(0.0, "1-sigma of a jet's impulse over a sample, relative, white", ge=0.0, le=1.0)
+    lag_uncertainty: Share = described(0.2, "1-sigma of the time constant, relative, one error per kind")
+    repeatability: Share = described(0.0, "1-sigma of a jet's impulse over a sample, relative, white")
     command_delay_s: Real = described(
         0.0,
         "delay from command to action; negative where records pair readings with a command already in "
@@ -118,12 +112,8 @@ class JetKind(Model):
         "s",
         span=plausible.VALVE,
     )
-    command_delay_std_s: Real = described(
-        0.0,
-        "its 1-sigma, one error per kind; 0: known, unless a record contradicts it",
-        "s",
-        ge=0.0,
-        span=plausible.VALVE,
+    command_delay_std_s: NotNegative = described(
+        0.0, "its 1-sigma, one error per kind; 0: known, unless a record contradicts it", "s", span=plausible.VALVE
     )
     opening_delay_s: Real = described(
         0.0,
@@ -131,12 +121,10 @@ class JetKind(Model):
         "s",
         span=plausible.VALVE,
     )
-    opening_delay_std_s: Real = described(
-        0.0, "its 1-sigma, one error per kind; 0: known", "s", ge=0.0, span=plausible.VALVE
+    opening_delay_std_s: NotNegative = described(
+        0.0, "its 1-sigma, one error per kind; 0: known", "s", span=plausible.VALVE
     )
-    pulse_scatter: Real = described(
-        0.0, "1-sigma of a pulse's impulse, relative, one error from opening to closing", ge=0.0, le=1.0
-    )
+    pulse_scatter: Share = described(0.0, "1-sigma of a pulse's impulse, relative, one error from opening to closing")
 
 
 _MEANING: dict[str, Any] = {  # a word of Python, which a class cannot have as the name of a field
@@ -169,8 +157,8 @@ class Jet(Model):
     kind: Name = described(..., "one of jet_kinds")
     position: Vector3 = described(..., "where it thrusts, vehicle frame", "ft | m", span=plausible.POSITION)
     direction: Vector3 = described(..., "direction of the force on the vehicle, body axes, length 1 within 0.002")
-    thrust: Real = described(
-        ..., "force on the vehicle, plume impingement included", "lbf | N", gt=0.0, span=plausible.FORCE
+    thrust: Positive = described(
+        ..., "force on the vehicle, plume impingement included", "lbf | N", span=plausible.FORCE
     )
     manifold: Name | None = described(None, "manifold that feeds it; null: none that can be closed")
     mass_flow: Real | None = described(
@@ -192,19 +180,17 @@ class Tank(Model):
     name: Name = described(..., "unique name", min_length=1)
     outlet: Vector3 = described(..., "middle of the outlet end, vehicle frame", "ft | m", span=plausible.POSITION)
     axis: Vector3 = described(..., "direction from there along the propellant, body axes, length 1")
-    length: Real = described(..., "length of the full column", "ft | m", gt=0.0, span=plausible.SIZE)
-    radius: Real = described(0.0, "radius of the column", "ft | m", ge=0.0, span=plausible.POSITION)
-    capacity: Real = described(..., "propellant when full", "slug | kg", gt=0.0, span=plausible.MASS)
-    propellant: Real = described(..., "propellant at the start", "slug | kg", ge=0.0, span=plausible.PAYLOAD)
-    propellant_std: Real = described(
-        0.0, "its 1-sigma, estimated; 0: known", "slug | kg", ge=0.0, span=plausible.PAYLOAD
+    length: Positive = described(..., "length of the full column", "ft | m", span=plausible.SIZE)
+    radius: NotNegative = described(0.0, "radius of the column", "ft | m", span=plausible.POSITION)
+    capacity: Positive = described(..., "propellant when full", "slug | kg", span=plausible.MASS)
+    propellant: NotNegative = described(..., "propellant at the start", "slug | kg", span=plausible.PAYLOAD)
+    propellant_std: NotNegative = described(
+        0.0, "its 1-sigma, estimated; 0: known", "slug | kg", span=plausible.PAYLOAD
     )
-    flow_uncertainty: Real = described(
+    flow_uncertainty: RelativeSigma = described(
         0.01,
         "1-sigma of the flow's constant error besides that of thrusts, relative, as by specific impulse, "
         "estimated; 0: known",
-        ge=0.0,
-        le=0.3,
     )
     feeds: tuple[Name, ...] = described(..., "jets, or kinds of jets, that it feeds", min_length=1)
 
@@ -221,42 +207,39 @@ class Tank(Model):
 class Surroundings(Model):
     """Forces and accelerations on the vehicle besides its jets'; used by `estimation.filter: pose`."""
 
-    drag: Real = described(0.0, "force against the velocity", "lbf-s/ft | N-s/m", ge=0.0)
-    drag_std: Real = described(0.0, "its 1-sigma; 0: known", "lbf-s/ft | N-s/m", ge=0.0)
-    angular_drag: Real = described(0.0, "torque against the rate", "ft-lbf-s | N-m-s", ge=0.0)
-    angular_drag_std: Real = described(0.0, "its 1-sigma; 0: known", "ft-lbf-s | N-m-s", ge=0.0)
-    slope_std: Real = described(
+    drag: NotNegative = described(0.0, "force against the velocity", "lbf-s/ft | N-s/m")
+    drag_std: NotNegative = described(0.0, "its 1-sigma; 0: known", "lbf-s/ft | N-s/m")
+    angular_drag: NotNegative = described(0.0, "torque against the rate", "ft-lbf-s | N-m-s")
+    angular_drag_std: NotNegative = described(0.0, "its 1-sigma; 0: known", "ft-lbf-s | N-m-s")
+    slope_std: NotNegative = described(
         0.0,
         "1-sigma of a constant acceleration in the fixed frame, as on a table that is not level",
         "ft/s^2 | m/s^2",
-        ge=0.0,
         span=plausible.ACCELERATION,
     )
-    slope_walk: Real = described(0.0, "its random walk, 1-sigma after 1 s", ge=0.0)
-    turn_std: Real = described(
-        0.0, "1-sigma of a constant angular acceleration, body axes, as by swirl", "rad/s^2", ge=0.0
+    slope_walk: NotNegative = described(0.0, "its random walk, 1-sigma after 1 s")
+    turn_std: NotNegative = described(
+        0.0, "1-sigma of a constant angular acceleration, body axes, as by swirl", "rad/s^2"
     )
-    turn_walk: Real = described(0.0, "its random walk, 1-sigma after 1 s", ge=0.0)
-    heading_turn_std: Real = described(
+    turn_walk: NotNegative = described(0.0, "its random walk, 1-sigma after 1 s")
+    heading_turn_std: NotNegative = described(
         0.0,
         "1-sigma of the cosine and sine parts of an angular acceleration that goes with the heading, as "
         "by an off-center mass on a tilted support",
         "rad/s^2",
-        ge=0.0,
     )
-    velocity_walk: Real = described(
+    velocity_walk: NotNegative = described(
         0.0,
         "random walk of the velocity by unmodeled forces, 1-sigma after 1 s",
         "ft/s/sqrt(s) | m/s/sqrt(s)",
-        ge=0.0,
         span=plausible.VELOCITY_STEP,
     )
-    rate_walk: Real = described(
-        0.0, "random walk of the rate by unmodeled torques, likewise", "rad/s/sqrt(s)", ge=0.0, span=plausible.RATE_STEP
+    rate_walk: NotNegative = described(
+        0.0, "random walk of the rate by unmodeled torques, likewise", "rad/s/sqrt(s)", span=plausible.RATE_STEP
     )
-    kicks_per_minute: Real = described(0.0, "rate of unstated pushes", ge=0.0)
-    kick_velocity: Real = described(0.0, "change of velocity by one, 1-sigma", "ft/s | m/s", ge=0.0)
-    kick_rate: Real = described(0.0, "change of rate by one, 1-sigma", "rad/s", ge=0.0)
+    kicks_per_minute: NotNegative = described(0.0, "rate of unstated pushes")
+    kick_velocity: NotNegative = described(0.0, "change of velocity by one, 1-sigma", "ft/s | m/s")
+    kick_rate: NotNegative = described(0.0, "change of rate by one, 1-sigma", "rad/s")
 
 
 def _each_axis(value: Any) -> Any:
@@ -279,7 +262,7 @@ class Disturbance(Model):
     force_std: Vector3 = described(
         (0.0, 0.0, 0.0), "1-sigma of the force, likewise", "lbf | N", span=plausible.OUTSIDE_FORCE
     )
-    time_constant_s: Real = described(..., "correlation time", "s", gt=0.0, span=plausible.CORRELATION)
+    time_constant_s: Positive = described(..., "correlation time", "s", span=plausible.CORRELATION)
 
     _axes = field_validator("torque_std", "force_std", mode="before")(_each_axis)
 
@@ -318,16 +301,16 @@ class CylinderSolid(_Solid):
     """A circular or elliptic cylinder along x."""
 
     kind: Literal["cylinder"] = described(..., "kind of solid")
-    length: Real = described(..., "along x", "ft | m", gt=0.0, span=plausible.SIZE)
-    radii: tuple[PositiveReal, PositiveReal] = described(..., "half axes along y and z", "ft | m", span=plausible.SIZE)
+    length: Positive = described(..., "along x", "ft | m", span=plausible.SIZE)
+    radii: tuple[Positive, Positive] = described(..., "half axes along y and z", "ft | m", span=plausible.SIZE)
 
 
 class ConeSolid(_Solid):
     """A cone that points toward +x, its center halfway along its axis."""
 
     kind: Literal["cone"] = described(..., "kind of solid")
-    length: Real = described(..., "along x", "ft | m", gt=0.0, span=plausible.SIZE)
-    radii: tuple[PositiveReal, PositiveReal] = described(
+    length: Positive = described(..., "along x", "ft | m", span=plausible.SIZE)
+    radii: tuple[Positive, Positive] = described(
         ..., "half axes of the base along y and z", "ft | m", span=plausible.SIZE
     )
 
@@ -339,7 +322,7 @@ class PlateSolid(_Solid):
     outline: tuple[tuple[Real, Real], ...] = described(
         ..., "corners in order, x and y", "ft | m", min_length=3, max_length=1000, span=plausible.POSITION
     )
-    thickness: Real = described(..., "along z", "ft | m", gt=0.0, span=plausible.SIZE)
+    thickness: Positive = described(..., "along z", "ft | m", span=plausible.SIZE)
 
 
 Solid = Annotated[BoxSolid | EllipsoidSolid | CylinderSolid | ConeSolid | PlateSolid, Field(discriminator="kind")]

@@ -14,12 +14,15 @@ from massprop_drake.inputs import plausible
 from massprop_drake.inputs.model import (
     Model,
     Name,
+    NotNegative,
+    Positive,
     Real,
+    RelativeSigma,
     Vector3,
     described,
     refusal,
 )
-from massprop_drake.inputs.vehicle_parts import PositiveReal, of_length_1
+from massprop_drake.inputs.vehicle_parts import of_length_1
 
 _SENSOR_NAME = r"^[A-Za-z][A-Za-z0-9_]*$"
 _RANGE = "reading either way at which the sensor saturates, skipped by filters; null: unlimited"
@@ -43,9 +46,9 @@ class SensorPackage(Model):
     name: Name = described(
         ..., "unique name of letters, digits and underscores; telemetry columns <name>_x, _y, _z", pattern=_SENSOR_NAME
     )
-    quantum: Real = described(0.0, "step of a reading", "rad/s | ft/s | m/s", ge=0.0)
-    noise_std: Real = described(0.0, "white noise of a reading, 1-sigma", "rad/s | ft/s | m/s", ge=0.0)
-    bias_std: Real = described(0.0, "1-sigma of a constant bias", "rad/s | ft/s^2 | m/s^2", ge=0.0)
+    quantum: NotNegative = described(0.0, "step of a reading", "rad/s | ft/s | m/s")
+    noise_std: NotNegative = described(0.0, "white noise of a reading, 1-sigma", "rad/s | ft/s | m/s")
+    bias_std: NotNegative = described(0.0, "1-sigma of a constant bias", "rad/s | ft/s^2 | m/s^2")
     range: Real | None = described(None, _RANGE, "rad/s | ft/s | m/s", gt=0.0)
     rate_hz: Real | None = described(None, _EACH_SAMPLE, "1/s", gt=0.0, span=plausible.FREQUENCY)
 
@@ -71,16 +74,12 @@ class SensorPackage(Model):
 class Gyro(SensorPackage):
     """A package of three rate gyros."""
 
-    bias_std: Real = described(
-        0.0,
-        "1-sigma of a constant bias per axis, estimated by filter: joint",
-        "rad/s",
-        ge=0.0,
-        span=plausible.RATE_STEP,
+    bias_std: NotNegative = described(
+        0.0, "1-sigma of a constant bias per axis, estimated by filter: joint", "rad/s", span=plausible.RATE_STEP
     )
 
-    quantum: Real = described(0.0, "step of a reading", "rad/s", ge=0.0, span=plausible.RATE_STEP)
-    noise_std: Real = described(0.0, "white noise of a reading, 1-sigma", "rad/s", ge=0.0, span=plausible.RATE_STEP)
+    quantum: NotNegative = described(0.0, "step of a reading", "rad/s", span=plausible.RATE_STEP)
+    noise_std: NotNegative = described(0.0, "white noise of a reading, 1-sigma", "rad/s", span=plausible.RATE_STEP)
     range: Real | None = described(None, _RANGE, "rad/s", gt=0.0, span=plausible.RATE)
 
 
@@ -88,16 +87,15 @@ class Accelerometer(SensorPackage):
     """A package of three integrating accelerometers."""
 
     position: Vector3 = described(..., "place in the vehicle frame", "ft | m", span=plausible.POSITION)
-    bias_std: Real = described(
+    bias_std: NotNegative = described(
         0.0,
         "1-sigma of a constant bias per axis, estimated by filter: joint",
         "ft/s^2 | m/s^2",
-        ge=0.0,
         span=plausible.ACCELERATION,
     )
-    quantum: Real = described(0.0, "step of a reading", "ft/s | m/s", ge=0.0, span=plausible.VELOCITY_STEP)
-    noise_std: Real = described(
-        0.0, "white noise of a reading, 1-sigma", "ft/s | m/s", ge=0.0, span=plausible.VELOCITY_STEP
+    quantum: NotNegative = described(0.0, "step of a reading", "ft/s | m/s", span=plausible.VELOCITY_STEP)
+    noise_std: NotNegative = described(
+        0.0, "white noise of a reading, 1-sigma", "ft/s | m/s", span=plausible.VELOCITY_STEP
     )
     range: Real | None = described(None, _RANGE, "ft/s | m/s", gt=0.0, span=plausible.VELOCITY)
 
@@ -117,13 +115,13 @@ class PoseSensor(Model):
     attitude_std: Real | None = described(
         None, "white noise about each axis, 1-sigma; null: not measured", "rad", gt=0.0, le=1.0
     )
-    time_std_s: Real = described(0.0, "white error of the stamps, 1-sigma", "s", ge=0.0, span=plausible.PERIOD)
-    outliers: Real = described(0.0, "share of poor samples, ten times as noisy", ge=0.0, le=0.3)
+    time_std_s: NotNegative = described(0.0, "white error of the stamps, 1-sigma", "s", span=plausible.PERIOD)
+    outliers: RelativeSigma = described(0.0, "share of poor samples, ten times as noisy")
     point: Vector3 = described(
         (0.0, 0.0, 0.0), "point whose position is measured, vehicle frame", "ft | m", span=plausible.POSITION
     )
-    point_std: Real = described(
-        0.0, "1-sigma of each coordinate, then estimated; 0: known", "ft | m", ge=0.0, span=plausible.POSITION
+    point_std: NotNegative = described(
+        0.0, "1-sigma of each coordinate, then estimated; 0: known", "ft | m", span=plausible.POSITION
     )
     rate_hz: Real | None = described(None, _EACH_SAMPLE, "1/s", gt=0.0, span=plausible.FREQUENCY)
 
@@ -145,8 +143,8 @@ class VelocitySensor(Model):
     name: Name = described(
         ..., "unique name of letters, digits and underscores; telemetry columns <name>_x, _y, _z", pattern=_SENSOR_NAME
     )
-    noise_std: Real = described(
-        ..., "white noise of each component, 1-sigma", "ft/s | m/s", gt=0.0, span=plausible.VELOCITY_STEP
+    noise_std: Positive = described(
+        ..., "white noise of each component, 1-sigma", "ft/s | m/s", span=plausible.VELOCITY_STEP
     )
     position: Vector3 = described(
         (0.0, 0.0, 0.0), "point whose velocity is measured, vehicle frame", "ft | m", span=plausible.POSITION
@@ -166,10 +164,10 @@ class Wheel(Model):
 
     name: Name = described(..., "unique name, likewise; telemetry column <name>_speed, rad/s", pattern=_SENSOR_NAME)
     axis: Vector3 = described(..., "axis of positive speed, body axes, length 1")
-    inertia: Real = described(..., "inertia about its axis", "slug-ft^2 | kg-m^2", gt=0.0, span=plausible.WHEEL)
-    inertia_uncertainty: Real = described(0.01, "1-sigma of the inertia, relative, estimated; 0: known", ge=0.0, le=0.3)
-    quantum: Real = described(0.0, "step of a reading of its speed", "rad/s", ge=0.0, span=plausible.SPEED_STEP)
-    noise_std: Real = described(0.01, "white noise of a reading, 1-sigma", "rad/s", ge=0.0, span=plausible.SPEED_STEP)
+    inertia: Positive = described(..., "inertia about its axis", "slug-ft^2 | kg-m^2", span=plausible.WHEEL)
+    inertia_uncertainty: RelativeSigma = described(0.01, "1-sigma of the inertia, relative, estimated; 0: known")
+    quantum: NotNegative = described(0.0, "step of a reading of its speed", "rad/s", span=plausible.SPEED_STEP)
+    noise_std: NotNegative = described(0.01, "white noise of a reading, 1-sigma", "rad/s", span=plausible.SPEED_STEP)
     torque: Real | None = described(
         None,
         "largest torque of its motor, used where readings are missing; null: 1000 rad/s in a second",
@@ -222,8 +220,8 @@ class Gimbal(Model):
     rate: Real = described(
         1.0, "largest change of an angle per second, used where readings are missing", "rad/s", gt=0.0, le=100.0
     )
-    time_constant_s: Real = described(0.0, "lag behind a command", "s", ge=0.0, span=plausible.VALVE)
-    noise_std: Real = described(0.001, "error of a reading, 1-sigma", "rad", ge=0.0, le=0.3)
+    time_constant_s: NotNegative = described(0.0, "lag behind a command", "s", span=plausible.VALVE)
+    noise_std: RelativeSigma = described(0.001, "error of a reading, 1-sigma", "rad")
 
     @field_validator("axes")
     @classmethod
@@ -239,7 +237,7 @@ class ImpulseAtLevel(Model):
     """The specific impulse of an engine at one level of its throttle."""
 
     level: Real = described(..., "level, 1: full thrust", gt=0.0, le=1.0)
-    specific_impulse_s: Real = described(..., "specific impulse there", "s", gt=0.0, span=plausible.SPECIFIC_IMPULSE)
+    specific_impulse_s: Positive = described(..., "specific impulse there", "s", span=plausible.SPECIFIC_IMPULSE)
 
 
 class RocketEngine(Model):
@@ -258,24 +256,22 @@ class RocketEngine(Model):
     direction: Vector3 = described(
         ..., "direction of the force on the vehicle with the gimbal at zero, body axes, length 1"
     )
-    thrust: Real = described(..., "force at level 1", "lbf | N", gt=0.0, span=plausible.FORCE)
-    thrust_uncertainty: Real = described(
-        0.01, "1-sigma of the thrust at levels 0 and 1, relative, linear in between; estimated", ge=0.0, le=0.3
+    thrust: Positive = described(..., "force at level 1", "lbf | N", span=plausible.FORCE)
+    thrust_uncertainty: RelativeSigma = described(
+        0.01, "1-sigma of the thrust at levels 0 and 1, relative, linear in between; estimated"
     )
-    direction_std: Real = described(
-        0.005, "1-sigma of the direction about either axis, estimated", "rad", ge=0.0, le=0.3
+    direction_std: RelativeSigma = described(0.005, "1-sigma of the direction about either axis, estimated", "rad")
+    position_std: NotNegative = described(
+        0.0, "1-sigma of the force's place across its direction, estimated", "ft | m", span=plausible.POSITION
     )
-    position_std: Real = described(
-        0.0, "1-sigma of the force's place across its direction, estimated", "ft | m", ge=0.0, span=plausible.POSITION
-    )
-    specific_impulse_s: PositiveReal | tuple[ImpulseAtLevel, ...] = described(
+    specific_impulse_s: Positive | tuple[ImpulseAtLevel, ...] = described(
         ..., "specific impulse, or a list by rising level, linear in between", "s"
     )
     level_rate: Real = described(
         10.0, "largest change of the level per second, used where readings are missing", "1/s", gt=0.0, le=1e4
     )
-    level_time_constant_s: Real = described(0.0, "lag behind a command", "s", ge=0.0, span=plausible.VALVE)
-    level_noise_std: Real = described(0.002, "error of a reading, 1-sigma, relative to it", ge=0.0, le=0.3)
+    level_time_constant_s: NotNegative = described(0.0, "lag behind a command", "s", span=plausible.VALVE)
+    level_noise_std: RelativeSigma = described(0.002, "error of a reading, 1-sigma, relative to it")
     least_level: Real = described(0.0, "a reading below it means that the engine is shut", ge=0.0, lt=1.0)
     gimbal: Gimbal | None = described(None, "its gimbal; null: fixed")
     telemetry: Literal["measured", "commanded"] = described(

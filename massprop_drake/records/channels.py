@@ -10,9 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.inputs.record_map import (
-    RecordMap,
-)
+from massprop_drake.inputs.record_map import RecordMap
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.records.topics import Recording
 from massprop_drake.signals import AXES

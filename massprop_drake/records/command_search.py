@@ -10,12 +10,7 @@ import numpy as np
 from massprop_drake.records import mapping
 from massprop_drake.records.command_scales import CommandScale, Levels, possible_scales, two_levels, without_rare
 from massprop_drake.records.map_search import Array, MapSearch
-from massprop_drake.records.names import (
-    JetColumns,
-    factor_or_none,
-    jet_families,
-    read_name,
-)
+from massprop_drake.records.names import JetColumns, factor_or_none, jet_families, read_name
 from massprop_drake.records.topics import Topic
 
 _PULSES = (500.0, 2600.0)  # us, between which widths of pulses lie

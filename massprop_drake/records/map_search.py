@@ -13,11 +13,7 @@ from numpy.typing import NDArray
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.records import mapped_rows
 from massprop_drake.records.clocks import TopicClock
-from massprop_drake.records.names import (
-    ColumnName,
-    factor_or_none,
-    kind_of,
-)
+from massprop_drake.records.names import ColumnName, factor_or_none, kind_of
 from massprop_drake.records.topics import Recording
 
 Array = NDArray[np.float64]

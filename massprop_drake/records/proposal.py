@@ -11,10 +11,7 @@ from numpy.typing import NDArray
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.records.clocks import TopicClock, clock_fault, find_clock
-from massprop_drake.records.names import (
-    ColumnName,
-    read_name,
-)
+from massprop_drake.records.names import ColumnName, read_name
 from massprop_drake.records.sensor_search import SensorSearch
 from massprop_drake.records.stamps import is_number
 from massprop_drake.records.topics import Recording, Topic

@@ -11,12 +11,7 @@ from massprop_drake.inputs.units import factor
 from massprop_drake.records import mapping
 from massprop_drake.records.jet_search import JetSearch
 from massprop_drake.records.map_search import Array, compact_name
-from massprop_drake.records.names import (
-    WHEELS,
-    WORDS,
-    ColumnName,
-    factor_or_none,
-)
+from massprop_drake.records.names import WHEELS, WORDS, ColumnName, factor_or_none
 from massprop_drake.records.topics import Topic
 
 _UNIFORM = 1e-4  # of its median, by which steps of a clock that only counts may differ

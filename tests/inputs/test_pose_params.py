@@ -61,14 +61,6 @@ def test_fixed_parameters_have_no_sigma_and_keep_their_value() -> None:
     assert np.isfinite(deviation[:, [2, 7]]).all()
 
 
-def test_what_nothing_measures_is_not_free() -> None:
-    found = made(again(load_vehicle("tracked_flyer"), poses=(STARS,)))
-    assert free(found, found.parts.position) == free(found, found.parts.velocity) == []
-    assert (found.mass_std, found.unseen_std) == (0.0, pytest.approx(0.3, rel=1e-9))
-    moving = made(again(load_vehicle("tracked_flyer"), poses=(STARS,), velocities=(SPEED,)))
-    assert (free(moving, moving.parts.velocity), moving.unseen_std) == ([0, 1, 2], 0.0)
-
-
 def test_hypotheses_have_a_place_for_a_push_where_none_is_expected() -> None:
     found = made(load_vehicle("tracked_flyer"))
     parts = found.parts
@@ -77,18 +69,6 @@ def test_hypotheses_have_a_place_for_a_push_where_none_is_expected() -> None:
     np.testing.assert_array_equal(found.covariance[places], 0.0)
     without = made(load_vehicle("tracked_flyer"), detector={"kind": "off"})
     assert free(without, parts.push) == free(without, parts.open) == []
-
-
-def test_common_scale_and_own_sigmas_of_jets_reach_the_filter() -> None:
-    vehicle = load_vehicle("air_bearing")
-    own = {3: 0.01}
-    jets = tuple(jet.model_copy(update={"thrust_uncertainty": own.get(jet.number)}) for jet in vehicle.jets)
-    found = made(again(vehicle, jets=jets, common_scale_walk=0.013))
-    np.testing.assert_allclose(found.thrust_std, [0.05, 0.05, 0.01, *[0.05] * 5])
-    assert found.common_walk == 0.013
-    place = int(np.flatnonzero(found.free == found.parts.common.start)[0])
-    assert found.covariance[place, place] == pytest.approx(0.05**2)
-    assert found.kicks_per_s == pytest.approx(10.0 / 60.0)
 
 
 def test_a_floor_carries_what_would_lift_or_tip() -> None:

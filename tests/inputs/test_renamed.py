@@ -37,14 +37,6 @@ def test_old_keys_of_files_are_read_with_one_warning_each(massprop: Massprop) ->
     assert [line.partition(": ")[0] for line in done.err.splitlines()] == ["massprop", "massprop"]
 
 
-@pytest.mark.parametrize("override", ["sensors.quantiser_phase=equal", "sensors={quantiser_phase: equal}"])
-def test_old_keys_in_an_override_are_taken_with_a_warning(override: str) -> None:
-    with pytest.warns(RenamedWarning, match=r"--set sensors.*: quantiser_phase is now quantizer_phase") as caught:
-        scenario = load_scenario("sample_maneuver", ["sensors.quantizer_phase=seeded", override])
-    assert scenario.sensors.quantizer_phase == "equal"
-    assert len(caught) == 1
-
-
 OLD = {"trigger_jet": 28.0, "trigger": 45.0, "lead": 6.0, "lead_nothing": 12.0, "jump": 100.0}
 KIND = "detector.kind: multi_hypothesis is now hypotheses"
 MEANT = "faults.false_per_hour says how sure a declaration is"

@@ -115,17 +115,6 @@ def test_a_vehicle_in_feet(tmp_path: Path) -> None:
     np.testing.assert_allclose(found["known_torque_z"], 100.0 / 1.3558179483314004, rtol=1e-9)
 
 
-def test_readings_that_rows_repeat_are_left_out(log: Callable[..., Path]) -> None:
-    last = (np.arange(N) + 1) // 3 * 3 - 1  # read anew in rows 2, 5, ...
-    held = {f"w{axis}": ONE.rates[np.maximum(last, 0), index] for index, axis in enumerate("xyz")}
-    text = usual_map(ONE, gyro=f"{GYRO}, every: 3}}")
-    found = found_in(log(**held), text)
-    np.testing.assert_array_equal(found["gyro_y"], np.where(np.arange(N) % 3 == 2, ONE.rates[:, 1], np.nan))
-    np.testing.assert_array_equal(found["acc_y"], ONE.velocities[:, 1])
-    wrong = refused(lambda: found_in(log(**held), text.replace("every: 3", "every: 2")))
-    assert "sensors.gyro.every: 2 does not fit" in wrong
-
-
 HALF = np.sqrt(0.5)
 
 
@@ -313,19 +302,6 @@ def test_commands_logged_when_they_change(tmp_path: Path) -> None:
     assert apart.notes[0].startswith("commands are logged every 0.5 s, and a sample is 0.05 s")
     never = refused(lambda: found_in(path, text.replace("accelerometer, ", "accelerometer, topic: dv, ")))
     assert "no sample of 'acc' was taken within 5 % of a sample period of a row" in never
-
-
-def test_on_times_lie_in_a_sample_where_map_or_vehicle_say(log: Callable[..., Path]) -> None:
-    on_ms = {f"u{index + 1}": 50.0 * ONE.commands[:, index] for index in range(len(ONE.jets))}
-    text = usual_map(ONE, commands=f"{COMMANDS}, unit: ms, at: end}}")
-    header = made_of(log(**on_ms), text, ONE.vehicle).header
-    assert not any(name.startswith("onset_") for name in header)  # all or none
-    on_ms["u1"] = np.full(N, 20.0)
-    found = found_in(log(**on_ms), text)
-    np.testing.assert_allclose(found["jet_T1"][:-1], 0.4, rtol=1e-12)
-    np.testing.assert_allclose(found["onset_T1_s"][:-1], 0.03, rtol=1e-12)
-    plain = found_in(log(**on_ms), text.replace(", at: end", ""))
-    np.testing.assert_array_equal(plain["onset_T1_s"][:-1], 0.0)
 
 
 GROWS = np.linspace(100.0, 300.0, N)

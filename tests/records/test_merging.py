@@ -68,14 +68,6 @@ def test_commands_that_are_written_when_they_change_hold(tmp_path: Path) -> None
     assert any("whenever a command changes" in note for note in table.notes)
 
 
-def test_rows_that_do_not_go_on_are_left_out_and_said(tmp_path: Path) -> None:
-    fast = sensor(tmp_path, "fast", np.arange(0.0, 2.0, 0.1))
-    slow = sensor(tmp_path, "slow", np.array([0.0, 0.5, 0.25, 0.5, 1.0, 1.5]))
-    table = MergedTable([fast, slow])
-    assert int((~np.isnan(values(table)[:, 2])).sum()) == 4
-    assert any("2 rows left out" in note for note in table.notes)
-
-
 @pytest.mark.parametrize(
     ("times", "says"),
     [
@@ -89,13 +81,6 @@ def test_clocks_that_disagree_are_refused(times: Array, says: str, tmp_path: Pat
     fast = sensor(tmp_path, "fast", np.arange(0.0, 12.0, 0.02))
     with pytest.raises(InputError, match=says):
         MergedTable([fast, sensor(tmp_path, "slow", times)])
-
-
-def test_a_file_without_times_is_refused(tmp_path: Path) -> None:
-    fast = sensor(tmp_path, "fast", np.arange(0.0, 2.0, 0.1))
-    bare = written(tmp_path / "bare.csv", ["t", "slow"], [(0.0, 1.0), (1.0, 1.0)])
-    with pytest.raises(InputError, match=r"bare\.csv: has no column time_s, but t, slow"):
-        MergedTable([fast, bare])
 
 
 def test_a_column_of_two_files_is_refused(tmp_path: Path) -> None:

@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Massprop
-from layout_probe import GRID_S, flown, write_any
 from numpy.typing import NDArray
 from record_probe import (
     ONE,
     Flight,
+    flown,
     made_of,
     px4_topics,
     refused,
@@ -80,14 +79,9 @@ def commands_of(values: Array) -> dict[str, Array]:
     return {f"u{index + 1}": values[:, index] for index in range(values.shape[1])}
 
 
-@pytest.mark.parametrize("seed", range(16))
-def test_any_layout_gives_the_flight(seed: int, tmp_path: Path) -> None:
-    require_found(write_any(tmp_path / "log.csv", FLOWN, seed))
-
-
 def test_a_proposal_is_estimated_from(tmp_path: Path) -> None:
     short = flown(load_vehicle("free_flyer"), 2, rows=25)
-    path = write_any(tmp_path / "log.csv", short, 100)
+    path = log_of(tmp_path, short)
     by = validated(RecordMap, proposed(path).data)
     run = estimate(path, vehicle_scenario("log", "free_flyer", ["detector.kind=off"]), record_map=by)
     assert run.summary["data_quality"]["rows"] == 25
@@ -184,7 +178,7 @@ def test_commands_that_are_logged_late_are_warned_of(late: int, words: str, tmp_
 
 CLOCKS: dict[str, Callable[[Array], dict[str, Any]]] = {
     "seconds and nanoseconds": lambda t: {
-        "secs": GRID_S + np.floor(t + 1e-9).astype(int),
+        "secs": 1_455_210_114 + np.floor(t + 1e-9).astype(int),
         "nsecs": np.round(1e9 * (t - np.floor(t + 1e-9))).astype(int),
     },
     "a date with blanks": lambda t: {"Sat.UTCGregorian": [f"01 Jan 2000 11:59:{10 + s:06.3f}" for s in t]},
@@ -221,21 +215,6 @@ def test_stamps(text: str, seconds: float | None) -> None:
         assert stamp is None
     else:
         assert (stamp - np.datetime64("2024-05-01T12:00:00", "ns")) / np.timedelta64(1, "s") == pytest.approx(seconds)
-
-
-@pytest.mark.parametrize(("factor", "unit"), [(1e3, "mrad/s"), (180.0 / np.pi, "deg/s")])
-def test_units_of_rates_are_told_by_the_jets(factor: float, unit: str, tmp_path: Path) -> None:
-    rates = {f"w{axis}": factor * FLOWN.rates[:, index] for index, axis in enumerate("xyz")}
-    assert proposed(log_of(tmp_path, **rates)).data["sensors"]["gyro"]["unit"] == unit
-
-
-def test_rates_too_fast_for_radians_are_degrees_and_repeated_ones_are_seen(tmp_path: Path) -> None:
-    held = {f"w{axis}": ONE.rates[np.arange(60) // 2 * 2, index] for index, axis in enumerate("xyz")}
-    found = proposed(log_of(tmp_path, ONE, **held))
-    assert found.data["sensors"]["gyro"]["every"] == 2
-    found = proposed(log_of(tmp_path, ONE, wz=150.0 + ONE.rates[:, 2]))
-    assert found.data["sensors"]["gyro"]["unit"] == "deg/s"
-    assert "every" not in found.data["sensors"]["gyro"]
 
 
 def test_what_jets_do_tells_increments_from_their_sums(tmp_path: Path) -> None:
@@ -415,25 +394,6 @@ def test_what_cannot_be_found_is_said(tmp_path: Path) -> None:
     needs = ["no column of time was found", "no sensor was found", "no commands were found"]
     assert [sentence.partition(":")[0] for sentence in found.lacking] == needs
     assert proposed(log_of(tmp_path)).warnings == []
-
-
-@pytest.mark.parametrize(
-    ("scale", "status", "words"),
-    [
-        (0.05, 0, "warning: no command of the whole record exceeds 0.05, and the sample period is 0.05 s"),
-        (100.0, 2, "look like percent: divide by 100"),
-        (1.5, 2, "1.5 is no fraction of 0 to 1\n"),
-    ],
-)
-def test_what_are_no_fractions_is_told(
-    scale: float, status: int, words: str, massprop: Massprop, tmp_path: Path
-) -> None:
-    rates = {f"gyro_{axis}": FLOWN.rates[:, index] for index, axis in enumerate("xyz")}
-    jets = {f"jet_{jet}": scale * row for jet, row in zip(FLOWN.jets, FLOWN.commands.T, strict=True)}
-    path = write_csv(tmp_path / "log.csv", {"time_s": FLOWN.time_s} | rates | jets)
-    done = massprop("check", path, "--vehicle", "free_flyer")
-    assert done.status == status
-    assert words in done.out + done.err
 
 
 def parameters() -> dict[str, Any]:
