@@ -60,13 +60,7 @@ class JetSearch(CommandSearch):
                 self._tell_sums(name, shown)
 
     def _look_for_a_lag(self, gyro: str, after: evidence.JetEvidence, taken: evidence.JetEvidence) -> None:
-        """Warns where neither interval next to a row fits: of the lag that does, or that none is known.
-
-        Args:
-            gyro: whose rates are followed.
-            after: evidence of the interval after the row.
-            taken: evidence of the interval that is proposed.
-        """
+        """Warns where neither interval next to a row fits: of the lag that does, or that none is known."""
         farthest = min(_FARTHEST, len(after.meant) // 2)
         lags = {lag: after.shifted(lag) for lag in range(-farthest, farthest + 1)}
         best = max(lags, key=lambda lag: np.nan_to_num(lags[lag].explained))

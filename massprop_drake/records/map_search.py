@@ -72,13 +72,7 @@ class MapSearch:
         return name
 
     def _tracker(self, kind: str, shown_as: str, what: str) -> str:
-        """Finds the place of a sensor in a fixed frame: one of the vehicle's, or, if none is needed, a display name.
-
-        Args:
-            kind: of the vehicle's packages.
-            shown_as: name for a vehicle that is not followed so.
-            what: the columns, for the reason why there is no place, which is "".
-        """
+        """Finds the place of a sensor in a fixed frame: one of the vehicle's, or, if none is needed, a display name."""
         name = self._package(kind) or ("" if self.vehicle.needs_pose_filter else shown_as)
         if not name:
             self._say(f"{what}: the vehicle has no further {kind} sensor")

@@ -284,14 +284,7 @@ def _at(channel: Channel, time_s: Array, period_s: float) -> Array:
 
 
 def _attitudes(channel: Channel, rates: Array, time_s: Array, period_s: float) -> Array:
-    """Returns attitudes at rows, each from the reading nearest to it, NaN where none was near, shape (n, 4).
-
-    Args:
-        channel: of a tracker.
-        rates: that gyros read at the rows, NaN where missing, rad/s, shape (n, 3).
-        time_s: of the rows, shape (n,).
-        period_s: sample period; half of it is near.
-    """
+    """Returns attitudes at rows, each from the reading nearest to it, NaN where none was near, shape (n, 4)."""
     read, found = channel.values[:, -4:], np.full((time_s.size, 4), np.nan)
     after = np.clip(np.searchsorted(time_s, channel.time_s), 1, max(time_s.size - 1, 1))
     rows = np.where(channel.time_s - time_s[after - 1] < time_s[after] - channel.time_s, after - 1, after)

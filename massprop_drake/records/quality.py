@@ -248,14 +248,7 @@ class QualityReport:
         standing.gross = gross[-1]
 
     def _note_standing(self, entry: Package, axis: int, standing: Standing, fired: Array) -> None:
-        """Notes a reading that stood still though it should have changed: its own fault if the others did change.
-
-        Args:
-            entry: its package.
-            axis: of it.
-            standing: of the stretch at its end.
-            fired: samples in which each jet was told to fire and nothing showed it until then, shape (n_jets,).
-        """
+        """Notes a reading that stood still though it should have changed: its own fault if the others did change."""
         change = float(standing.most[axis] - standing.least[axis])
         lasted_s = float(standing.until_s[axis] - standing.since_s[axis])
         brief = lasted_s < (_STUCK_SAMPLES - 0.5) * self._vehicle.sample_period_s  # a jet that does not fire at once
@@ -378,12 +371,7 @@ class QualityReport:
     # --------------------------------------------------------------------------------- finishing
 
     def _telling(self, package: SensorPackage, units: Mapping[str, Mapping[str, Any]]) -> list[Ratio]:
-        """Selects the ratios that tell a package's unit: if it seems wrong, samples where a turn changes little.
-
-        Args:
-            package: a gyro, or an accelerometer after those.
-            units: of the gyros: how fast it turns is read in the unit that they seem to have.
-        """
+        """Selects the ratios that tell a package's unit: if it seems wrong, samples where a turn changes little."""
         kept = self._ratios[package.name]
         if not kept or could_be_off_nominal(own := float(np.median([each.ratio for each in kept]))):
             return kept

@@ -87,11 +87,7 @@ def _losses(path: Path, log: Any, cut: tuple[int, int]) -> Iterator[Loss]:
 
 
 def _cut_off(path: Path) -> tuple[int, int]:
-    """Finds the place of a file's last message, and how many bytes it lacks; 0: it is whole.
-
-    Raises:
-        InputError: when it does not begin as a ULog does.
-    """
+    """Finds the place of a file's last message, and how many bytes it lacks; 0: it is whole."""
     try:
         content = path.read_bytes()
     except OSError as error:
