@@ -29,7 +29,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help demo test quick coverage mutants reproduce docs lint types bench wheel clean
+.PHONY: help demo test quick coverage mutants reproduce site docs lint types bench wheel release clean
 
 help: ## shows this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1:\2/p' $(MAKEFILE_LIST) | awk -F: '{ printf "%-17s %s\n", $$1, $$2 }'
@@ -58,8 +58,10 @@ mutants: $(VENV)/.installed-test ## makes single edits and checks that tests not
 reproduce: $(VENV)/.installed ## reruns the thesis into runs/reproduction, claim by claim; ten minutes on two cores
 	$(BIN)/python -m reproduction $(REPRODUCE_FLAGS)
 
-docs: $(VENV)/.installed-test ## builds the documentation into build/docs, and runs its tutorials and tests
-	$(BIN)/sphinx-build -q -W --keep-going -n docs build/docs
+site: $(VENV)/.installed-test ## builds the documentation into build/docs
+	$(BIN)/sphinx-build -q -W --keep-going -n -j 2 -d build/doctrees docs build/docs
+
+docs: site ## builds the documentation, and runs its tutorials and tests
 	MASSPROP_SITE=build/docs $(BIN)/python -m pytest -m documentation $(PYTEST_FLAGS)
 	@echo "build/docs/index.html"
 
@@ -76,6 +78,13 @@ bench: $(VENV)/.installed ## measures speed against another commit, AGAINST=<com
 	$(BIN)/python benchmarks/speed.py --against $(AGAINST) $(BENCH_FLAGS)
 
 wheel: dist/.built ## builds the wheel into dist/
+
+release: dist/.built site ## builds wheel, source distribution, site and card into dist/, and checks them
+	rm -rf dist/*.tar.gz dist/site
+	$(BIN)/python -c 'from setuptools.build_meta import build_sdist; build_sdist("dist")' >/dev/null
+	cp -R build/docs dist/site
+	cp docs/card.md dist/
+	bash .ci/release dist $(BIN)/python
 
 clean: ## removes environments, builds and caches; leaves runs/
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache

@@ -38,6 +38,8 @@ NOTES = (
     "[Campaigns](../campaigns.md#what-the-figures-mean) has the words."
 )
 
+MATRIX = "The delay in s of what was named; else what became of it."
+
 Measure = Callable[[Sequence[Row]], Figure]
 Columns = Mapping[str, tuple[str, Measure]]  # unit and measure by heading
 
@@ -274,12 +276,13 @@ def outcome_matrix(rows: Sequence[Row], force: str) -> str:
         if (str(one.jet), kind) in cells:
             return ""
         delay = math.nan if one.declared_s is None else one.declared_s - (one.first_acted_s or math.nan)
-        text = one.outcome.replace("_", " ")
-        text += f" for {one.taken_for}" if one.taken_for else ""
-        cells[str(one.jet), kind] = text if math.isnan(delay) else f"{text}, {delay:.3g} s"
+        words = "" if one.outcome == "named" else one.outcome.replace("_", " ")
+        words += f" for {one.taken_for}" if one.taken_for else ""
+        cells[str(one.jet), kind] = words if math.isnan(delay) else f"{words} {delay:.3g}".strip()
     kinds = list(dict.fromkeys(kind for _, kind in cells))
     jets = list(dict.fromkeys(jet for jet, _ in cells))
-    return table(("jet", *kinds), [(jet, *(cells.get((jet, kind), "-") for kind in kinds)) for jet in jets])
+    rows = [(jet, *(cells.get((jet, kind), "-") for kind in kinds)) for jet in jets]
+    return f"{MATRIX}\n\n{table(('jet', *kinds), rows)}"
 
 
 def by_draw(rows: Sequence[Row], values: Mapping[int, float]) -> list[Group]:

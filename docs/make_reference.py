@@ -32,12 +32,13 @@ KEYS: dict[str, Callable[[], list[Key]]] = {
     "records.md": map_keys,
 }
 MARK = "<!-- docs/make_reference.py writes what follows from the code: edit the descriptions there -->"
-HEADINGS = ("key", "value", "default", "meaning")
+HEADINGS = ("key", "value, default", "meaning")
 ELSEWHERE = {"scenario.md": ("vehicle.", "moving[]")}  # beginnings of keys that the page on vehicles has
 _MAPPINGS = ("mapping", "mapping | null", "list of mapping", "map of mapping")
 _KIND = re.compile(r" \(([^).]*)\)")  # of a mapping that has several; with a dot it is the key of something else
 _TOLD = re.compile(r"<!-- default ([^>]+) -->`[^`\n]*`")
-_MOST = 10  # elements of a field that are all shown
+_MOST = 8  # elements of a field that are all shown
+_VAST, _TINY = 500.0, 1e-4  # bounds of a range beyond which it only keeps slips out
 _LONG = 12  # characters of a number beyond which its page shows six digits
 
 
@@ -67,7 +68,8 @@ class Row(NamedTuple):
 def reference(found: Sequence[Key], elsewhere: tuple[str, ...] = ()) -> str:
     """A table of keys for the file itself, then one for each mapping in it, in Markdown.
 
-    Kinds of a mapping share a table, and so do mappings with the same keys.
+    Kinds of a mapping share a table, and so do mappings with the same keys. Two keys or more that stand in an earlier
+    table with the same words are named alone.
 
     Args:
         found: all keys of the file.
@@ -83,7 +85,8 @@ def reference(found: Sequence[Key], elsewhere: tuple[str, ...] = ()) -> str:
         rows = _rows([key for key in shown if _parent(key.name) in parents], parents, by_name, set(blocks))
         same = tuple(row.key if row.parents == tuple(parents) else row for row in rows)
         alike.setdefault(same or (Key(parents[0], "", "", "", "", ""),), []).append(parents)
-    parts = [_block(same, members, by_name) for same, members in alike.items()]
+    seen: dict[Key, str] = {}
+    parts = [_block(same, members, by_name, seen) for same, members in alike.items()]
     return "\n\n".join(filter(None, parts)) + "\n"
 
 
@@ -133,7 +136,10 @@ def _heading(parents: Sequence[str]) -> str:
     return f"`{_KIND.sub(lambda _: f' ({_kinds(parents)})', parents[0])}`"
 
 
-def _block(same: Sequence[Row | Key], members: Sequence[list[str]], by_name: Mapping[str, Key]) -> str:
+def _block(
+    same: Sequence[Row | Key], members: Sequence[list[str]], by_name: Mapping[str, Key], seen: dict[Key, str]
+) -> str:
+    """One table under its heading; `seen` has the mapping in which each row stood first, and gains its own."""
     rows = [row if isinstance(row, Row) else Row(row, ()) for row in same if row[1]]
     names = [_bare(_KIND.sub("", parents[0]) if parents[0].endswith(")") else parents[0]) for parents in members]
     said = [by_name[name] for name in names if name in by_name]
@@ -143,9 +149,18 @@ def _block(same: Sequence[Row | Key], members: Sequence[list[str]], by_name: Map
     parts = [f"### {heading}"]
     if members[0][0]:
         parts.append(" ".join(dict.fromkeys(map(_told_of, said))))
-    if rows:
-        cells = [HEADINGS, ("---",) * len(HEADINGS), *map(_cells, rows)]
+    before: dict[str, list[Row]] = {}
+    for row in rows:
+        if row.key in seen and not row.parents:
+            before.setdefault(seen[row.key], []).append(row)
+        seen.setdefault(row.key, _KIND.sub("", members[0][0]))
+    known = {place: found for place, found in before.items() if len(found) > 1}
+    own = [row for row in rows if not any(row in found for found in known.values())]
+    if own:
+        cells = [HEADINGS, ("---",) * len(HEADINGS), *map(_cells, own)]
         parts.append("\n".join("| " + " | ".join(one) + " |" for one in cells))
+    for place, found in known.items():
+        parts.append(f"{', '.join(f'`{row.key.name}`' for row in found)}: as in `{place}`.")
     return "\n\n".join(filter(None, parts))
 
 
@@ -160,22 +175,38 @@ def _cells(row: Row) -> tuple[str, ...]:
     key = row.key
     of = f" ({_escaped(_kinds(row.parents))})" if row.parents else ""
     default = "zero" if re.fullmatch(r"\[0\.0(, 0\.0)+\]", key.default) else _default(key)
-    return (f"`{key.name}`{of}", _escaped(_value(key)), default, _escaped(key.meaning))
+    return (f"`{key.name}`{of}", f"{_escaped(_value(key))}, {default}", _escaped(key.meaning))
 
 
 def _value(key: Key) -> str:
-    """Type, unit and range of a key; a number's type is left out, and words that its meaning explains."""
+    """Type, SI unit and range of a key; a number's type is left out, and what its default or its meaning tells."""
     words = key.type.split(" | ")
-    kind = "a word" if len(words) > 1 and all(f"{word}: " in key.meaning for word in words) else key.type
-    span = (
-        key.range.replace(", < 9.22337e+18", "").replace(">= 0, >= 1", ">= 1").replace("at least 1 long", "not empty")
-    )
-    span = re.sub(r">= (\S+), <= (\S+)$", r"\1 to \2", span)
-    span = re.sub(r"^-(\S+) to \1\b", r"±\1", span)
-    unit = "-" if span.endswith(f" {key.unit.rpartition('| ')[2]}") else key.unit  # the range has that of SI
+    told = re.findall(r"(?:^|; )([\w, ]+): ", key.meaning)
+    kind = "a word" if len(words) > 1 and {*words} <= {word for one in told for word in one.split(", ")} else key.type
+    if key.default == "null":
+        kind = kind.removesuffix(" | null")
+    span = _span(key)
+    unit = "-" if span.endswith(f" {key.unit.rpartition('| ')[2]}") else _si(key.unit)
     if kind == "number" and (unit, span) != ("-", "-"):
         kind = "-"
     return ", ".join(part for part in (kind, unit, span) if part != "-")
+
+
+def _span(key: Key) -> str:
+    """The range of a key, unless its bounds only refuse what no vehicle can have, as `check --schema` has them."""
+    span = key.range.replace(", < 9.22337e+18", "").replace(">= 0, >= 1", ">= 1")
+    span = span.replace("at least 1 long", "not empty")
+    bounds = [abs(float(number)) for number in re.findall(r"(?<![\w^/.])-?\d[\d.]*(?:e[-+]\d+)?(?= |,|$)", span)]
+    if span == ">= 0" or any(bound >= _VAST or 0.0 < bound <= _TINY for bound in bounds):
+        return "not empty" if "not empty" in span else "-"
+    span = re.sub(r">= (\S+), <= (\S+)", r"\1 to \2", span)
+    span = re.sub(r"^-(\S+) to \1\b", r"±\1", span)
+    return span.replace("<= ", "≤ ").replace(">= ", "≥ ")
+
+
+def _si(unit: str) -> str:
+    """A unit without its twins in feet, slugs and pounds."""
+    return " | ".join(one for one in unit.split(" | ") if not re.search(r"ft|slug|lbf", one))
 
 
 def _escaped(text: str) -> str:

