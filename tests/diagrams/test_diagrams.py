@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput
 from systems_probe import feedthrough, inputs, outputs
 
@@ -115,18 +115,9 @@ def ports_of(ports: dict[str, int], scenario: Scenario) -> dict[str, int]:
 
 
 BUILT = {
-    module: [
-        name for name in bundled_scenarios() if name != "servicer_on_wheels_leak"
-    ]  # see tests/runners/test_on_wheels
+    module: [name for name in bundled_scenarios() if name != "servicer_on_wheels_leak"]  # see tests/runners/test_on_wheels
     if module in (closed_loop, estimation)
-    else [
-        "sample_maneuver",
-        "small_satellite_leak",
-        "servicer_slosh",
-        "air_bearing_pulses",
-        "lander_burn",
-        "servicer_panel",
-    ]
+    else ["sample_maneuver", "small_satellite_leak", "servicer_slosh", "air_bearing_pulses", "lander_burn", "servicer_panel"]
     for module in PORTS
 }
 

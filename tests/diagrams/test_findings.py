@@ -11,7 +11,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from systems_probe import LEAKS, feedthrough, inputs, leaked, outputs
 
-from massprop_drake import Run, load_scenario, simulate
+from massprop_drake import Run, Scenario, load_scenario, simulate
 from massprop_drake.diagrams import autopilot, closed_loop, estimation, open_loop, replay, vehicle
 from massprop_drake.results.consistency import TOO_LITTLE
 from massprop_drake.systems.views import port_view

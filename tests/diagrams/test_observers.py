@@ -57,10 +57,7 @@ def split(numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_an_extended_kalman_filter_by_automatic_differentiation_finds_the_rate() -> None:
-    truth, model = (
-        Flight(vehicle.build(satellite(NOISE, TURNING))),
-        Flight(vehicle.build(satellite(0.0)).ToAutoDiffXd()),
-    )
+    truth, model = Flight(vehicle.build(satellite(NOISE, TURNING))), Flight(vehicle.build(satellite(0.0)).ToAutoDiffXd())
     estimate, covariance = split(model.context.get_discrete_state(0).CopyToVector())[0], np.diag(np.full(N_STATE, 1e-8))
     covariance[RATE, RATE] = np.diag(np.full(3, 0.02**2))
     for sample in range(60):

@@ -88,9 +88,7 @@ def test_a_copy_of_a_context_has_its_seed_and_the_default_context_the_scenarios_
 
 
 def test_unless_drawn_it_is_what_the_scenario_s_seed_draws() -> None:
-    scenario = flown(
-        "plant.thrust_dispersion=0.02", "seed=5", "failures=[{kind: leak, jet: F1L, force: 10, start_s: 0}]"
-    )
+    scenario = flown("plant.thrust_dispersion=0.02", "seed=5", "failures=[{kind: leak, jet: F1L, force: 10, start_s: 0}]")
     diagram, (leak,) = vehicle.build(scenario), true_params.jet_failures(scenario)
     context: Any = diagram.CreateDefaultContext()
     for jet in range(0, 44, 5):
@@ -102,9 +100,7 @@ def test_unless_drawn_it_is_what_the_scenario_s_seed_draws() -> None:
         assert_array_equal(diagram.GetOutputPort("thrust").Eval(context), expected)
     quiet = vehicle.build(load_scenario("sample_maneuver", ["sensors.quantizer_phase=equal"]))
     assert not quiet.HasSubsystemNamed("noise_seed")  # where nothing is by chance
-    assert (
-        vehicle.build(flown()).CreateDefaultContext().num_discrete_state_groups() == 1
-    )  # the body's: chance adds none
+    assert vehicle.build(flown()).CreateDefaultContext().num_discrete_state_groups() == 1  # the body's: chance adds none
 
 
 def test_a_monte_carlo_simulation_over_one_diagram() -> None:

@@ -175,11 +175,7 @@ def test_rate_of_a_spherical_body_is_exact_whatever_the_time_constants() -> None
     # no coupling: I w = M T + sum of transient tau (1 - exp(-T / tau)), with the torque about the center of mass
     properties = MassProperties(10.0, np.array([0.5, 0.2, -0.3]), 2.0 * np.eye(3))
     rng = np.random.default_rng(2)
-    steady, transient, constants = (
-        1e-3 * rng.standard_normal(7),
-        1e-3 * rng.standard_normal((4, 7)),
-        (1e-4, 0.01, 0.2, 3.0),
-    )
+    steady, transient, constants = 1e-3 * rng.standard_normal(7), 1e-3 * rng.standard_normal((4, 7)), (1e-4, 0.01, 0.2, 3.0)
     after = step(initial_state(10.0), steady, transient, constants, 0.5, body_of(properties))
     impulse = 0.5 * steady + sum(
         row * tau * (1.0 - np.exp(-0.5 / tau)) for row, tau in zip(transient, constants, strict=True)
@@ -188,9 +184,7 @@ def test_rate_of_a_spherical_body_is_exact_whatever_the_time_constants() -> None
     assert_allclose(after[RATE], torque / 2.0, rtol=1e-13)
     assert after[MASS] == pytest.approx(10.0 - impulse[6], rel=1e-15)
     without = step(initial_state(10.0), steady, NO_TRANSIENT, (), 0.5, body_of(properties))
-    assert_array_equal(
-        step(initial_state(10.0), steady, np.zeros((2, 7)), (0.1, 3.0), 0.5, body_of(properties)), without
-    )
+    assert_array_equal(step(initial_state(10.0), steady, np.zeros((2, 7)), (0.1, 3.0), 0.5, body_of(properties)), without)
 
 
 def test_velocity_gained_obeys_the_rocket_equation() -> None:

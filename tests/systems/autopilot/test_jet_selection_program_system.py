@@ -143,12 +143,7 @@ def test_few_jets_come_as_close_as_can_be_and_none_fires_nothing(program: JetSel
     assert_allclose(distance, best(request, limits).distance, rtol=1e-9)
     for asked, jets, outcome in ((request, np.zeros(44), Outcome.CLOSEST), (np.zeros(6), BOUNDED, Outcome.EXACT)):
         found = program.solve(ACTIVITY, asked, jets)
-        assert (found.outcome, found.propellant, found.on_times_s.any(), found.reached.any()) == (
-            outcome,
-            0,
-            False,
-            False,
-        )
+        assert (found.outcome, found.propellant, found.on_times_s.any(), found.reached.any()) == (outcome, 0, False, False)
 
 
 @pytest.mark.parametrize(

@@ -110,11 +110,7 @@ def test_topology() -> None:
         (change(x=0.25, w=-0.13), {}, {0: 3, 11: 2}),  # 3.1 and 1.6 cycles
         *((change(y=-on_s), {}, {3: n} if n else {}) for on_s, n in ((0.039, 0), (0.041, 1), (0.119, 1), (0.121, 2))),
         (change(x=0.08), {"minimum_on_times_s": np.full(N, 0.2)}, {0: 3}),  # 2.5 cycles
-        (
-            change(x=0.16, y=0.08),
-            {"selectable": ~np.isin(np.arange(N), (0, 12))},
-            {2: 1},
-        ),  # nothing else turns about +x
+        (change(x=0.16, y=0.08), {"selectable": ~np.isin(np.arange(N), (0, 12))}, {2: 1}),  # nothing else turns about +x
     ],
 )
 def test_on_times_are_fired_as_whole_cycles(wanted: Array, given: dict[str, Any], expected: dict[int, int]) -> None:
@@ -161,11 +157,7 @@ def test_a_translation_beyond_its_time_is_met_in_part_and_counted() -> None:
 def test_estimates_are_used_once_they_have_converged() -> None:
     # by the estimate the body is twice as hard to turn about x, and has half the mass
     pilot, estimate = Pilot(), UNIT_BODY * [0.5, *[1.0] * 8, 2.0]
-    for converged, numbers, cycles, delivered in (
-        (0.0, estimate, 1, 0.08),
-        (0.0, np.full(10, np.nan), 1, 0.08),
-        (1.0, estimate, 2, 0.16),
-    ):
+    for converged, numbers, cycles, delivered in ((0.0, estimate, 1, 0.08), (0.0, np.full(10, np.nan), 1, 0.08), (1.0, estimate, 2, 0.16)):
         give(pilot.dut, pilot.context, estimate=numbers, converged=[converged])
         pilot.ask(change(x=0.08, u=0.8), ONCE, 2.0)
         advance(pilot.dut, pilot.context)

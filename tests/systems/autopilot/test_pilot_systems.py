@@ -38,14 +38,7 @@ from massprop_drake.systems.autopilot.engine_commands import EngineCommands
 
 SETTINGS = PhaseSpaceParams(PERIOD_S, 0.01, 0.15, 0.002, 0.001, 0.0005, 0.5, 2.0, 0.004, 0.4)
 # rotation and translation, as the crew moves them
-CREW = [
-    [0] * 6,
-    [1, 0, 0, 0, 0, 0],
-    [1, 0, -1, 0, 0, 0],
-    *[[0] * 6] * 3,
-    *[[0, 0, 0, 1, 0, 0]] * 7,
-    [0, 0, 0, 1, 0, -1],
-]
+CREW = [[0] * 6, [1, 0, 0, 0, 0, 0], [1, 0, -1, 0, 0, 0], *[[0] * 6] * 3, *[[0, 0, 0, 1, 0, 0]] * 7, [0, 0, 0, 1, 0, -1]]
 CREW = [*CREW, [0] * 6, [0] * 6]
 
 
@@ -137,7 +130,9 @@ def test_jet_schedule_plays_a_row_per_sample_and_holds_it_for_the_next() -> None
         (TABLE, np.zeros((2, 2)), r"onsets must be a table like that of commands, \(3, 2\), got shape \(2, 2\)"),
     ],
 )
-def test_what_is_no_table_of_commands_is_refused(commands: np.ndarray, onsets_s: np.ndarray | None, words: str) -> None:
+def test_what_is_no_table_of_commands_is_refused(
+    commands: np.ndarray, onsets_s: np.ndarray | None, words: str
+) -> None:
     with pytest.raises(ValueError, match=words):
         JetSchedule(commands, period_s=PERIOD_S, onsets_s=onsets_s)
 
@@ -154,17 +149,7 @@ def test_wheel_schedule_plays_a_row_per_sample() -> None:
 def test_wheel_controller() -> None:
     axes, inertia = np.eye(3), np.diag([50.0, 26.0, 55.0])
     params = WheelControlParams(
-        axes,
-        shares_of(axes),
-        np.full(3, 0.006),
-        np.full(3, 0.1),
-        np.full(3, 400.0),
-        inertia,
-        1.0,
-        0.5,
-        0.2,
-        1e-3,
-        SETTINGS,
+        axes, shares_of(axes), np.full(3, 0.006), np.full(3, 0.1), np.full(3, 400.0), inertia, 1.0, 0.5, 0.2, 1e-3, SETTINGS
     )
     dut = WheelController(params, ("W1", "W2", "W3"))
     assert inputs(dut) == {"hand_controllers": 6, "attitude_error": 3, "gyro": 3, "W1": 1, "W2": 1, "W3": 1}

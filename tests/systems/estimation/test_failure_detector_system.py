@@ -127,9 +127,7 @@ def test_outputs_are_those_of_the_mathematics(orbiter: Vehicle, uncertainty: str
     assert rig.state().variance.any()
     moved = rig.properties * np.where(np.isin(np.arange(10), (0, 6, 9)), 1.1, 1.0)
     rig.see(np.zeros(6), estimate=moved)  # the known force's effect follows the predictions
-    for found, part in zip(
-        rig.known_force(), cglr.known_force(rig.state(), moved, rig.command, rig.params), strict=True
-    ):
+    for found, part in zip(rig.known_force(), cglr.known_force(rig.state(), moved, rig.command, rig.params), strict=True):
         assert_array_equal(found, part)
 
 

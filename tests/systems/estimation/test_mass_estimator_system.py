@@ -136,9 +136,7 @@ def test_one_sample_by_hand() -> None:
         (1.0, PUSH, [0.0, 0.6, 1.0, 0.3, 0.9], [0, 1, 0, 0, 1]),
     ],
 )
-def test_samples_are_used_where_they_tell_something(
-    limit: float, impulses: Any, velocities: Any, used: list[int]
-) -> None:
+def test_samples_are_used_where_they_tell_something(limit: float, impulses: Any, velocities: Any, used: list[int]) -> None:
     rig, found = Rig(limit=limit), []
     for velocity in velocities:
         before = rig.state().variance

@@ -77,8 +77,7 @@ def test_motion_mass_properties_and_readings_are_the_same() -> None:
     """Jets come and go at random, and lag."""
     rigid = load_scenario("small_satellite_maneuver", [*COMMON, "plant.time_step=0", "plant.depletion=false"])
     same = load_scenario(
-        "small_satellite_maneuver",
-        [*COMMON, "plant.kind=multibody", f"plant.model={model_of(rigid)}", "plant.body=bus"],
+        "small_satellite_maneuver", [*COMMON, "plant.kind=multibody", f"plant.model={model_of(rigid)}", "plant.body=bus"]
     )
     random = np.random.default_rng(4)
     commands = (random.random((120, 12)) < 0.15).astype(float)

@@ -93,9 +93,7 @@ def test_a_drive_gives_the_forces_of_its_mathematics() -> None:
 
 @pytest.mark.parametrize("given", [{"positions": {"wrist": 1.0}}, {"moves": {"wrist": ()}}])
 def test_an_unknown_joint_is_named(given: dict[str, Any]) -> None:
-    with pytest.raises(
-        ValueError, match=r"'wrist' is no joint of one degree of freedom in the model; joints are: elbow"
-    ):
+    with pytest.raises(ValueError, match=r"'wrist' is no joint of one degree of freedom in the model; joints are: elbow"):
         made(**given)
 
 

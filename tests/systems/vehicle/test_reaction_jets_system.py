@@ -54,9 +54,7 @@ def failing(kind: FailureKind, jet: int, start: float = 0.0, end: float = math.i
     return Failure(jet, kind, start * PERIOD_S, end * PERIOD_S, **values)
 
 
-@pytest.mark.parametrize(
-    ("constants", "classes"), [((0, 0, 0), ()), ((TAU, TAU, 0), (TAU,)), ((TAU, 0.01, 0), (0.01, TAU))]
-)
+@pytest.mark.parametrize(("constants", "classes"), [((0, 0, 0), ()), ((TAU, TAU, 0), (TAU,)), ((TAU, 0.01, 0), (0.01, TAU))])
 def test_topology(constants: tuple[float, ...], classes: tuple[float, ...]) -> None:
     dut, context = jets(constants=constants)
     assert inputs(dut) == {"command": 3, "held_command": 3, "closed": 3, "held_closed": 3, "seed": 1}
@@ -150,9 +148,7 @@ def test_an_intermittent_jet_fails_by_the_runs_seed_alone() -> None:
 
 def test_a_closed_manifold_stops_whatever_its_jets_do() -> None:
     """Thrust tails off then: the mean of exp(-s / tau), and exp(-2) of it in the sample after."""
-    dut, context = jets(
-        failing(FailureKind.STUCK_ON, 0), failing(FailureKind.LEAK, 1, amount=0.2), constants=(TAU, 0, 0)
-    )
+    dut, context = jets(failing(FailureKind.STUCK_ON, 0), failing(FailureKind.LEAK, 1, amount=0.2), constants=(TAU, 0, 0))
     give(dut, context, closed=NONE, held_closed=NONE)
     fly(dut, context, [NONE] * 20)  # exp(-40) short of full thrust
     give(dut, context, closed=[1.0, 1.0, 0.0], command=[1.0, 1.0, 1.0])

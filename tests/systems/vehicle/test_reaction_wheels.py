@@ -12,6 +12,7 @@ from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RevoluteJoint, SpatialInertia, UnitInertia
 from pydrake.systems.analysis import Simulator
+
 from systems_probe import feedthrough, inputs, output, outputs, update
 
 from massprop_drake import simulate
