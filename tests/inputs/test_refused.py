@@ -66,6 +66,11 @@ FILES = [
     ("vehicle: orbitr\n", "line 1: vehicle: 'orbitr' is neither a bundled vehicle nor a file; did you mean 'orbiter'?"),
     ("", ": the document is empty"),
     # failures and payloads
+    (jumps(f"{DOCK}, inertia: [[9e8, 0, 0], [5, 1, 0], [0, 0, 1]]"), "line 3: jumps[0].inertia: must be symmetric"),
+    (failures("kind: degraded, jet: R4R, start_s: 50"), "line 3: failures[0].fraction: missing; this field is require"),
+    ("duration_s: 0.05\n", "line 1: duration_s: must be at least one sample period, 0.08 s"),
+    ("name: a\nseed: 1\nname: b\n", "line 3: name: the key appears twice, first in line 1"),
+    (errors("sensor: gyro", "sensor: gyro"), "line 5: sensors.errors[1].sensor: 'gyro' has errors already"),
     (failures(ON, "kind: stuck_off, jet: R4R, start_s: 55"), "line 4: failures[1]: overlaps failures[0]*R4R"),
     (failures("kind: degraded, jet: R4R, start_s: 50"), "line 3: failures[0].fraction: missing; this field is require"),
     (failures(ON + ", force: 3"), "line 3: failures[0].force: is a key of kind: leak, and the kind is stuck_on"),
@@ -100,7 +105,6 @@ def test_a_wrong_scenario_file_is_named_with_line_and_field(tmp_path: Path, text
     assert "this field is required" not in said or "missing" in said or "is empty" in said
 
 
-PRESCRIBED = ["autopilot={}", "maneuver=[]"]
 MOVE = "joint: j, position: 0"
 MODEL = "plant={kind: multibody, model: servicer_slosh.sdf, body: bus, "
 LEAK = "failures=[{kind: leak, jet: R4R, start_s: 1, force: %s}]"
@@ -162,8 +166,13 @@ OVERRIDES = [
     (FREE, "vehicle.disturbance={torque_std: 1, time_constant_s: 60}", "disturbance: is not estimated in a fixed fram"),
     (
         FREE,
+        "vehicle.mass_properties.inertia=[[0.3, 0, 0.01], [0, 0.3, 0], [0.01, 0, 0.3]]",
         "mass_properties.inertia: with motion: planar products xz and yz play no part; give 0",
     ),
+    (THESIS, LEAK % "1e5", "failures[0].force: is 115 times the thrust of jet 'R4R'"),
+    (THESIS, TONE % (3, [1.0e9, 1, 1]), "sensors.errors[0].vibration[0].amplitude[0]: 1e+09 rad/s, is above"),
+    (JOINT, "detector.kind=cglr", "detector.kind: cglr does not go with estimation.filter: joint; use hypotheses or"),
+    ("cubesat_leak", "vehicle.wheels[0].name=wheels", "'wheels' is a signal of every run"),
 ]
 
 
@@ -214,6 +223,16 @@ def diagonal(x: float, y: float | None = None, z: float | None = None) -> list[l
 
 INERTIA, KIND = "mass_properties.inertia", "jet_kinds.primary"
 VEHICLES = [
+    (INERTIA, diagonal(1.0, 1.0, 2.1), "mass_properties.inertia: *exceeds the sum of the other two"),
+    (INERTIA, diagonal(1e-6), "too small for this mass: the radius of gyration is 0.0001 m"),
+    ("mass_properties.mass", 1e300, "above 1e+09 kg: from a satellite on a chip"),
+    ("mass_properties.center_of_mass", [0.0, 5e3, 0.0], "mass_properties.center_of_mass[1]: 5000 m, is above 1000 m"),
+    ("units", DELETED, "units: missing"),
+    ("jets.4.thrust", "10", "jets[4].thrust: *valid number, got '10'"),
+    ("jets.1.mass_flow", 1e-12, "gives a specific impulse that cannot be"),
+    ("gyros.0.quantum", 1e-11, "the covariance could lose its definiteness in rounding"),
+    ("gyros.0.range", 1e-7, "gyros[0].range: is 1e-07, for a quantum of 1e-06: hardly a reading lies within it"),
+    ("uncertainty", 1e6, "uncertainty: 1e+06, is above 10: less is beyond any scale, more says nothing"),
     ("jets.1.direction", [0.0, 1.0, 0.5], "jets[1].direction: *length 1 within 0.002, got 1.118"),
     (INERTIA, diagonal(1.0, 1.0, 0.0), "mass_properties.inertia: *positive definite"),
     (f"{INERTIA}.0.1", 5.0, "mass_properties.inertia: must be symmetric"),
