@@ -41,8 +41,10 @@ def stamp_of(text: str) -> np.datetime64 | None:
     if of_year is not None:
         day = np.timedelta64(int(of_year.group(2)) - 1, "D")
         plain = f"{of_year.group(1)}-01-01{plain[of_year.end() :]}"
+    if not plain[:4].isdigit() or plain[4:5] != "-" or any(sign in plain[10:] for sign in "+-"):
+        return None  # what stands for a zone there is none
     try:
-        return np.datetime64(plain, "ns") + day - ahead if plain[:4].isdigit() and plain[4:5] == "-" else None
+        return np.datetime64(plain, "ns") + day - ahead
     except ValueError:
         return None
 

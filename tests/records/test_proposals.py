@@ -206,7 +206,10 @@ def test_clocks(name: str, tmp_path: Path) -> None:
         ("2024-05-01T12:00:00 UTC", 0.0),
         ("2024-122T23:00:00+11:00", 0.0),
         ("01 May 2024 12:00:03.000", 3.0),
-        *((text, None) for text in ("12", "T1 T2", "2024-13-01T00:00:00", "x 2024-05-01", "1.5.2024")),
+        *(
+            (text, None)
+            for text in ("12", "T1 T2", "2024-13-01T00:00:00", "x 2024-05-01", "1.5.2024", "2024-05-01T12:00:00+1")
+        ),
     ],
 )
 def test_stamps(text: str, seconds: float | None) -> None:
