@@ -46,7 +46,6 @@ WINDOW = "controller: rhc, axis: +x, start_s: 1, end_s: 3"
 ON = "kind: stuck_on, jet: R4R, start_s: 50"
 DOCK = "kind: dock, time_s: 45, mass: 10, position: [32, 0, 2]"
 RELEASE = DOCK.replace("dock", "release")
-TEN = "[1e-7, 1e-8, 1e-8, 1e-9, 1e-9, 1e-9, 1, 1, 1, 1e-5]"
 INDEFINITE = (np.eye(10) + 2.0 * np.eye(10)[::-1]).tolist()
 COUPLED = np.eye(10)
 COUPLED[9, 2] = COUPLED[2, 9] = 0.1

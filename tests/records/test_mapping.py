@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -29,7 +28,6 @@ from record_probe import (
 from massprop_drake import estimate, load_vehicle
 from massprop_drake.inputs.record_map import load_map, rotation_of
 from massprop_drake.inputs.scenario import resolved
-from massprop_drake.inputs.units import factor, parsed
 from massprop_drake.inputs.vehicle_sensors import Gyro, PoseSensor, VelocitySensor
 from massprop_drake.maths.attitude import from_rotation_vector
 from massprop_drake.records.channels import Mapped
@@ -66,21 +64,6 @@ def found_in(path: Path, text: str) -> dict[str, np.ndarray]:
 def columns_of(made: MappedTable) -> dict[str, np.ndarray]:
     values = np.vstack([block.values for block in made.blocks(list(range(len(made.header))))])
     return dict(zip(made.header, values.T, strict=True))
-
-
-@pytest.mark.parametrize(
-    ("text", "kind", "size"),
-    [
-        ("deg/s", "rate", math.pi / 180.0),
-        ("g", "acceleration", 9.80665),
-        ("m/s²", "acceleration", 1.0),
-        ("lbf*ft", "torque", 1.3558179483314004),
-        ("%", "number", 0.01),
-    ],
-)
-def test_units_in_si(text: str, kind: str, size: float) -> None:
-    assert factor(text, kind) == pytest.approx(size, rel=1e-12)
-    assert parsed("kg*m^2/s^2").dimension == parsed("N*m").dimension
 
 
 def test_units_and_axes(log: Callable[..., Path]) -> None:

@@ -46,18 +46,6 @@ def test_rows_are_those_of_all_files_by_time(tmp_path: Path) -> None:
         np.testing.assert_allclose(found[there, 0], found[there, column], rtol=0.0, atol=1e-6)
 
 
-def test_a_place_is_said_by_file_and_line(tmp_path: Path) -> None:
-    fast, slow = (
-        sensor(tmp_path, "fast", np.arange(0.0, 2.0, 0.02)),
-        sensor(tmp_path, "slow", np.arange(0.0, 2.0, 0.25)),
-    )
-    table = MergedTable([fast, slow])
-    found = values(table)
-    row = int(np.flatnonzero(np.isclose(found[:, 2], 0.75))[0])
-    assert table.where(row + 1, "slow") == f"{slow}, line 5"
-    assert table.where(row, "fast") == f"{fast}, line 39"  # 0.74 s
-
-
 def test_commands_that_are_written_when_they_change_hold(tmp_path: Path) -> None:
     fast = sensor(tmp_path, "fast", np.arange(0.0, 4.0, 0.1))
     changes = [(0.0, 0.0), (0.5, 1.0), (0.6, 0.0), (0.7, 1.0), (1.0, 0.0), (1.1, 1.0), (3.0, 0.0)]

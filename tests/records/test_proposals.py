@@ -13,7 +13,6 @@ from record_probe import (
     ONE,
     Flight,
     flown,
-    made_of,
     px4_topics,
     refused,
     require_the_flight,
@@ -333,26 +332,6 @@ def test_topics_of_a_recording(kind: str, tmp_path: Path) -> None:
     if kind == "ros1":
         found.data["sensors"]["acc"]["gives"] = "mean"
     require_the_flight(telemetry(path, to_yaml(found.data), ONE.vehicle), ONE)
-
-
-def test_a_log_that_is_too_slow_is_warned_of(tmp_path: Path) -> None:
-    pytest.importorskip("pyulog")
-    topics = px4_topics(ONE)
-    time_s, columns = topics["actuator_motors"]
-    topics["actuator_motors"] = (time_s[::4], {"control": columns["control"][::4]})
-    path = write_ulog(tmp_path / "log.ulg", topics, {})
-    text = to_yaml(proposed(path, ONE.vehicle).data)
-    notes = made_of(path, text, ONE.vehicle).notes
-    assert "commands are logged every 0.2 s, and a sample is 0.05 s: firings in between are lost" in notes[0]
-    notes = made_of(path, text, ONE.vehicle.model_copy(update={"sample_period_s": 0.2})).notes
-    assert "commands are logged every 0.2 s, and 'gyro' every 0.05 s: what happened in between" in notes[0]
-    quick = ONE.vehicle.model_copy(update={"sample_period_s": 0.01})
-    assert "'gyro' is logged every" in refused(lambda: made_of(path, text, quick))
-    topics["vehicle_acceleration"] = (topics.pop("vehicle_imu")[0], {"xyz": ONE.rates})
-    found = proposed(write_ulog(path, topics, {}), ONE.vehicle)
-    assert found.data["sensors"]["acc"]["gives"] == "mean"  # one instant a sample could not be integrated
-    slower = ONE.vehicle.model_copy(update={"sample_period_s": 0.2})
-    assert proposed(path, slower).data["sensors"]["acc"]["gives"] == "instant"
 
 
 WARNED: dict[str, tuple[dict[str, Any], str]] = {

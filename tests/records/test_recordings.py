@@ -31,7 +31,6 @@ from record_probe import (
     write_mat73,
     write_ulog,
 )
-from ruamel.yaml import YAML
 
 from massprop_drake.records.completeness import Loss, completeness
 from massprop_drake.records.recording import open_recording
@@ -292,32 +291,6 @@ def test_what_the_recorder_counted_is_compared(bags: dict[str, Path], tmp_path: 
     later = "UPDATE messages SET timestamp = timestamp + 4000000000 WHERE id = 120"
     folder = edited(bags["sqlite3"], tmp_path, "DELETE FROM messages WHERE id < 11", later)
     assert completeness(open_recording(folder).losses) == "damaged"  # its end is there
-
-
-def test_a_bag_in_several_files(bags: dict[str, Path], tmp_path: Path) -> None:
-    zstd = pytest.importorskip("backports.zstd")
-    folder = edited(bags["sqlite3"], tmp_path, "DELETE FROM messages WHERE id > 60")
-    shutil.copy(
-        edited(bags["sqlite3"], tmp_path / "second", "DELETE FROM messages WHERE id <= 60") / "lite.db3", folder / "b"
-    )
-    for name in ("lite.db3", "b"):
-        (folder / name).with_suffix(".db3.zst").write_bytes(zstd.compress((folder / name).read_bytes()))
-        (folder / name).unlink()
-    second, names, yaml = folder / "b.db3.zst", ["lite.db3.zst", "b.db3.zst"], YAML(typ="safe")
-    about = yaml.load(folder / "metadata.yaml")["rosbag2_bagfile_information"]
-    about |= {"compression_format": "zstd", "compression_mode": "FILE", "relative_file_paths": names}
-    about["files"] = [{"path": name, "message_count": 60} for name in names]
-    with (folder / "metadata.yaml").open("w", encoding="utf-8") as file:
-        yaml.dump({"rosbag2_bagfile_information": about}, file)
-    assert completeness(open_recording(folder).losses) == "complete"
-    require_the_flight(telemetry(folder, bag_map(ONE), ONE.vehicle), ONE)
-    second.write_bytes(second.read_bytes()[:-500])
-    assert f"truncated: {second}: is cut off: its compressed data do not end" in losses_of(open_recording(folder))
-    second.rename(folder / "stray.db3.zst")
-    found = open_recording(folder)
-    assert losses_of(found).startswith(f"damaged: {second}: is not there, of 60 messages | truncated: ")
-    assert found.notes[0] == f"{folder}/stray.db3.zst: is not read: metadata.yaml does not name it"
-    require_the_flight(telemetry(folder, bag_map(ONE), ONE.vehicle), ONE, rows=slice(30))
 
 
 OTHERS = {

@@ -15,8 +15,7 @@ from conftest import cube_data
 from pose_probe import again
 from telemetry_probe import PERIOD_S, Log, toy_vehicle
 
-from massprop_drake import InputError, estimate, load_vehicle
-from massprop_drake.inputs.scenario import resolved
+from massprop_drake import InputError, load_vehicle
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.vehicle_parts import JetCommands
 from massprop_drake.maths.linear_algebra import Array
@@ -426,19 +425,6 @@ def test_more_than_two_and_a_half_periods_without_a_row_are_a_gap(step: float, g
         filled = int(np.flatnonzero(~rows.recorded)[0])
         assert rows.time_s[filled] == pytest.approx(0.2 + min(0.1, 0.5 * step))
         assert np.isnan(rows.tracked[filled]).all()
-
-
-def test_a_record_at_odd_times_with_gaps_is_estimated_to_its_end(tmp_path: Path) -> None:
-    times = np.cumsum(np.random.default_rng(5).uniform(0.03, 0.15, 20))
-    times[10:] += 2.0
-    cells = table_at(times)
-    cells |= {name: 1e-4 * values for name, values in cells.items() if name in ("cameras_x", "cameras_y", "cameras_z")}
-    cells |= {name: 0.0 * values for name, values in cells.items() if name.startswith("jet_")}
-    path = written(tmp_path / "log.csv", cells)
-    run = estimate(path, resolved({"name": "log", "vehicle": FLYER, "detector": {"kind": "off"}}))
-    assert run.time_s[-1] == times[-1]
-    assert run.summary["data_quality"]["gaps"]["count"] == 1
-    assert np.isfinite(run["estimate"]).all()
 
 
 SERVICER = load_vehicle("servicer")

@@ -149,21 +149,6 @@ def test_wrong_units_are_wrong_whichever_jet_fires() -> None:
     assert checked(BURSTS, scale=57.3, failed_s=60 * PERIOD_S)["warnings"] == warnings
 
 
-def test_jets_against_each_other_prove_no_sensor_wrong() -> None:
-    """In roll, L and R jets leave a small difference that thrusts a few percent off cancel."""
-    turning = (VEHICLE.wrenches[:, :3] - np.cross(VEHICLE.nominal.center_of_mass, VEHICLE.wrenches[:, 3:])) @ INVERSE
-    one, other = number("L1U"), number("R1U")
-    balance = -turning[other, 0] / turning[one, 0]
-    assert 0.5 < balance < 2.0
-    share = {"L1U": balance * 0.95 / max(balance, 1.0), "R1U": 0.95 / max(balance, 1.0)}
-    quanta = abs(turning[one, 0] + turning[other, 0]) * 60 * PERIOD_S / VEHICLE.gyros[0].quantum
-    commands = fired((("L1U", "R1U"), 10, 70))
-    found = checked(commands, share, stuck=("gyro", 0))
-    assert found["stuck"] == [], quanta
-    alone = checked(fired((("L1U",), 10, 70)), stuck=("gyro", 0))
-    assert [(entry["sensor"], entry["axis"]) for entry in alone["stuck"]] == [("gyro", "x")]
-
-
 def not_about_x(*jets: str) -> Array:
     """The inverse inertia with the products by which two jets do not turn the vehicle about x."""
     wrenches = VEHICLE.wrenches[[number(jet) for jet in jets]]
