@@ -29,7 +29,8 @@ from pydrake.systems.framework import DiagramBuilder, InputPortIndex, LeafSystem
 from massprop_drake.diagrams._wiring import Diagram, export_outputs
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario, resolved
-from massprop_drake.inputs.vehicle_file import SensorPackage, Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.inputs.vehicle_sensors import SensorPackage
 from massprop_drake.maths.estimation.detector import Detector
 from massprop_drake.maths.mass_properties import N_ROTATION
 from massprop_drake.results.monitoring import FlightMonitor

@@ -27,7 +27,8 @@ from massprop_drake.display.style import (
     UNTOLD_COLOR,
     WITHHELD_COLOR,
 )
-from massprop_drake.inputs.scenario import MultibodyBlock, Scenario
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.true_blocks import MultibodyBlock
 from massprop_drake.maths.attitude import propagated
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS
 from massprop_drake.results.detections import in_words

@@ -19,7 +19,7 @@ from massprop_drake.display.spec import (
     Points,
 )
 from massprop_drake.display.style import BAND_COLOR, COLORS, FAILED_COLOR, THIN_LINE, TRUTH_COLOR
-from massprop_drake.inputs import params
+from massprop_drake.inputs import params, pilot_params, true_params
 from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, commanded_rate
 from massprop_drake.maths.estimation.faults.declarations import Word
 from massprop_drake.results.against_followed import turned
@@ -74,7 +74,7 @@ def phase_plane(run: Source) -> Plot:
 
     Both are as the autopilot sees them. An axis that does not hold its attitude has no error, and no path.
     """
-    law = params.phase_space_params(run.scenario)
+    law = pilot_params.phase_space_params(run.scenario)
     error = DEGREES * np.where(run.signals["attitude_error"] == 0.0, np.nan, run.signals["attitude_error"])
     rate = DEGREES * motion.read(run.scenario, run.signals)
     translates = any(window.controller == "thc" for window in run.scenario.maneuver)
@@ -264,7 +264,7 @@ def _bars(
 
 def propellant(run: Source) -> Plot:
     """Plots the propellant used, by the jets' thrust or, where that is not known, by their commands."""
-    full, flows = np.linalg.norm(run.vehicle.thrusts, axis=1), params.plant_mass_flows(run.scenario)
+    full, flows = np.linalg.norm(run.vehicle.thrusts, axis=1), true_params.plant_mass_flows(run.scenario)
     level = run.signals["thrust"] / full if "thrust" in run.signals else np.nan_to_num(run.signals["command"])
     rate = (level * flows).sum(axis=1) * run.vehicle.sample_period_s
     used = np.concatenate([[0.0], np.cumsum(rate[:-1])])

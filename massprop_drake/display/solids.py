@@ -7,15 +7,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.inputs.vehicle_file import (
-    BoxSolid,
-    ConeSolid,
-    CylinderSolid,
-    EllipsoidSolid,
-    PlateSolid,
-    Solid,
-    Vehicle,
-)
+from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.inputs.vehicle_parts import BoxSolid, ConeSolid, CylinderSolid, EllipsoidSolid, PlateSolid, Solid
 
 Array = NDArray[np.float64]
 

@@ -26,15 +26,8 @@ from massprop_drake.display.style import (
     SUSPECT_COLOR,
     TRUTH_COLOR,
 )
-from massprop_drake.inputs.vehicle_file import (
-    BoxSolid,
-    ConeSolid,
-    CylinderSolid,
-    EllipsoidSolid,
-    PlateSolid,
-    Solid,
-    Vehicle,
-)
+from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.inputs.vehicle_parts import BoxSolid, ConeSolid, CylinderSolid, EllipsoidSolid, PlateSolid, Solid
 
 Array = NDArray[np.float64]
 

@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.inputs import params
+from massprop_drake.inputs import params, true_params
 from massprop_drake.inputs.model import digest
-from massprop_drake.inputs.scenario import MultibodyBlock, Scenario
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.true_blocks import MultibodyBlock
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths import mass_properties
 from massprop_drake.maths.mass_properties import Derived
-from massprop_drake.records.tables import Loss, completeness
+from massprop_drake.records.completeness import Loss, completeness
 from massprop_drake.results.consistency import (
     COMPONENTS,
     TOO_LITTLE,
@@ -291,7 +292,7 @@ def _firings(signals: Spool) -> int:
 def _propellant(scenario: Scenario, signals: Spool) -> float:
     """Computes propellant used, slug or kg: by the thrust of every sample or, where it is not known, its command."""
     vehicle = scenario.vehicle_data
-    full, flows = np.linalg.norm(vehicle.thrusts, axis=1), params.plant_mass_flows(scenario)
+    full, flows = np.linalg.norm(vehicle.thrusts, axis=1), true_params.plant_mass_flows(scenario)
     name, full = ("thrust", full) if "thrust" in signals else ("command", np.ones_like(full))
     flow = np.concatenate([np.nansum(level / full * flows, axis=1) for level in _intervals(signals, name)])
     return float(flow.sum() * vehicle.sample_period_s)

@@ -15,7 +15,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, field_validator
 from massprop_drake.inputs.model import Count, Flag, Model, NotNegative, Real, Text, Whole, validated
 from massprop_drake.maths import mass_properties, possible_inertia
 from massprop_drake.maths.mass_properties import N_ROTATION, Derived
-from massprop_drake.records.tables import Completeness
+from massprop_drake.records.completeness import Completeness
 from massprop_drake.results.against import Against
 from massprop_drake.results.allowed import Intervals
 from massprop_drake.results.consistency import (

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError, moment
-from massprop_drake.inputs import params
-from massprop_drake.inputs.scenario import MultibodyBlock, Scenario
+from massprop_drake.inputs import params, true_params
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.true_blocks import MultibodyBlock
 from massprop_drake.maths.autopilot.jet_selection import activity_vectors
 from massprop_drake.maths.estimation.filter import Groups
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
@@ -278,7 +279,7 @@ def _signals(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
         if name in logs:
             signals[name] = logs[name]
     signals |= estimation_signals(scenario, logs)
-    seen = (sensor.name for sensor in params.simulated_besides(scenario))
+    seen = (sensor.name for sensor in true_params.simulated_besides(scenario))
     for name in (*vehicle.sensor_names(), *seen, *filter(is_own, logs)):
         signals[name] = logs[name]
     return signals

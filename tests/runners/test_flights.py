@@ -13,7 +13,7 @@ from vehicle_flights import pulses, quick, small_pulses
 
 from massprop_drake import Estimator, InputError, Run, Scenario, load_scenario, simulate
 from massprop_drake.inputs.scenario import resolved
-from massprop_drake.inputs.vehicle_file import Disturbance
+from massprop_drake.inputs.vehicle_parts import Disturbance
 
 LOOP = "execution.engine=loop"
 NEAR = (

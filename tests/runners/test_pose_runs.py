@@ -20,7 +20,8 @@ from massprop_drake import (
     simulate,
 )
 from massprop_drake.inputs.scenario import resolved
-from massprop_drake.inputs.vehicle_file import Gyro, PoseSensor, Vehicle, VelocitySensor
+from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.inputs.vehicle_sensors import Gyro, PoseSensor, VelocitySensor
 
 
 @pytest.fixture(scope="module")

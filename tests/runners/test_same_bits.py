@@ -19,7 +19,8 @@ from vehicle_flights import quick, small_pulses
 
 from massprop_drake import Estimator, EstimatorStep, Run, Scenario, estimate, load_scenario, simulate
 from massprop_drake.inputs.scenario import bundled_scenarios, resolved
-from massprop_drake.inputs.vehicle_file import Disturbance, PoseSensor
+from massprop_drake.inputs.vehicle_parts import Disturbance
+from massprop_drake.inputs.vehicle_sensors import PoseSensor
 from massprop_drake.runners.recorded import settings_alone
 
 NEAR = "estimation={filter: thesis, start: nominal, std_fraction: 0.001}"

@@ -9,7 +9,8 @@ from pose_probe import again
 
 from massprop_drake import Scenario, load_vehicle, simulate
 from massprop_drake.inputs.scenario import resolved
-from massprop_drake.inputs.vehicle_file import Vehicle, Wheel
+from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.inputs.vehicle_sensors import Wheel
 
 AXIS, SPIN = np.array([0.6, 0.0, 0.8]), 0.02  # kg-m^2
 LINK = """<?xml version="1.0"?>

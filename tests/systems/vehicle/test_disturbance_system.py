@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from systems_probe import PERIOD_S, advance, feedthrough, give, inputs, output, outputs
 
 from massprop_drake import load_scenario
-from massprop_drake.inputs import params
+from massprop_drake.inputs import true_params
 from massprop_drake.maths.noise import normal_sample
 from massprop_drake.maths.vehicle.disturbance import DisturbanceModel
 from massprop_drake.systems import Disturbance
@@ -64,9 +64,9 @@ def test_it_starts_as_a_seed_draws_with_the_parameters_of_the_context() -> None:
 
 def test_params_begin_with_a_draw_of_the_stated_size() -> None:
     scenario = load_scenario("sample_maneuver", [SHAKEN])
-    model, drawn = params.disturbance(scenario), normal_sample(scenario.seed, "disturbance before the start", 0, 6)
+    model, drawn = true_params.disturbance(scenario), normal_sample(scenario.seed, "disturbance before the start", 0, 6)
     assert model is not None
     assert_array_equal(model.mean, [50.0, 0.0, 20.0, 1.0, 2.0, 3.0])
     assert_array_equal(model.before, np.array([100.0, 200.0, 50.0, 5.0, 5.0, 5.0]) * drawn)
     assert model.kept == pytest.approx(np.exp(-0.08 / 2.0))
-    assert params.disturbance(load_scenario("sample_maneuver")) is None
+    assert true_params.disturbance(load_scenario("sample_maneuver")) is None
