@@ -12,7 +12,7 @@ VENV := .venv
 AGAINST ?= HEAD
 PYTEST_FLAGS ?= -n 2 --dist worksteal
 QUICK := tests/maths tests/systems tests/inputs tests/records tests/test_structure.py tests/test_landed_0_1.py \
-    --ignore=tests/inputs/test_vehicles.py --ignore=tests/systems/autopilot/test_jet_selection_program_system.py
+    --ignore=tests/systems/autopilot/test_jet_selection_program_system.py
 
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check

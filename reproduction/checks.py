@@ -14,7 +14,7 @@ from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import load_scenario
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION, Action, Adaptation
 from massprop_drake.maths.estimation.detectors.jet_tests import jet_tests
-from massprop_drake.maths.estimation.filters import rotation_filter
+from massprop_drake.maths.estimation.filters import rate_increments, rotation_filter
 from massprop_drake.maths.estimation.filters.mass_filter import (
     MassInterval,
     MassParams,
@@ -26,7 +26,7 @@ from massprop_drake.maths.estimation.filters.mass_filter import (
     update,
 )
 from massprop_drake.maths.estimation.filters.mass_jump import empty_window, jump_test
-from massprop_drake.maths.estimation.filters.rotation_filter import rate_increment
+from massprop_drake.maths.estimation.filters.rate_increments import rate_increment
 from massprop_drake.maths.linear_algebra import skew
 from massprop_drake.maths.vehicle import rigid_body
 from reproduction.analytic import setting
@@ -240,9 +240,9 @@ def second_order_parts(seed: int) -> dict[str, Array]:
     blocks = _curvatures(linear)
     bias = np.array([0.5 * np.trace(block @ covariance) for block in blocks])
     spread = [[0.5 * np.trace(one @ covariance @ two @ covariance) for two in blocks] for one in blocks]
-    jacobian = np.hstack([rotation_filter.angular_block(angular), np.zeros((3, 3))]) + blocks @ estimate
-    own = rotation_filter.second_order_terms(covariance, linear)
-    own_jacobian = rotation_filter.rate_increment_jacobian(estimate, angular, linear)
+    jacobian = np.hstack([rate_increments.angular_block(angular), np.zeros((3, 3))]) + blocks @ estimate
+    own = rate_increments.second_order_terms(covariance, linear)
+    own_jacobian = rate_increments.rate_increment_jacobian(estimate, angular, linear)
     pairs = ((own[0], bias), (own[1], np.array(spread)), (own_jacobian, jacobian))
     return {"difference": np.array([np.abs(one - two).max() / np.abs(two).max() for one, two in pairs])}
 

@@ -9,17 +9,12 @@ from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import load_scenario
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
 from massprop_drake.maths.estimation.filters import rotation_filter
-from massprop_drake.maths.estimation.filters.rotation_filter import (
-    RotationParams,
-    RotationSample,
-    RotationState,
-    rate_increment,
-)
+from massprop_drake.maths.estimation.filters.rate_increments import rate_increment
+from massprop_drake.maths.estimation.filters.rotation_filter import RotationParams, RotationSample, RotationState
 from reproduction.measures import CENTER, DIAGONAL, orbiter
 
 Array = NDArray[np.float64]
 
-_SAMPLES = 200
 _JETS = 3  # that fire together
 
 
@@ -35,10 +30,10 @@ def pure_rotations(seed: int) -> dict[str, Array]:
     return rotations(seed, force=0.0)
 
 
-def rotations(seed: int, *, force: float) -> dict[str, Array]:
+def rotations(seed: int, *, force: float, samples: int = 200) -> dict[str, Array]:
     """Runs the same with a share of the net force kept: with 1, the jets are as they are."""
     random = np.random.default_rng([seed, 16])
-    impulses = _impulses(random, force)
+    impulses = _impulses(random, force, samples)
     measured = _increments(impulses, random)
     truth = orbiter().nominal.vector()[:9]
     second, extended = (_run(impulses, measured, name) for name in ("second_order", "extended"))
@@ -67,11 +62,11 @@ def updated(state: RotationState, increment: Array, impulse: Array, own: Rotatio
     return rotation_filter.update(state, sample, innovation, NO_ADAPTATION, own).state
 
 
-def _impulses(random: np.random.Generator, force: float) -> Array:
+def _impulses(random: np.random.Generator, force: float, samples: int) -> Array:
     """Angular impulse about the vehicle origin and linear impulse of each sample, shape (n, 6)."""
     vehicle = orbiter()
     primary = [index for index, jet in enumerate(vehicle.jets) if jet.kind == "primary"]
-    jets = np.array([random.choice(primary, _JETS, replace=False) for _ in range(_SAMPLES)])
+    jets = np.array([random.choice(primary, _JETS, replace=False) for _ in range(samples)])
     angular, linear = np.split(vehicle.sample_period_s * vehicle.wrenches[jets].sum(axis=1), 2, axis=1)
     center = vehicle.nominal.center_of_mass
     about_center = angular - np.cross(center, linear)

@@ -1,8 +1,9 @@
-"""What the tests of the command line share."""
+"""Helpers of the tests of the command line."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import NamedTuple
 
 # of a run's folder
@@ -19,7 +20,7 @@ FILES = {
 
 
 class Outcome(NamedTuple):
-    """What a command left on the streams, and its exit status."""
+    """Exit status of a command, and what it left on the streams."""
 
     status: int
     out: str
@@ -27,3 +28,22 @@ class Outcome(NamedTuple):
 
 
 Massprop = Callable[..., Outcome]
+
+
+def require_refused(done: Outcome, *words: str) -> None:
+    """Requires one message on the error stream and status 2, and nothing else."""
+    assert (done.status, done.out, done.err.count("\n")) == (2, "", 1), done
+    assert done.err.startswith("massprop: ")
+    assert done.err.endswith("\n")
+    for word in words:
+        assert word in done.err, done.err
+
+
+def contents() -> dict[str, bytes]:
+    """Every file below the current folder."""
+    return {str(path): path.read_bytes() for path in Path().rglob("*") if path.is_file()}
+
+
+def everything() -> list[str]:
+    """Everything below the current folder, by name."""
+    return sorted(str(path) for path in Path().rglob("*"))

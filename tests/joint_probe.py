@@ -13,9 +13,10 @@ from massprop_drake.maths.estimation.joint import ticks
 from massprop_drake.maths.estimation.joint.disturbance_states import NO_DISTURBANCE
 from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, driven, initial
 from massprop_drake.maths.estimation.joint.layout import NO_ATTITUDE_SENSORS, JointParams, JointState, make_places
-from massprop_drake.maths.estimation.joint.prediction import RateRead, predict, propagated
+from massprop_drake.maths.estimation.joint.prediction import ALONE, RateRead, predict, propagated
 from massprop_drake.maths.estimation.joint.quantized import DITHER, FLOOR
 from massprop_drake.maths.estimation.joint.ticks import Clock, Commanded, Elapsed, Pace, on_ticks
+from massprop_drake.maths.estimation.joint.wheels import Spun
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import initial_standard_deviation, six_elements
 from massprop_drake.maths.vehicle.on_times import levels_alone
@@ -34,15 +35,17 @@ def elapsed(clock: Clock, stamp_s: float, levels: tuple[Array, Array | None], pa
     return ticks.elapsed(clock, stamp_s, (before, coming), pace)
 
 
-def derivatives(state: JointState, sample: JointSample, params: JointParams) -> tuple[Array, Array]:
+def derivatives(
+    state: JointState, sample: JointSample, params: JointParams, around: tuple[Array, Spun] = ALONE
+) -> tuple[Array, Array]:
     """Derivative of the predicted state by the state: as the covariance goes over, and by central differences."""
 
     def after(mean: Array) -> Array:
         there = state._replace(mean=mean)
-        return predict(there, driven(there, sample, params), unread(params), params).mean
+        return predict(there, driven(there, sample, params), unread(params), params, around).mean
 
     expected = central_differences(after, state.mean, 1e-4 * np.maximum(np.abs(state.mean), 1e-2))
-    prediction = predict(state, driven(state, sample, params), unread(params), params)
+    prediction = predict(state, driven(state, sample, params), unread(params), params, around)
     return propagated(np.eye(params.places.size), prediction, params)[:, : params.places.size], expected
 
 

@@ -21,15 +21,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from massprop_drake import Run, load_scenario
 from massprop_drake.cli.main import main
 from massprop_drake.display import flight3d
 from massprop_drake.results import exchange, manifest
 from massprop_drake.runners import simulate
 from reproduction import __main__ as program
-from reproduction.runner import write_result
 
 EVENTS = {"open", "os.rename", "os.mkdir", "os.remove", "os.rmdir", "os.scandir", "fcntl.flock", "ctypes.dlsym"}
 SHORT = "duration_s=1"
@@ -70,16 +67,10 @@ def two_renames(child: Child) -> Child:
     """The same where the system cannot exchange folders."""
 
     def call() -> None:
-        exchange._swapped = lambda *_: False  # type: ignore[assignment]
+        exchange.swapped = lambda *_: False  # type: ignore[assignment]
         child()
 
     return call
-
-
-def keep_results() -> None:
-    """What a worker of a reproduction does: results, one after the other."""
-    for number in range(5):
-        write_result(Path("cache") / f"case-{number:02d}-{'0' * 20}.npz", {"values": np.arange(1000.0)})
 
 
 ESTIMATE = massprop("estimate", "flight.csv", "--vehicle", "orbiter", "--out", "K", *LEAN)
@@ -93,7 +84,6 @@ TRIALS = {
     "view": Trial(massprop("view", "K", "-q")),
     "view elsewhere": Trial(massprop("view", "K", "--out", "page.html", "-q")),
     "reproduce": Trial(REPRODUCE),
-    "results": Trial(keep_results),
     "two writers": Trial(run(1), other=run(2)),
     "two writers anew": Trial(run(1), there=False, other=ESTIMATE),
 }
@@ -136,7 +126,7 @@ class Prober:
                 f"after {delay_s:.3f} of {duration_s:.3f} s" if timed else f"at event {event} of {events}"
             )
             self._look(here, told, trial, name)
-            reads = name not in ("reproduce", "results") and self._random.random() < 0.5
+            reads = name != "reproduce" and self._random.random() < 0.5
             again = _read if reads else trial.child
             before = self._seeds(here)
             status = os.waitstatus_to_exitcode(os.waitpid(self._start(again, here, 0, real=False), 0)[1])
@@ -163,7 +153,6 @@ class Prober:
         here = self._folder / name
         here.mkdir()
         (here / "notes.txt").write_text("mine")
-        (here / "cache").mkdir()
         shutil.copy(self._earlier / "telemetry.csv", here / "flight.csv")
         if trial.there:
             shutil.copytree(self._earlier, here / "K")
@@ -216,7 +205,7 @@ class Prober:
                 self.faults.append(f"{told}: hidden: {hidden}")
         if name == "run with force" and 0 not in self._seeds(here):
             self.faults.append(f"{told}: the run that was to be kept is lost")
-        for path in [*here.glob("cache/*.npz"), *here.glob("R/*.json"), *here.glob("page.html")]:
+        for path in [*here.glob("R/*.json"), *here.glob("page.html")]:
             if not _is_whole(path):
                 self.faults.append(f"{told}: {path.name} is not whole")
 
@@ -235,9 +224,7 @@ def _count(event: int, here: str) -> list[int]:
     seen = [0]
 
     def heard(name: str, arguments: tuple[Any, ...]) -> None:
-        if name not in EVENTS or (
-            name == "open" and not str(arguments[0]).startswith((here, "K", "R", "cache", "page"))
-        ):
+        if name not in EVENTS or (name == "open" and not str(arguments[0]).startswith((here, "K", "R", "page"))):
             return
         seen[0] += 1
         if seen[0] == event:
@@ -255,9 +242,6 @@ def _read() -> None:
 
 
 def _is_whole(path: Path) -> bool:
-    if path.suffix == ".npz":
-        with np.load(path) as stored:
-            return bool(stored["values"].size == 1000)
     if path.suffix == ".json":
         return bool(json.loads(path.read_text()))
     return manifest.sealed_kind(path) is not None

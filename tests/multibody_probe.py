@@ -21,9 +21,9 @@ def arm(gravity: tuple[float, float, float] = (0.0, 0.0, 0.0), *, time_step: flo
     return plant
 
 
-def tumbling(plant: MultibodyPlant, seed: int = 2) -> Any:
-    """A context in which every joint stands and moves at random."""
-    random, context = np.random.default_rng(seed), plant.CreateDefaultContext()
+def tumble(plant: MultibodyPlant, context: Any) -> Any:
+    """Lets every joint stand and move at random."""
+    random = np.random.default_rng(2)
     positions = random.normal(size=plant.num_positions())
     positions[:4] /= np.linalg.norm(positions[:4])
     plant.SetPositions(context, positions)

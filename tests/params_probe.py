@@ -16,6 +16,7 @@ from massprop_drake.maths.estimation.filters.mass_filter import MassParams
 from massprop_drake.maths.estimation.filters.rotation_filter import RotationParams
 from massprop_drake.maths.estimation.filters.thesis import joint_covariance
 from massprop_drake.maths.estimation.redundancy import Rule
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.sensing import SensorModel
 
 PERIOD_S = 0.08
@@ -109,3 +110,20 @@ def evidence(
         joint_covariance(state_covariance, mass_estimate[1]),
         np.zeros((6, 10)) if cross_covariance is None else cross_covariance,
     )
+
+
+# a body of moderate numbers: inertia of a few units, center of mass within a unit
+INVERSE = np.linalg.inv(np.array([[2.0, 0.1, -0.2], [0.1, 3.0, 0.3], [-0.2, 0.3, 4.0]]))
+STATE = np.array([*INVERSE.diagonal(), INVERSE[1, 2], INVERSE[0, 2], INVERSE[0, 1], 0.5, -0.3, 0.2])
+
+
+def spd(rng: np.random.Generator, size: int) -> Array:
+    """A covariance with nothing diagonal about it."""
+    mixing = rng.normal(size=(size, size)) + 1.5 * np.eye(size)
+    return mixing @ mixing.T / size
+
+
+def crossing(vector: Array) -> Array:
+    """The matrix [v x], by columns."""
+    columns: Array = np.cross(vector, np.eye(3)).T
+    return columns

@@ -10,6 +10,8 @@ from scipy.spatial.transform import Rotation
 from massprop_drake.inputs.params import estimation_params
 from massprop_drake.inputs.scenario import resolved
 from massprop_drake.inputs.vehicle_file import Surroundings, Vehicle, load_vehicle
+from massprop_drake.maths.estimation.pose import delays, pose_hypotheses
+from massprop_drake.maths.estimation.pose.pose_hypotheses import PoseOutcome, PoseRules, Tried
 from massprop_drake.maths.estimation.pose.pose_layout import (
     Commands,
     Delays,
@@ -19,6 +21,7 @@ from massprop_drake.maths.estimation.pose.pose_layout import (
     Poses,
     make_parts,
 )
+from massprop_drake.maths.estimation.pose.pose_start import begun
 from massprop_drake.maths.linear_algebra import Array
 
 JETS = 4
@@ -244,8 +247,32 @@ def planar_poses(vehicle: Vehicle, commands: Array, truth: Truth, seed: int = 1)
     return np.array(rows)
 
 
-def pose_columns(read: Array) -> Array:
-    """x, y and headings as the seven columns of a pose sensor, shape (rows, 7)."""
-    half = 0.5 * read[:, 2]
-    flat = np.zeros(len(read))
-    return np.column_stack((read[:, :2], flat, np.cos(half), flat, flat, np.sin(half)))
+class Flown(NamedTuple):
+    """Parameters, the hypotheses at the end of a flight, and what was named with its time."""
+
+    params: PoseParams
+    tried: Tried
+    named: list[tuple[float, PoseOutcome]]
+
+
+def flown(vehicle: Vehicle, truth: Truth, rows: int = 200, late: int = 0, parts: bool = False) -> Flown:
+    """Follows a flight whose commands act so many samples late, with parts of possible delays or without."""
+    params, period, commands = params_of(vehicle), vehicle.sample_period_s, told(vehicle, rows)
+    acting = np.vstack((np.zeros((late, len(vehicle.jets))), commands[: rows - late]))
+    times_s, none, tried, named = period * np.arange(rows), np.zeros((0, 3)), None, []
+    for row, read in enumerate(planar_poses(vehicle, acting, truth)):
+        turn = Rotation.from_euler("z", read[2]).as_matrix()
+        seen = PoseReadings(np.append(read[:2], 0.0)[None], turn[None], none, none, none)
+        if tried is None:
+            first = begun(seen, params)
+            many = [pose_hypotheses.begun(one, 0.0, params) for one in delays.split(first, params)] if parts else []
+            tried = delays.gathered(many, params) if parts else pose_hypotheses.begun(first, 0.0, params)
+            continue
+        since = max(row - 40, 0)
+        lately = Commands(times_s[since : row + 1], commands[since : row + 1])
+        tried, _ = delays.advanced(tried, lately, (times_s[row - 1], times_s[row]), seen, params)
+        tried, found = delays.judged(tried, times_s[row], PoseRules(), params)
+        if found is not None:
+            named.append((times_s[row], found))
+    assert tried is not None
+    return Flown(params, tried, named)

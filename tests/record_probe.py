@@ -5,16 +5,19 @@ from __future__ import annotations
 import csv
 import io
 import struct
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
+from massprop_drake.errors import InputError
 from massprop_drake.inputs.model import validated
 from massprop_drake.inputs.record_map import RecordMap
-from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle, load_vehicle
 from massprop_drake.inputs.yaml import Document
 from massprop_drake.records.mapping import MappedTable, mapped, table
 from massprop_drake.records.recording import open_recording
@@ -45,6 +48,16 @@ def flight(vehicle: Vehicle, rows: int = 60) -> Flight:
     rates = np.cumsum(random.normal(0.0, 0.01, (rows, 3)), axis=0)
     velocities = np.cumsum(random.normal(0.0, 0.002, (rows, 3)), axis=0)
     return Flight(vehicle, vehicle.sample_period_s * np.arange(rows), rates, velocities, commands)
+
+
+ONE = flight(load_vehicle("free_flyer"))
+
+
+def refused(action: Callable[[], object]) -> str:
+    """The message of what is refused."""
+    with pytest.raises(InputError) as told:
+        action()
+    return str(told.value)
 
 
 def as_map(text: str) -> RecordMap:
@@ -118,17 +131,8 @@ def require_the_flight(
         np.testing.assert_allclose(found[f"jet_{jet}"][:-1], one.commands[rows, index][:-1], atol=1e-9)
 
 
-# ------------------------------------------------------------------------------------------ ULog
-
-
 def write_ulog(path: Path, topics: dict[str, tuple[Array, dict[str, Array]]], parameters: dict[str, float]) -> Path:
-    """Writes a ULog by pyulog.
-
-    Args:
-        path: of the file.
-        topics: by name, or `name/1`: times in s, and columns of shape (n,) or (n, m).
-        parameters: of the vehicle.
-    """
+    """Writes topics by name, or `name/1`: times in s, and columns of shape (n,) or (n, m)."""
     from pyulog import ULog  # noqa: PLC0415 (an extra)
 
     log = ULog(None)
@@ -154,7 +158,7 @@ def write_ulog(path: Path, topics: dict[str, tuple[Array, dict[str, Array]]], pa
     return path
 
 
-def px4_topics(one: Flight, faster: int = 1) -> dict[str, tuple[Array, dict[str, Array]]]:
+def px4_topics(one: Flight) -> dict[str, tuple[Array, dict[str, Array]]]:
     """What PX4 would have logged of the flight: rates, increments of velocity, and actuators, NaN when disarmed."""
     time_s = one.time_s + 3.0
     increments = np.diff(one.velocities, axis=0, prepend=one.velocities[:1])
@@ -167,17 +171,10 @@ def px4_topics(one: Flight, faster: int = 1) -> dict[str, tuple[Array, dict[str,
     }
 
 
-# ------------------------------------------------------------------------------------------ bags
-
-
 def write_bag(path: Path, one: Flight, kind: str, packed: str = "") -> Path:
-    """Writes a bag by rosbags: an Imu with header, and the commands as an array without one.
+    """Writes a .bag, or a folder of SQLite or MCAP: an Imu with header, and the commands as an array without one.
 
-    Args:
-        path: of a .bag, or a folder.
-        one: the flight.
-        kind: "ros1", "sqlite3" or "mcap".
-        packed: of ROS 2, what is compressed: "FILE", "MESSAGE", "STORAGE" or nothing.
+    Of ROS 2, `packed` says what is compressed: "FILE", "MESSAGE", "STORAGE" or nothing.
     """
     from rosbags.rosbag1 import Writer as Writer1  # noqa: PLC0415 (an extra)
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin  # noqa: PLC0415
@@ -217,7 +214,24 @@ def write_bag(path: Path, one: Flight, kind: str, packed: str = "") -> Path:
     return path
 
 
-# ------------------------------------------------------------------------------------------ .mat
+def bag_map(one: Flight) -> str:
+    return (
+        "sensors:\n"
+        "  gyro: {kind: gyro, topic: /imu, columns: [angular_velocity.x, angular_velocity.y, angular_velocity.z]}\n"
+        "  acc: {kind: accelerometer, topic: /imu, gives: mean, unit: m/s^2,\n"
+        "        columns: [linear_acceleration.x, linear_acceleration.y, linear_acceleration.z]}\n"
+        f"commands: {{topic: /jets, columns: {jet_columns(one, 'data[{}]', 0)}}}\n"
+    )
+
+
+def ulog_map(one: Flight, more: str = "") -> str:
+    return (
+        "sensors:\n"
+        "  gyro: {kind: gyro, topic: vehicle_angular_velocity, columns: ['xyz[0]', 'xyz[1]', 'xyz[2]']}\n"
+        "  acc: {kind: accelerometer, topic: vehicle_imu, gives: increment, unit: m/s,\n"
+        "        columns: ['delta_velocity[0]', 'delta_velocity[1]', 'delta_velocity[2]']}\n"
+        f"commands: {{topic: actuator_motors, missing: 'off', columns: {jet_columns(one, 'control[{}]', 0)}}}\n{more}\n"
+    )
 
 
 def write_mat73(path: Path, variables: dict[str, Any]) -> Path:

@@ -2,14 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
 from params_probe import PERIOD_S
 from pydrake.systems.framework import InputPortIndex, LeafSystem, OutputPortIndex, System
 
-from massprop_drake import Run
+from massprop_drake import Run, load_scenario, simulate
+
+LEAK_S = 2.0  # in a flight whose filter starts near the truth and soon settles
+LEAKS = load_scenario(
+    "leak_named",
+    [
+        "duration_s=3.6",
+        "estimation={filter: joint, start: nominal, std_fraction: 0.001}",
+        "joint={settled_after: 10, tank_fraction: 0, thrust_uncertainty: 0}",
+        f"failures=[{{kind: leak, jet: L4D, start_s: {LEAK_S}, force: 10}}]",
+    ],
+)
+
+
+@cache
+def leaked() -> Run:
+    """A run of it; do not change its arrays."""
+    return simulate(LEAKS)
 
 
 def inputs(dut: System) -> dict[str, int]:
@@ -44,30 +61,29 @@ def update(dut: LeafSystem, context: Any) -> None:
 
 
 def advance(dut: LeafSystem, context: Any) -> None:
-    """The update at a sample, and the time of the next sample."""
-    update(dut, context)
+    """The update at a sample, where there is one, and the time of the next sample."""
+    if dut.GetUniquePeriodicDiscreteUpdateAttribute() is not None:
+        update(dut, context)
     context.SetTime(PERIOD_S * (round(context.get_time() / PERIOD_S) + 1))
 
 
-def fed(dut: LeafSystem, run: Run, row: int, names: Sequence[str], context: Any = None) -> Any:
-    """A context in which an estimator has a row of a run: its time, some signals, and the command until then.
-
-    Args:
-        dut: the estimator.
-        run: to take it from.
-        row: of it.
-        names: of the signals, which are those of the ports.
-        context: to change; None: a new one.
-    """
-    context = dut.CreateDefaultContext() if context is None else context
-    for name in names:
-        dut.GetInputPort(name).FixValue(context, run[name][row])
-    before = run["command"][row - 1] if row else np.zeros_like(run["command"][0])
-    dut.GetInputPort("jet_commands").FixValue(context, before)
-    context.SetTime(run.time_s[row])
-    return context
+def give(dut: System, context: Any, **values: Any) -> None:
+    """Fixes input ports."""
+    for name, value in values.items():
+        dut.GetInputPort(name).FixValue(context, np.asarray(value, dtype=float))
 
 
-def output(dut: System, context: Any, name: str) -> Any:
-    """What an output port says."""
-    return dut.GetOutputPort(name).Eval(context)
+def output(dut: System, context: Any, name: str, **values: Any) -> Any:
+    """What an output port says, with some inputs fixed before; asked twice, it says the same."""
+    give(dut, context, **values)
+    port = dut.GetOutputPort(name)
+    said = port.Eval(context)
+    np.testing.assert_array_equal(port.Eval(context), said)
+    return said
+
+
+def sample(dut: LeafSystem, context: Any, name: str, **values: Any) -> Any:
+    """The same; the sample is then over."""
+    said = output(dut, context, name, **values)
+    advance(dut, context)
+    return said

@@ -94,37 +94,6 @@ def test_each_failure_is_counted_once(pages: ModuleType, folder: Path) -> None:
     assert len(kinds["leak", "20 lbf"].rows) == len(planned_leaks) > 0
 
 
-def test_median_and_its_interval(pages: ModuleType) -> None:
-    # of 1 to 11: the ranks 2 and 10, since 2 (1 + 11) / 2^11 = 1.2 % lie outside, and 6.5 % with the next ones
-    assert pages.median(range(1, 12)) == (6.0, 2.0, 10.0, 11)
-    few = pages.median([3.0, 1.0])
-    assert (few.value, few.n) == (2.0, 2)
-    assert math.isnan(few.low)  # no interval of so few
-
-
-def test_a_figure_is_shown_with_interval_and_n(pages: ModuleType) -> None:
-    assert pages.shown(pages.Figure(0.5, 0.25, 0.75, 12), "share") == "50 (25 to 75, n 12)"
-    assert pages.shown(pages.Figure(0.5, 0.25, 0.75, 12), "share", "12") == "50 (25 to 75)"
-    assert pages.shown(pages.Figure(0.0, 0.0, 6.0, 0.5), "1/h") == "0 (0 to 6, n 0.5 h)"
-    assert pages.shown(pages.Figure(1.5, math.nan, math.nan, 3), "") == "1.5 (n 3)"
-    assert pages.shown(pages.Figure(1.5, math.nan, math.nan, 3), "", "3") == "1.5"
-    assert pages.shown(pages.Figure(math.nan, math.nan, math.nan, 0), "share") == "-"
-
-
-def test_a_line_has_one_n_and_columns_without_numbers_are_left_out(pages: ModuleType) -> None:
-    none = pages.Figure(math.nan, math.nan, math.nan, 0)
-    figures = {
-        "a": ("share", [pages.Figure(0.5, 0.25, 0.75, 12), none]),
-        "b": ("", [none, none]),
-        "c": ("1/h", [pages.Figure(2.0, 1.0, 3.0, 0.5), none]),
-    }
-    lines = pages.formatted(["key"], [("x",), ("y",)], figures).splitlines()
-    assert lines[0] == "| key | n | a | c |"
-    assert lines[2:] == ["| x | 12 | 50 (25 to 75) | 2 (1 to 3, n 0.5 h) |", "| y | 0 | - | - |"]
-    counts = pages.counts_table(["key"], [("x",), ("y",)], [[1, 0, 0, 2, 0, 0], [0, 0, 0, 3, 0, 0]]).splitlines()
-    assert [counts[0], *counts[2:]] == ["| key | n | named | missed |", "| x | 3 | 1 | 2 |", "| y | 3 | 0 | 3 |"]
-
-
 def test_the_table_of_results_names_each_campaign_and_how_many_flights_it_has() -> None:
     text = (REPOSITORY / "docs" / "campaigns.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| (\[?)(\w+)(?:\]\(campaigns/\2\.md\))? \| .* \| (\d+) of (\d+) \|$", text, re.MULTILINE)

@@ -132,21 +132,6 @@ def test_the_page_is_that_of_the_flights_in_the_baseline(card: ModuleType) -> No
     assert written.count("\n| ") == 1 + 1 + sum(title in written for title in content.groups) + len(found)
 
 
-def test_a_verdict_counts_with_its_first_reason(card: ModuleType) -> None:
-    spec, rows = {"reason": "torque"}, []
-    for verdict, reasons in (("inconsistent", ["torque"]), ("inconsistent", ["lag", "torque"]), ("consistent", [])):
-        rows.append({"facts": json.dumps(facts(verdict=verdict, reasons=reasons)), "timed": None})
-    assert card.table.counted(rows, spec).misjudged == 2
-
-
-def test_versions_are_compared_by_the_errors_of_the_same_flights(card: ModuleType) -> None:
-    def row(error: float) -> Any:
-        return card.table.counted([{"facts": json.dumps(facts(errors=[error] * 10)), "timed": None}] * 3, {})
-
-    shown = dict(zip(card.table.VERSUS, card.table.versus({"title": "x"}, row(0.1), row(0.4)), strict=True))
-    assert shown["RMS error over the other's: mean of ten; 1/m"] == "0.25; 0.25"
-
-
 def test_every_kind_can_be_drawn(card: ModuleType, fly: ModuleType) -> None:
     content = card.load_card()
     modules = {name: getattr(fly, name) for name in ("bundled", "moving", "orbiter", "vehicles")}
@@ -186,11 +171,3 @@ def test_the_card_is_flown_once_and_a_flight_alone_is_the_same(
     alone = fly.Flights({"kinds": card.load_card().kinds, "compiled": False})
     for row in rows:
         assert alone.fly({"kind": row["kind"], "number": row["number"]})["facts"] == row["facts"]
-
-
-def test_a_commit_that_is_not_there_is_one_message(tmp_path: Path) -> None:
-    command = [sys.executable, str(FOLDER / "card.py"), "--kinds", "lander", "--against", "nothing"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.returncode == 2
-    assert done.stderr.strip() == "card: --against nothing: there is no such commit"
-    assert not list(tmp_path.iterdir())

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command_probe import Massprop
 
 from massprop_drake import Run, Scenario, estimate, load_scenario, simulate
 from massprop_drake.inputs.renamed import RenamedWarning
@@ -26,6 +25,9 @@ ESTIMATED = ("estimate", "standard_deviation", "rotation_nis", "mass_nis", "like
 pytestmark = pytest.mark.filterwarnings("ignore::massprop_drake.inputs.renamed.RenamedWarning")
 
 
+SUMMARY: dict[str, Any] = json.loads((RUN / "summary.json").read_text(encoding="utf-8"))
+
+
 @pytest.fixture(scope="module")
 def stored() -> dict[str, np.ndarray]:
     with np.load(RUN / "history.npz", allow_pickle=False) as arrays:
@@ -33,27 +35,19 @@ def stored() -> dict[str, np.ndarray]:
 
 
 @pytest.fixture(scope="module")
-def summary() -> dict[str, Any]:
-    return dict(json.loads((RUN / "summary.json").read_text(encoding="utf-8")))
-
-
-@pytest.fixture(scope="module")
 def scenario() -> Scenario:
     return load_scenario(RUN)
 
 
-def test_the_folder_is_of_that_version_and_has_a_failure(summary: dict[str, Any]) -> None:
-    assert summary["version"] == "0.1.0"
-    assert [(entry["kind"], entry["jet"]) for entry in summary["detections"]] == [("jet_on", "J4")]
+def detections(run: Run) -> list[dict[str, Any]]:
+    """Detections with the keys that they had then."""
+    return [{key: entry[key] for key in SUMMARY["detections"][0]} for entry in run.summary["detections"]]
+
+
+def test_its_run_is_loaded_with_the_same_numbers(stored: dict[str, np.ndarray]) -> None:
+    assert SUMMARY["version"] == "0.1.0"
+    assert [(entry["kind"], entry["jet"]) for entry in SUMMARY["detections"]] == [("jet_on", "J4")]
     assert "quantiser_phase: equal" in (RUN / "scenario.yaml").read_text(encoding="utf-8")
-
-
-def _as_of_then(entry: dict[str, Any], summary: dict[str, Any]) -> dict[str, Any]:
-    """A detection with the keys that it had then."""
-    return {key: entry[key] for key in summary["detections"][0]}
-
-
-def test_its_run_is_loaded_with_the_same_numbers(stored: dict[str, np.ndarray], summary: dict[str, Any]) -> None:
     with pytest.warns(RenamedWarning) as caught:
         run = Run.load(RUN)
     assert len(caught) == 1
@@ -61,76 +55,60 @@ def test_its_run_is_loaded_with_the_same_numbers(stored: dict[str, np.ndarray], 
     consistency |= {f"{kind}_nis_{what}": None for kind in ("rotation", "translation") for what in ("beyond", "within")}
     later = {name: [] for name in ("identifiability", "events", "unconfirmed", "untested")} | {"injected": None}
     later |= {"completeness": "complete", "completeness_detail": [], "fault_probability": None}
-    expected = {**summary, **later, "consistency": {**summary["consistency"], **consistency}}
-    expected["derived"] = {**summary["derived"], "nearest_possible": None}
-    known = [_as_of_then(entry, summary) for entry in run.summary["detections"]]
-    assert {**run.summary, "detections": known} == expected  # that version did not judge, and did not follow failures
+    expected = {**SUMMARY, **later, "consistency": {**SUMMARY["consistency"], **consistency}}
+    expected["derived"] = {**SUMMARY["derived"], "nearest_possible": None}
+    assert {
+        **run.summary,
+        "detections": detections(run),
+    } == expected  # that version did not judge, and did not follow failures
     assert set(run.signals) == set(stored) - {"time_s"}
     for name in run.signals:
         np.testing.assert_array_equal(run[name], stored[name], err_msg=name)
-    np.testing.assert_array_equal(run.covariance, np.array(summary["covariance"], dtype=float))
+    np.testing.assert_array_equal(run.covariance, np.array(SUMMARY["covariance"], dtype=float))
     assert set(run.units) == set(run.signals)
 
 
-def _same(now: Any, then: Any) -> bool:
+def same(now: Any, then: Any) -> bool:
     """Whether two parts of a summary are the same, numbers but for rounding."""
     if isinstance(then, dict):
-        return now.keys() == then.keys() and all(_same(now[key], then[key]) for key in then)
+        return now.keys() == then.keys() and all(same(now[key], then[key]) for key in then)
     if isinstance(then, list):
-        return len(now) == len(then) and all(map(_same, now, then))
+        return len(now) == len(then) and all(map(same, now, then))
     return bool(now == (pytest.approx(then, rel=ROUNDING, abs=0.0) if isinstance(then, float) else then))
 
 
-def _assert_alike(run: Run, stored: dict[str, np.ndarray], names: Iterable[str], first: int = 0) -> None:
+def require_alike(run: Run, stored: dict[str, np.ndarray], names: Iterable[str], first: int = 0) -> None:
     for name in names:
         then = stored[name][first:]
         scale = np.max(np.abs(then[np.isfinite(then)]), initial=0.0)
         np.testing.assert_allclose(run[name], then, rtol=ROUNDING, atol=ROUNDING * scale, err_msg=name)
 
 
-def _assert_found_alike(run: Run, summary: dict[str, Any]) -> None:
+def require_found(run: Run) -> None:
     """Estimates and detections, in what that version wrote of them."""
     for key in ("estimates", "standard_deviations"):
-        assert _same(run.summary[key], summary[key]), key
-    deviations = np.sqrt(np.diag(summary["covariance"]))
-    off = np.array(run.summary["covariance"]) - summary["covariance"]
+        assert same(run.summary[key], SUMMARY[key]), key
+    deviations = np.sqrt(np.diag(SUMMARY["covariance"]))
+    off = np.array(run.summary["covariance"]) - SUMMARY["covariance"]
     np.testing.assert_allclose(off / np.outer(deviations, deviations), 0.0, atol=ROUNDING)
-    known = [_as_of_then(entry, summary) for entry in run.summary["detections"]]
-    assert _same(known, summary["detections"])
-
-
-def test_its_scenario_is_the_one_it_was_made_from(scenario: Scenario) -> None:
-    assert scenario == load_scenario(LANDED / "turned_cube.yaml")
+    assert same(detections(run), SUMMARY["detections"])
 
 
 def test_simulating_it_again_gives_its_telemetry_and_signals(
     scenario: Scenario, stored: dict[str, np.ndarray], tmp_path: Path
 ) -> None:
+    assert scenario == load_scenario(LANDED / "turned_cube.yaml")
     run = simulate(scenario)
-    _assert_alike(run, stored, stored)
+    require_alike(run, stored, stored)
     folder = run.save(tmp_path / "again", pictures=False, report=False)
     assert (folder / "telemetry.csv").read_bytes() == (RUN / "telemetry.csv").read_bytes()
 
 
-def test_its_telemetry_gives_its_estimates(
-    scenario: Scenario, stored: dict[str, np.ndarray], summary: dict[str, Any]
-) -> None:
+def test_its_telemetry_gives_its_estimates(scenario: Scenario, stored: dict[str, np.ndarray]) -> None:
     run = estimate(RUN / "telemetry.csv", scenario)
-    _assert_alike(run, stored, ESTIMATED)
-    _assert_found_alike(run, summary)
-
-
-def test_the_command_line_estimates_like_it(massprop: Massprop, summary: dict[str, Any]) -> None:
-    done = massprop("estimate", RUN / "telemetry.csv", "--like", RUN, "--no-report", "--json")
-    assert done.status == 0
-    assert _same(json.loads(done.out)["estimates"], summary["estimates"])
-    assert [line.startswith("massprop: ") for line in done.err.splitlines()] == [True]
-
-
-def test_estimating_goes_on_from_its_filter_state(
-    scenario: Scenario, stored: dict[str, np.ndarray], summary: dict[str, Any]
-) -> None:
-    run = estimate(RUN / "telemetry.csv", scenario, resume_from=LANDED / "first")
+    require_alike(run, stored, ESTIMATED)
+    require_found(run)
+    run = estimate(RUN / "telemetry.csv", scenario, resume_from=LANDED / "first")  # goes on from its filter state
     np.testing.assert_array_equal(run["time_s"], stored["time_s"][N_FIRST:])
-    _assert_alike(run, stored, ESTIMATED, N_FIRST)
-    _assert_found_alike(run, summary)
+    require_alike(run, stored, ESTIMATED, N_FIRST)
+    require_found(run)

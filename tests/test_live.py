@@ -76,19 +76,6 @@ def test_the_stream_gives_the_runs_own_estimates(live: ModuleType, flown: Run, s
     np.testing.assert_array_equal([step.standard_deviation for step in steps], flown["standard_deviation"])
 
 
-def test_samples_sent_twice_and_lost(live: ModuleType, flown: Run, sent: Any) -> None:
-    vehicle = flown.scenario.vehicle_data
-    whole = messages(flown)
-    content = [*whole[:20], *whole[15:20], *whole[30:]]
-    estimator = Estimator(vehicle, flown.scenario)
-    stream = live.samples("127.0.0.1", sent(content))
-    steps = list(live.follow(stream, vehicle, estimator))
-    assert [step.time_s for step in steps] == [one["time_s"] for one in (*whole[:20], *whole[30:])]
-    assert not steps[20].used  # nothing to take a difference from
-    apart = np.abs(steps[-1].estimate - flown["estimate"][-1])
-    assert (apart <= 4.0 * steps[-1].standard_deviation).all()
-
-
 def test_the_program_goes_on_from_its_state(
     live: ModuleType, flown: Run, sent: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -7,7 +7,7 @@ import sys
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -533,31 +533,9 @@ def graph(
     quiet: Quiet = False,
 ) -> None:
     """Exports graphs of diagrams as DOT and SVG, ours and your own."""
-    from massprop_drake.cli import show, sources
-    from massprop_drake.display import graphs
-    from massprop_drake.results.folder import require_files, require_no_run, write_files
+    from massprop_drake.cli import graphing, show
 
-    builders = sources.diagrams(diagrams, like)
-    require_no_run(out)
-    require_files(
-        out,
-        [f"{name}{part}.{kind}" for name in builders for part in ("", "_overview") for kind in ("dot", "svg")],
-        force=force,
-    )
-    files, drawn = {}, True
-    for name, build in builders.items():
-        diagram = build()
-        shallow = graphs.dot_text(diagram, 1)
-        deep = graphs.dot_text(diagram, 2)
-        drawings = {"": shallow, "_overview": graphs.overview_text(diagram)}
-        for suffix, dot in (drawings | ({} if deep == shallow else {"_inside": deep})).items():
-            files[f"{name}{suffix}.dot"] = dot.encode()
-            svg = graphs.svg_text(dot)
-            drawn = drawn and svg is not None
-            if svg is not None:
-                files[f"{name}{suffix}.svg"] = svg.encode()
-    write_files(out, files, force=force)
-    written = [out / name for name in files]
+    written, drawn = graphing.write(graphing.diagrams(diagrams, like), out, force=force)
     if as_json:
         show.as_json([str(path) for path in written])
     elif not quiet:
@@ -585,13 +563,11 @@ def check(
 
     Of a good vehicle it also reports how the jets push, which mass properties they show, and which jets look alike.
     """
-    from massprop_drake.cli import show, sources
-    from massprop_drake.inputs.vehicle_file import Vehicle, load_vehicle
+    from massprop_drake.cli import checks, show
+    from massprop_drake.inputs.vehicle_file import load_vehicle
 
     if schema is not None:
-        found = sources.KEYS[schema]()
-        # a scenario may hold a whole vehicle, whose keys are the other schema's
-        shown = [key for key in found if not key.name.startswith("vehicle.")]
+        shown = checks.keys_of(schema)
         if as_json:
             show.as_json([key._asdict() for key in shown])
         else:
@@ -600,31 +576,11 @@ def check(
     if not files:
         raise InputError("nothing to check: name a file, or --schema vehicle, scenario, campaign or map")
     whose = None if vehicle is None else load_vehicle(vehicle)
-    findings: list[dict[str, Any]] = []
-    problems: list[str] = []
-    lines: list[str] = []
-    for name in files:
-        try:
-            good = sources.checked(name, whose)
-        except InputError as error:
-            findings.append({"file": name, "ok": False, "findings": list(error.problems)})
-            problems += error.problems
-            lines += error.problems
-            continue
-        about = good.words if isinstance(good, sources.Described) else show.about(good)
-        doubts = list(map(str, good.doubts))
-        findings.append({"file": name, "ok": True, "findings": [about], "warnings": doubts})
-        lines.append(f"{name}: ok: {about}")
-        lines += [f"{name}: warning: {doubt}" for doubt in doubts]
-        if isinstance(good, Vehicle) and not quiet:
-            from massprop_drake.studies.vehicle_report import vehicle_report
-
-            findings[-1]["report"] = vehicle_report(good, pairs)
-            lines += show.vehicle_lines(findings[-1]["report"], good.unit_names)
+    said = checks.check(files, whose, pairs, report=not quiet)
     if as_json:
-        show.as_json(findings)
+        show.as_json(said.findings)
     else:
-        for line in problems if quiet else lines:
+        for line in said.problems if quiet else said.lines:
             (note if quiet else say)(line)
-    if problems:
+    if said.problems:
         raise typer.Exit(2)

@@ -24,7 +24,7 @@ from massprop_drake.inputs.renamed import RenamedWarning
 from massprop_drake.studies import threads
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-_AGAIN_S = 0.5  # after which an interruption that somebody has swallowed is raised again
+AGAIN_S = 0.5  # after which an interruption that somebody has swallowed is raised again
 
 
 class Interrupted(BaseException):
@@ -166,7 +166,7 @@ def _interruptible() -> Iterator[list[int]]:
             signal.signal(each, signal.SIG_DFL)
         received.append(number)
         signal.signal(signal.SIGALRM, receive_again)
-        signal.setitimer(signal.ITIMER_REAL, _AGAIN_S, _AGAIN_S)
+        signal.setitimer(signal.ITIMER_REAL, AGAIN_S, AGAIN_S)
         raise Interrupted
 
     def receive_again(_: int, __: FrameType | None) -> None:

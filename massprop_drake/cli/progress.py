@@ -10,7 +10,7 @@ from rich.console import Console
 
 from massprop_drake.cli.streams import visible
 
-_AFTER_S = 2.0  # shorter work shows no bar
+AFTER_S = 2.0  # shorter work shows no bar
 
 
 class Progress:
@@ -34,7 +34,7 @@ class Progress:
 
     def __call__(self, reached: float) -> None:
         """Reports how far the work has got, in the unit of the total."""
-        if not self._shown or time.monotonic() - self._began < _AFTER_S:
+        if not self._shown or time.monotonic() - self._began < AFTER_S:
             return
         if self._bar is None:
             from rich import progress  # noqa: PLC0415 (only for long work)

@@ -5,47 +5,21 @@ from __future__ import annotations
 import contextlib
 import logging
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
 
-from massprop_drake.cli import functions, show
-from massprop_drake.cli.options import Schema
 from massprop_drake.cli.streams import note
-from massprop_drake.errors import InputError, in_words, suggestion
-from massprop_drake.inputs.campaign_file import (
-    CampaignSpec,
-    bundled_campaigns,
-    campaign_from,
-    campaign_keys,
-    load_campaign,
-)
+from massprop_drake.errors import InputError, in_words
 from massprop_drake.inputs.kinds import kind_of
-from massprop_drake.inputs.model import Key, keys, validated
 from massprop_drake.inputs.plausible import Finding
-from massprop_drake.inputs.record_map import RecordMap, map_keys
-from massprop_drake.inputs.scenario import Scenario, bundled_scenarios, load_scenario, resolved
+from massprop_drake.inputs.scenario import Scenario, bundled_scenarios, load_scenario
 from massprop_drake.inputs.vehicle_file import Vehicle, bundled_vehicles, load_vehicle
 from massprop_drake.inputs.yaml import Document, exists, read_text
 from massprop_drake.maths.kernels import compiler
-from massprop_drake.records.reader import check as check_telemetry
 from massprop_drake.records.reader import vehicle_scenario
-from massprop_drake.records.recording import require_table
-from massprop_drake.records.tables import require_file
 from massprop_drake.results.exchange import recover
 from massprop_drake.results.folder import Place
 from massprop_drake.results.run import Run
-
-_TELEMETRY = (".csv", ".tsv", ".parquet", ".pq")  # endings of telemetry files
-
-
-KEYS: Mapping[Schema, Callable[[], list[Key]]] = {
-    Schema.vehicle: partial(keys, Vehicle),
-    Schema.scenario: partial(keys, Scenario),
-    Schema.campaign: campaign_keys,
-    Schema.map: map_keys,
-}
 
 
 @contextlib.contextmanager
@@ -177,89 +151,3 @@ def assigned(words: Iterable[str], option: str) -> dict[str, str]:
             raise InputError(f"{option} {name} is given twice")
         found[name] = value
     return found
-
-
-def diagrams(names: Sequence[str] | None, like: str | None) -> dict[str, Callable[[], Any]]:
-    """Finds diagrams to draw: functions that build them, by the names of their files.
-
-    Args:
-        names: ours, or functions of the user's own, see `functions.call`; None or none: all that a scenario has.
-        like: scenario to build ours for; None: those that they are drawn for.
-
-    Raises:
-        InputError: when one is not there, or two would have one name.
-    """
-    from massprop_drake.display import graphs  # noqa: PLC0415 (loads Drake's framework)
-
-    case = None if like is None else recovered(like, [])
-    found: dict[str, Callable[[], Any]] = {}
-    for name in dict.fromkeys(names or graphs.names_for(case)):
-        own = functions.is_named(name)
-        if not own and name not in graphs.DIAGRAMS:
-            if name.endswith(".py"):
-                raise InputError(f"'{name}' is a file; say which of its functions builds the diagram: {name}:build")
-            raise InputError(f"'{name}' is no diagram{suggestion(name, list(graphs.DIAGRAMS))}")
-        if own and case is not None:
-            raise InputError(f"--like: '{name}' is built by a function of your own, which takes no scenario")
-        stem = functions.file_stem(name) if own else name
-        if stem in found:
-            raise InputError(f"{name}: its files would be called {stem}, as those of another; draw it apart")
-        found[stem] = partial(_built_by, name) if own else partial(graphs.build, name, case)
-    return found
-
-
-def _built_by(target: str) -> Any:
-    """Returns the diagram that a function of the user's own makes."""
-    from massprop_drake.display import graphs  # noqa: PLC0415 (loads Drake's framework)
-
-    made = functions.call(target)
-    with functions.guarded(target):
-        return graphs.as_diagram(made, target)
-
-
-class Described(NamedTuple):
-    """The content of a file in words.
-
-    Attributes:
-        words: a line.
-        doubts: on what may be meant otherwise, a sentence each.
-    """
-
-    words: str
-    doubts: Sequence[str] = ()
-
-
-def checked(name: str, whose: Vehicle | None) -> Vehicle | Scenario | CampaignSpec | Described:
-    """Reads a file and returns its content, telemetry and maps in words; raises InputError for a bad one."""
-    require_file(Path(name))
-    if Path(name).suffix.lower() in _TELEMETRY:
-        found = check_telemetry(Path(name), whose)
-        return Described(show.about_telemetry(found, whose), found["notes"])
-    if name in bundled_vehicles():
-        return load_vehicle(name)
-    if name in bundled_scenarios():
-        return _with_model(load_scenario(name), name)
-    if name in bundled_campaigns():
-        return load_campaign(name)
-    require_table(name)
-    document = Document(read_text(Path(name)), name)
-    kind = kind_of(document.data)
-    if kind == "vehicle":
-        return validated(Vehicle, document.data, document)
-    if "commands" in document.data and "sensors" in document.data:
-        return Described(show.about_map(validated(RecordMap, document.data, document)))
-    if kind == "campaign":
-        return campaign_from(document, Path(name).parent)
-    return _with_model(resolved(document.data, document, Path(name).parent), name)
-
-
-def _with_model(scenario: Scenario, name: str) -> Scenario:
-    """Returns a scenario whose multibody model, if any, Drake can fly; raises InputError for a bad one."""
-    if scenario.plant.kind == "multibody":
-        from massprop_drake.diagrams.multibody import require_model  # noqa: PLC0415 (loads Drake's multibody library)
-
-        try:
-            require_model(scenario)
-        except InputError as error:
-            raise InputError(*(f"{name}: {one.removeprefix('scenario: ')}" for one in error.problems)) from None
-    return scenario

@@ -75,9 +75,9 @@ class CampaignFile(Model):
         "telemetry to estimate instead of simulating, a pattern such as flights/*.csv; base gives vehicle and settings",
     )
     cases: Whole | None = described(
-        None, "number of cases of each cell; null: all there are, with grid or records", "-", ge=1, le=MOST_CASES
+        None, "number of cases of each cell; null: all there are, with grid or records", ge=1, le=MOST_CASES
     )
-    seed: Whole = described(0, "of everything drawn", "-", ge=0, lt=2**63)
+    seed: Whole = described(0, "of everything drawn", ge=0, lt=2**63)
     method: Literal["random", "lhs", "sobol", "grid", "saltelli"] = described(
         "random",
         "random: independent draws; lhs: Latin hypercube; sobol: scrambled Sobol sequence; grid: every combination; "
@@ -85,8 +85,7 @@ class CampaignFile(Model):
     )
     set: dict[str, Any] = described({}, "fields of the scenario that have one value in all cases, by dotted key")
     draw: dict[str, Any] = described(
-        {},
-        "fields of the scenario drawn for each case, by dotted key; a value may hold distributions anywhere",
+        {}, "fields of the scenario drawn for each case, by dotted key; a value may hold distributions anywhere"
     )
     sweep: dict[str, Annotated[list[Any], Field(min_length=1)]] = described(
         {}, "fields that take each of some values with the same draws, by dotted key"

@@ -57,7 +57,7 @@ class _Between(Distribution):
     low: Real = described(..., "lower bound")
     high: Real = described(..., "upper bound, above low")
     points: Whole | None = described(
-        None, "how many values, bounds included, `method: grid` takes", "-", ge=2, le=_MOST_POINTS
+        None, "how many values, bounds included, `method: grid` takes", ge=2, le=_MOST_POINTS
     )
 
     @model_validator(mode="after")

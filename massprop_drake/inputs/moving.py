@@ -40,11 +40,11 @@ class _MovingPart(Model):
     frequency_hz: Real = described(
         ..., "natural frequency with the vehicle held still", "Hz", gt=0.0, span=plausible.FREQUENCY
     )
-    damping: Real = described(..., "ratio to critical damping", "-", ge=0.0, lt=1.0)
+    damping: Real = described(..., "ratio to critical damping", ge=0.0, lt=1.0)
     frequency_uncertainty: Real = described(
-        0.05, "1-sigma of the frequency, relative, estimated; 0: known", "-", ge=0.0, le=0.3
+        0.05, "1-sigma of the frequency, relative, estimated; 0: known", ge=0.0, le=0.3
     )
-    damping_uncertainty: Real = described(0.5, "1-sigma of the damping, relative, likewise", "-", ge=0.0, le=1.0)
+    damping_uncertainty: Real = described(0.5, "1-sigma of the damping, relative, likewise", ge=0.0, le=1.0)
     position_std: Real | None = described(
         None,
         "1-sigma of each coordinate of its place, likewise; null: 5 % of the jets' RMS arm",
@@ -73,7 +73,7 @@ class Slosh(_MovingPart):
         "ft | m",
         span=plausible.POSITION,
     )
-    mass_uncertainty: Real = described(0.05, "1-sigma of the mass, relative, likewise", "-", ge=0.0, le=1.0)
+    mass_uncertainty: Real = described(0.05, "1-sigma of the mass, relative, likewise", ge=0.0, le=1.0)
     start_std: Real | None = described(
         None,
         "1-sigma of its displacement at the start, each axis; null: as the weakest jet's thrust holds it",
@@ -142,14 +142,8 @@ class HingedPanel(_MovingPart):
     mass: Real = described(..., "mass of the panel", "slug | kg", gt=0.0, span=plausible.MASS)
     center_of_mass: Vector3 = described(..., "its center of mass, vehicle frame", "ft | m", span=plausible.POSITION)
     inertia: Real = described(..., "inertia about its hinge", "slug-ft^2 | kg-m^2", gt=0.0, span=plausible.INERTIA)
-    inertia_uncertainty: Real = described(0.05, "1-sigma of the inertia, relative, likewise", "-", ge=0.0, le=1.0)
-    start_std: Real | None = described(
-        None,
-        "1-sigma of its angle at the start; null: likewise",
-        "rad",
-        ge=0.0,
-        le=1.0,
-    )
+    inertia_uncertainty: Real = described(0.05, "1-sigma of the inertia, relative, likewise", ge=0.0, le=1.0)
+    start_std: Real | None = described(None, "1-sigma of its angle at the start; null: likewise", "rad", ge=0.0, le=1.0)
 
     @field_validator("axis")
     @classmethod
@@ -204,18 +198,13 @@ class StatedMode(_MovingPart):
     kind: Literal["mode"] = described(..., "kind of part")
     translation: Vector3 = described((0.0, 0.0, 0.0), "participation in translation, body axes", "slug^1/2 | kg^1/2")
     rotation: Vector3 = described(
-        (0.0, 0.0, 0.0),
-        "participation in rotation about the vehicle origin",
-        "slug^1/2-ft | kg^1/2-m",
+        (0.0, 0.0, 0.0), "participation in rotation about the vehicle origin", "slug^1/2-ft | kg^1/2-m"
     )
     participation_uncertainty: Real = described(
-        0.05, "1-sigma of the participation, relative, likewise", "-", ge=0.0, le=1.0
+        0.05, "1-sigma of the participation, relative, likewise", ge=0.0, le=1.0
     )
     start_std: Real | None = described(
-        None,
-        "1-sigma of its coordinate at the start; null: likewise",
-        "slug^1/2-ft | kg^1/2-m",
-        ge=0.0,
+        None, "1-sigma of its coordinate at the start; null: likewise", "slug^1/2-ft | kg^1/2-m", ge=0.0
     )
 
     @model_validator(mode="after")

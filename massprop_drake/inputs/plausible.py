@@ -406,10 +406,7 @@ def _disturbed(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
     disturbance = scenario.plant.disturbance
     torques = np.cross(vehicle.positions - vehicle.nominal.center_of_mass, vehicle.thrusts)
     of_torque = "ft-lbf" if vehicle.units == "us" else "N-m"
-    for field, gives, unit in (
-        ("torque", torques, of_torque),
-        ("force", vehicle.thrusts, vehicle.unit_names["force"]),
-    ):
+    for field, gives, unit in (("torque", torques, of_torque), ("force", vehicle.thrusts, vehicle.unit_names["force"])):
         largest = float(np.linalg.norm(gives, axis=1).max())
         mean, std = (np.array(getattr(disturbance, name)) for name in (field, f"{field}_std"))
         size = float(np.hypot(np.linalg.norm(mean), np.linalg.norm(std)))

@@ -90,8 +90,7 @@ class RecordTime(Model):
     """The stamps of samples, and the clock that made them."""
 
     column: Column | None = described(
-        None,
-        "column of numbers or ISO 8601 stamps; null: the log's own stamps, of message headers first",
+        None, "column of numbers or ISO 8601 stamps; null: the log's own stamps, of message headers first"
     )
     unit: TimeUnit = described("s", "unit of the column; stamps have none")
     date: Column | None = described(None, "column of dates, where `column` has the time of day alone")
@@ -104,9 +103,7 @@ class RecordTime(Model):
         ge=-_FARTHEST_S,
         le=_FARTHEST_S,
     )
-    drift: Real = described(
-        0.0, "relative gain of this clock: intervals are divided by 1 + drift", "-", gt=-0.5, lt=0.5
-    )
+    drift: Real = described(0.0, "relative gain of this clock: intervals are divided by 1 + drift", gt=-0.5, lt=0.5)
     differences: tuple[Difference, ...] = described(
         (),
         "pairs that give the true steps, (value - value before) / rate, by least squares, where the "
@@ -147,8 +144,7 @@ class _Read(_Sampled):
     """The fields common to sensors."""
 
     every: Annotated[Count, Field(ge=1)] = described(
-        1,
-        "rows per reading, where rows repeat a reading until the next: only the first row of each has it",
+        1, "rows per reading, where rows repeat a reading until the next: only the first row of each has it"
     )
 
 
@@ -292,8 +288,7 @@ class EngineMap(_Read):
 
 
 SensorMap = Annotated[
-    GyroMap | AccelerometerMap | VelocityMap | AttitudeMap | PoseMap | WheelMap | EngineMap,
-    Field(discriminator="kind"),
+    GyroMap | AccelerometerMap | VelocityMap | AttitudeMap | PoseMap | WheelMap | EngineMap, Field(discriminator="kind")
 ]
 
 
@@ -327,22 +322,13 @@ class CommandMap(_Sampled):
         "1", "1: number between `off` and `on`; a unit of time: how long the jet is on"
     )
     off: Real = described(
-        0.0,
-        "value of closed; beyond one that is not 0, a jet is closed too",
-        ge=-_LARGEST,
-        le=_LARGEST,
+        0.0, "value of closed; beyond one that is not 0, a jet is closed too", ge=-_LARGEST, le=_LARGEST
     )
     on: Real | None = described(
-        None,
-        "value of open all the time; null: 1, or the sample period for on-times",
-        ge=-_LARGEST,
-        le=_LARGEST,
+        None, "value of open all the time; null: 1, or the sample period for on-times", ge=-_LARGEST, le=_LARGEST
     )
     threshold: Real | None = described(
-        None,
-        "share from `off` to `on` from which a jet is open, below closed; null: shares are kept",
-        gt=0.0,
-        le=1.0,
+        None, "share from `off` to `on` from which a jet is open, below closed; null: shares are kept", gt=0.0, le=1.0
     )
     acts: Literal["from_row", "until_row"] = described(
         "from_row", "until_row: a row's command was in force since the row before"
@@ -401,10 +387,7 @@ class CsvForm(Model):
     decimal: Literal[".", ","] = described(".", "decimal mark")
     skip: Count = described(0, "lines above that of the names")
     below: Count = described(0, "lines between the names and the first row")
-    comment: Text = described(
-        "",
-        "beginning of lines to leave out; the first has the names where no other line has",
-    )
+    comment: Text = described("", "beginning of lines to leave out; the first has the names where no other line has")
 
 
 class RecordMap(Model):

@@ -51,11 +51,7 @@ _DEGREE = np.pi / 180.0
 _ESTIMATION = ("vehicle", "estimation", "rotation", "mass", "joint", "detector", "faults")
 _USUAL_FILTER: Literal["thesis", "joint", "pose"] = "joint"
 # detectors that a filter goes with, the usual one first
-DETECTORS_OF = {
-    "thesis": ("cglr", "cusum", "off"),
-    "joint": ("hypotheses", "off"),
-    "pose": ("thrust_factors", "off"),
-}
+DETECTORS_OF = {"thesis": ("cglr", "cusum", "off"), "joint": ("hypotheses", "off"), "pose": ("thrust_factors", "off")}
 # keys that speak to one filter alone
 _KEYS_OF: dict[str, tuple[tuple[str, ...], ...]] = {
     "thesis": (
@@ -124,7 +120,7 @@ class EngineBurn(Model):
     engine: Text = described(..., "name")
     start_s: Real = described(..., "first sample with it", "s", ge=0.0, span=plausible.TIME)
     end_s: Real = described(..., "first sample without it", "s", gt=0.0, span=plausible.TIME)
-    level: Real = described(1.0, "share of its thrust", "-", ge=0.0, le=1.0)
+    level: Real = described(1.0, "share of its thrust", ge=0.0, le=1.0)
     gimbal: tuple[Real, Real] = described((0.0, 0.0), "gimbal angles", "rad")
 
     _ordered = model_validator(mode="after")(_in_order)
@@ -133,7 +129,7 @@ class EngineBurn(Model):
 class EngineErrors(Model):
     """Errors of a true engine, in the order of its axes."""
 
-    thrust: tuple[Real, Real] = described((0.0, 0.0), "at level 0 and at level 1, relative", "-")
+    thrust: tuple[Real, Real] = described((0.0, 0.0), "at level 0 and at level 1, relative")
     direction: tuple[Real, Real] = described((0.0, 0.0), "angles about the gimbal's axes", "rad")
     position: tuple[Real, Real] = described((0.0, 0.0), "shifts across the direction", "ft | m")
 
@@ -184,39 +180,23 @@ class _Plant(Model):
     integrator: Literal["runge_kutta3", "runge_kutta5", "bogacki_shampine3"] = described(
         "runge_kutta5", "Drake's scheme for the continuous plant"
     )
-    accuracy: Real = described(1e-10, "accuracy of that integrator", "-", gt=0.0, span=plausible.ACCURACY)
+    accuracy: Real = described(1e-10, "accuracy of that integrator", gt=0.0, span=plausible.ACCURACY)
     thrust_transient: Literal["none", "vehicle"] = described(
         "vehicle", "none: instantaneous thrust; vehicle: first-order lag with the vehicle's time constants"
     )
-    lag_factor: Real = described(
-        1.0,
-        "true time constants of thrust over the vehicle file's",
-        "-",
-        gt=0.0,
-        le=10.0,
-    )
+    lag_factor: Real = described(1.0, "true time constants of thrust over the vehicle file's", gt=0.0, le=10.0)
     thrust_dispersion: Real = described(
-        0.0, "1-sigma of each jet's constant thrust error, relative, drawn", "-", ge=0.0, le=0.3
+        0.0, "1-sigma of each jet's constant thrust error, relative, drawn", ge=0.0, le=0.3
     )
     mounting_dispersion: Real = described(
-        0.0,
-        "1-sigma of each jet's mounting error, in the vehicle's stated 1-sigmas, drawn",
-        "-",
-        ge=0.0,
-        le=10.0,
+        0.0, "1-sigma of each jet's mounting error, in the vehicle's stated 1-sigmas, drawn", ge=0.0, le=10.0
     )
     initial_rate: Vector3 = described((0.0, 0.0, 0.0), "rate at the start, body axes", "rad/s", span=plausible.RATE)
     disturbance: DisturbanceBlock = described(
         DisturbanceBlock(), "torque and force that nobody commands, a mean and a drawn changing part"
     )
     wheel_speeds: dict[Text, Real] = described({}, "speeds of wheels at the start, by name; others stand", "rad/s")
-    wheel_dispersion: Real = described(
-        0.0,
-        "1-sigma of each wheel's inertia error, relative, drawn",
-        "-",
-        ge=0.0,
-        le=0.3,
-    )
+    wheel_dispersion: Real = described(0.0, "1-sigma of each wheel's inertia error, relative, drawn", ge=0.0, le=0.3)
 
 
 class Dispersion(Model):
@@ -249,23 +229,16 @@ class PlantBlock(_Plant):
 
     kind: Literal["rigid"] = described("rigid", "one rigid body, whose propellant may be used up")
     time_step: Real | None = described(
-        None,
-        "0: continuous, by Drake's integrator; the sample period, or null: fixed steps of high order",
-        "s",
+        None, "0: continuous, by Drake's integrator; the sample period, or null: fixed steps of high order", "s"
     )
     depletion: Flag = described(
-        True,
-        "whether firing uses up mass; inertia and center of mass change only by what tanks lose",
+        True, "whether firing uses up mass; inertia and center of mass change only by what tanks lose"
     )
     mass_properties: MassPropertiesModel | None = described(None, "true values at the start; null: nominal")
     dispersion: Dispersion = described(Dispersion(), "errors of the true mass properties, drawn")
     engine_errors: dict[Text, EngineErrors] = described({}, "errors of engines, by name; others have none")
     engine_dispersion: Real = described(
-        0.0,
-        "1-sigma of each engine error, in the vehicle's stated 1-sigmas, drawn",
-        "-",
-        ge=0.0,
-        le=10.0,
+        0.0, "1-sigma of each engine error, in the vehicle's stated 1-sigmas, drawn", ge=0.0, le=10.0
     )
     propellant: dict[Text, Real] = described(
         {}, "propellant in tanks at the start, by name; else as the vehicle states", "slug | kg"
@@ -297,8 +270,7 @@ class MultibodyBlock(_Plant):
 
     kind: Literal["multibody"] = described(..., "bodies and joints of an SDF or URDF model; firing uses up no mass")
     model: Text = described(
-        ...,
-        "SDF or URDF: bundled model, file relative to this one, or the text; its mass properties are the true ones",
+        ..., "SDF or URDF: bundled model, file relative to this one, or the text; its mass properties are the true ones"
     )
     body: Text = described(..., "link with jets and sensors, whose frame is the vehicle frame")
     joints: tuple[JointStart, ...] = described((), "joints that start elsewhere than at zero and rest, or are held")
@@ -372,7 +344,7 @@ class Degraded(_Timed):
     """The jet produces only a fraction of its thrust."""
 
     kind: Literal["degraded"] = described(..., "kind of failure")
-    fraction: Real = described(..., "share of thrust left", "-", ge=0.0, le=1.0)
+    fraction: Real = described(..., "share of thrust left", ge=0.0, le=1.0)
 
 
 class Leak(_Timed):
@@ -386,8 +358,8 @@ class Intermittent(_Timed):
     """The jet's valve fails at random, sample by sample."""
 
     kind: Literal["intermittent"] = described(..., "kind of failure")
-    probability: Real = described(..., "probability of failing in a sample", "-", ge=0.0, le=1.0)
-    level: Real = described(0.0, "thrust while it fails: 0 off, 1 on", "-", ge=0.0, le=1.0)
+    probability: Real = described(..., "probability of failing in a sample", ge=0.0, le=1.0)
+    level: Real = described(0.0, "thrust while it fails: 0 off, 1 on", ge=0.0, le=1.0)
 
 
 class Drift(_Timed):
@@ -426,11 +398,7 @@ class VibrationTone(Model):
     """A vibration of the structure as the sensors of a package feel it; estimators and autopilot do not know of it."""
 
     frequency_hz: Real = described(
-        ...,
-        "frequency; from half the sample frequency on it is aliased",
-        "Hz",
-        gt=0.0,
-        span=plausible.TONE,
+        ..., "frequency; from half the sample frequency on it is aliased", "Hz", gt=0.0, span=plausible.TONE
     )
     amplitude: Vector3 = described(
         ..., "amplitude per axis, of rate or acceleration; phases are drawn", "rad/s | ft/s^2 | m/s^2"
@@ -452,14 +420,11 @@ class SensorErrors(Model):
     )
     bias: Vector3 = described((0.0, 0.0, 0.0), "constant bias of rate or acceleration", "rad/s | ft/s^2 | m/s^2")
     bias_random_walk: Real = described(
-        0.0,
-        "random walk of the bias, 1-sigma after 1 s",
-        "rad/s/sqrt(s) | ft/s^2/sqrt(s) | m/s^2/sqrt(s)",
-        ge=0.0,
+        0.0, "random walk of the bias, 1-sigma after 1 s", "rad/s/sqrt(s) | ft/s^2/sqrt(s) | m/s^2/sqrt(s)", ge=0.0
     )
     noise_std: Real | None = described(None, "white noise, 1-sigma; null: the vehicle's", "rad/s | ft/s | m/s", ge=0.0)
     quantum: Real | None = described(None, "step of a reading; null: the vehicle's", "rad/s | ft/s | m/s", ge=0.0)
-    delay_samples: Whole = described(0, "delay of readings", "-", ge=0, le=100)
+    delay_samples: Whole = described(0, "delay of readings", ge=0, le=100)
 
 
 _RULES = Literal["single", "most_accurate", "mid_value", "average", "weighted_average", "serial"]
@@ -476,8 +441,7 @@ class CombineBlock(Model):
     gyros: _RULES = described("single", _RULE)
     accelerometers: _RULES = described("single", _RULE)
     correlated: Flag = described(
-        False,
-        "whether averages of accelerometers account for correlated errors; serial then is one stacked update",
+        False, "whether averages of accelerometers account for correlated errors; serial then is one stacked update"
     )
 
 
@@ -497,8 +461,7 @@ class JetSelectionBlock(Model):
     """Flight of the on-times that the autopilot's linear program selects."""
 
     output: Literal["cycles", "on_time"] = described(
-        "cycles",
-        "cycles: whole sample periods; on_time: in steps of the valve's clock, of a vehicle with on-times",
+        "cycles", "cycles: whole sample periods; on_time: in steps of the valve's clock, of a vehicle with on-times"
     )
     below_minimum: Literal["accumulate", "drop"] = described(
         "accumulate",
@@ -517,13 +480,9 @@ class WheelControlBlock(Model):
         span=plausible.GAIN,
     )
     unload_above: Real | None = described(
-        None,
-        "share of its largest speed at which a wheel has jets unload all wheels; null: never",
-        "-",
-        gt=0.0,
-        le=1.0,
+        None, "share of its largest speed at which a wheel has jets unload all wheels; null: never", gt=0.0, le=1.0
     )
-    unload_below: Real = described(0.2, "share below which unloading ends", "-", ge=0.0, lt=1.0)
+    unload_below: Real = described(0.2, "share below which unloading ends", ge=0.0, lt=1.0)
     unload_rate: Real | None = described(
         None,
         "largest rate change asked of jets at a time to unload; null: 1.5 times rate_deadband, below "
@@ -567,16 +526,13 @@ class AutopilotBlock(Model):
     """Manual modes of the thesis: discrete rate, attitude hold, acceleration."""
 
     engaged: bool | None = described(
-        None,
-        "whether it flies; with a `jet_schedule` it holds attitude between pulses; null: only without one",
+        None, "whether it flies; with a `jet_schedule` it holds attitude between pulses; null: only without one"
     )
     mass_properties: Literal["nominal", "estimated"] = described(
         "nominal", "source for activity vectors; estimated: once converged"
     )
     jet_kinds: tuple[Text, ...] | None = described(
-        None,
-        "kinds of jets that may be selected; null: `primary`, else all",
-        min_length=1,
+        None, "kinds of jets that may be selected; null: `primary`, else all", min_length=1
     )
     jet_selection: JetSelectionBlock = described(JetSelectionBlock(), "how selected on-times are flown")
     test_firing: FiringTestBlock | None = described(None, "firings that settle what the estimators leave open")
@@ -609,11 +565,7 @@ class AutopilotBlock(Model):
     )
     horizon_s: Real = described(2.0, "time for which a translation is requested", "s", gt=0.0, span=plausible.TIME)
     resolve_rate: Real = described(
-        0.2 * _DEGREE,
-        "in a translation, rate error that causes a new selection",
-        "rad/s",
-        gt=0.0,
-        span=plausible.RATE,
+        0.2 * _DEGREE, "in a translation, rate error that causes a new selection", "rad/s", gt=0.0, span=plausible.RATE
     )
     resolve_after_s: Real = described(
         0.4, "least time between two selections in a translation", "s", ge=0.0, span=plausible.TIME
@@ -634,8 +586,8 @@ _TEN_UNITS = "1/(slug-ft^2) | 1/(kg-m^2) (6), ft | m (3), 1/slug | 1/kg"
 class ConvergenceLimits(Model):
     """1-sigma below which estimates may be acted on."""
 
-    diagonal: Real = described(0.02, "inverse inertia's diagonal, relative", "-", gt=0.0)
-    mass_reciprocal: Real = described(0.2, "mass reciprocal, relative", "-", gt=0.0)
+    diagonal: Real = described(0.02, "inverse inertia's diagonal, relative", gt=0.0)
+    mass_reciprocal: Real = described(0.2, "mass reciprocal, relative", gt=0.0)
     center_of_mass: Real | None = described(None, "center of mass; null: 3 % of the jets' RMS arm", "ft | m", gt=0.0)
 
 
@@ -643,11 +595,7 @@ class GivenStart(Model):
     """Mass properties known beforehand, with their uncertainty."""
 
     mass_properties: MassPropertiesModel | None = described(None, "estimates at the start; null: the nominal ones")
-    standard_deviation: _Ten | None = described(
-        None,
-        "1-sigma of the ten parameters",
-        _TEN_UNITS,
-    )
+    standard_deviation: _Ten | None = described(None, "1-sigma of the ten parameters", _TEN_UNITS)
     covariance: tuple[_Ten, _Ten, _Ten, _Ten, _Ten, _Ten, _Ten, _Ten, _Ten, _Ten] | None = described(
         None, "covariance instead; none between 1/m and the others", "products of those"
     )
@@ -681,7 +629,6 @@ class EstimationBlock(Model):
     std_fraction: Real | None = described(
         None,
         "1-sigma at the start relative to nominal; null: the vehicle's for nominal, 1 for zero",
-        "-",
         gt=0.0,
         span=plausible.UNCERTAINTY,
     )
@@ -692,11 +639,7 @@ class EstimationBlock(Model):
         " takes impulses from the lagged thrust",
     )
     thrust_uncertainty: Real = described(
-        0.0,
-        "with filter: thesis, 1-sigma of each jet's constant thrust error, relative, considered",
-        "-",
-        ge=0.0,
-        le=0.3,
+        0.0, "with filter: thesis, 1-sigma of each jet's constant thrust error, relative, considered", ge=0.0, le=0.3
     )
     convergence: ConvergenceLimits = described(ConvergenceLimits(), "1-sigmas below which estimates may be acted on")
     readings_per_s: Real | None = described(
@@ -733,10 +676,7 @@ class RotationBlock(Model):
     """The filter for inverse inertia and center of mass."""
 
     filter: Literal["second_order", "second_order_without_bias", "second_order_without_covariance", "extended"] = (
-        described(
-            "second_order",
-            "second_order: with bias and covariance of the curvature; extended: with neither",
-        )
+        described("second_order", "second_order: with bias and covariance of the curvature; extended: with neither")
     )
     coupling: Literal["subtract", "ignore", "hybrid", "model"] = described(
         "hybrid",
@@ -744,13 +684,13 @@ class RotationBlock(Model):
         "measurement model, for vehicles that turn fast",
     )
     coupling_limit: Real = described(
-        50.0, "hybrid subtracts below this ratio of innovation to measurement variance", "-", gt=0.0
+        50.0, "hybrid subtracts below this ratio of innovation to measurement variance", gt=0.0
     )
     jump: Literal["none", "covariance_increment"] = described(
         "covariance_increment", "response to a too large innovation"
     )
-    jump_threshold: Real = described(25.0, "NIS that is too large; 11.34 in the thesis", "-", gt=0.0)
-    jump_std_fraction: Real = described(1.0, "1-sigma then added, relative to the start", "-", gt=0.0, le=100.0)
+    jump_threshold: Real = described(25.0, "NIS that is too large; 11.34 in the thesis", gt=0.0)
+    jump_std_fraction: Real = described(1.0, "1-sigma then added, relative to the start", gt=0.0, le=100.0)
     process_noise_std: tuple[Real, Real, Real, Real, Real, Real, Real, Real, Real] = described(
         (0.0,) * 9, "1-sigma of the change per sample", "1/(slug-ft^2) | 1/(kg-m^2), ft | m"
     )
@@ -775,9 +715,9 @@ class MassBlock(Model):
         "window of used samples",
     )
     jump_false_alarm_rate: Real = described(
-        1e-6, "false alarms of the test per used sample; 0.01 in the thesis", "-", ge=1e-100, lt=1.0
+        1e-6, "false alarms of the test per used sample; 0.01 in the thesis", ge=1e-100, lt=1.0
     )
-    jump_window: Whole = described(5, "used samples in glr's window", "-", ge=2, le=1000)
+    jump_window: Whole = described(5, "used samples in glr's window", ge=2, le=1000)
     process_noise_std: Real = described(0.0, "1-sigma of the change of 1/m per sample", "1/slug | 1/kg", ge=0.0)
     disturbance_std: Real = described(
         0.0, "1-sigma per sample of unmodeled velocity increments", "ft/s | m/s", ge=0.0, span=plausible.VELOCITY_STEP
@@ -795,21 +735,15 @@ class JointBlock(Model):
     thrust_uncertainty: Real | None = described(
         None,
         "1-sigma of each jet's constant thrust error, relative; 0 only where thrusts are exact; null: the vehicle's",
-        "-",
         ge=0.0,
         le=0.3,
     )
     lag_uncertainty: Real | None = described(
-        None,
-        "1-sigma of the time constants, relative, one error per kind of jet; null: the vehicle's",
-        "-",
-        ge=0.0,
-        le=1.0,
+        None, "1-sigma of the time constants, relative, one error per kind of jet; null: the vehicle's", ge=0.0, le=1.0
     )
     tank_fraction: Real | None = described(
         None,
         "shift by used propellant, as the vehicle's key; 0 only where it shifts nothing; null: the vehicle's",
-        "-",
         ge=0.0,
         le=1.0,
     )
@@ -834,16 +768,11 @@ class JointBlock(Model):
     increment_rate: Real = described(
         1.5e-5,
         "probability of an innovation below which the covariance is inflated during the start",
-        "-",
         ge=1e-100,
         lt=1.0,
     )
     settled_after: Whole = described(
-        60,
-        "sample periods with a jet commanded after convergence that end the start",
-        "-",
-        ge=0,
-        le=1_000_000,
+        60, "sample periods with a jet commanded after convergence that end the start", ge=0, le=1_000_000
     )
 
 
@@ -854,33 +783,22 @@ class CglrBlock(Model):
         "cglr",
         "off, or, usual with estimation.filter: thesis, the constrained generalized likelihood ratio of one sample",
     )
-    margin: Real = described(6.0, "lead in likelihood argument that a cluster, and a jet in it, needs", "-", gt=0.0)
-    threshold: Real = described(0.0, "least likelihood argument of an alarm", "-", ge=0.0)
-    dispersion_threshold: Real = described(
-        16.0,
-        "the same while jets fire, with thrust_uncertainty",
-        "-",
-        ge=0.0,
-    )
+    margin: Real = described(6.0, "lead in likelihood argument that a cluster, and a jet in it, needs", gt=0.0)
+    threshold: Real = described(0.0, "least likelihood argument of an alarm", ge=0.0)
+    dispersion_threshold: Real = described(16.0, "the same while jets fire, with thrust_uncertainty", ge=0.0)
     magnitude_threshold: Real = described(0.0, "least magnitude of an alarm", "lbf | N", ge=0.0)
     mirror_sign_rule: Flag = described(False, "whether a jet that is on cannot give too much thrust")
     signature_uncertainty: Flag = described(True, "whether signatures are uncertain; not in the thesis")
     unexplained_limit: Real | None = described(
-        20.5,
-        "largest unexplained part of the innovations (0.1 % of chi-square, 5 degrees); null: any",
-        "-",
-        gt=0.0,
+        20.5, "largest unexplained part of the innovations (0.1 % of chi-square, 5 degrees); null: any", gt=0.0
     )
     on_detection: Literal["correct", "correct_thesis", "reject"] = described(
         "correct", "use of a sample that shows a failure"
     )
-    reconfigure_after: Whole | None = described(2, "alarms in a row that declare a failure; null: never", "-", ge=1)
+    reconfigure_after: Whole | None = described(2, "alarms in a row that declare a failure; null: never", ge=1)
     close_manifold: Flag = described(False, "whether a declared failure closes the jet's manifold")
     alarm_gap: Whole = described(
-        3,
-        "largest number of samples between two alarms in a row; untested ones do not count",
-        "-",
-        ge=1,
+        3, "largest number of samples between two alarms in a row; untested ones do not count", ge=1
     )
 
 
@@ -888,8 +806,8 @@ class CusumBlock(Model):
     """Detection of failed jets by a cumulative sum for each; a baseline."""
 
     kind: Literal["cusum"] = described(..., "cumulative sums, jet by jet")
-    drift: Real = described(1.0, "taken off each sum at a sample, in its standard deviations", "-", gt=0.0)
-    threshold: Real = described(20.0, "sum above which a jet is declared", "-", gt=0.0)
+    drift: Real = described(1.0, "taken off each sum at a sample, in its standard deviations", gt=0.0)
+    threshold: Real = described(20.0, "sum above which a jet is declared", gt=0.0)
 
 
 class HypothesesBlock(Model):
@@ -928,12 +846,7 @@ class JetFaults(Model):
 class FaultsBlock(Model):
     """Priors of the faults that the detector of the joint filter looks for: rates and probabilities."""
 
-    jet_per_hour: Real = described(
-        _PRIORS.jet_per_hour,
-        "failures of one jet",
-        "1/h",
-        gt=0.0,
-    )
+    jet_per_hour: Real = described(_PRIORS.jet_per_hour, "failures of one jet", "1/h", gt=0.0)
     together: Real = described(
         _PRIORS.together,
         "probability that a given other jet fails in the same interval, as by a shared driver",
@@ -941,43 +854,21 @@ class FaultsBlock(Model):
         lt=1.0,
     )
     full_thrust: Real = described(
-        _PRIORS.full_thrust,
-        "share of failures with full thrust, as of stuck valves",
-        gt=0.0,
-        lt=1.0,
+        _PRIORS.full_thrust, "share of failures with full thrust, as of stuck valves", gt=0.0, lt=1.0
     )
     drifting: Real = described(_PRIORS.drifting, "share of failures whose force grows slowly", gt=0.0, lt=1.0)
-    change_per_hour: Real = described(
-        _PRIORS.change_per_hour,
-        "changes of a failed jet's force",
-        "1/h",
-        gt=0.0,
-    )
+    change_per_hour: Real = described(_PRIORS.change_per_hour, "changes of a failed jet's force", "1/h", gt=0.0)
     intermittent: Real = described(
-        _PRIORS.intermittent,
-        "share of failures whose force changes all the time",
-        gt=0.0,
-        lt=1.0,
+        _PRIORS.intermittent, "share of failures whose force changes all the time", gt=0.0, lt=1.0
     )
     payload_per_hour: Real = described(_PRIORS.payload_per_hour, "payloads that come or leave", "1/h", gt=0.0)
     reading_per_hour: Real = described(
-        _PRIORS.reading_per_hour,
-        "sensor components that begin to read falsely, each",
-        "1/h",
-        gt=0.0,
+        _PRIORS.reading_per_hour, "sensor components that begin to read falsely, each", "1/h", gt=0.0
     )
     disturbed: Real = described(
-        _PRIORS.disturbed,
-        "probability of an unstated disturbance, such as slosh, drag or a vent",
-        gt=0.0,
-        lt=1.0,
+        _PRIORS.disturbed, "probability of an unstated disturbance, such as slosh, drag or a vent", gt=0.0, lt=1.0
     )
-    unknown_per_hour: Real = described(
-        _PRIORS.unknown_per_hour,
-        "pushes that nothing known explains",
-        "1/h",
-        gt=0.0,
-    )
+    unknown_per_hour: Real = described(_PRIORS.unknown_per_hour, "pushes that nothing known explains", "1/h", gt=0.0)
     start: Real = described(
         _PRIORS.start,
         "probability, when data contradict the start, that its uncertainty was stated too small",
@@ -985,10 +876,7 @@ class FaultsBlock(Model):
         lt=1.0,
     )
     false_per_hour: Real = described(
-        _PRIORS.false_per_hour,
-        "accepted false declarations of one jet, or of anything else",
-        "1/h",
-        gt=0.0,
+        _PRIORS.false_per_hour, "accepted false declarations of one jet, or of anything else", "1/h", gt=0.0
     )
     slots: Whole = described(4, "failed jets whose forces are estimated at a time; each adds a state", ge=1, le=16)
     modes: tuple[FaultMode, ...] = described(
@@ -1029,14 +917,10 @@ class ThrustFactorsBlock(Model):
     """Detection of jets that are weak or stand open, from the start or later, by hypotheses about their thrust."""
 
     kind: Literal["thrust_factors"] = described("thrust_factors", "usual with estimation.filter: pose")
-    lead: Real = described(6.0, "log-likelihood lead of a hypothesis over others that name a jet, nats", "-", gt=0.0)
-    lead_nothing: Real = described(12.0, "lead over no failure, nats", "-", gt=0.0)
+    lead: Real = described(6.0, "log-likelihood lead of a hypothesis over others that name a jet, nats", gt=0.0)
+    lead_nothing: Real = described(12.0, "lead over no failure, nats", gt=0.0)
     least: Real = described(
-        0.1,
-        "least loss or opening that is declared, as a share of thrust; it must also exceed 3 sigma",
-        "-",
-        gt=0.0,
-        lt=1.0,
+        0.1, "least loss or opening that is declared, as a share of thrust; it must also exceed 3 sigma", gt=0.0, lt=1.0
     )
 
 
@@ -1052,8 +936,7 @@ class ExecutionBlock(Model):
         "plant without wheels and engines",
     )
     compiled: Flag = described(
-        False,
-        "whether kernels are compiled by numba, extra `fast`; results differ by rounding alone",
+        False, "whether kernels are compiled by numba, extra `fast`; results differ by rounding alone"
     )
 
 
@@ -1082,7 +965,7 @@ class Scenario(Model):
         (), "parts that move inside, as in a vehicle's file, besides those of the vehicle"
     )
     duration_s: Real = described(50.0, "length of the run", "s", gt=0.0, le=1e6)
-    seed: Whole = described(0, "seed of all random draws", "-", ge=0, lt=2**63)
+    seed: Whole = described(0, "seed of all random draws", ge=0, lt=2**63)
     maneuver: tuple[HandControllerWindow, ...] = described((), "hand-controller windows, flown by the autopilot")
     jet_schedule: tuple[JetPulse, ...] = described((), "prescribed jet commands")
     wheel_schedule: tuple[WheelPulse, ...] = described((), "prescribed torques of reaction wheels")

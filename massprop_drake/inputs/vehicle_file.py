@@ -41,10 +41,7 @@ from massprop_drake.signals import SIGNALS
 Array = NDArray[np.float64]
 
 STANDARD_GRAVITY = {"us": plausible.GRAVITY / plausible.FOOT, "si": plausible.GRAVITY}  # ft/s^2, m/s^2
-UNITS = {
-    "us": {"length": "ft", "mass": "slug", "force": "lbf"},
-    "si": {"length": "m", "mass": "kg", "force": "N"},
-}
+UNITS = {"us": {"length": "ft", "mass": "slug", "force": "lbf"}, "si": {"length": "m", "mass": "kg", "force": "N"}}
 # names that a sensor may not have: of signals and telemetry columns, and of ports and systems beside it
 _RESERVED = {
     *SIGNALS,
@@ -147,7 +144,6 @@ class JetKind(Model):
     thrust_uncertainty: Real = described(
         0.01,
         "1-sigma of each jet's constant thrust error, relative; for filter: joint, like the next four",
-        "-",
         ge=0.0,
         le=0.3,
     )
@@ -155,22 +151,10 @@ class JetKind(Model):
         0.0, "1-sigma of a jet's direction about either axis, estimated", "rad", ge=0.0, le=0.3
     )
     position_std: Real = described(
-        0.0,
-        "1-sigma of the force's place across its direction, estimated",
-        "ft | m",
-        ge=0.0,
-        span=plausible.POSITION,
+        0.0, "1-sigma of the force's place across its direction, estimated", "ft | m", ge=0.0, span=plausible.POSITION
     )
-    lag_uncertainty: Real = described(
-        0.2, "1-sigma of the time constant, relative, one error per kind", "-", ge=0.0, le=1.0
-    )
-    repeatability: Real = described(
-        0.0,
-        "1-sigma of a jet's impulse over a sample, relative, white",
-        "-",
-        ge=0.0,
-        le=1.0,
-    )
+    lag_uncertainty: Real = described(0.2, "1-sigma of the time constant, relative, one error per kind", ge=0.0, le=1.0)
+    repeatability: Real = described(0.0, "1-sigma of a jet's impulse over a sample, relative, white", ge=0.0, le=1.0)
     command_delay_s: Real = described(
         0.0,
         "delay from command to action; negative where records pair readings with a command already in "
@@ -195,7 +179,7 @@ class JetKind(Model):
         0.0, "its 1-sigma, one error per kind; 0: known", "s", ge=0.0, span=plausible.VALVE
     )
     pulse_scatter: Real = described(
-        0.0, "1-sigma of a pulse's impulse, relative, one error from opening to closing", "-", ge=0.0, le=1.0
+        0.0, "1-sigma of a pulse's impulse, relative, one error from opening to closing", ge=0.0, le=1.0
     )
 
 
@@ -234,18 +218,10 @@ class Jet(Model):
     )
     manifold: Name | None = described(None, "manifold that feeds it; null: none that can be closed")
     mass_flow: Real | None = described(
-        None,
-        "flow at full thrust; null: by its kind",
-        "slug/s | kg/s",
-        gt=0.0,
-        span=plausible.FLOW,
+        None, "flow at full thrust; null: by its kind", "slug/s | kg/s", gt=0.0, span=plausible.FLOW
     )
     thrust_uncertainty: Real | None = described(
-        None,
-        "1-sigma of its constant thrust error, relative, as from a bench; null: that of its kind",
-        "-",
-        ge=0.0,
-        le=0.3,
+        None, "1-sigma of its constant thrust error, relative, as from a bench; null: that of its kind", ge=0.0, le=0.3
     )
 
     _unit = field_validator("direction")(_of_length_1)
@@ -267,9 +243,7 @@ class SensorPackage(Model):
     """A package of three sensors along the body axes: the fields common to gyros and accelerometers."""
 
     name: Name = described(
-        ...,
-        "unique name of letters, digits and underscores; telemetry columns <name>_x, _y, _z",
-        pattern=_SENSOR_NAME,
+        ..., "unique name of letters, digits and underscores; telemetry columns <name>_x, _y, _z", pattern=_SENSOR_NAME
     )
     quantum: Real = described(0.0, "step of a reading", "rad/s | ft/s | m/s", ge=0.0)
     noise_std: Real = described(0.0, "white noise of a reading, 1-sigma", "rad/s | ft/s | m/s", ge=0.0)
@@ -340,30 +314,18 @@ class PoseSensor(Model):
         pattern=_SENSOR_NAME,
     )
     position_std: Real | None = described(
-        None,
-        "white noise of each coordinate, 1-sigma; null: not measured",
-        "ft | m",
-        gt=0.0,
-        span=plausible.POSITION,
+        None, "white noise of each coordinate, 1-sigma; null: not measured", "ft | m", gt=0.0, span=plausible.POSITION
     )
     attitude_std: Real | None = described(
-        None,
-        "white noise about each axis, 1-sigma; null: not measured",
-        "rad",
-        gt=0.0,
-        le=1.0,
+        None, "white noise about each axis, 1-sigma; null: not measured", "rad", gt=0.0, le=1.0
     )
     time_std_s: Real = described(0.0, "white error of the stamps, 1-sigma", "s", ge=0.0, span=plausible.PERIOD)
-    outliers: Real = described(0.0, "share of poor samples, ten times as noisy", "-", ge=0.0, le=0.3)
+    outliers: Real = described(0.0, "share of poor samples, ten times as noisy", ge=0.0, le=0.3)
     point: Vector3 = described(
         (0.0, 0.0, 0.0), "point whose position is measured, vehicle frame", "ft | m", span=plausible.POSITION
     )
     point_std: Real = described(
-        0.0,
-        "1-sigma of each coordinate, then estimated; 0: known",
-        "ft | m",
-        ge=0.0,
-        span=plausible.POSITION,
+        0.0, "1-sigma of each coordinate, then estimated; 0: known", "ft | m", ge=0.0, span=plausible.POSITION
     )
     rate_hz: Real | None = described(None, _EACH_SAMPLE, "1/s", gt=0.0, span=plausible.FREQUENCY)
 
@@ -383,9 +345,7 @@ class VelocitySensor(Model):
     """A sensor of velocity in the fixed frame."""
 
     name: Name = described(
-        ...,
-        "unique name of letters, digits and underscores; telemetry columns <name>_x, _y, _z",
-        pattern=_SENSOR_NAME,
+        ..., "unique name of letters, digits and underscores; telemetry columns <name>_x, _y, _z", pattern=_SENSOR_NAME
     )
     noise_std: Real = described(
         ..., "white noise of each component, 1-sigma", "ft/s | m/s", gt=0.0, span=plausible.VELOCITY_STEP
@@ -406,16 +366,10 @@ class Wheel(Model):
     The vehicle's mass properties are those with its wheels locked.
     """
 
-    name: Name = described(
-        ...,
-        "unique name, likewise; telemetry column <name>_speed, rad/s",
-        pattern=_SENSOR_NAME,
-    )
+    name: Name = described(..., "unique name, likewise; telemetry column <name>_speed, rad/s", pattern=_SENSOR_NAME)
     axis: Vector3 = described(..., "axis of positive speed, body axes, length 1")
     inertia: Real = described(..., "inertia about its axis", "slug-ft^2 | kg-m^2", gt=0.0, span=plausible.WHEEL)
-    inertia_uncertainty: Real = described(
-        0.01, "1-sigma of the inertia, relative, estimated; 0: known", "-", ge=0.0, le=0.3
-    )
+    inertia_uncertainty: Real = described(0.01, "1-sigma of the inertia, relative, estimated; 0: known", ge=0.0, le=0.3)
     quantum: Real = described(0.0, "step of a reading of its speed", "rad/s", ge=0.0, span=plausible.SPEED_STEP)
     noise_std: Real = described(0.01, "white noise of a reading, 1-sigma", "rad/s", ge=0.0, span=plausible.SPEED_STEP)
     torque: Real | None = described(
@@ -464,8 +418,7 @@ class Gimbal(Model):
     """A gimbal that turns an engine about two axes."""
 
     axes: tuple[Vector3, Vector3] = described(
-        ...,
-        "axes at zero, body axes, length 1; the second turns along with the first",
+        ..., "axes at zero, body axes, length 1; the second turns along with the first"
     )
     stop: Real = described(..., "largest angle either way", "rad", gt=0.0, le=math.pi / 2.0)
     rate: Real = described(
@@ -487,7 +440,7 @@ class Gimbal(Model):
 class ImpulseAtLevel(Model):
     """The specific impulse of an engine at one level of its throttle."""
 
-    level: Real = described(..., "level, 1: full thrust", "-", gt=0.0, le=1.0)
+    level: Real = described(..., "level, 1: full thrust", gt=0.0, le=1.0)
     specific_impulse_s: Real = described(..., "specific impulse there", "s", gt=0.0, span=plausible.SPECIFIC_IMPULSE)
 
 
@@ -509,21 +462,13 @@ class RocketEngine(Model):
     )
     thrust: Real = described(..., "force at level 1", "lbf | N", gt=0.0, span=plausible.FORCE)
     thrust_uncertainty: Real = described(
-        0.01,
-        "1-sigma of the thrust at levels 0 and 1, relative, linear in between; estimated",
-        "-",
-        ge=0.0,
-        le=0.3,
+        0.01, "1-sigma of the thrust at levels 0 and 1, relative, linear in between; estimated", ge=0.0, le=0.3
     )
     direction_std: Real = described(
         0.005, "1-sigma of the direction about either axis, estimated", "rad", ge=0.0, le=0.3
     )
     position_std: Real = described(
-        0.0,
-        "1-sigma of the force's place across its direction, estimated",
-        "ft | m",
-        ge=0.0,
-        span=plausible.POSITION,
+        0.0, "1-sigma of the force's place across its direction, estimated", "ft | m", ge=0.0, span=plausible.POSITION
     )
     specific_impulse_s: PositiveReal | tuple[ImpulseAtLevel, ...] = described(
         ..., "specific impulse, or a list by rising level, linear in between", "s"
@@ -532,8 +477,8 @@ class RocketEngine(Model):
         10.0, "largest change of the level per second, used where readings are missing", "1/s", gt=0.0, le=1e4
     )
     level_time_constant_s: Real = described(0.0, "lag behind a command", "s", ge=0.0, span=plausible.VALVE)
-    level_noise_std: Real = described(0.002, "error of a reading, 1-sigma, relative to it", "-", ge=0.0, le=0.3)
-    least_level: Real = described(0.0, "a reading below it means that the engine is shut", "-", ge=0.0, lt=1.0)
+    level_noise_std: Real = described(0.002, "error of a reading, 1-sigma, relative to it", ge=0.0, le=0.3)
+    least_level: Real = described(0.0, "a reading below it means that the engine is shut", ge=0.0, lt=1.0)
     gimbal: Gimbal | None = described(None, "its gimbal; null: fixed")
     telemetry: Literal["measured", "commanded"] = described(
         "measured",
@@ -591,7 +536,6 @@ class Tank(Model):
         0.01,
         "1-sigma of the flow's constant error besides that of thrusts, relative, as by specific impulse, "
         "estimated; 0: known",
-        "-",
         ge=0.0,
         le=0.3,
     )
@@ -621,11 +565,11 @@ class Surroundings(Model):
         ge=0.0,
         span=plausible.ACCELERATION,
     )
-    slope_walk: Real = described(0.0, "its random walk, 1-sigma after 1 s", "-", ge=0.0)
+    slope_walk: Real = described(0.0, "its random walk, 1-sigma after 1 s", ge=0.0)
     turn_std: Real = described(
         0.0, "1-sigma of a constant angular acceleration, body axes, as by swirl", "rad/s^2", ge=0.0
     )
-    turn_walk: Real = described(0.0, "its random walk, 1-sigma after 1 s", "-", ge=0.0)
+    turn_walk: Real = described(0.0, "its random walk, 1-sigma after 1 s", ge=0.0)
     heading_turn_std: Real = described(
         0.0,
         "1-sigma of the cosine and sine parts of an angular acceleration that goes with the heading, as "
@@ -643,7 +587,7 @@ class Surroundings(Model):
     rate_walk: Real = described(
         0.0, "random walk of the rate by unmodeled torques, likewise", "rad/s/sqrt(s)", ge=0.0, span=plausible.RATE_STEP
     )
-    kicks_per_minute: Real = described(0.0, "rate of unstated pushes", "-", ge=0.0)
+    kicks_per_minute: Real = described(0.0, "rate of unstated pushes", ge=0.0)
     kick_velocity: Real = described(0.0, "change of velocity by one, 1-sigma", "ft/s | m/s", ge=0.0)
     kick_rate: Real = described(0.0, "change of rate by one, 1-sigma", "rad/s", ge=0.0)
 
@@ -666,10 +610,7 @@ class Disturbance(Model):
         span=plausible.OUTSIDE_TORQUE,
     )
     force_std: Vector3 = described(
-        (0.0, 0.0, 0.0),
-        "1-sigma of the force, likewise",
-        "lbf | N",
-        span=plausible.OUTSIDE_FORCE,
+        (0.0, 0.0, 0.0), "1-sigma of the force, likewise", "lbf | N", span=plausible.OUTSIDE_FORCE
     )
     time_constant_s: Real = described(..., "correlation time", "s", gt=0.0, span=plausible.CORRELATION)
 
@@ -752,7 +693,6 @@ class Vehicle(Model):
     uncertainty: Real = described(
         0.3,
         "1-sigma of the nominal mass properties, relative to them; products have floors",
-        "-",
         gt=0.0,
         span=plausible.UNCERTAINTY,
     )
@@ -767,7 +707,6 @@ class Vehicle(Model):
         0.01,
         "share of the jets' RMS arm by which propellant from no stated tank shifts center of mass and "
         "inertia; 0.1 where tanks lie far out; for filter: joint",
-        "-",
         ge=0.0,
         le=1.0,
     )
@@ -779,11 +718,7 @@ class Vehicle(Model):
         span=plausible.MASS,
     )
     common_scale_uncertainty: Real = described(
-        0.0,
-        "1-sigma of the thrust error common to all jets, relative, as by supply pressure",
-        "-",
-        ge=0.0,
-        le=0.3,
+        0.0, "1-sigma of the thrust error common to all jets, relative, as by supply pressure", ge=0.0, le=0.3
     )
     common_scale_walk: Real = described(0.0, "its random walk, 1-sigma after 1 s", "1/sqrt(s)", ge=0.0, le=0.3)
     motion: Literal["free", "planar"] = described("free", "planar: in x, y and about z alone, as on an air bearing")
@@ -797,11 +732,7 @@ class Vehicle(Model):
         (), "engines with a throttle or a gimbal; for filter: joint", max_length=8
     )
     tanks: tuple[Tank, ...] = described((), "tanks from which jets draw; for filter: joint", max_length=8)
-    moving: tuple[MovingPart, ...] = described(
-        (),
-        "parts that move inside; for filter: joint",
-        max_length=8,
-    )
+    moving: tuple[MovingPart, ...] = described((), "parts that move inside; for filter: joint", max_length=8)
     gyros: tuple[Gyro, ...] = described(
         ..., "rate-gyro packages; [] only with a pose sensor that gives attitude", reason=_WITHOUT_RATES
     )

@@ -237,7 +237,8 @@ def _gathered() -> None:
     from massprop_drake.maths.autopilot import autopilot_ports as of_autopilot  # noqa: F401, PLC0415
     from massprop_drake.maths.autopilot import phase_space  # noqa: F401, PLC0415
     from massprop_drake.maths.estimation import estimation_ports as of_estimation  # noqa: F401, PLC0415
-    from massprop_drake.maths.estimation import hindsight, whole, whole_joint  # noqa: F401, PLC0415
+    from massprop_drake.maths.estimation import whole, whole_joint  # noqa: F401, PLC0415
+    from massprop_drake.maths.estimation.offline import record_kernels  # noqa: F401, PLC0415
     from massprop_drake.maths.vehicle import reaction_jets, rigid_body, sensing, thrust  # noqa: F401, PLC0415
     from massprop_drake.maths.vehicle import vehicle_ports as of_vehicle  # noqa: F401, PLC0415
 

@@ -94,11 +94,7 @@ def vehicle_of(recording: Recording, name: str, mass: float | None, inertia: tup
         assumed.append("the accelerometer's noise is what successive increments differ by; its place is EKF2_IMU_POS")
     thrusts = [jet["thrust"] for jet in jets]
     data["jet_kinds"] = {
-        "thruster": {
-            "nominal_thrust": max(thrusts),
-            "specific_impulse_s": 60.0,
-            "thrust_uncertainty": 0.1,
-        }
+        "thruster": {"nominal_thrust": max(thrusts), "specific_impulse_s": 60.0, "thrust_uncertainty": 0.1}
     }
     assumed.append("a specific impulse of 60 s (cold gas), no lag, and thrusts known to 10 % are assumed")
     data["jets"] = jets

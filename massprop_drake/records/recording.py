@@ -510,10 +510,7 @@ def _require_names(header: list[str], form: CsvForm, where: str) -> None:
 
 
 def _gathered(
-    cells: Iterator[list[str]],
-    header: list[str],
-    wanted: list[str],
-    how: tuple[CsvForm, set[str], int | None, _Where],
+    cells: Iterator[list[str]], header: list[str], wanted: list[str], how: tuple[CsvForm, set[str], int | None, _Where]
 ) -> tuple[dict[str, Column], NDArray[np.int64], Ragged]:
     """Collects the wanted columns, the line of each row, and the rows with another number of cells."""
     form, as_text, most, where = how
@@ -647,7 +644,7 @@ def _arrow_column(arrow: Any, name: str, column: Any) -> dict[str, Column]:
     if types.is_integer(kind) and not column.null_count:
         return {name: column.to_numpy()}
     if types.is_integer(kind) or types.is_floating(kind) or types.is_boolean(kind) or types.is_decimal(kind):
-        return {name: column.cast(arrow.float64()).to_numpy()}
+        return {name: column.cast(arrow.float64(), safe=False).to_numpy()}
     return {}
 
 

@@ -565,7 +565,7 @@ class ParquetTable:
     def _numbers(self, column: Any) -> Array:
         if self._arrow.types.is_boolean(column.type):
             column = column.cast(self._arrow.int8())
-        values: Array = column.cast(self._arrow.float64()).to_numpy(zero_copy_only=False)
+        values: Array = column.cast(self._arrow.float64(), safe=False).to_numpy(zero_copy_only=False)
         return np.array(values, dtype=float)
 
 

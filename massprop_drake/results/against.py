@@ -12,10 +12,13 @@ from numpy.typing import NDArray
 from massprop_drake.inputs import params
 from massprop_drake.inputs.model import Real, Text
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.maths.estimation import hindsight
 from massprop_drake.maths.estimation.filters.joint import chi_square_limit
-from massprop_drake.maths.estimation.hindsight import FlightModel, NormalEquations, Stretch
-from massprop_drake.results.shown_in_hindsight import RATE, Names, model, names_of, pieces, steady
+from massprop_drake.maths.estimation.offline import flight_model, normal_equations
+from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch
+from massprop_drake.maths.estimation.offline.normal_equations import NormalEquations
+from massprop_drake.results.diagnoses import RATE
+from massprop_drake.results.record_stretches import pieces
+from massprop_drake.results.regression_model import Names, model, names_of, steady
 from massprop_drake.results.spool import Spool
 from massprop_drake.signals import AGAINST, AXES, SYMBOLS, in_units, mass_property_units
 
@@ -191,19 +194,19 @@ def explained(
         See `Against.misfit` and `Against.causes`.
     """
     made = steady(model(scenario))._replace(time_constants_s=reference.time_constants_s)
-    places = hindsight.columns(made)
+    places = flight_model.columns(made)
     at = np.zeros_like(made.prior)
     at[places.properties], at[places.thrust] = reference.properties, reference.thrust - 1.0
     with np.errstate(all="ignore"):
         parts = pieces(scenario, signals, until_s, made)
         called = _called(scenario, made, at)
-        return causes(lambda there: _normal(parts, there, made), (at, called), hindsight.possible, chance=_CHANCE)
+        return causes(lambda there: _normal(parts, there, made), (at, called), flight_model.possible, chance=_CHANCE)
 
 
 def _normal(parts: Sequence[Stretch], at: Array, made: FlightModel) -> NormalEquations:
-    total = hindsight.empty(made)
+    total = normal_equations.empty(made)
     for part in parts:
-        total = total.plus(hindsight.normal(part, at, made))
+        total = total.plus(normal_equations.normal(part, at, made))
     return total
 
 
@@ -361,7 +364,7 @@ def called_mass_property(symbol: str, unit: str, value: float) -> Called:
 def _called(scenario: Scenario, made: FlightModel, at: Array) -> list[Called | None]:
     """Returns the name of each unknown; None: it is left as it is."""
     names: Names = names_of(scenario)
-    places = hindsight.columns(made)
+    places = flight_model.columns(made)
     torque, drag = (names.torque, f"{names.torque}-s/rad")
     units = mass_property_units(scenario.vehicle_data.unit_names)
     named = [called_mass_property(*one) for one in zip(SYMBOLS, units, at.tolist(), strict=False)]

@@ -13,14 +13,15 @@ from massprop_drake.inputs import params
 from massprop_drake.inputs.model import Flag, Real, Text
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths import mass_properties
-from massprop_drake.maths.estimation import hindsight, intervals
-from massprop_drake.maths.estimation.hindsight import FlightModel, Stretch
-from massprop_drake.maths.estimation.intervals import Cells, Confined, Solve
+from massprop_drake.maths.estimation.offline import flight_model, intervals, regression
+from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch
+from massprop_drake.maths.estimation.offline.intervals import Cells, Confined, Solve
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, ELEMENT, MASS_RECIPROCAL
 from massprop_drake.maths.vehicle.on_times import opens_within
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.events import EventRecord
-from massprop_drake.results.shown_in_hindsight import believed, model
+from massprop_drake.results.record_stretches import believed
+from massprop_drake.results.regression_model import model
 from massprop_drake.results.spool import Spool
 
 Array = NDArray[np.float64]
@@ -94,7 +95,7 @@ def allowed_intervals(
         estimate: of the ten parameters at the end, NaN where not observed, shape (10,).
         found: failures and jumps that were declared.
         events: what was said besides; readings that were said to be false are left out.
-        solve: see `maths.estimation.intervals`.
+        solve: see `maths.estimation.offline.intervals`.
     """
     onsets = [one.onset_s if one.earliest_s is None else one.earliest_s for one in found if one.withdrawn_s is None]
     until_s = min(onsets, default=None)
@@ -114,11 +115,11 @@ def allowed_intervals(
         return _none("jets open and close within samples", until_s)
     cells = _cells(scenario, made)
     begin = made.prior.copy()
-    if hindsight.possible(estimate):  # NaN is not
+    if flight_model.possible(estimate):  # NaN is not
         begin[:10] = estimate
     with np.errstate(all="ignore"):
-        fit = hindsight.fitted(chosen, begin, made)
-        about = fit.at if hindsight.possible(fit.at) else made.prior
+        fit = regression.fitted(chosen, begin, made)
+        about = fit.at if flight_model.possible(fit.at) else made.prior
         try:
             allowed = intervals.confined(chosen, about, made, cells, solve)
         except ArithmeticError as error:
@@ -151,7 +152,7 @@ def _unconfined(scenario: Scenario) -> str | None:
     if any(kind.repeatability > 0.0 for kind in vehicle.jet_kinds.values()):
         return "pulses scatter by the vehicle's repeatability, which no reading confines"
     made = model(scenario)
-    if made.sigma[hindsight.columns(made).shift].any():
+    if made.sigma[flight_model.columns(made).shift].any():
         return "propellant that is used may shift the center of mass; joint.tank_fraction=0 takes it for fixed"
     return None
 
@@ -170,7 +171,7 @@ def _cells(scenario: Scenario, made: FlightModel) -> Cells:
 
 def _given(made: FlightModel, cells: Cells, parts: Sequence[Stretch]) -> tuple[str, ...]:
     """Names the quantities stated with a 1-sigma that are taken for bounded."""
-    places = hindsight.columns(made)
+    places = flight_model.columns(made)
     used = cells.quanta[made.gyros :] > 0.0
     biased = bool(cells.gyro_biases.any()) or bool(made.sigma[places.acceleration_bias].reshape(-1, 3)[used].any())
     fired = np.any([part.commands.any(axis=0) for part in parts], axis=0)

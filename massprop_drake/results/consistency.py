@@ -101,7 +101,7 @@ class Consistency(NamedTuple):
         verdict: "consistent", "inconsistent" or "not enough data"; empty in what an earlier version wrote.
         reasons: for "inconsistent".
         rotation_nis_beyond, translation_nis_beyond: share of the samples beyond the 99 % point; None like the means.
-        diagnoses: what the readings contradict, see `results.shown_in_hindsight`; their words are among the reasons.
+        diagnoses: what the readings contradict, see `results.diagnoses`; their words are among the reasons.
         rotation_nis_within, translation_nis_within: mean NIS of the other samples, those within the 99 % point, which
             is not ruled by those of a failure until it is declared; None like the means.
     """

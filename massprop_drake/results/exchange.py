@@ -49,7 +49,7 @@ class Stage:
 
     def exchanged(self, whole: Path, target: Path) -> Path:
         """Puts a finished folder in place of another at once, and returns where that is now."""
-        if _swapped(whole, target):
+        if swapped(whole, target):
             return whole
         old = self._path / _OLD / target.name
         target.rename(old)
@@ -170,7 +170,7 @@ def _settle(left: Path) -> None:
         left.rmdir()
 
 
-def _swapped(one: Path, other: Path) -> bool:
+def swapped(one: Path, other: Path) -> bool:
     """Exchanges two folders at once; False where system or file system cannot."""
     library = ctypes.CDLL(None, use_errno=True)
     first, second = os.fsencode(one), os.fsencode(other)

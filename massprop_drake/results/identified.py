@@ -15,8 +15,9 @@ from massprop_drake.inputs.model import Real, Text
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths import mass_properties
-from massprop_drake.maths.estimation import identifiability, observability
-from massprop_drake.maths.estimation.identifiability import FIRING_S, Flag
+from massprop_drake.maths.estimation import observability
+from massprop_drake.maths.estimation.offline import identifiability
+from massprop_drake.maths.estimation.offline.identifiability import FIRING_S, Flag
 from massprop_drake.maths.vehicle.sensing import increment_noise
 
 Array = NDArray[np.float64]
@@ -33,7 +34,7 @@ class Identifiability(NamedTuple):
 
     Attributes:
         parameter: as in `maths.mass_properties.NAMES`.
-        flag: see `maths.estimation.identifiability.Flag`.
+        flag: see `maths.estimation.offline.identifiability.Flag`.
         reason: why it is not identified, and what would show it; empty where it is.
         share: 1-sigma at the end over that at the start; None where one of them is not known.
         jet: designation of the jet of which a second would tell the most; None where none tells anything.

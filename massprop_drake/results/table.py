@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths import mass_properties
-from massprop_drake.maths.estimation.identifiability import Flag
+from massprop_drake.maths.estimation.offline.identifiability import Flag
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, INVERSE_INERTIA, MASS_RECIPROCAL
 from massprop_drake.results.against import Against
 from massprop_drake.results.summary import Parameter, Summary

@@ -14,7 +14,7 @@ def with_intervals(run: Run) -> Run:
     """Adds the intervals of the ten parameters that all readings of a run allow, by linear programs.
 
     A reading of a quantum q says that the signal lies within q/2 of it. Of sensors that are quantized, with noise of at
-    most a tenth of the quantum, these cells confine the truth; see `maths.estimation.intervals` for the programs. What
+    most a tenth of the quantum, these cells confine the truth; see `offline.intervals` for the programs. What
     is stated with a 1-sigma is taken to be within 4 of it, noise within 5: the intervals are guaranteed given that.
     Readings count up to the first failure or jump that was declared and stands; of a long run those of four stretches
     of at most 1024 samples, evenly spread.

@@ -43,8 +43,8 @@ from massprop_drake.systems.layouts import STRUCTURE
 
 Array = NDArray[np.float64]
 
-_CHUNK_S = 5.0  # of simulated time between two reports of progress
-_BLOCK_ROWS = 1024  # that logs hold, at least, before they are emptied
+CHUNK_S = 5.0  # of simulated time between two reports of progress
+BLOCK_ROWS = 1024  # that logs hold, at least, before they are emptied
 
 
 class Engine(Protocol):
@@ -169,7 +169,7 @@ class _FlyingRun:
         """Flies it from start to end; arguments as those of `simulate`."""
         engine, period = self._engine, self._scenario.vehicle_data.sample_period_s
         end_s = self._intervals * period
-        chunk_s = _CHUNK_S if watch is None else period
+        chunk_s = CHUNK_S if watch is None else period
         with _scenario_to_blame(self._scenario):
             for number in range(1, math.ceil(end_s / chunk_s - 1e-9) + 1):
                 reached = min(number * chunk_s, end_s)
@@ -179,7 +179,7 @@ class _FlyingRun:
                 if progress is not None:
                     progress(reached)
                 # a block of a few rows at the end would take other ways through linear algebra, with other rounding
-                if _BLOCK_ROWS <= engine.logged <= self._intervals + 1 - self._intake.spool.n_rows - _BLOCK_ROWS:
+                if BLOCK_ROWS <= engine.logged <= self._intervals + 1 - self._intake.spool.n_rows - BLOCK_ROWS:
                     self._take()
             self._state = engine.finish()
         self._take()

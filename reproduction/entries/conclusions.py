@@ -49,6 +49,7 @@ def _named(jet: int, label: str) -> Measure:
     return measure
 
 
+# fmt: off
 ENTRIES = (
     Entry(
         "section_6_1",
@@ -69,14 +70,11 @@ ENTRIES = (
             "counts": Calculation("updates_per_sample", checks.updates_per_sample),
         },
         (
-            Claim(
-                1,
+            Claim(1,
                 "largest difference that ignoring coupling makes in an estimate of the diagonal at 36.9 s, before "
                 "rates rise, over the filter's 1-sigma",
-                "coupling is negligible when firings are near-impulsive, or whenever rates are small",
-                NEGLIGIBLE,
-                apart_in_sigma("base", "ignored", 36.9),
-            ),
+                "coupling is negligible when firings are near-impulsive, or whenever rates are small", NEGLIGIBLE,
+                apart_in_sigma("base", "ignored", 36.9)),
             Claim(
                 1,
                 "final error of 1/m with the centripetal term, difference to that without",
@@ -87,78 +85,41 @@ ENTRIES = (
                 ),
                 "%",
             ),
-            Claim(
-                1,
-                "largest final error of the diagonal, coupling ignored over subtracted",
-                "a minor increase in accuracy can be obtained by subtracting it",
-                SLIGHTLY_MORE,
+            Claim(1, "largest final error of the diagonal, coupling ignored over subtracted",
+                "a minor increase in accuracy can be obtained by subtracting it", SLIGHTLY_MORE,
                 ratio(worst("ignored"), worst("base")),
                 because=Because(
                     "{:.4f} % with and {:.3f} % without: rates with two axes commanded are not small, and until then "
                     "the two differ by {:.2f} of the filter's 1-sigma",
-                    (worst("base"), worst("ignored"), apart_in_sigma("base", "ignored", 36.9)),
-                ),
-            ),
-            Claim(
-                2,
-                "RMS error of 1/m before 25 s, NONE over T+COV",
-                "transverse acceleration has a significant effect on the initial estimation of 1/m",
-                SIGNIFICANT,
-                ratio(mass_rms("none", 1.0, 24.9), mass_rms("base", 1.0, 24.9)),
-                pooled=True,
-            ),
-            Claim(
-                3,
-                "largest final error of the diagonal, extended Kalman filter",
+                    (worst("base"), worst("ignored"), apart_in_sigma("base", "ignored", 36.9)))),
+            Claim(2, "RMS error of 1/m before 25 s, NONE over T+COV",
+                "transverse acceleration has a significant effect on the initial estimation of 1/m", SIGNIFICANT,
+                ratio(mass_rms("none", 1.0, 24.9), mass_rms("base", 1.0, 24.9)), pooled=True),
+            Claim(3, "largest final error of the diagonal, extended Kalman filter",
                 "the extended Kalman filter is unacceptable",
-                Reading(AtLeast(5.0), "unacceptable: 200 times table 5-3's 0.02 %"),
-                worst("extended"),
-                "%",
-            ),
-            Claim(
-                3,
-                "its mean consistency function from 25 s on",
-                "the neglected bias leads to highly inconsistent residuals",
-                HIGHLY_INCONSISTENT,
-                mean_nis("extended", "rotation", 25.0),
-            ),
+                Reading(AtLeast(5.0), "unacceptable: 200 times table 5-3's 0.02 %"), worst("extended"), "%"),
+            Claim(3, "its mean consistency function from 25 s on",
+                "the neglected bias leads to highly inconsistent residuals", HIGHLY_INCONSISTENT,
+                mean_nis("extended", "rotation", 25.0)),
             *(
-                Claim(
-                    4,
-                    f"RMS final error of 1/m, {words} over single",
-                    "a slight increase in accuracy by averaging or mid-value selection",
-                    SLIGHTLY_LESS,
-                    _final_ratio(case),
-                    pooled=True,
-                )
+                Claim(4, f"RMS final error of 1/m, {words} over single",
+                    "a slight increase in accuracy by averaging or mid-value selection", SLIGHTLY_LESS,
+                    _final_ratio(case), pooled=True)
                 for case, words in (
                     ("weighted", "three by weighted average"),
                     ("average", "three by average"),
                     ("mid_value", "three by mid-value"),
                 )
             ),
-            Claim(
-                4,
-                "RMS final error of 1/m, serial over weighted average, distance from 1",
+            Claim(4, "RMS final error of 1/m, serial over weighted average, distance from 1",
                 "serial processing does not lead to a perceptible increase in performance",
                 Reading(AtMost(0.01), "perceptible: 1 %"),
                 lambda phases: abs(_final_ratio("serial")(phases) / _final_ratio("weighted")(phases) - 1.0),
-                pooled=True,
-            ),
-            Claim(
-                4,
-                "its updates per sample over those of the weighted average",
-                "it increases the load considerably",
-                CONSIDERABLE,
-                ratio(value("counts", "serial"), value("counts", "weighted_average")),
-            ),
-            Claim(
-                5,
-                "share of jets named that are right, jet 29 stuck on",
-                "CGLR isolates hard failures even among close, similar jets",
-                AtLeast(1.0),
-                _named(29, "stuck_on"),
-            ),
+                pooled=True),
+            Claim(4, "its updates per sample over those of the weighted average", "it increases the load considerably",
+                CONSIDERABLE, ratio(value("counts", "serial"), value("counts", "weighted_average"))),
+            Claim(5, "share of jets named that are right, jet 29 stuck on",
+                "CGLR isolates hard failures even among close, similar jets", AtLeast(1.0), _named(29, "stuck_on")),
             Claim(5, "the same, jet 11 stuck off", "hard failures", AtLeast(1.0), _named(11, "stuck_off")),
             Claim(
                 5,
@@ -172,3 +133,4 @@ ENTRIES = (
         ),
     ),
 )
+# fmt: on

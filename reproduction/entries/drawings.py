@@ -63,134 +63,62 @@ def _jets(_: Phases) -> Figure:
     return figure
 
 
+# fmt: off
 ENTRIES = (
-    Entry(
-        "fig_1_1",
-        "Autopilot-vehicle closed loop",
-        _WIRING,
-        (
-            Claim(
-                1,
+    Entry("fig_1_1", "Autopilot-vehicle closed loop", _WIRING, (
+            Claim(1,
                 "connections of the loop that our `closed_loop` diagram lacks, of five (`massprop graph closed_loop`)",
-                "autopilot, jet selection, vehicle, gyros and accelerometers in a closed loop",
-                AtMost(0.0),
-                value("wiring", "missing"),
-            ),
+                "autopilot, jet selection, vehicle, gyros and accelerometers in a closed loop", AtMost(0.0),
+                value("wiring", "missing")),
         ),
     ),
-    Entry(
-        "fig_1_2",
-        "Translation of coordinate frames",
-        {"arms": Calculation("arms", checks.arms)},
-        (
-            Claim(
-                1,
-                "largest difference of a jet's torque about the center of mass from that of its shifted wrench",
-                "r = r' - r'_cm (1-4)",
-                AtMost(1e-6),
-                value("arms", "difference"),
-                "ft-lbf",
-            ),
+    Entry("fig_1_2", "Translation of coordinate frames", {"arms": Calculation("arms", checks.arms)}, (
+            Claim(1, "largest difference of a jet's torque about the center of mass from that of its shifted wrench",
+                "r = r' - r'_cm (1-4)", AtMost(1e-6), value("arms", "difference"), "ft-lbf"),
         ),
     ),
-    Entry(
-        "fig_1_3",
-        "Conceptual model of the satellite problem",
-        _WIRING,
-        (
-            Claim(
-                1,
-                "true quantities among the inputs of our `estimation` diagram",
-                "mass properties are unknown; sensors and commands alone tell of them",
-                AtMost(0.0),
-                value("wiring", "true_inputs"),
-            ),
+    Entry("fig_1_3", "Conceptual model of the satellite problem", _WIRING, (
+            Claim(1, "true quantities among the inputs of our `estimation` diagram",
+                "mass properties are unknown; sensors and commands alone tell of them", AtMost(0.0),
+                value("wiring", "true_inputs")),
         ),
     ),
-    Entry(
-        "fig_1_4",
-        "Revised formulation of the satellite problem",
-        _WIRING,
-        (
-            Claim(
-                1,
-                "parameters that our `estimation` diagram estimates",
-                "the mass properties are the state: ten numbers",
-                Near(10.0, 0.0),
-                value("wiring", "parameters"),
-            ),
+    Entry("fig_1_4", "Revised formulation of the satellite problem", _WIRING, (
+            Claim(1, "parameters that our `estimation` diagram estimates",
+                "the mass properties are the state: ten numbers", Near(10.0, 0.0), value("wiring", "parameters")),
         ),
     ),
-    Entry(
-        "fig_2_1",
-        "Rigid body angular momentum",
-        {"momentum": Calculation("momentum", checks.momentum)},
-        (
-            Claim(
-                1,
-                "relative change of L = I ω in inertial axes over 50 s without torque",
-                "angular momentum of a rigid body (2-14), (2-28)",
-                AtMost(1e-9),
-                value("momentum", "change"),
-            ),
+    Entry("fig_2_1", "Rigid body angular momentum", {"momentum": Calculation("momentum", checks.momentum)}, (
+            Claim(1, "relative change of L = I ω in inertial axes over 50 s without torque",
+                "angular momentum of a rigid body (2-14), (2-28)", AtMost(1e-9), value("momentum", "change")),
         ),
     ),
-    Entry(
-        "fig_2_2",
-        "Second-order filter for inverse inertia and center of mass",
-        {"parts": Calculation("second_order_parts", checks.second_order_parts, seeds=20)},
-        (
-            Claim(
-                1,
-                "largest relative difference of our closed forms of ĥ, H and D from the 9 by 9 matrices",
-                "blocks ĥ, H, D of (2-102), (2-118), (2-121)",
-                AtMost(1e-10),
-                lambda phase: float(phase["parts"]["difference"].max()),
-            ),
+    Entry("fig_2_2", "Second-order filter for inverse inertia and center of mass",
+        {"parts": Calculation("second_order_parts", checks.second_order_parts, seeds=20)}, (
+            Claim(1, "largest relative difference of our closed forms of ĥ, H and D from the 9 by 9 matrices",
+                "blocks ĥ, H, D of (2-102), (2-118), (2-121)", AtMost(1e-10),
+                lambda phase: float(phase["parts"]["difference"].max())),
         ),
     ),
-    Entry(
-        "fig_3_1",
-        "Filter compensation for jumps in 1/m",
-        {"jump": Calculation("mass_jump_variance", checks.mass_jump_variance, seeds=20)},
-        (
-            reference(
-                1,
-                "variance after a jump that one sample finds and corrects, true over claimed",
-                "(jump correction (3-116) with the variance that (3-118) has without the cross term)",
-                Near(1.0, 0.05),
+    Entry("fig_3_1", "Filter compensation for jumps in 1/m",
+        {"jump": Calculation("mass_jump_variance", checks.mass_jump_variance, seeds=20)}, (
+            reference(1, "variance after a jump that one sample finds and corrects, true over claimed",
+                "(jump correction (3-116) with the variance that (3-118) has without the cross term)", Near(1.0, 0.05),
                 lambda phases: float(np.mean([phase["jump"]["true"] / phase["jump"]["exact"] for phase in phases])),
-                pooled=True,
-            ),
+                pooled=True),
         ),
     ),
-    Entry(
-        "fig_4_1",
-        "Single-sample CGLR scheme",
-        {"noise": Calculation("matched_filters", checks.matched_filters)},
-        (
-            Claim(
-                1,
-                "largest relative difference of 44 matched filters from one least-squares fit per jet",
-                "a matched filter per jet, then the largest (4-25) to (4-28)",
-                AtMost(1e-9),
-                value("noise", "difference"),
-            ),
+    Entry("fig_4_1", "Single-sample CGLR scheme", {"noise": Calculation("matched_filters", checks.matched_filters)}, (
+            Claim(1, "largest relative difference of 44 matched filters from one least-squares fit per jet",
+                "a matched filter per jet, then the largest (4-25) to (4-28)", AtMost(1e-9),
+                value("noise", "difference")),
         ),
     ),
-    Entry(
-        "fig_5_1",
-        "RCS jet locations and thrust directions",
-        {},
-        (
-            Claim(
-                1,
-                "jets outside the three modules forward, aft left, aft right",
-                "44 jets in three modules",
-                AtMost(0.0),
-                _three_modules,
-            ),
+    Entry("fig_5_1", "RCS jet locations and thrust directions", {}, (
+            Claim(1, "jets outside the three modules forward, aft left, aft right", "44 jets in three modules",
+                AtMost(0.0), _three_modules),
         ),
         {"fig_5_1": _jets},
     ),
 )
+# fmt: on

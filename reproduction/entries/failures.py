@@ -301,122 +301,50 @@ def _jet_11_off(run: Signals) -> NDArray[np.bool_]:
 _ON, _OFF = 868.819, -874.185  # lbf, table 5-1
 _VERNIER_FORCE, _LEAK_FORCE = 24.483, 10.4
 
+# fmt: off
 _STUCK_ON = (
-    Entry(
-        "fig_5_16",
-        "Likelihood argument, jet 29 stuck on",
-        {"flight": STUCK_ON},
-        (
-            Claim(
-                1,
-                "orders of magnitude by which the argument rises at the first sample tested",
-                "at the first sample instant after the failure it increases by five orders of magnitude",
-                orders(5),
-                _orders(29, tested),
-            ),
-            reference(
-                1, "argument without noise", "(expected 8.07e5)", Near(8.07e5, 0.5e3), _exact(29, _ON, "argument")
-            ),
+    Entry("fig_5_16", "Likelihood argument, jet 29 stuck on", {"flight": STUCK_ON}, (
+            Claim(1, "orders of magnitude by which the argument rises at the first sample tested",
+                "at the first sample instant after the failure it increases by five orders of magnitude", orders(5),
+                _orders(29, tested)),
+            reference(1, "argument without noise", "(expected 8.07e5)", Near(8.07e5, 0.5e3),
+                _exact(29, _ON, "argument")),
         ),
         {"fig_5_16": _history("Likelihood argument, jet 29 stuck on (figure 5-16)", 29, of_cluster=False)},
     ),
-    Entry(
-        "fig_5_17",
-        "Margins, jet 29 stuck on",
-        {"flight": STUCK_ON},
-        (
-            Claim(
-                2,
-                "margin (b) at the first sample",
-                "cluster isolated at the first sample",
-                AtLeast(_MARGIN),
-                _first("cluster_margin", tested),
-            ),
-            Claim(
-                2,
-                "margin (a) at the first sample",
-                "jet isolated at the first sample",
-                AtLeast(_MARGIN),
-                _first("jet_margin", tested),
-            ),
-            reference(
-                2, "margin (a) without noise", "(expected 289, next jet 30)", Near(289, 0.5), _exact(29, _ON, "jet")
-            ),
-            reference(
-                2,
-                "margin (b) without noise",
-                "(expected 17 800, next cluster 7)",
-                Near(17800, 50),
-                _exact(29, _ON, "cluster"),
-            ),
-            Claim(
-                3,
-                "margin (b) over margin (a), medians while the opposing cluster is off",
-                "isolation between clusters is normally much more significant than within",
-                MUCH_MORE,
-                _margins_apart,
-            ),
-            Claim(
-                4,
-                "median margin (b) while cluster 8 fires over that while it does not",
+    Entry("fig_5_17", "Margins, jet 29 stuck on", {"flight": STUCK_ON}, (
+            Claim(2, "margin (b) at the first sample", "cluster isolated at the first sample", AtLeast(_MARGIN),
+                _first("cluster_margin", tested)),
+            Claim(2, "margin (a) at the first sample", "jet isolated at the first sample", AtLeast(_MARGIN),
+                _first("jet_margin", tested)),
+            reference(2, "margin (a) without noise", "(expected 289, next jet 30)", Near(289, 0.5),
+                _exact(29, _ON, "jet")),
+            reference(2, "margin (b) without noise", "(expected 17 800, next cluster 7)", Near(17800, 50),
+                _exact(29, _ON, "cluster")),
+            Claim(3, "margin (b) over margin (a), medians while the opposing cluster is off",
+                "isolation between clusters is normally much more significant than within", MUCH_MORE, _margins_apart),
+            Claim(4, "median margin (b) while cluster 8 fires over that while it does not",
                 "abrupt negative spikes of (b) when the opposing jet is fired",
-                Reading(AtMost(1.0 / 3.0), "abrupt: to a third"),
-                _dip,
-            ),
-            reference(
-                4,
-                "margin (b) without noise while jet 17 fires",
-                "(expected 32.8, next cluster 8)",
-                Near(32.8, 0.05),
-                _exact(29, _ON, "cluster", (17,)),
-            ),
-            Claim(
-                5,
-                "least of both margins from 50 to 58 s",
-                "always greater than ten throughout the period of the failure",
-                AtLeast(10.0),
-                _least_margin,
-            ),
-            Claim(
-                5,
-                "share of tested samples that name jet 29",
-                "isolation always right",
-                AtLeast(1.0),
-                _right(29, tested),
-            ),
+                Reading(AtMost(1.0 / 3.0), "abrupt: to a third"), _dip),
+            reference(4, "margin (b) without noise while jet 17 fires", "(expected 32.8, next cluster 8)",
+                Near(32.8, 0.05), _exact(29, _ON, "cluster", (17,))),
+            Claim(5, "least of both margins from 50 to 58 s",
+                "always greater than ten throughout the period of the failure", AtLeast(10.0), _least_margin),
+            Claim(5, "share of tested samples that name jet 29", "isolation always right", AtLeast(1.0),
+                _right(29, tested)),
         ),
         {"fig_5_17": _margins("Largest minus next-largest argument, jet 29 stuck on (figure 5-17)")},
     ),
-    Entry(
-        "fig_5_18",
-        "Failure magnitude, jet 29 stuck on",
-        {"flight": STUCK_ON},
-        (
-            reference(
-                6,
-                "RMS error of the force",
-                "(RMS within 1 lbf)",
-                AtMost(1.0),
-                _force_error(29, _ON, tested, rms),
-                "lbf",
-            ),
-            Claim(
-                6,
-                "largest error of the force",
-                "variations less than 1 lbf over the entire observed period",
-                AtMost(1.0),
-                _force_error(29, _ON, tested, _largest),
-                "lbf",
+    Entry("fig_5_18", "Failure magnitude, jet 29 stuck on", {"flight": STUCK_ON}, (
+            reference(6, "RMS error of the force", "(RMS within 1 lbf)", AtMost(1.0),
+                _force_error(29, _ON, tested, rms), "lbf"),
+            Claim(6, "largest error of the force", "variations less than 1 lbf over the entire observed period",
+                AtMost(1.0), _force_error(29, _ON, tested, _largest), "lbf",
                 because=Because(
                     "one sample's own 1-sigma is {:.2f} lbf by (4-25) with the sensors of section 5.1; of {:.0f} "
                     "tested samples {:.0%} are within 1 lbf",
-                    (
-                        _exact(29, _ON, "std"),
-                        lambda phase: float(np.count_nonzero(tested(phase["flight"]))),
-                        _force_error(29, _ON, tested, _within),
-                    ),
-                ),
-            ),
+                    (_exact(29, _ON, "std"), lambda phase: float(np.count_nonzero(tested(phase["flight"]))),
+                     _force_error(29, _ON, tested, _within)))),
             reference(6, "1-sigma of the force", "(expected 0.97)", Near(0.97, 0.005), _exact(29, _ON, "std"), "lbf"),
         ),
         {"fig_5_18": _magnitudes("Estimated failure force, jet 29 stuck on (figure 5-18)", 29, _ON, best=False)},
@@ -424,11 +352,7 @@ _STUCK_ON = (
 )
 
 _STUCK_OFF = (
-    Entry(
-        "fig_5_19",
-        "Likelihood argument, jet 11 stuck off",
-        {"flight": STUCK_OFF, "hard": STUCK_ON},
-        (
+    Entry("fig_5_19", "Likelihood argument, jet 11 stuck off", {"flight": STUCK_OFF, "hard": STUCK_ON}, (
             Claim(
                 1,
                 "median argument while jet 11 is commanded, over that of jet 29 stuck on",
@@ -438,101 +362,44 @@ _STUCK_OFF = (
                     _median_argument(phase["flight"], 11, _jet_11) / _median_argument(phase["hard"], 29, tested)
                 ),
             ),
-            reference(
-                1,
-                "argument without noise",
-                "(expected 1.08e6)",
-                Near(1.08e6, 0.5e4),
-                _exact(11, _OFF, "argument", (11,)),
-            ),
+            reference(1, "argument without noise", "(expected 1.08e6)", Near(1.08e6, 0.5e4),
+                _exact(11, _OFF, "argument", (11,))),
         ),
         {"fig_5_19": _history("Likelihood argument, jet 11 stuck off (figure 5-19)", 11, of_cluster=False)},
     ),
-    Entry(
-        "fig_5_20",
-        "Margins, jet 11 stuck off",
-        {"flight": STUCK_OFF},
-        (
-            Claim(
-                2,
-                "margin (b) at the first sample that shows it",
-                "detection and isolation at the first sample after the failure",
-                AtLeast(_MARGIN),
-                _first("cluster_margin", _jet_11),
-            ),
-            Claim(
-                2,
-                "margin (a) at the first sample that shows it",
-                "isolation at the first sample",
-                AtLeast(_MARGIN),
-                _first("jet_margin", _jet_11),
-            ),
-            Claim(
-                2,
-                "share of samples with jet 11 commanded that name it",
-                "isolation right",
-                AtLeast(1.0),
-                _right(11, _jet_11),
-            ),
-            reference(
-                2,
-                "margin (b) without noise",
-                "(expected 1 940, next cluster 2)",
-                Near(1940, 5),
-                _exact(11, _OFF, "cluster", (11,)),
-            ),
-            reference(
-                2,
-                "margin (a) without noise, jet 12 also on",
-                "(expected 2.0e4)",
-                Near(2.0e4, 0.05e4),
-                _exact(11, _OFF, "jet", (11, 12)),
-            ),
-            reference(
-                2,
-                "margin (a) without noise, jet 12 off",
-                "(expected about 1e6)",
-                Near(1e6, 0.1e6),
-                _exact(11, _OFF, "jet", (11,)),
-            ),
+    Entry("fig_5_20", "Margins, jet 11 stuck off", {"flight": STUCK_OFF}, (
+            Claim(2, "margin (b) at the first sample that shows it",
+                "detection and isolation at the first sample after the failure", AtLeast(_MARGIN),
+                _first("cluster_margin", _jet_11)),
+            Claim(2, "margin (a) at the first sample that shows it", "isolation at the first sample", AtLeast(_MARGIN),
+                _first("jet_margin", _jet_11)),
+            Claim(2, "share of samples with jet 11 commanded that name it", "isolation right", AtLeast(1.0),
+                _right(11, _jet_11)),
+            reference(2, "margin (b) without noise", "(expected 1 940, next cluster 2)", Near(1940, 5),
+                _exact(11, _OFF, "cluster", (11,))),
+            reference(2, "margin (a) without noise, jet 12 also on", "(expected 2.0e4)", Near(2.0e4, 0.05e4),
+                _exact(11, _OFF, "jet", (11, 12))),
+            reference(2, "margin (a) without noise, jet 12 off", "(expected about 1e6)", Near(1e6, 0.1e6),
+                _exact(11, _OFF, "jet", (11,))),
         ),
         {"fig_5_20": _margins("Largest minus next-largest argument, jet 11 stuck off (figure 5-20)")},
     ),
-    Entry(
-        "fig_5_21",
-        "Failure magnitude, jet 11 stuck off",
-        {"flight": STUCK_OFF},
-        (
-            Claim(
-                3,
-                "largest error of the force while commanded",
-                "again accurate to less than 1 lbf",
-                AtMost(1.0),
-                _force_error(11, _OFF, _jet_11, _largest),
-                "lbf",
-            ),
-            reference(
-                3, "1-sigma of the force", "(expected 0.84)", Near(0.84, 0.005), _exact(11, _OFF, "std", (11,)), "lbf"
-            ),
-            Claim(
-                4,
-                "RMS of the force while not commanded",
+    Entry("fig_5_21", "Failure magnitude, jet 11 stuck off", {"flight": STUCK_OFF}, (
+            Claim(3, "largest error of the force while commanded", "again accurate to less than 1 lbf", AtMost(1.0),
+                _force_error(11, _OFF, _jet_11, _largest), "lbf"),
+            reference(3, "1-sigma of the force", "(expected 0.84)", Near(0.84, 0.005), _exact(11, _OFF, "std", (11,)),
+                "lbf"),
+            Claim(4, "RMS of the force while not commanded",
                 "the magnitude estimates likewise jumped as the commands changed",
-                Reading(AtMost(1.0), "jumps: to nothing, within 1 lbf"),
-                _force_error(11, 0.0, _jet_11_off, rms),
-                "lbf",
-            ),
+                Reading(AtMost(1.0), "jumps: to nothing, within 1 lbf"), _force_error(11, 0.0, _jet_11_off, rms),
+                "lbf"),
         ),
         {"fig_5_21": _magnitudes("Estimated failure force, jet 11 stuck off (figure 5-21)", 11, _OFF, best=False)},
     ),
 )
 
 _VERNIER = (
-    Entry(
-        "fig_5_22",
-        "Cluster likelihood argument, vernier 39 stuck on",
-        {"flight": VERNIER, "hard": STUCK_ON},
-        (
+    Entry("fig_5_22", "Cluster likelihood argument, vernier 39 stuck on", {"flight": VERNIER, "hard": STUCK_ON}, (
             Claim(
                 2,
                 "orders of magnitude of the median argument below that of jet 29",
@@ -550,150 +417,62 @@ _VERNIER = (
                     ),
                 ),
             ),
-            reference(
-                2,
-                "the same without noise",
-                "(expected ratio 1.4e-3)",
-                Near(1.4e-3, 0.5e-4),
-                lambda phase: _exact(39, _VERNIER_FORCE, "argument")(phase) / _exact(29, _ON, "argument")(phase),
-            ),
-            reference(
-                1, "argument without noise", "(expected 1 121)", Near(1121, 0.5), _exact(39, _VERNIER_FORCE, "argument")
-            ),
+            reference(2, "the same without noise", "(expected ratio 1.4e-3)", Near(1.4e-3, 0.5e-4),
+                lambda phase: _exact(39, _VERNIER_FORCE, "argument")(phase) / _exact(29, _ON, "argument")(phase)),
+            reference(1, "argument without noise", "(expected 1 121)", Near(1121, 0.5),
+                _exact(39, _VERNIER_FORCE, "argument")),
         ),
         {"fig_5_22": _history("Cluster likelihood argument, vernier 39 stuck on (figure 5-22)", 39, of_cluster=True)},
     ),
-    Entry(
-        "fig_5_23",
-        "Margins, vernier 39 stuck on",
-        {"flight": VERNIER, "gaussian": Calculation("vernier_gaussian", analytic.vernier_gaussian, seeds=20)},
-        (
-            Claim(
-                1,
-                "margin (b) at the first sample",
-                "cluster detected and isolated at the first sample",
-                AtLeast(_MARGIN),
-                _first("cluster_margin", tested),
-            ),
-            Claim(
-                1,
-                "share of tested samples that name cluster 4",
-                "isolation to the cluster was also significant",
-                NEARLY_ALL,
-                _right_cluster(39),
-            ),
-            reference(
-                1,
-                "margin (b) without noise",
-                "(expected 582, next cluster 2)",
-                Near(582, 0.5),
-                _exact(39, _VERNIER_FORCE, "cluster"),
-            ),
-            Claim(
-                3,
-                "number of the first sample that names the jet",
-                "isolation to the particular jet occurred after four time instants",
-                Printed(4.0),
-                _first_named,
+    Entry("fig_5_23", "Margins, vernier 39 stuck on",
+        {"flight": VERNIER, "gaussian": Calculation("vernier_gaussian", analytic.vernier_gaussian, seeds=20)}, (
+            Claim(1, "margin (b) at the first sample", "cluster detected and isolated at the first sample",
+                AtLeast(_MARGIN), _first("cluster_margin", tested)),
+            Claim(1, "share of tested samples that name cluster 4", "isolation to the cluster was also significant",
+                NEARLY_ALL, _right_cluster(39)),
+            reference(1, "margin (b) without noise", "(expected 582, next cluster 2)", Near(582, 0.5),
+                _exact(39, _VERNIER_FORCE, "cluster")),
+            Claim(3, "number of the first sample that names the jet",
+                "isolation to the particular jet occurred after four time instants", Printed(4.0), _first_named,
                 because=Because(
                     "which sample is the first is a matter of chance: {:.0%} of the samples name the jet here, and of "
                     "independent samples with Gaussian noise {:.0%}, of which {:.0%} of the runs would wait for the "
                     "fourth or longer",
-                    (
-                        _share_named,
-                        lambda phase: float(phase["gaussian"]["named"].mean()),
-                        lambda phase: float((1.0 - phase["gaussian"]["named"].mean()) ** 3),
-                    ),
-                ),
-            ),
-            Claim(
-                3,
-                "longest row of samples that name the jet",
-                "no two isolations ever occurred consecutively thereafter",
-                AtMost(1.0),
+                    (_share_named, lambda phase: float(phase["gaussian"]["named"].mean()),
+                     lambda phase: float((1.0 - phase["gaussian"]["named"].mean()) ** 3)))),
+            Claim(3, "longest row of samples that name the jet",
+                "no two isolations ever occurred consecutively thereafter", AtMost(1.0),
                 lambda phase: float(longest_row(_named(phase["flight"]))),
                 because=Because(
                     "{:.0%} of the samples name the jet, so among {:.0f} tested ones two in a row are the rule; with "
                     "Gaussian noise of equal variance it is {:.0%}",
-                    (
-                        _share_named,
-                        lambda phase: float(_named(phase["flight"]).size),
-                        lambda phase: float(phase["gaussian"]["named"].mean()),
-                    ),
-                ),
-            ),
-            Claim(
-                3,
-                "share of tested samples that name the jet",
-                "isolation to the jet is marginal",
-                MARGINAL,
-                _share_named,
-            ),
-            reference(
-                3,
-                "the same of independent samples with Gaussian noise",
-                "(expected 0.17)",
-                Near(0.17, 0.02),
-                lambda phases: float(np.mean([phase["gaussian"]["named"].mean() for phase in phases])),
-                pooled=True,
-            ),
-            reference(
-                3,
-                "mean margin (a) without noise",
-                "(expected 2.8, next jet 9)",
-                Near(2.8, 0.05),
-                _exact(39, _VERNIER_FORCE, "jet"),
-            ),
-            reference(
-                3,
-                "share of samples whose likeliest jet is the right one",
-                "(best-jet choice right 80 %)",
-                Near(0.80, 0.05),
-                _best_is_right(39),
+                    (_share_named, lambda phase: float(_named(phase["flight"]).size),
+                     lambda phase: float(phase["gaussian"]["named"].mean())))),
+            Claim(3, "share of tested samples that name the jet", "isolation to the jet is marginal", MARGINAL,
+                _share_named),
+            reference(3, "the same of independent samples with Gaussian noise", "(expected 0.17)", Near(0.17, 0.02),
+                lambda phases: float(np.mean([phase["gaussian"]["named"].mean() for phase in phases])), pooled=True),
+            reference(3, "mean margin (a) without noise", "(expected 2.8, next jet 9)", Near(2.8, 0.05),
+                _exact(39, _VERNIER_FORCE, "jet")),
+            reference(3, "share of samples whose likeliest jet is the right one", "(best-jet choice right 80 %)",
+                Near(0.80, 0.05), _best_is_right(39),
                 because=Because(
                     "quantized sensors at rest repeat few values: {:.0%} here, {:.0%} with Gaussian noise of equal "
-                    "variance",
-                    (_best_is_right(39), lambda phase: float(phase["gaussian"]["best"].mean())),
-                ),
-            ),
-            reference(
-                3,
-                "the same of independent samples with Gaussian noise",
-                "(expected 0.80)",
-                Near(0.80, 0.02),
-                lambda phases: float(np.mean([phase["gaussian"]["best"].mean() for phase in phases])),
-                pooled=True,
-            ),
+                    "variance", (_best_is_right(39), lambda phase: float(phase["gaussian"]["best"].mean())))),
+            reference(3, "the same of independent samples with Gaussian noise", "(expected 0.80)", Near(0.80, 0.02),
+                lambda phases: float(np.mean([phase["gaussian"]["best"].mean() for phase in phases])), pooled=True),
         ),
         {"fig_5_23": _margins("Largest minus next-largest argument, vernier 39 stuck on (figure 5-23)")},
     ),
-    Entry(
-        "fig_5_24",
-        "Failure magnitude, vernier 39 stuck on",
-        {"flight": VERNIER},
-        (
-            Claim(
-                4,
-                "share of tested samples whose force is within 1 lbf, (a) failed jet",
-                "we can typically estimate the failure magnitude to within 1 lbf",
-                TYPICALLY,
-                _force_error(39, _VERNIER_FORCE, tested, _within),
-            ),
-            Claim(
-                4,
-                "the same, (b) jet that maximizes the argument in the cluster",
-                "we can typically estimate the failure magnitude to within 1 lbf",
-                TYPICALLY,
-                _best_force_within(39, _VERNIER_FORCE),
-            ),
-            reference(
-                4,
-                "1-sigma of the force",
-                "(expected 0.73)",
-                Near(0.73, 0.005),
-                _exact(39, _VERNIER_FORCE, "std"),
-                "lbf",
-            ),
+    Entry("fig_5_24", "Failure magnitude, vernier 39 stuck on", {"flight": VERNIER}, (
+            Claim(4, "share of tested samples whose force is within 1 lbf, (a) failed jet",
+                "we can typically estimate the failure magnitude to within 1 lbf", TYPICALLY,
+                _force_error(39, _VERNIER_FORCE, tested, _within)),
+            Claim(4, "the same, (b) jet that maximizes the argument in the cluster",
+                "we can typically estimate the failure magnitude to within 1 lbf", TYPICALLY,
+                _best_force_within(39, _VERNIER_FORCE)),
+            reference(4, "1-sigma of the force", "(expected 0.73)", Near(0.73, 0.005),
+                _exact(39, _VERNIER_FORCE, "std"), "lbf"),
         ),
         {
             "fig_5_24": _magnitudes(
@@ -704,107 +483,48 @@ _VERNIER = (
 )
 
 _LEAK = (
-    Entry(
-        "fig_5_25",
-        "Cluster likelihood argument, jet 24 leaking 1.5 %",
-        {"flight": LEAK, "hard": STUCK_ON},
-        (
-            Claim(
-                1,
-                "orders of magnitude of the median argument below that of jet 29",
-                "three to four orders of magnitude smaller than those of the hard failures",
-                orders(3, 4),
-                _orders_below(24),
-            ),
-            reference(
-                1, "argument without noise", "(expected 260)", Near(260, 0.5), _exact(24, 0.015 * 691.018, "argument")
-            ),
+    Entry("fig_5_25", "Cluster likelihood argument, jet 24 leaking 1.5 %", {"flight": LEAK, "hard": STUCK_ON}, (
+            Claim(1, "orders of magnitude of the median argument below that of jet 29",
+                "three to four orders of magnitude smaller than those of the hard failures", orders(3, 4),
+                _orders_below(24)),
+            reference(1, "argument without noise", "(expected 260)", Near(260, 0.5),
+                _exact(24, 0.015 * 691.018, "argument")),
         ),
         {"fig_5_25": _history("Cluster likelihood argument, jet 24 leaking (figure 5-25)", 24, of_cluster=True)},
     ),
-    Entry(
-        "fig_5_26",
-        "Margins, jet 24 leaking 1.5 %",
-        {"flight": LEAK},
-        (
-            Claim(
-                1,
-                "margin (b) at the first sample",
-                "cluster detected and isolated at the first sample",
-                AtLeast(_MARGIN),
-                _first("cluster_margin", tested),
-            ),
-            Claim(
-                1,
-                "share of tested samples that name cluster 10",
-                "isolation to the cluster was also significant",
-                NEARLY_ALL,
-                _right_cluster(24),
-            ),
-            reference(
-                1,
-                "margin (b) without noise",
-                "(expected 81, next cluster 8)",
-                Near(81, 0.5),
-                _exact(24, 0.015 * 691.018, "cluster"),
-            ),
-            Claim(
-                2,
-                "samples that name a jet",
-                "no isolation to the jet in the whole run",
-                AtMost(0.0),
-                lambda phase: float(_named(phase["flight"]).sum()),
-            ),
-            reference(
-                2,
-                "mean margin (a) without noise",
-                "(expected 0.04, next jet 25)",
-                Near(0.04, 0.005),
-                _exact(24, 0.015 * 691.018, "jet"),
-            ),
-            Claim(
-                2,
-                "number of the jet with the largest margin (a)",
-                "a lower threshold would first have isolated jet 42, incorrectly",
-                Near(42.0, 0.0),
-                _first_at_lower_threshold,
-            ),
-            reference(
-                2,
-                "share of samples whose likeliest jet is a wrong one of the cluster",
-                "(jets 24, 25, 26 and 42 compete)",
-                AtLeast(0.25),
-                lambda phase: 1.0 - _best_is_right(24)(phase),
-            ),
+    Entry("fig_5_26", "Margins, jet 24 leaking 1.5 %", {"flight": LEAK}, (
+            Claim(1, "margin (b) at the first sample", "cluster detected and isolated at the first sample",
+                AtLeast(_MARGIN), _first("cluster_margin", tested)),
+            Claim(1, "share of tested samples that name cluster 10", "isolation to the cluster was also significant",
+                NEARLY_ALL, _right_cluster(24)),
+            reference(1, "margin (b) without noise", "(expected 81, next cluster 8)", Near(81, 0.5),
+                _exact(24, 0.015 * 691.018, "cluster")),
+            Claim(2, "samples that name a jet", "no isolation to the jet in the whole run", AtMost(0.0),
+                lambda phase: float(_named(phase["flight"]).sum())),
+            reference(2, "mean margin (a) without noise", "(expected 0.04, next jet 25)", Near(0.04, 0.005),
+                _exact(24, 0.015 * 691.018, "jet")),
+            Claim(2, "number of the jet with the largest margin (a)",
+                "a lower threshold would first have isolated jet 42, incorrectly", Near(42.0, 0.0),
+                _first_at_lower_threshold),
+            reference(2, "share of samples whose likeliest jet is a wrong one of the cluster",
+                "(jets 24, 25, 26 and 42 compete)", AtLeast(0.25), lambda phase: 1.0 - _best_is_right(24)(phase)),
         ),
         {"fig_5_26": _margins("Largest minus next-largest argument, jet 24 leaking (figure 5-26)")},
     ),
-    Entry(
-        "fig_5_27",
-        "Failure magnitude, jet 24 leaking 1.5 %",
-        {"flight": LEAK},
-        (
-            Claim(
-                3,
-                "share of tested samples whose force is within 1 lbf, (a) leaking jet",
-                "we can typically estimate the failure magnitude to within 1 lbf",
-                TYPICALLY,
-                _force_error(24, _LEAK_FORCE, tested, _within),
-            ),
-            Claim(
-                3,
-                "the same, (b) jet that maximizes the argument in the cluster",
-                "we can typically estimate the failure magnitude to within 1 lbf",
-                TYPICALLY,
-                _best_force_within(24, _LEAK_FORCE),
-            ),
-            reference(
-                3, "1-sigma of the force", "(expected 0.64)", Near(0.64, 0.005), _exact(24, _LEAK_FORCE, "std"), "lbf"
-            ),
+    Entry("fig_5_27", "Failure magnitude, jet 24 leaking 1.5 %", {"flight": LEAK}, (
+            Claim(3, "share of tested samples whose force is within 1 lbf, (a) leaking jet",
+                "we can typically estimate the failure magnitude to within 1 lbf", TYPICALLY,
+                _force_error(24, _LEAK_FORCE, tested, _within)),
+            Claim(3, "the same, (b) jet that maximizes the argument in the cluster",
+                "we can typically estimate the failure magnitude to within 1 lbf", TYPICALLY,
+                _best_force_within(24, _LEAK_FORCE)),
+            reference(3, "1-sigma of the force", "(expected 0.64)", Near(0.64, 0.005), _exact(24, _LEAK_FORCE, "std"),
+                "lbf"),
         ),
         {"fig_5_27": _magnitudes("Estimated failure force, jet 24 leaking (figure 5-27)", 24, _LEAK_FORCE, best=True)},
     ),
 )
+# fmt: on
 
 
 def _grown(case: str, time_s: float) -> Measure:
@@ -812,40 +532,25 @@ def _grown(case: str, time_s: float) -> Measure:
     return ratio(worst(case, DIAGONAL, time_s), worst(case, DIAGONAL, _ONSET_S))
 
 
+# fmt: off
 _TEXT = (
-    Entry(
-        "section_5_3",
-        "Identification of jet failures, the text",
-        {"flight": STUCK_ON, "reset": STUCK_ON_RESET, "jump": STUCK_ON_JUMP},
-        (
-            Claim(
-                1,
-                "largest error of the diagonal 2 s after jet 29 sticks on and passes for jumps, over that before",
+    Entry("section_5_3", "Identification of jet failures, the text",
+        {"flight": STUCK_ON, "reset": STUCK_ON_RESET, "jump": STUCK_ON_JUMP}, (
+            Claim(1, "largest error of the diagonal 2 s after jet 29 sticks on and passes for jumps, over that before",
                 "an erroneous decision that a mass-property jump has occurred quickly leads to state divergence",
-                TREMENDOUS,
-                _grown("jump", 52.0),
-            ),
-            Claim(
-                2,
-                "largest error of the diagonal 8 s after, jet logic reset after two alarms, over that before",
+                TREMENDOUS, _grown("jump", 52.0)),
+            Claim(2, "largest error of the diagonal 8 s after, jet logic reset after two alarms, over that before",
                 "a reset would also prevent divergence of the mass-property states",
-                Reading(AtMost(2.0), "no divergence: at most doubled"),
-                _grown("reset", 58.0),
-            ),
-            Claim(
-                2,
-                "the same without a reset",
-                "divergence due to an improper correction of the residuals",
-                CONSIDERABLE,
-                _grown("flight", 58.0),
+                Reading(AtMost(2.0), "no divergence: at most doubled"), _grown("reset", 58.0)),
+            Claim(2, "the same without a reset", "divergence due to an improper correction of the residuals",
+                CONSIDERABLE, _grown("flight", 58.0),
                 because=Because(
                     "no correction is improper here: {:.0%} of the tested samples name the right jet, and the error is "
                     "{:.4f} % before and {:.4f} % after",
-                    (_right(29, tested), worst("flight", DIAGONAL, _ONSET_S), worst("flight", DIAGONAL, 58.0)),
-                ),
-            ),
+                    (_right(29, tested), worst("flight", DIAGONAL, _ONSET_S), worst("flight", DIAGONAL, 58.0)))),
         ),
     ),
 )
+# fmt: on
 
 ENTRIES = (*_TEXT, *_STUCK_ON, *_STUCK_OFF, *_VERNIER, *_LEAK)

@@ -163,103 +163,43 @@ _NOT_AT_THE_END = Because(
 
 _MIDDLE_LABEL = {"single": "middle sensor"}
 
+# fmt: off
 ENTRIES = (
-    Entry(
-        "fig_5_12",
-        "Effect of rotational coupling on the mass reciprocal",
-        {**_COMPENSATION, "held": CLOSELY_HELD, "held_none": CLOSELY_HELD_NONE, "held_t": CLOSELY_HELD_T},
-        (
-            Claim(
-                1,
-                "largest difference between T+C+COV and T+COV, of the initial error",
-                "no difference whatsoever can be observed by excluding the centripetal acceleration",
-                NOT_SEEN,
-                _apart("all", "t_cov", 0.0),
-                "%",
-            ),
-            Claim(
-                2,
-                "largest error of NONE before 25 s",
+    Entry("fig_5_12", "Effect of rotational coupling on the mass reciprocal",
+        {**_COMPENSATION, "held": CLOSELY_HELD, "held_none": CLOSELY_HELD_NONE, "held_t": CLOSELY_HELD_T}, (
+            Claim(1, "largest difference between T+C+COV and T+COV, of the initial error",
+                "no difference whatsoever can be observed by excluding the centripetal acceleration", NOT_SEEN,
+                _apart("all", "t_cov", 0.0), "%"),
+            Claim(2, "largest error of NONE before 25 s",
                 "excluding it altogether causes the error to diverge until a large translation with little rotation",
-                Reading(AtLeast(100.0), "diverges: beyond the initial error"),
-                _largest("none", 0.0, 24.9),
-                "%",
-            ),
-            Claim(
-                2,
-                "final error of NONE",
-                "15 percent",
-                Printed(15.0),
-                worst("none", MASS),
-                "%",
-                because=_DEPENDS_ON_TRANSLATION,
-            ),
-            Claim(
-                2,
-                "RMS final error of NONE over that of T+C+COV",
-                "final error is large (15 percent versus 1 percent)",
-                Reading(AtLeast(10.0), "15 to 1: tenfold"),
-                _over("none", "all"),
-                pooled=True,
-                because=_DEPENDS_ON_TRANSLATION,
-            ),
-            Claim(
-                2,
-                "the same over T+COV with closely held rates in the translations",
-                "final error is large (15 percent versus 1 percent)",
-                Reading(AtLeast(10.0), "15 to 1: tenfold"),
-                _over("held_none", "held"),
-                pooled=True,
-                because=_DEPENDS_ON_TRANSLATION,
-            ),
+                Reading(AtLeast(100.0), "diverges: beyond the initial error"), _largest("none", 0.0, 24.9), "%"),
+            Claim(2, "final error of NONE", "15 percent", Printed(15.0), worst("none", MASS), "%",
+                because=_DEPENDS_ON_TRANSLATION),
+            Claim(2, "RMS final error of NONE over that of T+C+COV",
+                "final error is large (15 percent versus 1 percent)", Reading(AtLeast(10.0), "15 to 1: tenfold"),
+                _over("none", "all"), pooled=True, because=_DEPENDS_ON_TRANSLATION),
+            Claim(2, "the same over T+COV with closely held rates in the translations",
+                "final error is large (15 percent versus 1 percent)", Reading(AtLeast(10.0), "15 to 1: tenfold"),
+                _over("held_none", "held"), pooled=True, because=_DEPENDS_ON_TRANSLATION),
             Claim(3, "final error of T+C+COV", "1 percent of the initial error", Printed(1.0), worst("all", MASS), "%"),
             reference(3, "final error of T+C+COV", "(0.5 to 3 %)", Between(0.5, 3.0), worst("all", MASS), "%"),
-            Claim(
-                4,
-                "RMS error before 25 s of T over that of T+COV",
-                "neglecting this uncertainty results in larger estimation errors",
-                Reading(AtLeast(1.0), "larger"),
-                _over("t", "t_cov", 1.0, 24.9),
-                pooled=True,
-            ),
-            Claim(
-                4,
-                "the same over the same from 25 s on",
-                "especially when the net translations are small",
+            Claim(4, "RMS error before 25 s of T over that of T+COV",
+                "neglecting this uncertainty results in larger estimation errors", Reading(AtLeast(1.0), "larger"),
+                _over("t", "t_cov", 1.0, 24.9), pooled=True),
+            Claim(4, "the same over the same from 25 s on", "especially when the net translations are small",
                 Reading(AtLeast(1.0), "more than later"),
-                ratio(_over("t", "t_cov", 1.0, 24.9), _over("t", "t_cov", 25.0)),
-                pooled=True,
-            ),
-            Claim(
-                4,
-                "RMS error from 1 s on of T over that of T+COV",
-                "COV: a significant increase in performance",
-                SIGNIFICANT,
-                _over("t", "t_cov", 1.0),
-                pooled=True,
+                ratio(_over("t", "t_cov", 1.0, 24.9), _over("t", "t_cov", 25.0)), pooled=True),
+            Claim(4, "RMS error from 1 s on of T over that of T+COV", "COV: a significant increase in performance",
+                SIGNIFICANT, _over("t", "t_cov", 1.0), pooled=True,
                 because=Because(
                     "the center of mass is uncertain enough to matter in {:.0%} of the used samples before 25 s alone "
                     "(its variance at least that of the sensor); these make the errors larger, but not by half",
-                    (_share_uncertain,),
-                ),
-            ),
-            Claim(
-                4,
-                "final error of T over that of T+COV",
-                "about three times as large",
-                Printed(3.0),
-                ratio(worst("t", MASS), worst("t_cov", MASS)),
-                because=_NOT_AT_THE_END,
-            ),
-            Claim(
-                4,
-                "RMS final error of T over that of T+COV",
-                "about three times as large, as an average",
-                Reading(Between(2.5, 3.5), "about three: rounds to it"),
-                _over("t", "t_cov"),
-                pooled=True,
-                because=_NOT_AT_THE_END,
-            ),
+                    (_share_uncertain,))),
+            Claim(4, "final error of T over that of T+COV", "about three times as large", Printed(3.0),
+                ratio(worst("t", MASS), worst("t_cov", MASS)), because=_NOT_AT_THE_END),
+            Claim(4, "RMS final error of T over that of T+COV", "about three times as large, as an average",
+                Reading(Between(2.5, 3.5), "about three: rounds to it"), _over("t", "t_cov"), pooled=True,
+                because=_NOT_AT_THE_END),
         ),
         {
             "fig_5_12": _mass_errors(
@@ -268,46 +208,19 @@ ENTRIES = (
             )
         },
     ),
-    Entry(
-        "fig_5_13",
-        "Effect of rotational coupling on the translation consistency function",
-        _COMPENSATION,
-        (
-            Claim(
-                1,
-                "largest difference between (a) and (b), over the largest value of (d), the height of the panels",
+    Entry("fig_5_13", "Effect of rotational coupling on the translation consistency function", _COMPENSATION, (
+            Claim(1, "largest difference between (a) and (b), over the largest value of (d), the height of the panels",
                 "(a) and (b) appear identical",
-                Reading(AtMost(0.01), "identical to the eye: a line's width, 1 % of the height"),
-                _statistics_apart,
-            ),
-            reference(
-                1,
-                "mean of (a)",
-                "(about 1.7 to 2 with quantized sensors)",
-                Between(1.65, 2.05),
-                mean_nis("all", "mass"),
-            ),
-            Claim(
-                2,
-                "mean of (d)",
-                "without compensation the residuals are inconsistent",
-                INCONSISTENT,
-                mean_nis("none", "mass"),
-            ),
-            Claim(
-                2,
-                "mean of (d) from 37 s on",
-                "even after this point the residuals remain inconsistent",
-                INCONSISTENT,
-                mean_nis("none", "mass", 37.0),
-            ),
-            Claim(
-                3,
-                "mean of (c) over that of (b), before 25 s",
-                "(c) is worse than (b) early",
+                Reading(AtMost(0.01), "identical to the eye: a line's width, 1 % of the height"), _statistics_apart),
+            reference(1, "mean of (a)", "(about 1.7 to 2 with quantized sensors)", Between(1.65, 2.05),
+                mean_nis("all", "mass")),
+            Claim(2, "mean of (d)", "without compensation the residuals are inconsistent", INCONSISTENT,
+                mean_nis("none", "mass")),
+            Claim(2, "mean of (d) from 37 s on", "even after this point the residuals remain inconsistent",
+                INCONSISTENT, mean_nis("none", "mass", 37.0)),
+            Claim(3, "mean of (c) over that of (b), before 25 s", "(c) is worse than (b) early",
                 Reading(AtLeast(1.0), "worse"),
-                ratio(mean_nis("t", "mass", 0.0, 24.9), mean_nis("t_cov", "mass", 0.0, 24.9)),
-            ),
+                ratio(mean_nis("t", "mass", 0.0, 24.9), mean_nis("t_cov", "mass", 0.0, 24.9))),
         ),
         {
             "fig_5_13": consistency(
@@ -322,68 +235,25 @@ ENTRIES = (
             )
         },
     ),
-    Entry(
-        "fig_5_14",
-        "Effect of redundant sensors on the mass reciprocal",
-        {**_SENSORS, "counts": Calculation("updates_per_sample", updates_per_sample)},
-        (
+    Entry("fig_5_14", "Effect of redundant sensors on the mass reciprocal",
+        {**_SENSORS, "counts": Calculation("updates_per_sample", updates_per_sample)}, (
             Claim(1, "final error, left sensor", "2.1 percent", Printed(2.1), worst("left", MASS), "%"),
             Claim(1, "final error, middle sensor", "1.4 percent", Printed(1.4), worst("single", MASS), "%"),
-            Claim(
-                1,
-                "RMS final error, left over middle sensor",
-                "the final errors were also comparable",
-                COMPARABLE,
-                _over("left", "single"),
-                pooled=True,
-            ),
-            reference(
-                1,
-                "larger of the two final errors",
-                "(both below 4 %)",
-                AtMost(4.0),
-                lambda phase: max(worst("left", MASS)(phase), worst("single", MASS)(phase)),
-                "%",
-            ),
-            Claim(
-                1,
-                "how often the better of the two changes after 25 s",
-                "one slightly more accurate for a while, to be surpassed by the other later",
-                AtLeast(1.0),
-                _turns,
-            ),
+            Claim(1, "RMS final error, left over middle sensor", "the final errors were also comparable", COMPARABLE,
+                _over("left", "single"), pooled=True),
+            reference(1, "larger of the two final errors", "(both below 4 %)", AtMost(4.0),
+                lambda phase: max(worst("left", MASS)(phase), worst("single", MASS)(phase)), "%"),
+            Claim(1, "how often the better of the two changes after 25 s",
+                "one slightly more accurate for a while, to be surpassed by the other later", AtLeast(1.0), _turns),
             Claim(2, "final error, three serial", "0.8 percent", Printed(0.8), worst("serial", MASS), "%"),
-            Claim(
-                2,
-                "RMS final error, serial over single",
-                "a slight increase in accuracy",
-                SLIGHTLY_LESS,
-                _over("serial", "single"),
-                pooled=True,
-            ),
-            Claim(
-                2,
-                "RMS error before 25 s, serial over single",
-                "transient slightly worse than a single sensor",
-                SLIGHTLY_MORE,
-                _over("serial", "single", 1.0, 24.9),
-                pooled=True,
-            ),
-            Claim(
-                3,
-                "largest difference between serial and weighted average over the history, of the initial error",
-                "the entire history is virtually identical",
-                NOT_SEEN,
-                _apart("serial", "weighted", 0.0),
-                "%",
-            ),
-            Claim(
-                4,
-                "updates per used sample, serial over weighted average",
-                "serial costs three times the work",
-                Near(3.0, 0.0),
-                ratio(value("counts", "serial"), value("counts", "weighted_average")),
-            ),
+            Claim(2, "RMS final error, serial over single", "a slight increase in accuracy", SLIGHTLY_LESS,
+                _over("serial", "single"), pooled=True),
+            Claim(2, "RMS error before 25 s, serial over single", "transient slightly worse than a single sensor",
+                SLIGHTLY_MORE, _over("serial", "single", 1.0, 24.9), pooled=True),
+            Claim(3, "largest difference between serial and weighted average over the history, of the initial error",
+                "the entire history is virtually identical", NOT_SEEN, _apart("serial", "weighted", 0.0), "%"),
+            Claim(4, "updates per used sample, serial over weighted average", "serial costs three times the work",
+                Near(3.0, 0.0), ratio(value("counts", "serial"), value("counts", "weighted_average"))),
         ),
         {
             "fig_5_14": _mass_errors(
@@ -396,36 +266,21 @@ ENTRIES = (
             )
         },
     ),
-    Entry(
-        "fig_5_15",
-        "Effect of redundant sensors on the translation consistency function",
-        {"single": MIDDLE, "weighted": WEIGHTED, "single_equal": SINGLE_EQUAL, "weighted_equal": WEIGHTED_EQUAL},
-        (
-            Claim(
-                1,
-                "mean of the weighted average over that of a single sensor, equal quantizer phases",
-                "the weighted average residuals were somewhat more inconsistent",
-                SLIGHTLY_MORE,
+    Entry("fig_5_15", "Effect of redundant sensors on the translation consistency function",
+        {"single": MIDDLE, "weighted": WEIGHTED, "single_equal": SINGLE_EQUAL, "weighted_equal": WEIGHTED_EQUAL}, (
+            Claim(1, "mean of the weighted average over that of a single sensor, equal quantizer phases",
+                "the weighted average residuals were somewhat more inconsistent", SLIGHTLY_MORE,
                 ratio(mean_nis("weighted_equal", "mass"), mean_nis("single_equal", "mass")),
                 because=Because(
                     "three sensors a foot apart with their marks at the same places round alike: averaging takes "
                     "nothing off their error but two thirds off its variance, so means are {:.1f} against {:.1f}; a "
                     "factor of three is the most that this can do",
-                    (mean_nis("weighted_equal", "mass"), mean_nis("single_equal", "mass")),
-                ),
-            ),
-            Claim(
-                1,
-                "the same with phases of their own",
-                "somewhat more inconsistent",
-                SLIGHTLY_MORE,
+                    (mean_nis("weighted_equal", "mass"), mean_nis("single_equal", "mass")))),
+            Claim(1, "the same with phases of their own", "somewhat more inconsistent", SLIGHTLY_MORE,
                 ratio(mean_nis("weighted", "mass"), mean_nis("single", "mass")),
                 because=Because(
                     "with marks of their own the sensors' errors are not alike, and averaging does take them off: "
-                    "means are {:.2f} against {:.2f}",
-                    (mean_nis("weighted", "mass"), mean_nis("single", "mass")),
-                ),
-            ),
+                    "means are {:.2f} against {:.2f}", (mean_nis("weighted", "mass"), mean_nis("single", "mass")))),
         ),
         {
             "fig_5_15": consistency(
@@ -442,3 +297,4 @@ ENTRIES = (
         },
     ),
 )
+# fmt: on

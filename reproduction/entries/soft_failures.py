@@ -99,6 +99,7 @@ def _map(phases: Phases) -> Figure:
 
 _LINES_NEAR_CENTER = (1, 7, 11)
 
+# fmt: off
 ENTRIES = (
     Entry(
         "section_5_3_2",
@@ -110,126 +111,54 @@ ENTRIES = (
         },
         (
             *(
-                reference(
-                    1,
-                    f"jets with both margins above 6 without noise at {force} lbf",
-                    f"(expected {count})",
-                    Near(count, 0),
-                    _separable(force, "jet_margin", "cluster_margin"),
-                )
+                reference(1, f"jets with both margins above 6 without noise at {force} lbf", f"(expected {count})",
+                    Near(count, 0), _separable(force, "jet_margin", "cluster_margin"))
                 for force, count in ((20, 7), (30, 8), (50, 14))
             ),
-            Claim(
-                1,
-                "jets named in at least half of the samples at 20 lbf, quantized sensors",
+            Claim(1, "jets named in at least half of the samples at 20 lbf, quantized sensors",
                 "soft failures could be isolated to the jet in the range of 20 to 50 lbf, depending on the jet",
-                Reading(AtLeast(1), "from 20 lbf: some of 44"),
-                _sampled("jet", 20.0),
-            ),
-            Claim(
-                1,
-                "the same at 50 lbf",
+                Reading(AtLeast(1), "from 20 lbf: some of 44"), _sampled("jet", 20.0)),
+            Claim(1, "the same at 50 lbf",
                 "soft failures could be isolated to the jet in the range of 20 to 50 lbf, depending on the jet",
-                Reading(AtLeast(23), "to 50 lbf: most, more than half of 44"),
-                _sampled("jet", 50.0),
+                Reading(AtLeast(23), "to 50 lbf: most, more than half of 44"), _sampled("jet", 50.0),
                 because=Because(
                     "without noise {:.0f} of 44 jets pass six at 50 lbf, and half of all need {:.0f} lbf or more: "
                     "jets of one cluster lie about a foot apart and point alike",
-                    (_separable(50.0, "jet_margin", "cluster_margin"), _median_force),
-                ),
-            ),
-            reference(
-                1,
-                "share of samples that name a wrong jet, all jets and forces",
-                "(none)",
-                AtMost(0.005),
-                _wrong("wrong_jet"),
-            ),
+                    (_separable(50.0, "jet_margin", "cluster_margin"), _median_force))),
+            reference(1, "share of samples that name a wrong jet, all jets and forces", "(none)", AtMost(0.005),
+                _wrong("wrong_jet")),
             *(
-                reference(
-                    2,
-                    f"jets with margin (b) above 6 without noise at {force} lbf",
-                    f"(expected {count})",
-                    Near(count, 0),
-                    _separable(force, "cluster_margin"),
-                )
+                reference(2, f"jets with margin (b) above 6 without noise at {force} lbf", f"(expected {count})",
+                    Near(count, 0), _separable(force, "cluster_margin"))
                 for force, count in ((10, 24), (20, 34), (30, 36), (50, 36))
             ),
-            Claim(
-                2,
-                "jets whose cluster is named in at least half of the samples at 10 lbf, quantized sensors",
+            Claim(2, "jets whose cluster is named in at least half of the samples at 10 lbf, quantized sensors",
                 "isolation to the cluster could be accomplished for most of the jets down to the 10 lbf level",
-                MOST_JETS,
-                _sampled("cluster", 10.0),
-            ),
-            reference(
-                2,
-                "share of samples that name a wrong cluster, all jets and forces",
-                "(none)",
-                AtMost(0.005),
-                _wrong("wrong_cluster"),
-            ),
-            Claim(
-                3,
-                "alarms in 8 s of jet 27 leaking 10 lbf",
-                "no alarm for a 10 lbf leak in cluster 11",
-                AtMost(0),
-                _alarms,
-            ),
+                MOST_JETS, _sampled("cluster", 10.0)),
+            reference(2, "share of samples that name a wrong cluster, all jets and forces", "(none)", AtMost(0.005),
+                _wrong("wrong_cluster")),
+            Claim(3, "alarms in 8 s of jet 27 leaking 10 lbf", "no alarm for a 10 lbf leak in cluster 11", AtMost(0),
+                _alarms),
             reference(3, "its argument without noise", "(expected 7.7)", Near(7.7, 0.05), _cluster_11("argument")),
-            reference(
-                3,
-                "its margin without noise",
-                "(expected 0.11, next cluster 8)",
-                Near(0.11, 0.005),
-                _cluster_11("margin"),
-            ),
-            Claim(
-                3,
-                "argument of jet 27 less the smaller of those of clusters 5 and 8, without noise",
-                "it could not be distinguished from a leak in cluster 5 or 8",
-                AtMost(MARGIN),
-                _cluster_11("ambiguity"),
-            ),
-            Claim(
-                3,
-                "larger of the forces that a leak in cluster 5 or 8 would have",
-                "from an even smaller leak",
-                AtMost(10.0),
-                lambda phase: max(_cluster_11("5")(phase), _cluster_11("8")(phase)),
-                "lbf",
-            ),
-            reference(
-                3, "force that a leak in cluster 8 would have", "(2.5 lbf)", Near(2.5, 0.05), _cluster_11("8"), "lbf"
-            ),
-            reference(
-                3, "force that a leak in cluster 5 would have", "(1.3 lbf)", Near(1.3, 0.05), _cluster_11("5"), "lbf"
-            ),
-            reference(
-                4,
-                "least 1-sigma of a force, clusters 1, 7, 11 apart",
-                "(expected 0.60 lbf)",
-                Near(0.60, 0.005),
-                _force_std(_LINES_NEAR_CENTER, np.min, without=True),
-                "lbf",
-            ),
-            reference(
-                4,
-                "largest, clusters 1, 7, 11 apart",
-                "(expected 0.97 lbf)",
-                Near(0.97, 0.005),
-                _force_std(_LINES_NEAR_CENTER, np.max, without=True),
-                "lbf",
-            ),
-            reference(
-                4,
-                "largest, clusters 1, 7, 11",
-                "(expected 6.9 lbf)",
-                Near(6.9, 0.05),
-                _force_std(_LINES_NEAR_CENTER, np.max),
-                "lbf",
-            ),
+            reference(3, "its margin without noise", "(expected 0.11, next cluster 8)", Near(0.11, 0.005),
+                _cluster_11("margin")),
+            Claim(3, "argument of jet 27 less the smaller of those of clusters 5 and 8, without noise",
+                "it could not be distinguished from a leak in cluster 5 or 8", AtMost(MARGIN),
+                _cluster_11("ambiguity")),
+            Claim(3, "larger of the forces that a leak in cluster 5 or 8 would have", "from an even smaller leak",
+                AtMost(10.0), lambda phase: max(_cluster_11("5")(phase), _cluster_11("8")(phase)), "lbf"),
+            reference(3, "force that a leak in cluster 8 would have", "(2.5 lbf)", Near(2.5, 0.05), _cluster_11("8"),
+                "lbf"),
+            reference(3, "force that a leak in cluster 5 would have", "(1.3 lbf)", Near(1.3, 0.05), _cluster_11("5"),
+                "lbf"),
+            reference(4, "least 1-sigma of a force, clusters 1, 7, 11 apart", "(expected 0.60 lbf)", Near(0.60, 0.005),
+                _force_std(_LINES_NEAR_CENTER, np.min, without=True), "lbf"),
+            reference(4, "largest, clusters 1, 7, 11 apart", "(expected 0.97 lbf)", Near(0.97, 0.005),
+                _force_std(_LINES_NEAR_CENTER, np.max, without=True), "lbf"),
+            reference(4, "largest, clusters 1, 7, 11", "(expected 6.9 lbf)", Near(6.9, 0.05),
+                _force_std(_LINES_NEAR_CENTER, np.max), "lbf"),
         ),
         {"section_5_3_2": _map},
     ),
 )
+# fmt: on

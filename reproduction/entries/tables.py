@@ -127,117 +127,56 @@ def _spread(phases: Phases) -> Figure:
     return figure
 
 
+# fmt: off
 ENTRIES = (
-    Entry(
-        "table_5_1",
-        "RCS jet data",
-        {},
-        (
+    Entry("table_5_1", "RCS jet data", {}, (
             Claim(1, "primary jets", "38 primary jets", Near(38, 0), _count("primary")),
             Claim(1, "vernier jets", "6 vernier jets", Near(6, 0), _count("vernier")),
-            Claim(
-                1, "clusters", "14 clusters", Near(14, 0), lambda _: float(len({jet.cluster for jet in orbiter().jets}))
-            ),
-            reference(
-                1, "largest distance of a direction's length from 1", "(three decimals)", AtMost(0.002), _lengths
-            ),
-            reference(
-                1,
-                "largest difference of a jet from the mirror image of another",
-                "(left and right mirror)",
-                AtMost(1e-9),
-                _mirror,
-            ),
-            Claim(
-                1,
-                "1.5 % of the thrust of jet 24",
-                "10.4 lbf",
-                Near(10.4, 0.05),
-                lambda _: 0.015 * orbiter().jets[23].thrust,
-                "lbf",
-            ),
+            Claim(1, "clusters", "14 clusters", Near(14, 0),
+                lambda _: float(len({jet.cluster for jet in orbiter().jets}))),
+            reference(1, "largest distance of a direction's length from 1", "(three decimals)", AtMost(0.002),
+                _lengths),
+            reference(1, "largest difference of a jet from the mirror image of another", "(left and right mirror)",
+                AtMost(1e-9), _mirror),
+            Claim(1, "1.5 % of the thrust of jet 24", "10.4 lbf", Near(10.4, 0.05),
+                lambda _: 0.015 * orbiter().jets[23].thrust, "lbf"),
         ),
     ),
-    Entry(
-        "table_5_2",
-        "Nominal values of the mass properties (STS-2)",
-        {},
-        (
-            reference(
-                1,
-                "largest relative difference of the inverse of the printed inertia from the printed inverse",
-                "(agree to about 1e-6)",
-                AtMost(2e-6),
-                _inverse_difference,
-            ),
-            reference(
-                1,
-                "relative difference of the reciprocal of the printed mass from the printed reciprocal",
-                "(agree to about 1e-6)",
-                AtMost(2e-6),
-                lambda _: float(abs(orbiter().nominal.vector()[9] / 1.6925887e-4 - 1.0)),
-            ),
+    Entry("table_5_2", "Nominal values of the mass properties (STS-2)", {}, (
+            reference(1, "largest relative difference of the inverse of the printed inertia from the printed inverse",
+                "(agree to about 1e-6)", AtMost(2e-6), _inverse_difference),
+            reference(1, "relative difference of the reciprocal of the printed mass from the printed reciprocal",
+                "(agree to about 1e-6)", AtMost(2e-6),
+                lambda _: float(abs(orbiter().nominal.vector()[9] / 1.6925887e-4 - 1.0))),
         ),
     ),
-    Entry(
-        "table_5_3",
-        "Mass-property estimation results of the 50 s run",
-        _FLIGHT,
-        (
+    Entry("table_5_3", "Mass-property estimation results of the 50 s run", _FLIGHT, (
             *(
-                Claim(
-                    element + 1,
-                    f"final error of {symbol}, estimate minus truth",
-                    f"{abs(_PRINTED[element])} %",
-                    Printed(_PRINTED[element]),
-                    _signed(element),
-                    "%",
+                Claim(element + 1, f"final error of {symbol}, estimate minus truth", f"{abs(_PRINTED[element])} %",
+                    Printed(_PRINTED[element]), _signed(element), "%",
                     because=Because(
                         "the errors here are smaller, {:.2g} % in the median, and the filter's own 1-sigma is {:.2g} "
                         "%; the thesis's is {:.1f} of these: no contradiction, but neither jets nor marks are "
-                        "the same",
-                        (worst("flight", element), _sigma(element), _printed_sigmas(element)),
-                    ),
-                )
+                        "the same", (worst("flight", element), _sigma(element), _printed_sigmas(element))))
                 for element, symbol in enumerate(SYMBOLS)
             ),
             reference(11, "largest final error over the filter's own 1-sigma", "(each below 3)", AtMost(3.0), _sigmas),
-            reference(
-                11,
-                "largest final error over the thesis's, without y and z of the center of mass",
-                "(each within a factor 5)",
-                AtMost(5.0),
-                _times_the_thesis,
-            ),
-            Claim(
-                12,
-                "least error of 1/m of the whole run",
-                "its best value was 0.231 percent",
-                Printed(0.231),
-                _least_mass,
-                "%",
-            ),
-            Claim(
-                12,
-                "1 where it falls in the translations, 25 to 35 s",
-                "during the translational maneuvers",
-                AtLeast(1.0),
-                _best_in_translations,
-            ),
-            Claim(
-                12,
-                "growth of the error of 1/m from 37 s to the end, of the initial error",
+            reference(11, "largest final error over the thesis's, without y and z of the center of mass",
+                "(each within a factor 5)", AtMost(5.0), _times_the_thesis),
+            Claim(12, "least error of 1/m of the whole run", "its best value was 0.231 percent", Printed(0.231),
+                _least_mass, "%"),
+            Claim(12, "1 where it falls in the translations, 25 to 35 s", "during the translational maneuvers",
+                AtLeast(1.0), _best_in_translations),
+            Claim(12, "growth of the error of 1/m from 37 s to the end, of the initial error",
                 "it actually increased slightly during the final rotational maneuvers",
-                Reading(Between(0.0, 1.36), "slightly: up to the thesis's own, from 0.231 to 1.586 %"),
-                _mass_growth,
+                Reading(Between(0.0, 1.36), "slightly: up to the thesis's own, from 0.231 to 1.586 %"), _mass_growth,
                 "%",
                 because=Because(
                     "whether it grows is a matter of chance: the last rotations change it by {:.2f} % either way, with "
                     "errors of {:.1f} % before and after",
-                    (lambda phase: abs(_mass_growth(phase)), worst("flight", MASS)),
-                ),
-            ),
+                    (lambda phase: abs(_mass_growth(phase)), worst("flight", MASS)))),
         ),
         {"table_5_3": _spread},
     ),
 )
+# fmt: on

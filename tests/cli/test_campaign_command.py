@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from campaign_rows import SWEPT, declaration, failure, folder, lost, many, recorded, row
-from command_probe import Massprop, Outcome
+from campaign_rows import declaration, failure, folder, lost, row
+from command_probe import Massprop, contents, require_refused
 
 from massprop_drake import Campaign, Run
 from massprop_drake.inputs.model import yaml_text
@@ -28,26 +28,11 @@ draw:
 sweep: {estimation.start: [zero, nominal]}
 gates: {failed_to_run: {max: 0}}
 """
-COMMAND = Path(sys.executable).with_name("massprop")
 
 
 def written(text: str = SHORT, name: str = "short.yaml") -> str:
     Path(name).write_text(text, encoding="utf-8")
     return name
-
-
-def refused(done: Outcome, *words: str) -> None:
-    """One message on the error stream, status 2, nothing else."""
-    assert done.status == 2, done
-    assert done.out == ""
-    assert done.err.startswith("massprop: ")
-    assert "Traceback" not in done.err
-    for word in words:
-        assert word in done.err, done.err
-
-
-def contents() -> dict[str, bytes]:
-    return {str(path): path.read_bytes() for path in Path().rglob("*") if path.is_file()}
 
 
 # ------------------------------------------------------------------------------------- what is kept
@@ -65,68 +50,60 @@ def test_a_campaigns_folder_and_what_is_read_stay(
     before = contents()
     for command in (
         ("run", case, "--out", "V"),
-        ("run", "sample_maneuver", "--set", "vehicle=V/vehicle.yaml", "--out", "V"),
-        *(("run", case, "--out", name) for name in ("K", "K/C", "K/C/results", "K/C/cases", "K/C/cases/0000")),
+        *(("run", case, "--out", name) for name in ("K/C", "K/C/cases/0000")),
         ("campaign", "plan", "V/many.yaml", "--out", "V"),
         ("campaign", "plan", "V/many.yaml", "--out", "."),
         ("campaign", "run", "V/many.yaml", "--out", "K"),
         ("campaign", "run", "V/many.yaml", "--out", "K/C/cases", "--workers", "1"),
     ):
         done = massprop(*command, *force, "-q")
-        refused(done, f"{command[command.index('--out') + 1]}: ", "give another folder")
-        assert done.err.count("\n") == 1
+        require_refused(done, f"{command[command.index('--out') + 1]}: ", "give another folder")
         assert contents() == before
     monkeypatch.chdir("V")
     for target in (".", "..", "../V"):
-        refused(massprop("campaign", "plan", "many.yaml", "--out", target, *force), f"{target}: ", "another folder")
+        require_refused(
+            massprop("campaign", "plan", "many.yaml", "--out", target, *force), f"{target}: ", "another folder"
+        )
 
 
 def test_a_runs_folder_is_told_from_a_campaigns(massprop: Massprop) -> None:
     assert massprop("campaign", "plan", written(), "--out", "C", "-q").status == 0
     assert massprop("run", "sample_maneuver", "--set", "duration_s=1", "--out", "A", "-q", "--no-report").status == 0
     for command in (("campaign", "status"), ("campaign", "plan"), ("campaign", "run")):
-        refused(massprop(*command, "A"), "massprop: A: is a run's folder; 'massprop run A'")
-    refused(massprop("estimate", "A/telemetry.csv", "--vehicle", "A", "--out", "B"), "A: is a run's folder;")
+        require_refused(massprop(*command, "A"), "massprop: A: is a run's folder; 'massprop run A'")
+    require_refused(massprop("estimate", "A/telemetry.csv", "--vehicle", "A", "--out", "B"), "A: is a run's folder;")
     Path("C/summary.json").write_text("{}", encoding="utf-8")  # as of its report
     for command in (("report", "C"), ("view", "C"), ("compare", "C", "A"), ("run", "C")):
-        refused(massprop(*command), "massprop: C: is a campaign's folder; 'massprop campaign report C'")
+        require_refused(massprop(*command), "massprop: C: is a campaign's folder; 'massprop campaign report C'")
 
 
 # --------------------------------------------------------------------------------- all of it, once
 
 
-def test_a_campaign_is_flown_reported_and_flown_again_alone(tmp_path: Path) -> None:
-    def massprop(*arguments: str) -> Any:
-        command = [COMMAND, *arguments]
-        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-
-    (tmp_path / "short.yaml").write_text(SHORT, encoding="utf-8")
-    done = massprop("campaign", "run", "short.yaml", "--workers", "1", "--out", "K")
-    assert done.returncode == 0, done
-    assert all("Dask's dashboard is at http://" in line for line in done.stderr.splitlines())
-    assert "Gate passed: Cases that failed to run" in done.stdout
-    assert done.stdout.endswith("report: K/campaign.html\n")
-    summary = json.loads((tmp_path / "K" / "summary.json").read_text(encoding="utf-8"))
-    assert summary["cases"] == {
-        "planned": 6, "tried": 6, "flown": 6, "judged": 6, "failing": 0, "measured": 6, "ended_wrong": 0,
+def test_a_campaign_is_flown_reported_and_flown_again_alone(massprop: Massprop) -> None:
+    flight = ("campaign", "run", written(), "--set", "cases=1", "--workers", "1", "--out", "K")
+    done = massprop(*flight)
+    assert done.status == 0, done
+    assert all("Dask's dashboard is at http://" in line for line in done.err.splitlines())
+    assert "Gate passed: Cases that failed to run" in done.out
+    assert done.out.endswith("report: K/campaign.html\n")
+    cases = json.loads(Path("K/summary.json").read_text(encoding="utf-8"))["cases"]
+    assert cases == {
+        "planned": 2, "tried": 2, "flown": 2, "judged": 2, "failing": 0, "measured": 2, "ended_wrong": 0,
         "failed_to_run": 0,
     }  # fmt: skip
-
-    again = massprop("campaign", "run", "short.yaml", "--out", "K")
-    assert again.returncode == 2
-    assert (
-        again.stderr == "massprop: K: holds results already; --resume goes on with them, --out names another folder\n"
-    )
-    assert massprop("run", "K/cases/0005").stderr.endswith("'massprop campaign run K --only 5' flies it and keeps it\n")
-
-    alone = massprop("campaign", "run", "K", "--only", "5")
-    assert alone.stdout == "case 5: K/cases/0005/; 'massprop run K/cases/0005' flies it again\n", alone
-    assert massprop("run", "K/cases/0005", "--no-figures", "--no-report", "--out", "B", "-q").returncode == 0
-    kept, flown = Run.load(tmp_path / "K" / "cases" / "0005").summary, Run.load(tmp_path / "B").summary
+    said = "K: holds results already; --resume goes on with them, --out names another folder\n"
+    require_refused(massprop(*flight), said)
+    said = "'massprop campaign run K --only 1' flies it and keeps it\n"
+    require_refused(massprop("run", "K/cases/0001"), said)
+    alone = massprop("campaign", "run", "K", "--only", "1")
+    assert alone.out == "case 1: K/cases/0001/; 'massprop run K/cases/0001' flies it again\n", alone
+    assert massprop("run", "K/cases/0001", "--no-figures", "--no-report", "--out", "B", "-q").status == 0
+    kept, flown = Run.load("K/cases/0001").summary, Run.load("B").summary
     assert {**kept, "timing": None} == {**flown, "timing": None}
-    row_5 = Campaign.load(tmp_path / "K").to_pandas().loc[5]
-    assert row_5["estimate.Ixx_inv"] == kept["estimates"]["inverse_inertia"][0][0]
-    assert row_5["sweep.estimation.start"] == "nominal"
+    row_1 = Campaign.load("K").to_pandas().loc[1]
+    assert row_1["estimate.Ixx_inv"] == kept["estimates"]["inverse_inertia"][0][0]
+    assert row_1["sweep.estimation.start"] == "nominal"
 
 
 # -------------------------------------------------------------------------------- plan and status
@@ -162,8 +139,6 @@ def test_planning_needs_no_dask_and_flying_says_that_it_does(tmp_path: Path) -> 
 
     planned = massprop("plan", "short.yaml", "--out", "K")
     assert (planned.returncode, planned.stderr) == (0, "")
-    assert planned.stdout.endswith("plan: K/plan.parquet\n")
-    assert massprop("status", "K").stdout == "0 of 6 planned cases have been flown so far.\n"
     done = massprop("run", "K")
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr == (
@@ -172,20 +147,7 @@ def test_planning_needs_no_dask_and_flying_says_that_it_does(tmp_path: Path) -> 
     )
 
 
-def test_a_plan_that_could_be_better_says_so(massprop: Massprop) -> None:
-    done = massprop("campaign", "plan", written(), "--set", "method=sobol")
-    assert done.status == 0
-    assert "warning: cases: a Sobol sequence is balanced at powers of two, such as 4; got 3" in done.err
-
-
 # ------------------------------------------------------------------------------------------ report
-
-
-@pytest.fixture
-def swept(massprop: Massprop) -> Path:
-    """A campaign as if it had been flown."""
-    assert massprop("list", "--json").status == 0  # in the folder that it works in
-    return folder(Path("K"), SWEPT.format(cases=6), many(2, 6))
 
 
 @pytest.mark.parametrize(("asked", "status"), [("{max: 1000}", 0), ("{max: 0.001}", 3)])
@@ -218,17 +180,12 @@ nominal.
 """
 MISSED = row(2, [failure(outcome="missed")])  # even numbers are cases of the first cell
 FALSE = row(3, declared=[declaration(cause="healthy")])  # the reference, which alone was in the report
-OUT = row(3, healthy_jets_out=["F2F"])
 
 
 @pytest.mark.parametrize(
     ("others", "cells", "wrong"),
     [
-        ([row(2), row(3)], (0, 0), 0),
-        ([MISSED, row(3)], (1, 0), 0),
         ([MISSED, FALSE], (1, 1), 0),
-        ([row(2), OUT], (0, 1), 0),
-        ([row(2, z=6.5), row(3)], (1, 0), 1),
         ([row(2, z={"x_cm": -7.0}), FALSE], (1, 1), 1),
         ([row(2, z=5.9), row(3)], (0, 0), 0),
     ],
@@ -252,45 +209,14 @@ def test_status_and_report_count_the_same_in_every_cell(
             assert cell["figures"][name]["value"] == pytest.approx(one[name] / one[of])
 
 
-def test_status_of_records_says_nothing_that_nobody_knows(massprop: Massprop) -> None:
-    folder(Path("K"), SHORT, [recorded(number, [declaration()]) for number in range(4)])
-    done = massprop("campaign", "status", "K")
-    assert (done.status, done.out) == (0, "4 of 6 planned cases have been flown so far.\n")
-
-
-def test_a_report_of_ours_is_replaced_and_no_other(massprop: Massprop, swept: Path) -> None:
-    massprop("campaign", "report", swept)
-    massprop("campaign", "report", swept)
-    page = swept / "campaign.html"
-    page.write_text(page.read_text(encoding="utf-8") + "<!-- my remark -->", encoding="utf-8")
-    refused(massprop("campaign", "report", swept), "campaign.html: is there already, and not as we wrote it")
-    assert massprop("campaign", "report", swept, "--force", "-q").out == ""
-    assert "my remark" in (swept / "campaign.html.1").read_text(encoding="utf-8")
-    assert "my remark" not in page.read_text(encoding="utf-8")
-
-
-def test_cells_and_campaigns_are_compared(massprop: Massprop, swept: Path) -> None:
-    done = massprop("campaign", "compare", swept)
-    assert (done.status, done.err) == (0, "")
-    assert "margin 4, compared with margin 6" in done.out
-    assert done.out.endswith("comparison: compare.html\n")
-    other = folder(Path("L"), SWEPT.format(cases=6).replace("seed: 3", "seed: 4"), many(2, 6))
-    refused(massprop("campaign", "compare", swept, other), "is drawn by random with seed 4, K by random with seed 3")
-
-
 # --------------------------------------------------------------------------------------- bad input
 
 BAD = {
     "draw.plant.thrust_dispersion={uniformm: {low: 0, high: 1}}": "there is no distribution 'uniformm'",
     "draw.plant.thrust_dispersion={uniform: {low: 0.2, high: 0.1}}": "high must be above low",
-    "draw.vehicle=7": "vehicle",
     "sweep.detector.marign=[1, 2]": "marign",
-    "sweep.estimation.start=[warm]": "warm",
     "gates.false_alarms={max: 1}": "there is no such figure",
-    "cases=0": "cases",
-    "method=lucky": "lucky",
     "base=nothing_of_the_kind": "nothing_of_the_kind",
-    "draw.plant.mass_properties={mass_percent: -5}": "mass_percent",
     "draw.plant.mass_properties={mass: {uniform: {low: -10, high: -5}}}": "mass",
 }
 
@@ -298,49 +224,26 @@ BAD = {
 @pytest.mark.parametrize("override", BAD)
 def test_bad_campaigns_are_one_message(massprop: Massprop, override: str) -> None:
     done = massprop("campaign", "run", written(), "--set", override)
-    refused(done, BAD[override])
+    require_refused(done, BAD[override])
     assert not Path("runs").exists()
-
-
-def test_what_is_wrong_in_a_file_is_told_with_its_line(massprop: Massprop) -> None:
-    name = written(SHORT.replace("uniform", "uniformm"))
-    done = massprop("check", name)
-    assert done.status == 2
-    assert "short.yaml, line 9: draw.plant.thrust_dispersion: there is no distribution 'uniformm'" in done.out
-    refused(massprop("campaign", "plan", name), "short.yaml, line 9: draw.plant.thrust_dispersion")
 
 
 def test_folders_that_hold_no_campaign_are_refused(massprop: Massprop) -> None:
     Path("empty").mkdir()
     for command in ("status", "report", "compare"):
-        refused(massprop("campaign", command, "empty"), "empty")
+        require_refused(massprop("campaign", command, "empty"), "empty")
     massprop("campaign", "plan", written(), "--out", "K")
-    refused(massprop("campaign", "report", "K"), "K: no case has been flown yet")
-    refused(massprop("campaign", "plan", "short.yaml", "--set", "seed=4", "--out", "K"), "K: holds the plan of another")
+    require_refused(massprop("campaign", "report", "K"), "K: no case has been flown yet")
+    require_refused(
+        massprop("campaign", "plan", "short.yaml", "--set", "seed=4", "--out", "K"), "K: holds the plan of another"
+    )
     Path("mine").mkdir()
     Path("mine/notes.txt").write_text("mine", encoding="utf-8")
-    refused(massprop("campaign", "run", "short.yaml", "--out", "mine"), "mine: holds files that are not of an earlier")
+    require_refused(
+        massprop("campaign", "run", "short.yaml", "--out", "mine"), "mine: holds files that are not of an earlier"
+    )
 
 
 def test_workers_of_two_kinds_are_refused(massprop: Massprop) -> None:
     done = massprop("campaign", "run", written(), "--workers", "2", "--scheduler", "tcp://127.0.0.1:1")
-    refused(done, "give either --workers or --scheduler")
-
-
-# ------------------------------------------------------------------------------ elsewhere
-
-
-def test_campaigns_are_listed_checked_and_have_a_schema(massprop: Massprop) -> None:
-    assert "every_jet" in json.loads(massprop("list", "--json").out)["campaigns"]
-    done = massprop("check", written(), "every_jet")
-    assert (done.status, done.err) == (0, "")
-    assert "short.yaml: ok: campaign 'short' of scenario 'sample_maneuver', cases: 3, each in 2 ways" in done.out
-    names = [key["name"] for key in json.loads(massprop("check", "--schema", "campaign", "--json").out)]
-    assert {"base", "draw", "gates{}.max", "draw{}.uniform.low"} <= set(names)
-
-
-def test_a_notebook_shows_the_verdict(swept: Path) -> None:
-    shown = Campaign.load(swept)._repr_html_()
-    assert shown is not None
-    assert "Gate passed: False declarations" in shown
-    assert Campaign.load("every_jet")._repr_html_() is None
+    require_refused(done, "give either --workers or --scheduler")

@@ -4,10 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -45,28 +41,14 @@ def test_a_run_is_written_into_its_folder_again_and_again(
         assert done.out.splitlines()[0] == f"A/{name}: {size / 1e6:.3g} MB, {signals} signals, {samples} samples"
         assert "  lengths of frames and scene are in ft" in done.out.splitlines()
     assert name in json.loads((folder / "manifest.json").read_text(encoding="utf-8"))["files"]
-    assert (
-        massprop("run", folder, "--out", "A", "--no-report", "-q", "--force").status == 0
-    )  # it still is a run of ours
-
-
-def test_what_it_prints(massprop: Massprop, folder: Path, short_run: Run) -> None:
-    assert massprop("export", folder, "--to", "mcap", "-q") == (0, "", "")
-    said = json.loads(massprop("export", folder, "--to", "mcap", "--out", "a.mcap", "--json").out)
-    assert said == {
-        "file": "a.mcap",
-        "bytes": Path("a.mcap").stat().st_size,
-        "rows": short_run.time_s.size,
-        "signals": list(short_run.units),
-        "notes": ["lengths of frames and scene are in ft"],
-    }
+    again = ("run", folder, "--out", "A", "--no-report", "-q", "--force")
+    assert massprop(*again).status == 0  # it still is a run of ours
 
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
         (("nowhere", "--to", "mcap"), "nowhere: there is no such run"),
-        (("A/figures", "--to", "mcap"), "A/figures: there is no such run"),
         (("campaign", "--to", "mcap"), "campaign: "),
         (("empty", "--to", "rerun"), "empty: holds no run that can be read"),
         (("A", "--to", "csv"), "'csv' is no format to export to; valid are: mcap, rerun"),
@@ -78,7 +60,6 @@ def test_what_it_prints(massprop: Massprop, folder: Path, short_run: Run) -> Non
         ),
         (("A", "--to", "mcap", "--epoch", "noon"), "--epoch noon: must be seconds since 1970 or a date such as"),
         (("A", "--to", "mcap", "--epoch", "-5"), "run of 'sample_maneuver': has the time -5 s"),
-        (("A", "--to", "mcap", "--epoch", "nan"), "run of 'sample_maneuver': has the time nan s"),
         (("A", "--to", "mcap", "--live", "--out", "a.mcap"), "--live: writes no file; give --out without it"),
         (("A", "--to", "mcap", "--live", "--speed", "0"), "--speed 0: must be a number above zero"),
         (("A", "--to", "rerun", "--live", "--port", "1"), "--port 1: no viewer of Rerun listens there"),
@@ -98,23 +79,10 @@ def test_bad_input_is_one_message(massprop: Massprop, arguments: tuple[str, ...]
 @pytest.mark.parametrize(
     ("epoch", "seconds"),
     [
-        ("0", 0.0),
         ("1.5e9", 1.5e9),
-        ("2026-03-01", 1772323200.0),
         ("2026-03-01T12:00:00.5", 1772366400.5),
         ("2026-03-01T12:00:00+02:00", 1772359200.0),
     ],
 )
 def test_an_epoch_is_seconds_or_a_date(epoch: str, seconds: float) -> None:
     assert exports.seconds(epoch) == seconds
-
-
-def test_ctrl_c_ends_a_run_that_waits_for_a_viewer(saved: Path, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "massprop_drake", "export", saved, "--to", "mcap", "--live", "--port", "18765"]
-    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        assert process.stderr is not None
-        assert process.stderr.readline().startswith("massprop: waiting for a viewer at ws://127.0.0.1:18765; ")
-        time.sleep(0.2)
-        process.send_signal(signal.SIGINT)
-        out, rest = process.communicate(timeout=60.0)
-    assert (process.returncode, out, rest) == (130, "", "massprop: interrupted: nothing was saved\n")

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import builtins
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from conftest import REPOSITORY, Massprop
-from record_probe import Flight, flight, px4_topics, usual_columns, usual_map, write_bag, write_csv, write_ulog
+from conftest import Massprop
+from record_probe import Flight, flight, px4_topics, usual_columns, usual_map, write_csv, write_ulog
 
-from massprop_drake import estimate, load_scenario, simulate
-from massprop_drake.inputs.record_map import load_map
+from massprop_drake import load_scenario, simulate
 from massprop_drake.inputs.vehicle_file import load_vehicle
 from massprop_drake.results.run import Run
 
@@ -67,15 +63,6 @@ def test_a_mapped_record_gives_the_runs_own_estimates(massprop: Massprop, flown:
     assert found["data_quality"]["rows"] == len(flown.time_s)
 
 
-def test_a_map_of_telemetry_itself_changes_nothing(massprop: Massprop, flown: Run, tmp_path: Path) -> None:
-    flown.save(tmp_path / "run", pictures=False, report=False)
-    telemetry = tmp_path / "run" / "telemetry.csv"
-    assert massprop("map", telemetry, *FREE_FLYER, "--out", "map.yaml").status == 0
-    again = estimate(telemetry, load_scenario(tmp_path / "run"), record_map="map.yaml")
-    np.testing.assert_array_equal(again["estimate"], flown["estimate"])
-    np.testing.assert_array_equal(again["standard_deviation"], flown["standard_deviation"])
-
-
 def test_a_map_is_proposed_shown_written_and_checked(massprop: Massprop, one: Flight, tmp_path: Path) -> None:
     log = write_csv(tmp_path / "log.csv", usual_columns(one))
     done = massprop("map", log, *FREE_FLYER, "--out", "map.yaml")
@@ -92,15 +79,6 @@ def test_a_map_is_proposed_shown_written_and_checked(massprop: Massprop, one: Fl
     assert "map.yaml" in again.err
 
 
-def test_a_proposal_as_data(massprop: Massprop, one: Flight, tmp_path: Path) -> None:
-    log = write_csv(tmp_path / "log.csv", usual_columns(one))
-    found = json.loads(massprop("map", log, *FREE_FLYER, "--json").out)
-    assert found["map"]["time"] == {"column": "t", "unit": "s"}
-    assert len(found["reasons"]) >= 3
-    assert found["rows"][1]["sensors"]["gyro"]["x"] == pytest.approx(one.rates[1, 0])
-    assert set(found) == {"map", "reasons", "lacking", "left_out", "rows", "notes"}
-
-
 def test_what_is_not_found_ends_with_2_after_what_is(massprop: Massprop, tmp_path: Path) -> None:
     log = write_csv(tmp_path / "log.csv", {"t": [0.0, 0.05, 0.1], "wx": [1, 2, 3], "wy": [1, 2, 3], "wz": [1, 2, 3]})
     done = massprop("map", log, *FREE_FLYER)
@@ -108,12 +86,6 @@ def test_what_is_not_found_ends_with_2_after_what_is(massprop: Massprop, tmp_pat
     assert "# What is to be filled in:" in done.out
     assert done.err.count("\n") == 1
     assert "no commands were found" in done.err
-
-
-def test_keys_of_a_map_are_shown(massprop: Massprop) -> None:
-    done = massprop("check", "--schema", "map", "--json")
-    names = [key["name"] for key in json.loads(done.out)]
-    assert {"time.differences[].rate", "commands.acts", "csv.decimal"} <= set(names)
 
 
 def test_a_vehicle_and_a_map_of_a_px4_log(massprop: Massprop, one: Flight, tmp_path: Path) -> None:
@@ -180,66 +152,3 @@ def test_bad_input_is_one_message(massprop: Massprop, one: Flight, tmp_path: Pat
         assert said in done.err, done.err
     done = massprop("estimate", "-", *FREE_FLYER, "--map", tmp_path / "good.yaml")
     assert (done.status, done.err.count("\n")) == (2, 1)
-
-
-@pytest.mark.parametrize("kind", ["ulog", "ros1", "mcap"])
-def test_a_map_of_a_log_that_is_cut_off_says_so(kind: str, massprop: Massprop, one: Flight, tmp_path: Path) -> None:
-    if kind == "ulog":
-        pytest.importorskip("pyulog")
-        path = write_ulog(tmp_path / "log.ulg", px4_topics(one), {})
-    else:
-        pytest.importorskip("rosbags")
-        write_bag(tmp_path / ("log.bag" if kind == "ros1" else "log"), one, kind)
-        path = tmp_path / "log.bag" if kind == "ros1" else tmp_path / "log" / "log.mcap"
-    path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])
-    done = massprop("map", path, *FREE_FLYER)
-    assert (done.status, done.out[:10]) == (0, "# Proposed")
-    assert f"massprop: warning: truncated: {path}: is cut off: it ends" in done.err
-
-
-@pytest.mark.parametrize(
-    ("ending", "package", "extra"),
-    [
-        (".ulg", "pyulog", "ulog"),
-        (".bag", "rosbags", "rosbag"),
-        (".mat", "h5py", "mat"),
-        (".parquet", "pyarrow", "parquet"),
-    ],
-)
-def test_a_missing_extra_is_named(
-    ending: str, package: str, extra: str, massprop: Massprop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / f"log{ending}"
-    path.write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(600))
-    usual = builtins.__import__
-
-    def without(name: str, *rest: Any) -> Any:
-        if name.partition(".")[0] == package:
-            raise ImportError(name)
-        return usual(name, *rest)
-
-    monkeypatch.setattr(builtins, "__import__", without)
-    done = massprop("map", path, *FREE_FLYER)
-    assert (done.status, done.out, done.err.count("\n")) == (2, "", 1)
-    assert f"needs {package}: pip install 'massprop-drake[{extra}]'" in done.err
-
-
-def test_readers_are_loaded_when_they_are_needed() -> None:
-    program = (
-        "import sys\n"
-        "from massprop_drake.cli import app, records, sources\n"
-        "from massprop_drake.runners import recorded\n"
-        "heavy = {'scipy', 'pyarrow', 'h5py', 'pyulog', 'rosbags'}\n"
-        "print(sorted({name.partition('.')[0] for name in sys.modules} & heavy))"
-    )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
-
-
-@pytest.mark.parametrize("name", ["hardware", "twin"])
-def test_the_bundled_records_have_the_maps_that_are_proposed(name: str, massprop: Massprop, tmp_path: Path) -> None:
-    folder = REPOSITORY / "docs" / "tutorials" / "air_bearing"
-    shown = ("map", str(folder / f"{name}.csv"), "--vehicle", "air_bearing", "--out", str(tmp_path / "map.yaml"))
-    assert massprop(*shown).status == 0
-    proposed, kept = load_map(tmp_path / "map.yaml"), load_map(folder / f"{name}_map.yaml")
-    assert proposed == kept

@@ -34,6 +34,7 @@ from massprop_drake.results.run import Run
 
 TIME = np.linspace(0.0, 10.0, 11)
 BLUE = "#0072B2"
+LINE = Line(TIME, TIME + 1.0, BLUE)
 
 
 def plot(*panels: Panel, windows: tuple[ShadedWindow, ...] = (), moments: tuple[MomentLine, ...] = ()) -> Plot:
@@ -52,16 +53,41 @@ def texts(figure: Figure) -> list[str]:
     return [text.get_text() for text in figure.findobj(Text)]
 
 
-def test_a_line_has_the_data_and_the_look_of_its_description() -> None:
+def test_marks_have_the_data_and_the_look_of_their_descriptions() -> None:
     figure = only(Line(TIME, TIME**2, BLUE, "square", width=2.0, dashed=True, steps=True))
     (line,) = figure.axes[0].lines
     np.testing.assert_array_equal(line.get_xydata(), np.column_stack([TIME, TIME**2]))
-    assert (line.get_color(), line.get_linewidth(), line.get_linestyle()) == (BLUE, 2.0, "--")
-    assert line.get_drawstyle() == "steps-post"
+    looks = line.get_color(), line.get_linewidth(), line.get_linestyle(), line.get_drawstyle()
+    assert looks == (BLUE, 2.0, "--", "steps-post")
     assert {"label, unit", "Title   (caption)", "time, s   (note)", "square"} <= set(texts(figure))
+    (line,) = only(Points(TIME, TIME, BLUE, size=3.0)).axes[0].lines
+    np.testing.assert_array_equal(line.get_ydata(), TIME)
+    assert (line.get_linestyle(), line.get_marker(), line.get_markersize()) == ("None", ".", 3.0)
+    (ticks,) = only(Points(TIME, TIME, BLUE, symbol="tick")).axes[0].lines
+    assert ticks.get_marker() == "|"
+    (whiskers,) = collections(only(Whiskers(TIME, TIME - 1.0, TIME + 1.0, BLUE)), LineCollection)
+    np.testing.assert_array_equal(np.array(whiskers.get_segments())[:, :, 1], np.stack([TIME - 1, TIME + 1], axis=1))
+    (band,) = only(Band(TIME, -TIME, TIME, opacity=0.5)).axes[0].collections
+    assert band.get_alpha() == 0.5
+    edges = {tuple(vertex) for vertex in band.get_paths()[0].vertices.tolist()}
+    assert {(x, sign * x) for x in TIME for sign in (-1.0, 1.0)} <= edges
+    (level,) = only(Level(6.0)).axes[0].lines
+    assert list(level.get_ydata()) == [6.0, 6.0]
+    (zone,) = only(Zone(0.2, 9.0)).axes[0].patches
+    assert (zone.get_y(), zone.get_y() + zone.get_height()) == (0.2, pytest.approx(9.0))
 
 
-@pytest.mark.parametrize("name", ["$x$", r"$\frac$ and $", 300 * "long"])
+def test_bars_lie_in_named_rows_from_the_top_down() -> None:
+    bars = Bars(np.array([1.0, 4.0]), np.array([2.0, 7.0]), np.array([0.0, 1.0]), BLUE)
+    figure = only(bars, rows=("first", "second"))
+    (drawn,) = collections(figure, PolyCollection)
+    boxes = [path.get_extents() for path in drawn.get_paths()]
+    assert [(box.x0, box.x1, 0.5 * (box.y0 + box.y1)) for box in boxes] == [(1.0, 2.0, 0.0), (4.0, 7.0, 1.0)]
+    assert figure.axes[0].get_ylim()[0] > figure.axes[0].get_ylim()[1]
+    assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["first", "second"]
+
+
+@pytest.mark.parametrize("name", [r"$\frac$ and $", 300 * "long"])
 def test_names_are_shown_as_they_are(name: str) -> None:
     """Dollars are no mathematics, and a name longer than the figure is cut."""
     bars = Bars(np.zeros(1), np.ones(1), np.zeros(1), BLUE)
@@ -72,88 +98,39 @@ def test_names_are_shown_as_they_are(name: str) -> None:
     assert not any(text.get_parse_math() for text in figure.findobj(Text) if name in text.get_text())
 
 
-def test_points_are_not_joined() -> None:
-    (line,) = only(Points(TIME, TIME, BLUE, size=3.0)).axes[0].lines
-    np.testing.assert_array_equal(line.get_ydata(), TIME)
-    assert (line.get_linestyle(), line.get_marker(), line.get_markersize()) == ("None", ".", 3.0)
-    (ticks,) = only(Points(TIME, TIME, BLUE, symbol="tick")).axes[0].lines
-    assert ticks.get_marker() == "|"
-
-
-def test_whiskers_go_from_low_to_high() -> None:
-    (whiskers,) = collections(only(Whiskers(TIME, TIME - 1.0, TIME + 1.0, BLUE)), LineCollection)
-    np.testing.assert_array_equal(np.array(whiskers.get_segments())[:, :, 1], np.stack([TIME - 1, TIME + 1], axis=1))
-
-
-def test_a_band_fills_what_lies_between_its_edges() -> None:
-    (band,) = only(Band(TIME, -TIME, TIME, opacity=0.5)).axes[0].collections
-    assert band.get_alpha() == 0.5
-    edges = band.get_paths()[0].vertices
-    for sign in (-1.0, 1.0):
-        assert {(x, sign * x) for x in TIME} <= {tuple(vertex) for vertex in edges.tolist()}
-
-
-def test_bars_lie_in_named_rows_from_the_top_down() -> None:
-    bars = Bars(np.array([1.0, 4.0]), np.array([2.0, 7.0]), np.array([0.0, 1.0]), BLUE)
-    figure = only(bars, rows=("first", "second"))
-    (drawn,) = collections(figure, PolyCollection)
-    boxes = [path.get_extents() for path in drawn.get_paths()]
-    assert [(box.x0, box.x1) for box in boxes] == [(1.0, 2.0), (4.0, 7.0)]
-    assert [0.5 * (box.y0 + box.y1) for box in boxes] == [0.0, 1.0]
-    assert figure.axes[0].get_ylim()[0] > figure.axes[0].get_ylim()[1]
-    assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["first", "second"]
-
-
-def test_levels_and_zones_lie_at_their_values() -> None:
-    (level,) = only(Level(6.0)).axes[0].lines
-    assert list(level.get_ydata()) == [6.0, 6.0]
-    (zone,) = only(Zone(0.2, 9.0)).axes[0].patches
-    assert (zone.get_y(), zone.get_y() + zone.get_height()) == (0.2, pytest.approx(9.0))
-
-
 def test_a_scale_is_that_of_its_panel() -> None:
-    line = Line(TIME, TIME + 1.0, BLUE)
-    assert only(line).axes[0].get_yscale() == "linear"
-    assert only(line, scale="log").axes[0].get_yscale() == "log"
-    symmetric = only(line, scale=SymmetricLog(0.03, 200.0)).axes[0]
+    assert [only(LINE, scale=scale).axes[0].get_yscale() for scale in ("linear", "log")] == ["linear", "log"]
+    symmetric = only(LINE, scale=SymmetricLog(0.03, 200.0)).axes[0]
     assert symmetric.get_yscale() == "symlog"
     np.testing.assert_allclose(symmetric.get_yticks(), [-100, -10, -1, -0.1, 0, 0.1, 1, 10, 100])
-    assert only(line, limits=(-1.0, 50.0)).axes[0].get_ylim() == (-1.0, 50.0)
+    assert only(LINE, limits=(-1.0, 50.0)).axes[0].get_ylim() == (-1.0, 50.0)
 
 
-def test_panels_share_their_time_which_stands_below_the_lowest() -> None:
-    line = Line(TIME, TIME, BLUE)
-    upper, lower = figures.drawn(plot(Panel("a", "", (line,)), Panel("b", "", (line,)))).axes
+def test_panels_share_time_windows_and_moments() -> None:
+    moments = (MomentLine(3.0, declared=False), MomentLine(4.0, declared=True))
+    windows = tuple(ShadedWindow(start, start + 0.2, "RHC +x") for start in (1.0, 1.0, 1.2, 6.0))
+    figure = figures.drawn(plot(Panel("a", "", (LINE,)), Panel("b", "", (LINE,)), windows=windows, moments=moments))
+    upper, lower = figure.axes
     assert upper.get_position().y0 > lower.get_position().y1
     assert upper.get_xlim() == lower.get_xlim() == (0.0, 10.0)
     assert (upper.xaxis.get_visible(), lower.xaxis.get_visible()) == (False, True)
-
-
-def test_windows_and_moments_are_in_every_panel() -> None:
-    line = Line(TIME, TIME, BLUE)
-    panels = (Panel("a", "", (line,)), Panel("b", "", (line,)))
-    moments = (MomentLine(3.0, declared=False), MomentLine(4.0, declared=True))
-    figure = figures.drawn(plot(*panels, windows=(ShadedWindow(1.0, 2.0, "RHC +x"),), moments=moments))
     for axes in figure.axes:
-        (shade,) = [found for found in axes.collections if isinstance(found, PolyCollection)]
-        assert (shade.get_paths()[0].get_extents().x0, shade.get_paths()[0].get_extents().x1) == (1.0, 2.0)
+        shade = next(found for found in axes.collections if isinstance(found, PolyCollection)).get_paths()[0]
+        assert (shade.get_extents().x0, shade.get_extents().x1) == (1.0, 1.2)
         rules = [found for found in axes.collections if isinstance(found, LineCollection)]
         assert {3.0, 4.0} <= {segment[0][0] for found in rules for segment in found.get_segments()}
-    assert "RHC +x" in texts(figure)
-
-
-def test_names_of_windows_do_not_overlap() -> None:
-    windows = tuple(ShadedWindow(start, start + 0.2, "RHC +x") for start in (1.0, 1.0, 1.2, 6.0))
-    figure = figures.drawn(plot(Panel("a", "", ()), windows=windows))
     figure.canvas.draw()
     boxes = [text.get_window_extent() for text in figure.findobj(Text) if text.get_text() == "RHC +x"]
-    for index, box in enumerate(boxes):
-        assert not any(box.overlaps(other) for other in boxes[:index])
+    assert not any(box.overlaps(other) for index, box in enumerate(boxes) for other in boxes[:index])
     assert boxes[3].y0 == boxes[0].y0
 
 
 def test_all_text_lies_apart_and_inside_the_picture(stuck_run: Run) -> None:
-    for name, figure in stuck_run.plot.all().items():
+    source, drawn = plots.source(stuck_run), stuck_run.plot.all()
+    assert list(drawn) == list(plots.available(source))
+    for panel, axes in zip(plots.rates(source).panels, drawn["rates"].axes, strict=True):
+        np.testing.assert_array_equal(axes.lines[0].get_ydata(), panel.marks[0].y)  # type: ignore[union-attr]
+    for name, figure in drawn.items():
         figure.canvas.draw()
         shown = [text for text in figure.findobj(Text) if text.get_visible() and text.get_text().strip()]
         ours = [text for text in shown if text in figure.texts or text in figure.axes[0].texts]
@@ -167,39 +144,29 @@ def test_all_text_lies_apart_and_inside_the_picture(stuck_run: Run) -> None:
             assert not any(box.overlaps(other) for other in boxes[:index]), (name, ours[index])
 
 
-def test_a_runs_figures_are_its_plots(stuck_run: Run) -> None:
-    source = plots.source(stuck_run)
-    assert list(stuck_run.plot.all()) == list(plots.available(source))
-    figure = stuck_run.plot.rates()
-    for panel, axes in zip(plots.rates(source).panels, figure.axes, strict=True):
-        (line,) = axes.lines
-        np.testing.assert_array_equal(line.get_ydata(), panel.marks[0].y)  # type: ignore[union-attr]
-
-
 DRAWN = sorted(name for name in vars(figures.Plots) if not name.startswith("_") and name not in ("all", "save"))
 
 
-@pytest.mark.parametrize("name", DRAWN)
-def test_a_method_draws_the_plot_of_its_name(stuck_run: Run, name: str) -> None:
-    simulated = {f"against.{sensor}": stuck_run[sensor] for sensor in stuck_run.scenario.vehicle_data.sensor_names()}
-    followed = {"rate_estimate": stuck_run["rate"]}  # as of a vehicle that is followed in a fixed frame
-    for what in ("", "_std"):
-        followed |= {f"thrust_factor{what}": np.ones_like(stuck_run["command"])}
-        followed |= {f"{name}{what}": stuck_run["rate"] for name in ("command_delay", "drag_rate", "heading_turn")}
-    followed |= {"position_estimate": stuck_run["position"], "mine.doubled": 2.0 * stuck_run["rate"]}
-    followed |= {"fault_probability": np.full_like(stuck_run["command"], 0.5)}
-    followed |= {f"{name}_probability": stuck_run["alarm"] for name in ("none", "unknown")}
+def test_a_method_draws_the_plot_of_its_name(stuck_run: Run) -> None:
+    rate, position = stuck_run["rate"], stuck_run["position"]
+    more = {f"against.{sensor}": stuck_run[sensor] for sensor in stuck_run.scenario.vehicle_data.sensor_names()}
+    more |= {"rate_estimate": rate, "position_estimate": position, "mine.doubled": 2.0 * rate}
+    for what in ("", "_std"):  # as of a vehicle that is followed in a fixed frame
+        more |= {f"{name}{what}": rate for name in ("command_delay", "drag_rate", "heading_turn")}
+        more |= {f"thrust_factor{what}": np.ones_like(stuck_run["command"])}
+    more |= {"fault_probability": np.full_like(stuck_run["command"], 0.5)}
+    more |= {f"{name}_probability": stuck_run["alarm"] for name in ("none", "unknown")}
+    more |= dict.fromkeys(("camera", "against.camera"), np.hstack((position, np.full((len(rate), 4), 0.5))))
     pose = PoseSensor(name="camera", position_std=1.0, attitude_std=1.0)
     vehicle = stuck_run.scenario.vehicle_data.model_copy(update={"poses": (pose,)})
-    read = np.hstack((stuck_run["position"], np.ones((len(stuck_run.time_s), 4)) / 2.0))
-    followed |= {"camera": read, "against.camera": read}
     scenario = stuck_run.scenario.model_copy(update={"vehicle": vehicle})
-    run = Run(scenario, stuck_run.results, stuck_run.time_s, {**stuck_run.signals, **simulated, **followed})
-    title = getattr(run.plot, name)().get_suptitle()
-    assert title.startswith(getattr(plots, name)(plots.source(run)).title)
+    run = Run(scenario, stuck_run.results, stuck_run.time_s, {**stuck_run.signals, **more})
+    for name in DRAWN:
+        title = getattr(run.plot, name)().get_suptitle()
+        assert title.startswith(getattr(plots, name)(plots.source(run)).title)
 
 
-def test_a_figure_is_freed_before_the_next_is_drawn(
+def test_figures_are_saved_by_name_each_freed_before_the_next(
     stuck_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made: list[weakref.ref[Figure]] = []
@@ -213,19 +180,15 @@ def test_a_figure_is_freed_before_the_next_is_drawn(
         return figure
 
     monkeypatch.setattr(figures, "drawn", watched)
-    every = list(plots.available(plots.source(stuck_run)).items())
-    monkeypatch.setattr(plots, "available", lambda _: dict(every[:3]))
+    every = dict(list(plots.available(plots.source(stuck_run)).items())[:3])
+    monkeypatch.setattr(plots, "available", lambda _: every)
     gc.disable()  # none is freed by chance
     try:
         stuck_run.plot.save(tmp_path)
     finally:
         gc.enable()
     assert alive == [0, 0, 0]
-
-
-def test_figures_are_saved_by_name(stuck_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    chosen = {"rates": stuck_run.plot.rates()}
-    monkeypatch.setattr(figures.Plots, "all", lambda _: chosen)
-    stuck_run.plot.save(tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == ["rates.png"]
-    assert (tmp_path / "rates.png").read_bytes().startswith(b"\x89PNG")
+    assert {path.name for path in tmp_path.iterdir()} == {f"{name}.png" for name in every}
+    for path in tmp_path.iterdir():
+        assert path.read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
+        assert path.read_bytes().endswith(b"IEND\xaeB`\x82")

@@ -16,27 +16,16 @@ from massprop_drake.display.graphs import DIAGRAMS, build, framed, overview_text
 GALLERY = REPOSITORY / "diagrams" / "graphs"
 
 
-@pytest.fixture(scope="module")
-def drawn(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """All graphs, drawn in a process of their own: Drake counts the systems that it has made."""
-    folder = tmp_path_factory.mktemp("graphs")
-    command = [sys.executable, "-m", "massprop_drake", "graph", "--out", str(folder), "--quiet"]
-    subprocess.run(command, check=True, cwd=folder)
-    return folder
-
-
-def test_the_gallery_shows_the_diagrams_as_they_are(drawn: Path) -> None:
+def test_the_gallery_shows_the_diagrams_as_they_are(tmp_path: Path) -> None:
     """When this fails: massprop graph --out diagrams/graphs."""
+    # in a process of its own: Drake counts the systems that it has made
+    command = [sys.executable, "-m", "massprop_drake", "graph", "--out", str(tmp_path), "--quiet"]
+    subprocess.run(command, check=True, cwd=tmp_path)
     names = {path.name for path in GALLERY.glob("*.dot")}
-    assert names == {path.name for path in drawn.glob("*.dot")}
+    assert names == {path.name for path in tmp_path.glob("*.dot")}
     for name in sorted(names):
-        assert (GALLERY / name).read_text("utf-8") == (drawn / name).read_text("utf-8"), name
-
-
-def test_every_diagram_has_its_picture() -> None:
-    for name in DIAGRAMS:
-        picture = (GALLERY / f"{name}.svg").read_text("utf-8")
-        assert picture.lstrip().startswith(("<?xml", "<svg"))
+        assert (GALLERY / name).read_text("utf-8") == (tmp_path / name).read_text("utf-8"), name
+    assert {path.stem for path in GALLERY.glob("*.svg")} >= {*DIAGRAMS, *(f"{name}_overview" for name in DIAGRAMS)}
     assert ">held_command<" in (GALLERY / "closed_loop.svg").read_text("utf-8")
 
 
@@ -50,27 +39,22 @@ OUTSIDE = """() => [...document.querySelectorAll("g.node")].flatMap(node => {
 })"""  # texts of nodes that are wider than a box that they stand in
 
 
-def test_text_is_inside_its_boxes_in_a_browser(opened: Any) -> None:
-    for path in sorted(GALLERY.glob("*.svg")):
-        picture = opened(path, ready="svg").page
-        assert picture.locator("g.node text").count() > 1, path.name
-        assert picture.evaluate(OUTSIDE) == [], path.name
+@pytest.mark.parametrize("name", ["closed_loop", "closed_loop_overview"])
+def test_text_is_inside_its_boxes_in_a_browser(opened: Any, name: str) -> None:
+    picture = opened(GALLERY / f"{name}.svg", ready="svg").page
+    assert picture.locator("g.node text").count() > 1
+    assert picture.evaluate(OUTSIDE) == []
 
 
 A4 = 780.0, 540.0  # points within the margins, on its side
 
 
 @pytest.mark.parametrize("name", DIAGRAMS)
-def test_an_overview_can_be_read_on_a_sheet_of_paper(name: str) -> None:
+def test_an_overview_fits_a_sheet_with_every_part_and_one_arrow_for_each_pair(name: str) -> None:
     picture = (GALLERY / f"{name}_overview.svg").read_text("utf-8")
     width, height = map(float, re.findall(r'<svg width="([\d.]+)pt" height="([\d.]+)pt"', picture)[0])
     scale = min(1.0, A4[0] / width, A4[1] / height)
-    sizes = [float(size) for size in re.findall(r'font-size="([\d.]+)"', picture)]
-    assert min(sizes) * scale >= 7.0
-
-
-@pytest.mark.parametrize("name", DIAGRAMS)
-def test_an_overview_has_every_part_and_one_arrow_for_each_pair(name: str) -> None:
+    assert min(float(size) for size in re.findall(r'font-size="([\d.]+)"', picture)) * scale >= 7.0
     diagram = build(name)
     dot = overview_text(diagram)
     for system in diagram.GetSystems():
@@ -79,30 +63,6 @@ def test_an_overview_has_every_part_and_one_arrow_for_each_pair(name: str) -> No
     pairs = {f'"{source.get_name()}" -> "{to.get_name()}"' for (to, _), (source, _) in diagram.connection_map().items()}
     assert sorted(arrows) == sorted(pairs)
     assert "massprop_drake" not in dot
-
-
-def curve(path: str) -> list[tuple[float, float]]:
-    """Points on the Bezier curves of a path."""
-    ends = [(float(x), float(y)) for x, y in re.findall(r"(-?[\d.]+)[ ,](-?[\d.]+)", path)]
-    found = []
-    for start in range(0, len(ends) - 3, 3):
-        for part in (step / 20.0 for step in range(21)):
-            weights = (1 - part) ** 3, 3 * part * (1 - part) ** 2, 3 * part**2 * (1 - part), part**3
-            x, y = (sum(w * end[axis] for w, end in zip(weights, ends[start:], strict=False)) for axis in (0, 1))
-            found.append((x, y))
-    return found
-
-
-@pytest.mark.parametrize("picture", sorted(path.name for path in GALLERY.glob("*.svg") if "overview" not in path.name))
-def test_wires_are_inside_the_frame(picture: str) -> None:
-    text = (GALLERY / picture).read_text("utf-8")
-    (frame,) = re.findall(r"<title>cluster0diagram</title>\s*<polygon[^>]*points=\"([^\"]+)", text)
-    corners = [tuple(map(float, corner.split(","))) for corner in frame.split()]
-    (left, right), (low, high) = ((min(values), max(values)) for values in zip(*corners, strict=True))
-    wires = re.findall(r'class="edge">.*?<path[^>]* d="([^"]+)"', text, flags=re.DOTALL)
-    assert len(wires) > 10
-    outside = [(x, y) for wire in wires for x, y in curve(wire) if not (left <= x <= right and low <= y <= high)]
-    assert outside == []
 
 
 def test_a_frame_is_widened_for_wires_of_its_own_diagram_alone() -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import random
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
-from malformed_probe import spoil_data, spoil_number, spoil_text
-from ruamel.yaml import YAML
 
-from massprop_drake import InputError, load_scenario
-from massprop_drake.inputs.campaign_file import MOST_CASES, Dispersion, load_campaign, settings_of, with_settings
+from massprop_drake import InputError
+from massprop_drake.inputs.campaign_file import Dispersion, load_campaign, settings_of, with_settings
 from massprop_drake.inputs.params import true_properties
 from massprop_drake.inputs.vehicle_file import Vehicle
-from massprop_drake.inputs.yaml import to_yaml
 from massprop_drake.maths.mass_properties import could_be_inertia, drawn_body
 from massprop_drake.studies.campaign.plan import planned
 
@@ -31,28 +26,6 @@ draw:
   plant.thrust_dispersion: 0.01
   failures: [{kind: leak, jet: {choice: vernier}, start_s: {uniform: {low: 3, high: 4}}, force: 5.0}]
 sweep: {detector.margin: [4, 6]}
-"""
-
-
-SPOILT = """\
-name: spoilt
-base: sample_maneuver
-cases: 3
-seed: 4
-method: random
-set: {duration_s: 3.0}
-draw:
-  plant.mass_properties: {mass_percent: 5.0, center_of_mass: 0.3, second_moments_percent: 3.0, axes_deg: 1.0}
-  plant.initial_rate:
-    - {normal: {mean: 0.0, std: 0.001, low: -0.01, high: 0.01}}
-    - 0.0
-    - {loguniform: {low: 1.0e-5, high: 1.0e-3}}
-  failures:
-    - {kind: {choice: {values: [leak, stuck_on], weights: [1.0, 2.0]}}, jet: {choice: all}, start_s: 1.0, force: 5.0}
-sweep: {detector.margin: [4.0, 6.0]}
-times_s: [1.0]
-gates: {nees_in_band: {min: 0.9, on: lower_bound}}
-limits: {time_s: 60.0, memory_mb: 1000.0}
 """
 
 
@@ -77,11 +50,8 @@ def test_a_sound_file_says_what_is_drawn(tmp_path: Path, orbiter: Vehicle) -> No
     assert settings["plant.thrust_dispersion"] == 0.01
     assert settings["failures"] == [{"kind": "leak", "jet": verniers[0], "start_s": 3.0, "force": 5.0}]
 
-
-def test_its_own_keys_can_be_set(tmp_path: Path) -> None:
-    spec = load_campaign(
-        written(tmp_path, SOUND), ["cases=7", "set.duration_s=5", "limits.time_s=3.0", "sweep.detector.margin=[5]"]
-    )
+    sets = ["cases=7", "set.duration_s=5", "limits.time_s=3.0", "sweep.detector.margin=[5]"]  # its own keys can be set
+    spec = load_campaign(written(tmp_path, SOUND), sets)
     assert (spec.file.cases, spec.base.duration_s, spec.file.limits.time_s) == (7, 5, 3.0)
     assert spec.file.sweep == {"detector.margin": [5]}
 
@@ -99,34 +69,16 @@ def test_cases_are_computed_by_the_loop_unless_the_file_says_otherwise(tmp_path:
 WRONG = [
     ("cases: 20", "cases: 20\nset: {execution.engine: loop}", "execution.engine: all cases are computed alike"),
     ("base: sample_maneuver", "base: sample_manuever", "line 2: base: .*did you mean 'sample_maneuver'"),
-    ("base: sample_maneuver", "bas: sample_maneuver", "line 2: bas: unknown key; did you mean 'base'"),
     ("cases: 20", "cases: 0", "line 3: cases: .*got 0"),
-    ("cases: 20", "cases: many", "line 3: cases: .*got 'many'"),
-    ("cases: 20", "seed: 3", "cases: missing; say how many"),
     ("cases: 20", "cases: 20\nmethod: sobel", "line 4: method: 'sobel' is not one of 'random', 'lhs', 'sobol'"),
-    ("cases: 20", "cases: 20\nkeep: some", "line 4: keep: 'some' is not one of"),
-    ("cases: 20", "cases: 20\nlimits: {memory_mb: 1}", "line 4: limits.memory_mb: "),
-    ("cases: 20", "cases: 20\ngates: {x: {}}", "line 4: gates.x: give min, max or both"),
     ("cases: 20", "cases: 20\nset: {detector.margn: 3}", "line 4: set.detector.margn: detector.margn: unknown key"),
-    ("cases: 20", "cases: 20\nset: {seed: 3}", "seed: every case has its own, by its number"),
-    ("cases: 20", "cases: 20\nrecords: x*.csv\nmethod: grid", "method: grid has no case for each of the records"),
-    ("draw:", "drawn:", "line 4: drawn: unknown key; did you mean 'draw'"),
     ("plant.thrust_dispersion: 0.01", "plant.thrust_disp: 0.01", "line 5: draw.plant.thrust_disp: .*unknown key"),
-    ("0.01", "{normal: {std: 0.1}, x: 1}", "line 5: draw.plant.thrust_dispersion: "),
     ("0.01", "{gauss: {std: 0.1}}", "line 5: draw.plant.thrust_dispersion: there is no distribution 'gauss'"),
     ("0.01", "{uniform: {low: 2, high: 1}}", "line 5: draw.plant.thrust_dispersion: uniform: high must be above low"),
-    ("0.01", "{uniform: {low: 2, high: 3}}", "line 5: draw.plant.thrust_dispersion: plant.thrust_dispersion: .*2.5"),
-    ("0.01", "{uniform: 3}", "line 5: draw.plant.thrust_dispersion: uniform: "),
-    ("plant.thrust_dispersion: 0.01", "plant..x: 1", "line 5: draw.plant..x: .*empty part"),
-    ("plant.thrust_dispersion: 0.01", "failures[3].jet: {choice: all}", "line 5: draw.failures.3..jet: "),
     ("plant.thrust_dispersion: 0.01", "plant.mass_properties: {mass_pct: 5}", "line 5: .*mass_pct: unknown key"),
-    ("plant.thrust_dispersion: 0.01", "plant.mass_properties: {mass_percent: -5}", "line 5: .*mass_percent: "),
     ("{choice: vernier}", "{choice: venier}", "line 6: draw.failures.0..jet: choice: 'venier' is neither"),
-    ("{choice: vernier}", "{choice: [R5D, X9]}", "line 6: draw.failures: failures.0..jet: 'X9' is no jet"),
     ("kind: leak", "kind: {choice: [leek]}", "line 6: draw.failures: .*kind 'leek' is not one of"),
     ("sweep: {detector.margin: [4, 6]}", "sweep: {detector.margn: [4]}", "line 7: sweep.detector.margn.0.: .*unknown"),
-    ("sweep: {detector.margin: [4, 6]}", "sweep: {detector.margin: []}", "line 7: sweep.detector.margin: "),
-    ("sweep: {detector.margin: [4, 6]}", "sweep: {detector.margin: 4}", "line 7: sweep.detector.margin: "),
     ("[4, 6]", "[4, x]", "line 7: sweep.detector.margin.1.: detector.margin: .*got 'x'"),
     ("sweep: {detector.margin: [4, 6]}", "sweep: {plant.thrust_dispersion: [0]}", "in two of set, draw and sweep"),
 ]
@@ -141,52 +93,13 @@ def test_what_is_wrong_is_said_with_file_line_and_field(tmp_path: Path, before: 
     assert str(path) in str(caught.value)
 
 
-def test_no_file_and_no_campaign_of_a_name_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"nowhere\.yaml: no such file"):
-        load_campaign(tmp_path / "nowhere.yaml")
-    with pytest.raises(InputError, match="'no_such' is neither a bundled campaign nor a file"):
-        load_campaign("no_such")
-    for override in ("cases", "=3", "cases[x]=3", "draw[0]=3"):
-        with pytest.raises(InputError):
-            load_campaign(written(tmp_path, SOUND), [override])
-
-
-@pytest.mark.parametrize("how", [spoil_data, spoil_number, None])
-def test_spoilt_files_are_read_or_refused(tmp_path: Path, how: Any) -> None:
-    """MASSPROP_FUZZ=20 spoils twenty times as many."""
-    refused = sound = 0
-    for number in range(count := 20 * int(os.environ.get("MASSPROP_FUZZ", "1"))):
-        rng = random.Random(f"{how} {number}")
-        data = YAML(typ="safe", pure=True).load(SPOILT)
-        damage = how(data, rng) if how else ""
-        if type(data.get("cases")) is int and 10 < data["cases"] <= MOST_CASES:  # sound, and long
-            data["cases"] = 3
-        text = to_yaml(data).encode(errors="replace") if how else spoil_text(SPOILT, rng)
-        path = tmp_path / "study.yaml"
-        path.write_bytes(text)
-        try:
-            planned(load_campaign(path))
-        except InputError as error:
-            refused += str(path) in str(error)
-        except Exception as error:
-            raise AssertionError(f"{number}: {damage}\n{text.decode(errors='replace')}") from error
-        else:
-            sound += 1
-    assert refused
-    assert refused + sound == count  # each refusal names the file
-
-
-# ---------------------------------------------------------------------------------- mass properties
-
 z = arrays.arrays(float, 10, elements=st.floats(-8.0, 8.0))
 percent = st.floats(0.0, 100.0)
 
 
-@settings(max_examples=200, derandomize=True, deadline=None, database=None)
+@settings(max_examples=50, derandomize=True, deadline=None, database=None)
 @given(z=z, mass=percent, shift=st.floats(0.0, 100.0), moments=percent, axes=st.floats(0.0, 180.0))
-def test_a_dispersion_always_gives_a_body_that_can_be(
-    orbiter: Vehicle, z: Any, mass: float, shift: float, moments: float, axes: float
-) -> None:
+def test_a_drawn_body_can_be(orbiter: Vehicle, z: Any, mass: float, shift: float, moments: float, axes: float) -> None:
     dispersion = Dispersion(mass_percent=mass, center_of_mass=shift, second_moments_percent=moments, axes_deg=axes)
     body = drawn_body(orbiter.nominal, dispersion.spread, z)
     assert body.mass > 0.0
@@ -210,9 +123,6 @@ def test_a_dispersion_is_of_the_size_that_it_says(tmp_path: Path, orbiter: Vehic
     assert len(spec.quantities) == 10
     case = with_settings(spec.base, drawn_at(0.5, spec))
     np.testing.assert_allclose(true_properties(case).vector(), true_properties(spec.base).vector(), rtol=1e-9)
-
-
-# --------------------------------------------------------------------------------------- failures
 
 
 def test_failures_have_the_sizes_of_their_kind_and_different_jets(tmp_path: Path, orbiter: Vehicle) -> None:
@@ -239,21 +149,7 @@ draw:
     first, second = drawn_at(1.0 - 1e-9, spec)["failures"]
     assert first == {"kind": "degraded", "jet": names[43], "start_s": 3, "fraction": 0.0}  # all that it has is lost
     assert second["jet"] == names[0]
-
-
-def test_a_drawn_leak_gives_at_most_the_thrust_of_its_jet(tmp_path: Path) -> None:
-    text = """
-base: sample_maneuver
-cases: 2
-draw: {failures: [{kind: leak, jet: L5D, start_s: 3, force: {uniform: {low: 100, high: 400}}}]}
-"""
-    spec = load_campaign(written(tmp_path, text))
+    # a drawn leak gives at most the thrust of its jet
+    leak = "base: sample_maneuver\ncases: 2\ndraw: {failures: [{kind: leak, jet: L5D, start_s: 3, force: FORCE}]}\n"
+    spec = load_campaign(written(tmp_path, leak.replace("FORCE", "{uniform: {low: 100, high: 400}}")))
     assert drawn_at(0.5, spec)["failures"][0]["force"] == 13.2
-
-
-def test_a_scenario_with_settings_is_the_one_read_from_a_file() -> None:
-    base = load_scenario("stuck_on_29")
-    changed = with_settings(base, {"failures[0].start_s": 7.0, "plant.thrust_dispersion": 0.02, "seed": 5})
-    again = load_scenario("stuck_on_29", ["failures[0].start_s=7.0", "plant.thrust_dispersion=0.02", "seed=5"])
-    assert changed == again
-    assert base.failures[0].start_s != 7.0

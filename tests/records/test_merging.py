@@ -68,13 +68,6 @@ def test_commands_that_are_written_when_they_change_hold(tmp_path: Path) -> None
     assert any("whenever a command changes" in note for note in table.notes)
 
 
-def test_commands_of_every_cycle_are_left_as_they_stand(tmp_path: Path) -> None:
-    fast = sensor(tmp_path, "fast", np.arange(0.0, 4.0, 0.02))
-    cycles = [(0.1 * k, float(k % 3 == 0)) for k in range(40)]
-    table = MergedTable([fast, written(tmp_path / "jets.csv", ["time_s", "jet_A"], cycles)])
-    assert int((~np.isnan(values(table)[:, 2])).sum()) == 40
-
-
 def test_rows_that_do_not_go_on_are_left_out_and_said(tmp_path: Path) -> None:
     fast = sensor(tmp_path, "fast", np.arange(0.0, 2.0, 0.1))
     slow = sensor(tmp_path, "slow", np.array([0.0, 0.5, 0.25, 0.5, 1.0, 1.5]))
@@ -96,11 +89,6 @@ def test_clocks_that_disagree_are_refused(times: Array, says: str, tmp_path: Pat
     fast = sensor(tmp_path, "fast", np.arange(0.0, 12.0, 0.02))
     with pytest.raises(InputError, match=says):
         MergedTable([fast, sensor(tmp_path, "slow", times)])
-
-
-def test_a_sensor_may_come_later_and_go_earlier(tmp_path: Path) -> None:
-    fast = sensor(tmp_path, "fast", np.arange(0.0, 12.0, 0.02))
-    MergedTable([fast, sensor(tmp_path, "slow", np.arange(4.0, 9.0, 0.25))])
 
 
 def test_a_file_without_times_is_refused(tmp_path: Path) -> None:

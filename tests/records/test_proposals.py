@@ -1,4 +1,4 @@
-"""Maps that are proposed, and vehicles made of a log's parameters."""
+"""Maps that are proposed for logs of many programs give the flight back; vehicles are made of a log's parameters."""
 
 from __future__ import annotations
 
@@ -8,10 +8,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import Massprop
+from layout_probe import GRID_S, flown, write_any
+from numpy.typing import NDArray
 from record_probe import (
+    ONE,
     Flight,
-    flight,
+    made_of,
     px4_topics,
+    refused,
     require_the_flight,
     telemetry,
     usual_columns,
@@ -20,46 +25,80 @@ from record_probe import (
     write_ulog,
 )
 
-from massprop_drake.errors import InputError
+from massprop_drake import estimate, load_vehicle
 from massprop_drake.inputs.model import validated
 from massprop_drake.inputs.record_map import RecordMap
-from massprop_drake.inputs.vehicle_file import Vehicle, load_vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.yaml import to_yaml
+from massprop_drake.records.mapping import mapped, table
 from massprop_drake.records.names import read_name
 from massprop_drake.records.proposal import Proposal, propose
 from massprop_drake.records.px4 import vehicle_of
-from massprop_drake.records.recording import open_recording
+from massprop_drake.records.reader import vehicle_scenario
+from massprop_drake.records.recording import open_recording, stamp_of
+
+Array = NDArray[np.float64]
+FLOWN = flown(load_vehicle("free_flyer"), 1)  # which follows its commands; `ONE` does not
+VELOCITIES = {f"dv_{axis}": FLOWN.velocities[:, index] for index, axis in enumerate("xyz")}
 
 
-@pytest.fixture(scope="module")
-def one() -> Flight:
-    return flight(load_vehicle("free_flyer"))
-
-
-def proposed(path: Path, vehicle: Vehicle) -> Proposal:
+def proposed(path: Path, vehicle: Vehicle = FLOWN.vehicle) -> Proposal:
     return propose(open_recording(path), vehicle)
 
 
 def said(found: Proposal) -> str:
-    return "\n".join(found.reasons)
+    return "\n".join([*found.lacking, *found.warnings, *found.reasons])
+
+
+def require_found(path: Path, flight: Flight = FLOWN) -> Proposal:
+    """The proposal is whole, and gives the flight."""
+    found = proposed(path, flight.vehicle)
+    assert found.lacking == []
+    rows = telemetry(path, to_yaml(found.data), flight.vehicle)
+    for index, axis in enumerate("xyz"):
+        if f"acc_{axis}" in rows:  # increments are summed from nothing
+            rows[f"acc_{axis}"] += flight.velocities[0, index] - rows[f"acc_{axis}"][0]
+        elif f"acc_accel_{axis}" not in rows:  # a log without velocities
+            rows[f"acc_{axis}"] = flight.velocities[:, index]
+    rows |= {f"jet_{jet}": np.nan_to_num(rows[f"jet_{jet}"]) for jet in flight.jets}
+    flight = flight._replace(commands=np.vstack([flight.commands[:-1], np.zeros((1, len(flight.jets)))]))
+    np.testing.assert_allclose(rows["time_s"] - rows["time_s"][0], flight.time_s, atol=5e-7)  # a double's, since 1970
+    require_the_flight(rows | {"time_s": flight.time_s}, flight, close=1e-8)
+    return found
+
+
+def log_of(folder: Path, flight: Flight = FLOWN, **instead: Any) -> Path:
+    """The flight with columns called as usual, but increments by their name; some columns otherwise, or not."""
+    columns = {name: values for name, values in usual_columns(flight).items() if not name.startswith("v")}
+    columns |= VELOCITIES if flight is FLOWN else {}
+    return write_csv(folder / "log.csv", {name: one for name, one in (columns | instead).items() if one is not None})
+
+
+def commands_of(values: Array) -> dict[str, Array]:
+    return {f"u{index + 1}": values[:, index] for index in range(values.shape[1])}
+
+
+@pytest.mark.parametrize("seed", range(16))
+def test_any_layout_gives_the_flight(seed: int, tmp_path: Path) -> None:
+    require_found(write_any(tmp_path / "log.csv", FLOWN, seed))
+
+
+def test_a_proposal_is_estimated_from(tmp_path: Path) -> None:
+    short = flown(load_vehicle("free_flyer"), 2, rows=25)
+    path = write_any(tmp_path / "log.csv", short, 100)
+    by = validated(RecordMap, proposed(path).data)
+    run = estimate(path, vehicle_scenario("log", "free_flyer", ["detector.kind=off"]), record_map=by)
+    assert run.summary["data_quality"]["rows"] == 25
 
 
 @pytest.mark.parametrize(
     ("column", "words", "axis", "unit"),
     [
-        ("gyro_x_dps", ("gyro",), 0, "dps"),
-        ("gyro_x_degps", ("gyro",), 0, "deg/s"),
         ("qw", ("q",), 0, ""),
-        ("att_q_z", ("q",), 3, ""),
-        ("q[3]", ("q",), 3, ""),
         ("wy [deg/s]", ("w",), 1, "deg/s"),
         ("angularVelocity.z", ("angular", "velocity"), 2, ""),
         ("acc[1]", ("acc",), 1, ""),
-        ("az (m/s^2)", ("a",), 2, "m/s^2"),
         ("yaw_rate_radps", ("yaw", "rate"), -1, "rad/s"),
-        ("nominal_time_s", ("nominal", "time"), -1, "s"),
-        ("gyro_x_deg_s", ("gyro",), 0, "deg/s"),
-        ("acc_z_m_s2", ("acc",), 2, "m/s^2"),
         ("dvx_mm_s", ("dv",), 0, "mm/s"),
         ("x_m", (), 0, "m"),
         ("q", ("pqr",), 1, ""),
@@ -71,242 +110,328 @@ def test_names_are_read(column: str, words: tuple[str, ...], axis: int, unit: st
     assert (found.words, found.axis, found.unit) == (words, axis, unit)
 
 
-NAMES: dict[str, Callable[[Flight], dict[str, Any]]] = {
-    "plain": lambda one: {
-        "time_ms": 1000.0 * one.time_s,
-        **{f"gyro_{axis}_dps": np.degrees(one.rates[:, index]) for index, axis in enumerate("xyz")},
-        **{f"dv_{axis}_mmps": 1e3 * np.diff(one.velocities[:, index], prepend=0) for index, axis in enumerate("xyz")},
-        **{f"cmd_{jet}": one.commands[:, index].astype(int) for index, jet in enumerate(one.jets)},
+COMMANDS: dict[str, tuple[Callable[[Array], Array], dict[str, Any]]] = {
+    "milliseconds": (lambda on: 50.0 * on, {"unit": "ms"}),
+    "a byte": (lambda on: 255 * on.astype(int), {"on": 255.0}),
+    "pulses": (lambda on: 1000.0 + 1000.0 * on, {"off": 1000.0, "on": 2000.0}),
+    "pulses, disarmed": (lambda on: np.where(np.arange(len(on))[:, None] < 5, 900.0, 1000.0 + 1000.0 * on), {}),
+    "inverted pulses": (lambda on: 2000.0 - 1000.0 * on, {"off": 2000.0, "on": 1000.0}),
+    "pulses that scatter": (
+        lambda on: 1000.0 + 900.0 * on + np.arange(len(on))[:, None] % 3 - 1.0,
+        {"off": 1000.0, "on": 1900.0, "threshold": 0.5},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_scales_of_commands(name: str, tmp_path: Path) -> None:
+    scale, wanted = COMMANDS[name]
+    found = require_found(log_of(tmp_path, **commands_of(scale(FLOWN.commands))))
+    assert {key: found.data["commands"].get(key) for key in wanted} == wanted
+
+
+def bits(one: Flight) -> dict[str, Any]:
+    return {"valve_bits": (one.commands @ 2 ** np.arange(len(one.jets))).astype(int)}
+
+
+def on_times(one: Flight) -> dict[str, Any]:
+    return {f"{jet}_on_s": 0.05 * on for jet, on in zip(one.jets, one.commands.T, strict=True)}
+
+
+def names(one: Flight) -> dict[str, Any]:
+    return {"fired": [" ".join(jet for jet, on in zip(one.jets, row, strict=True) if on) for row in one.commands]}
+
+
+@pytest.mark.parametrize("form", [bits, names, on_times])
+def test_masks_lists_and_on_times(form: Callable[[Flight], dict[str, Any]], tmp_path: Path) -> None:
+    require_found(log_of(tmp_path, ONE, **dict.fromkeys(commands_of(ONE.commands)), **form(ONE)), ONE)
+
+
+@pytest.mark.parametrize(
+    ("instead", "unit"),
+    [
+        # one full command among on-times
+        (
+            commands_of(np.where((np.arange(400)[:, None] == 300) & (np.arange(12) == 0), 1.0, 0.05 * FLOWN.commands)),
+            "s",
+        ),
+        # on-times up to 40 ms of 50 could be percent, too: the jets turn the vehicle twice as much as these would
+        (
+            commands_of(40.0 * FLOWN.commands)
+            | {f"w{axis}": 0.8 * FLOWN.rates[:, index] for index, axis in enumerate("xyz")},
+            "ms",
+        ),
+    ],
+)
+def test_units_of_commands_are_told_by_the_jets(instead: dict[str, Any], unit: str, tmp_path: Path) -> None:
+    found = proposed(log_of(tmp_path, **instead))
+    assert (found.data["commands"]["unit"], found.data["sensors"]["gyro"]["unit"]) == (unit, "rad/s")
+
+
+@pytest.mark.parametrize(("late", "words"), [(2, "2 rows before"), (-1, "1 row after")])
+def test_commands_that_are_logged_late_are_warned_of(late: int, words: str, tmp_path: Path) -> None:
+    path = log_of(tmp_path, **commands_of(np.roll(FLOWN.commands, late, axis=0)))
+    found = proposed(path)
+    offset_s = -late * FLOWN.vehicle.sample_period_s
+    assert words in found.warnings[0]
+    assert f"offset_s: {offset_s:g}" in found.warnings[0]
+    found.data["commands"] |= {"acts": "from_row", "time": {"column": "t", "offset_s": offset_s}}
+    rows = telemetry(path, to_yaml(found.data), FLOWN.vehicle)
+    np.testing.assert_array_equal(rows["jet_T1"][10:-10], FLOWN.commands[10:-10, 0])
+
+
+CLOCKS: dict[str, Callable[[Array], dict[str, Any]]] = {
+    "seconds and nanoseconds": lambda t: {
+        "secs": GRID_S + np.floor(t + 1e-9).astype(int),
+        "nsecs": np.round(1e9 * (t - np.floor(t + 1e-9))).astype(int),
     },
-    "bracketed": lambda one: {
-        "t [us]": 1e6 * one.time_s,
-        **{f"w{axis} [rad/s]": one.rates[:, index] for index, axis in enumerate("xyz")},
-        **{f"acc[{index}]": one.velocities[:, index] for index in range(3)},
-        **{f"thruster{index:02d}": 100.0 * one.commands[:, index] for index in range(len(one.jets))},
-    },
-    "mask": lambda one: {
-        "timestamp": 1e9 * one.time_s,
-        **{name: one.rates[:, index] for index, name in enumerate("pqr")},
-        "valve_bits": (one.commands @ 2 ** np.arange(len(one.jets))).astype(int),
-    },
-    "list": lambda one: {
-        "t": one.time_s,
-        **{f"omega_{axis}": one.rates[:, index] for index, axis in enumerate("xyz")},
-        "fired": [" ".join(jet for jet, on in zip(one.jets, row, strict=True) if on) for row in one.commands],
-    },
-    "on-times": lambda one: {
-        "t": one.time_s,
-        **{f"omega_{axis}": one.rates[:, index] for index, axis in enumerate("xyz")},
-        **{f"{jet}_on_s": 0.05 * one.commands[:, index] for index, jet in enumerate(one.jets)},
+    "a date with blanks": lambda t: {"Sat.UTCGregorian": [f"01 Jan 2000 11:59:{10 + s:06.3f}" for s in t]},
+    "a clock alone": lambda t: {"time": [f"9:00:{10 + s:06.3f}" for s in t]},
+    "a date beside": lambda t: {"date": ["2024-02-28"] * len(t), "time": [f"23:59:{10 + s:06.3f}" for s in t]},
+    "no name of a time": lambda t: {"alpha": 1e3 * t + 7.0},
+    "a counter before it": lambda t: {"tick": np.arange(len(t)), "gps_us": 1e6 * t},
+    "a change of zones": lambda t: {
+        "t": [f"2024-03-31T0{1 + (s >= 5)}:59:{30 + s:06.3f}+0{int(s >= 5)}:00" for s in t]
     },
 }
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_a_proposed_map_gives_the_flight(name: str, one: Flight, tmp_path: Path) -> None:
-    path = write_csv(tmp_path / "log.csv", NAMES[name](one))
-    found = proposed(path, one.vehicle)
-    assert found.lacking == []
-    rows = telemetry(path, to_yaml(found.data), one.vehicle)
-    if "acc_x" in rows or "acc_accel_x" in rows:
-        require_the_flight(rows, one, close=1e-9)
+@pytest.mark.parametrize("name", CLOCKS)
+def test_clocks(name: str, tmp_path: Path) -> None:
+    columns = {name: values for name, values in usual_columns(FLOWN).items() if name[0] not in "tv"}
+    require_found(write_csv(tmp_path / "log.csv", CLOCKS[name](FLOWN.time_s) | columns | VELOCITIES))
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"),
+    [
+        ("2024-05-01T12:00:00.25Z", 0.25),
+        ("2024-05-01 14:00:00.000000001+02:00", 1e-9),
+        ("2024-05-01T12:00:00 UTC", 0.0),
+        ("2024-122T23:00:00+11:00", 0.0),
+        ("01 May 2024 12:00:03.000", 3.0),
+        *((text, None) for text in ("12", "T1 T2", "2024-13-01T00:00:00", "x 2024-05-01", "1.5.2024")),
+    ],
+)
+def test_stamps(text: str, seconds: float | None) -> None:
+    stamp = stamp_of(text)
+    if seconds is None:
+        assert stamp is None
     else:
-        require_the_flight(rows | {f"acc_{axis}": one.velocities[:, index] for index, axis in enumerate("xyz")}, one)
+        assert (stamp - np.datetime64("2024-05-01T12:00:00", "ns")) / np.timedelta64(1, "s") == pytest.approx(seconds)
 
 
-def test_columns_called_as_a_package_are_its_own(one: Flight, tmp_path: Path) -> None:
-    renamed = one.vehicle.accelerometers[0].model_copy(update={"name": "Nav_IMU"})
-    vehicle = one.vehicle.model_copy(update={"accelerometers": [renamed]})
-    columns = {name: values for name, values in usual_columns(one).items() if name[0] != "v"}
-    columns |= {f"nav_imu_{axis}_mm_s": one.velocities[:, index] for index, axis in enumerate("xyz")}
-    entry = proposed(write_csv(tmp_path / "log.csv", columns), vehicle).data["sensors"]["Nav_IMU"]
-    assert (entry["unit"], entry["gives"]) == ("mm/s", "integral")
+@pytest.mark.parametrize(("factor", "unit"), [(1e3, "mrad/s"), (180.0 / np.pi, "deg/s")])
+def test_units_of_rates_are_told_by_the_jets(factor: float, unit: str, tmp_path: Path) -> None:
+    rates = {f"w{axis}": factor * FLOWN.rates[:, index] for index, axis in enumerate("xyz")}
+    assert proposed(log_of(tmp_path, **rates)).data["sensors"]["gyro"]["unit"] == unit
 
 
-def test_columns_of_a_vehicle_in_feet_are_in_feet(tmp_path: Path) -> None:
-    one = flight(load_vehicle("orbiter"))
-    columns = {name: values for name, values in usual_columns(one).items() if name[0] != "v"}
-    columns |= {f"acc1_{axis}": one.velocities[:, index] for index, axis in enumerate("xyz")}
-    entry = proposed(write_csv(tmp_path / "log.csv", columns), one.vehicle).data["sensors"]["acc1"]
-    assert (entry["unit"], entry["gives"]) == ("ft/s", "integral")
-
-
-def test_rows_that_repeat_the_rates_are_seen(one: Flight, tmp_path: Path) -> None:
-    rows = np.arange(len(one.time_s)) // 2 * 2
-    columns = usual_columns(one) | {f"w{axis}": one.rates[rows, index] for index, axis in enumerate("xyz")}
-    found = proposed(write_csv(tmp_path / "log.csv", columns), one.vehicle)
+def test_rates_too_fast_for_radians_are_degrees_and_repeated_ones_are_seen(tmp_path: Path) -> None:
+    held = {f"w{axis}": ONE.rates[np.arange(60) // 2 * 2, index] for index, axis in enumerate("xyz")}
+    found = proposed(log_of(tmp_path, ONE, **held))
     assert found.data["sensors"]["gyro"]["every"] == 2
-    assert "they change in every 2 rows at the most" in said(found)
-    whole = proposed(write_csv(tmp_path / "all.csv", usual_columns(one)), one.vehicle)
-    assert "every" not in whole.data["sensors"]["gyro"]
-
-
-def test_what_is_left_is_told(one: Flight, tmp_path: Path) -> None:
-    columns = {name: values for name, values in usual_columns(one).items() if name[0] != "v"}
-    columns |= {"mystery": one.time_s}
-    words = said(proposed(write_csv(tmp_path / "log.csv", columns), one.vehicle))
-    assert "no columns were found for acc: name them under `sensors`" in words
-    assert "not used: mystery" in words
-    assert "wx," not in words.partition("not used")[2]
-
-
-def test_separators_are_put_into_the_map(one: Flight, tmp_path: Path) -> None:
-    path = write_csv(tmp_path / "log.csv", NAMES["plain"](one), delimiter=";")
-    path.write_text(path.read_text(encoding="utf-8").replace(".", ","), encoding="utf-8")
-    found = proposed(path, one.vehicle)
-    assert found.data["csv"] == {"separator": ";", "decimal": ","}
-    require_the_flight(telemetry(path, to_yaml(found.data), one.vehicle), one, close=1e-9)
-
-
-def test_what_jets_do_tells_the_unit_and_the_interval(one: Flight, tmp_path: Path) -> None:
-    """Rates that follow the commands, in degrees that are not called so, and commands logged once they have acted."""
-    vehicle = one.vehicle
-    arms = vehicle.wrenches[:, :3] - np.cross(vehicle.nominal.center_of_mass, vehicle.wrenches[:, 3:])
-    turning = arms @ np.linalg.inv(vehicle.nominal.inertia).T * vehicle.sample_period_s
-    told = np.vstack([np.zeros((1, len(one.jets))), one.commands])[:-1]
-    columns = usual_columns(one)
-    columns |= {f"w{axis}": np.degrees(np.cumsum(told @ turning, axis=0))[:, index] for index, axis in enumerate("xyz")}
-    found = proposed(write_csv(tmp_path / "log.csv", columns), vehicle)
+    found = proposed(log_of(tmp_path, ONE, wz=150.0 + ONE.rates[:, 2]))
     assert found.data["sensors"]["gyro"]["unit"] == "deg/s"
-    assert found.data["commands"]["acts"] == "from_row"
-    columns |= {f"u{index + 1}": told[:, index] for index in range(len(one.jets))}
-    found = proposed(write_csv(tmp_path / "log.csv", columns), vehicle)
-    assert found.data["commands"]["acts"] == "until_row"
-    assert "correlation of" in said(found)
-    assert "1.00 in the one before" in said(found)
+    assert "every" not in found.data["sensors"]["gyro"]
 
 
-def test_what_jets_do_tells_increments_from_their_sums(one: Flight, tmp_path: Path) -> None:
-    vehicle = one.vehicle
-    gained = one.commands @ vehicle.wrenches[:, 3:] / vehicle.nominal.mass * vehicle.sample_period_s
-    gained = np.vstack([np.zeros(3), gained[:-1]])
-    columns = {name: values for name, values in usual_columns(one).items() if name[0] != "v"}
+def test_what_jets_do_tells_increments_from_their_sums(tmp_path: Path) -> None:
+    gained = np.diff(FLOWN.velocities, axis=0, prepend=FLOWN.velocities[:1])
     for values, gives in ((gained, "increment"), (np.cumsum(gained, axis=0), "integral")):
-        named = {f"dv_{axis}": values[:, index] for index, axis in enumerate("xyz")}
-        found = proposed(write_csv(tmp_path / "log.csv", columns | named), vehicle)
+        found = proposed(log_of(tmp_path, **{f"dv_{axis}": values[:, index] for index, axis in enumerate("xyz")}))
         assert found.data["sensors"]["acc"]["gives"] == gives
-        assert ("sums of increments" in said(found)) == (gives == "integral")
 
 
-def test_rates_too_fast_for_radians_are_degrees(one: Flight, tmp_path: Path) -> None:
-    columns = usual_columns(one) | {"wz": 150.0 + one.rates[:, 2]}
-    found = proposed(write_csv(tmp_path / "log.csv", columns), one.vehicle)
-    assert found.data["sensors"]["gyro"]["unit"] == "deg/s"
-    assert "too much for rad/s" in said(found)
-
-
-def planar(one: Flight, exact: bool) -> dict[str, Any]:
+def planar(exact: bool) -> dict[str, Any]:
     """A log of a planar vehicle: pose, and rates that are differences, or not quite."""
     random = np.random.default_rng(4)
     time_s = np.cumsum(random.uniform(0.045, 0.065, 200))
     values = {"x_m": 0.3 * np.sin(time_s), "y_m": 0.2 * np.cos(1.3 * time_s), "yaw_rad": 0.5 * time_s}
-    slopes = {
-        "x_m": 0.3 * np.cos(time_s),
-        "y_m": -0.26 * np.sin(1.3 * time_s),
-        "yaw_rad": 0.5 + 0.01 * np.sin(9.0 * time_s),
-    }
-    differences = {
-        name: np.diff(value, prepend=np.nan) / np.diff(time_s, prepend=0.0) for name, value in values.items()
-    }
-    rates = differences if exact else slopes
-    names = {"x_m": "vx_mps", "y_m": "vy_mps", "yaw_rad": "yaw_rate_radps"}
-    commands = random.random((200, len(one.jets))) < 0.3
+    slopes = (0.3 * np.cos(time_s), -0.26 * np.sin(1.3 * time_s), 0.5 + 0.01 * np.sin(9.0 * time_s))
+    steps = np.diff(time_s, prepend=0.0)
+    rates = [np.nan_to_num(np.diff(one, prepend=np.nan) / steps) for one in values.values()] if exact else slopes
     return {
         "step": np.arange(200),
         "nominal_time_s": 0.05 * np.arange(200),
         **values,
-        **{names[name]: np.where(np.isnan(rate), 0.0, rate) for name, rate in rates.items()},
-        **{jet: commands[:, index].astype(int) for index, jet in enumerate(one.jets)},
+        **dict(zip(("vx_mps", "vy_mps", "yaw_rate_radps"), rates, strict=True)),
+        **{
+            jet: (random.random(200) < 0.3).astype(int)
+            for jet in (*ONE.jets, *load_vehicle("air_bearing").designations)
+        },
     }
 
 
-def test_rates_that_are_differences_are_no_sensors_but_tell_the_time(one: Flight, tmp_path: Path) -> None:
-    found = proposed(write_csv(tmp_path / "log.csv", planar(one, exact=True)), one.vehicle)
+def test_rates_that_are_differences_are_no_sensors_but_tell_the_time(tmp_path: Path) -> None:
+    path = write_csv(tmp_path / "log.csv", planar(exact=True))
+    found = proposed(path)
     assert found.lacking == []
-    assert list(found.data["sensors"]) == ["pose"]
-    assert found.data["sensors"]["pose"]["position"] == ["x_m", "y_m", None]
-    assert found.data["sensors"]["pose"]["heading"] == "yaw_rad"
+    (pose,) = found.data["sensors"].values()
+    assert (pose["position"], pose["heading"]) == (["x_m", "y_m", None], "yaw_rad")
     assert [pair["rate"] for pair in found.data["time"]["differences"]] == ["vx_mps", "vy_mps", "yaw_rate_radps"]
-    assert "nominal_time_s only counts, 0.05 s a row, while the differences were divided by" in said(found)
-
-
-def test_rates_that_are_measured_are_sensors(one: Flight, tmp_path: Path) -> None:
-    found = proposed(write_csv(tmp_path / "log.csv", planar(one, exact=False)), one.vehicle)
+    write_csv(path, planar(exact=False))
+    found = proposed(path)
     assert set(found.data["sensors"]) == {"pose", "velocity", "gyro"}
     assert found.data["sensors"]["gyro"]["columns"] == [None, None, "yaw_rate_radps"]
     assert "differences" not in found.data["time"]
+    followed = proposed(path, load_vehicle("air_bearing"))  # which has one sensor alone
+    assert list(followed.data["sensors"]) == ["mocap"]
 
 
-def test_what_cannot_be_found_is_said(one: Flight, tmp_path: Path) -> None:
-    found = proposed(write_csv(tmp_path / "log.csv", {"alpha": [1, 2, 3], "beta": [1, 5, 2]}), one.vehicle)
-    assert [sentence.partition(":")[0] for sentence in found.lacking] == [
-        "no column of time was found",
-        "no sensor was found",
-        "no commands were found",
-    ]
+@pytest.mark.parametrize("names", [["RWX_RPM", "RWY_RPM", "RWZ_RPM"], ["wheel1 [rpm]", "wheel2 [rpm]", "wheel3 [rpm]"]])
+def test_speeds_of_wheels_are_found_and_read(tmp_path: Path, names: list[str]) -> None:
+    vehicle, row = load_vehicle("cubesat"), np.arange(40)
+    columns: dict[str, Any] = {"MET [ms]": 1000 + 100 * row}
+    columns |= {f"W_{axis} [deg/s]": 0.01 * row * factor for axis, factor in zip("XYZ", (1, -2, 3), strict=True)}
+    columns |= {f"THR{number}_ON_MS": 100 * (row % 8 == number - 1) for number in range(1, 9)}
+    path = write_csv(tmp_path / "log.csv", columns | dict.fromkeys(names, 600.0 + row), delimiter=";")
+    data = proposed(path, vehicle).data
+    found = [(key, one["kind"], one["speed"], one["unit"]) for key, one in data["sensors"].items() if key != "gyro"]
+    assert found == [(key, "wheel", name, "rpm") for key, name in zip(("RWX", "RWY", "RWZ"), names, strict=True)]
+    recording = open_recording(path)
+    rows = table(mapped(recording, RecordMap.model_validate(data), vehicle), "gyro")
+    (block,) = rows.blocks([rows.header.index("RWY_speed")])
+    assert block.values[0, 0] == pytest.approx(600.0 * 2.0 * np.pi / 60.0)
+    data["sensors"]["RW7"] = {"kind": "wheel", "speed": names[0], "unit": "rpm"}
+    message = refused(lambda: mapped(recording, RecordMap.model_validate(data), vehicle))
+    assert "sensors.RW7: vehicle 'cubesat' has no wheel of this name" in message
 
 
-def test_px4_topics(one: Flight, tmp_path: Path) -> None:
-    pytest.importorskip("pyulog")
-    path = write_ulog(tmp_path / "log.ulg", px4_topics(one), {})
-    found = proposed(path, one.vehicle)
+FORMS: dict[str, tuple[Callable[[list[str]], list[str]], dict[str, Any]]] = {
+    "TUM": (
+        lambda lines: ["# trajectory", "# file: 'a.bag'", f"# {lines[0]}", *lines[1:]],
+        {"separator": " ", "skip": 2},
+    ),
+    "in columns": (
+        lambda lines: ["".join(f"{cell:>24s}" for cell in one.split()) for one in lines],
+        {"separator": " "},
+    ),
+    "remarks between": (lambda lines: [f"# {lines[0]}", *lines[1:50], "# half", *lines[50:]], {"comment": "#"}),
+    "for a spreadsheet": (
+        lambda lines: ["sep=;", *(one.replace(" ", ";").replace(".", ",") for one in lines)],
+        {"separator": ";", "skip": 1, "decimal": ","},
+    ),
+    "units below": (
+        lambda lines: [lines[0], " ".join(["s", *["rad/s"] * 3, *["-"] * (len(lines[0].split()) - 4)]), *lines[1:]],
+        {"below": 1},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_forms_of_text(name: str, tmp_path: Path) -> None:
+    form, wanted = FORMS[name]
+    columns = {name: values for name, values in usual_columns(FLOWN).items() if not name.startswith("v")}
+    path = write_csv(tmp_path / "log.txt", columns | VELOCITIES, delimiter=" ")
+    path.write_text("\n".join(form(path.read_text(encoding="utf-8").splitlines())) + "\n", encoding="utf-8")
+    found = require_found(path)
+    assert {key: found.data.get("csv", {}).get(key) for key in wanted} == wanted
+
+
+@pytest.mark.parametrize("kind", ["ros1", "mat", "px4"])
+def test_topics_of_a_recording(kind: str, tmp_path: Path) -> None:
+    if kind == "ros1":
+        pytest.importorskip("rosbags")
+        path = write_bag(tmp_path / "log.bag", ONE, kind)
+    elif kind == "px4":
+        pytest.importorskip("pyulog")
+        path = write_ulog(tmp_path / "log.ulg", px4_topics(ONE), {})
+    else:
+        from scipy.io import savemat  # noqa: PLC0415
+
+        path = tmp_path / "log.mat"
+        rcs = {"time_ms": 1e3 * ONE.time_s, **{f"valve{i}": ONE.commands[:, i] for i in range(len(ONE.jets))}}
+        increments = np.diff(ONE.velocities, axis=0, prepend=0.0)
+        savemat(path, {"rcs": rcs, "imu": {"t": ONE.time_s, "gyro": ONE.rates, "dv": increments}})
+    found = proposed(path, ONE.vehicle)
     assert found.lacking == []
-    require_the_flight(telemetry(path, to_yaml(found.data), one.vehicle), one)
-    topics = px4_topics(one)
-    topics["vehicle_acceleration"] = (topics["vehicle_imu"][0], {"xyz": one.rates})
-    del topics["vehicle_imu"]
-    found = proposed(write_ulog(tmp_path / "log.ulg", topics, {}), one.vehicle)
-    assert found.data["sensors"]["acc"]["gives"] == "mean"  # one instant a sample could not be integrated
-    assert "one a sample is taken for the mean over it" in said(found)
-    slower = one.vehicle.model_copy(update={"sample_period_s": 0.2})
-    assert proposed(tmp_path / "log.ulg", slower).data["sensors"]["acc"]["gives"] == "instant"
+    if kind == "ros1":
+        found.data["sensors"]["acc"]["gives"] = "mean"
+    require_the_flight(telemetry(path, to_yaml(found.data), ONE.vehicle), ONE)
 
 
-def test_a_log_of_actuators_that_is_too_slow_is_warned_of(one: Flight, tmp_path: Path) -> None:
+def test_a_log_that_is_too_slow_is_warned_of(tmp_path: Path) -> None:
     pytest.importorskip("pyulog")
-    topics = px4_topics(one)
+    topics = px4_topics(ONE)
     time_s, columns = topics["actuator_motors"]
     topics["actuator_motors"] = (time_s[::4], {"control": columns["control"][::4]})
     path = write_ulog(tmp_path / "log.ulg", topics, {})
-    text = to_yaml(proposed(path, one.vehicle).data)
-    from record_probe import made_of  # noqa: PLC0415
-
-    notes = made_of(path, text, one.vehicle).notes
+    text = to_yaml(proposed(path, ONE.vehicle).data)
+    notes = made_of(path, text, ONE.vehicle).notes
     assert "commands are logged every 0.2 s, and a sample is 0.05 s: firings in between are lost" in notes[0]
-    slower = one.vehicle.model_copy(update={"sample_period_s": 0.2})
-    notes = made_of(path, text, slower).notes
+    notes = made_of(path, text, ONE.vehicle.model_copy(update={"sample_period_s": 0.2})).notes
     assert "commands are logged every 0.2 s, and 'gyro' every 0.05 s: what happened in between" in notes[0]
-    with pytest.raises(InputError, match="'gyro' is logged every"):
-        made_of(path, text, one.vehicle.model_copy(update={"sample_period_s": 0.01}))
+    quick = ONE.vehicle.model_copy(update={"sample_period_s": 0.01})
+    assert "'gyro' is logged every" in refused(lambda: made_of(path, text, quick))
+    topics["vehicle_acceleration"] = (topics.pop("vehicle_imu")[0], {"xyz": ONE.rates})
+    found = proposed(write_ulog(path, topics, {}), ONE.vehicle)
+    assert found.data["sensors"]["acc"]["gives"] == "mean"  # one instant a sample could not be integrated
+    slower = ONE.vehicle.model_copy(update={"sample_period_s": 0.2})
+    assert proposed(path, slower).data["sensors"]["acc"]["gives"] == "instant"
 
 
-def test_parts_of_a_mat_file(one: Flight, tmp_path: Path) -> None:
-    from scipy.io import savemat  # noqa: PLC0415
+WARNED: dict[str, tuple[dict[str, Any], str]] = {
+    "a jet less": ({"u12": None}, "there is none for jet T12"),
+    "signs": ({"wz": -FLOWN.rates[:, 2]}, "look at axes, signs, units and which jet is which"),
+    "a cell of text": (
+        {"u3": [*map(str, FLOWN.commands[:-1, 2]), "ERR"]},
+        "line 401, column u3: 'ERR' is not a number",
+    ),
+    "whole seconds": (
+        {"t": np.floor(FLOWN.time_s)},
+        "column t are coarse: they stand still for up to 20 rows and then go on by 1 s",
+    ),
+    "hundredths": (
+        {"t": np.round(FLOWN.time_s + 0.013 * np.sin(FLOWN.time_s), 2)},
+        "column t are coarse, to 0.01 s, 20 % of the sample period",
+    ),
+    "falling": ({"t": FLOWN.time_s[::-1]}, "column t falls from row to row"),
+    "an odd date": (
+        {"t": [f"11/02/2016 17:00:{s:09.6f}" for s in FLOWN.time_s]},
+        "line 2, column t: '11/02/2016 17:00:00.000000' is neither a number nor an ISO 8601",
+    ),
+    "commands of both signs": (
+        commands_of(0.5 * FLOWN.commands * np.where(np.arange(400) % 2, 1.0, -1.0)[:, None]),
+        "go from -0.5 to 0.5, which is neither a share, percent, an on-time",
+    ),
+    "a rare command": (
+        commands_of(np.where(np.arange(400)[:, None] + np.arange(12) == 399, 65535.0, 900.0 + 1100.0 * FLOWN.commands)),
+        "commands: 65535 is rare, and neither of them",
+    ),
+}
 
-    savemat(
-        tmp_path / "log.mat",
-        {
-            "rcs": {"time_ms": 1e3 * one.time_s, **{f"valve{i}": one.commands[:, i] for i in range(len(one.jets))}},
-            "imu": {"t": one.time_s, "gyro": one.rates, "dv": np.diff(one.velocities, axis=0, prepend=0.0)},
-        },
-    )
-    found = proposed(tmp_path / "log.mat", one.vehicle)
-    assert found.lacking == []
-    assert (found.data["topic"], found.data["commands"]["topic"]) == ("imu", "rcs")
-    require_the_flight(telemetry(tmp_path / "log.mat", to_yaml(found.data), one.vehicle), one)
+
+@pytest.mark.parametrize("name", WARNED)
+def test_what_is_doubtful_in_a_log_is_told(name: str, tmp_path: Path) -> None:
+    instead, words = WARNED[name]
+    assert words in said(proposed(log_of(tmp_path, **instead)))
 
 
-@pytest.mark.parametrize("kind", ["ros1", "mcap"])
-def test_topics_of_a_bag(kind: str, one: Flight, tmp_path: Path) -> None:
-    pytest.importorskip("rosbags")
-    path = write_bag(tmp_path / ("log.bag" if kind == "ros1" else "log"), one, kind)
-    found = proposed(path, one.vehicle)
-    assert found.lacking == []
-    found.data["sensors"]["acc"]["gives"] = "mean"
-    require_the_flight(telemetry(path, to_yaml(found.data), one.vehicle), one)
+def test_what_cannot_be_found_is_said(tmp_path: Path) -> None:
+    found = proposed(write_csv(tmp_path / "log.csv", {"alpha": [1, 2, 3], "beta": [1, 5, 2]}))
+    needs = ["no column of time was found", "no sensor was found", "no commands were found"]
+    assert [sentence.partition(":")[0] for sentence in found.lacking] == needs
+    assert proposed(log_of(tmp_path)).warnings == []
 
 
-# ---------------------------------------------------------------------------- a vehicle of a log
+@pytest.mark.parametrize(
+    ("scale", "status", "words"),
+    [
+        (0.05, 0, "warning: no command of the whole record exceeds 0.05, and the sample period is 0.05 s"),
+        (100.0, 2, "look like percent: divide by 100"),
+        (1.5, 2, "1.5 is no fraction of 0 to 1\n"),
+    ],
+)
+def test_what_are_no_fractions_is_told(
+    scale: float, status: int, words: str, massprop: Massprop, tmp_path: Path
+) -> None:
+    rates = {f"gyro_{axis}": FLOWN.rates[:, index] for index, axis in enumerate("xyz")}
+    jets = {f"jet_{jet}": scale * row for jet, row in zip(FLOWN.jets, FLOWN.commands.T, strict=True)}
+    path = write_csv(tmp_path / "log.csv", {"time_s": FLOWN.time_s} | rates | jets)
+    done = massprop("check", path, "--vehicle", "free_flyer")
+    assert done.status == status
+    assert words in done.out + done.err
 
 
 def parameters() -> dict[str, Any]:
@@ -314,48 +439,28 @@ def parameters() -> dict[str, Any]:
     found: dict[str, Any] = {"CA_THRUSTER_CNT": 4, "EKF2_IMU_POS_X": 0.05}
     places = ((-0.12, -0.12, 1.0), (0.12, -0.12, -1.0), (-0.12, 0.12, 1.0), (0.12, 0.12, -1.0))
     for index, (x, y, axis) in enumerate(places):
-        found |= {f"CA_THRUSTER{index}_PX": x, f"CA_THRUSTER{index}_PY": y, f"CA_THRUSTER{index}_PZ": 0.0}
-        found |= {f"CA_THRUSTER{index}_AX": axis, f"CA_THRUSTER{index}_AY": 0.0, f"CA_THRUSTER{index}_AZ": 0.0}
-        found |= {f"CA_THRUSTER{index}_CT": 1.4}
+        values = {"PX": x, "PY": y, "PZ": 0.0, "AX": axis, "AY": 0.0, "AZ": 0.0, "CT": 1.4}
+        found |= {f"CA_THRUSTER{index}_{name}": value for name, value in values.items()}
     return found
 
 
-def test_a_vehicle_of_the_parameters(one: Flight, tmp_path: Path) -> None:
+def test_a_vehicle_of_the_parameters(tmp_path: Path) -> None:
     pytest.importorskip("pyulog")
-    recording = open_recording(write_ulog(tmp_path / "log.ulg", px4_topics(one), parameters()))
-    made = vehicle_of(recording, "box", 15.0, (0.2, 0.2, 0.3))
-    vehicle = validated(Vehicle, made.data)
+
+    def made(more: dict[str, Any], mass: float | None = 15.0) -> Any:
+        given = {name: value for name, value in (parameters() | more).items() if value is not None}
+        recording = open_recording(write_ulog(tmp_path / "log.ulg", px4_topics(ONE), given))
+        return vehicle_of(recording, "box", mass, (0.2, 0.2, 0.3))
+
+    vehicle = validated(Vehicle, made({}).data)
     assert vehicle.designations == ("T0", "T1", "T2", "T3")
     np.testing.assert_allclose(vehicle.thrusts[1], [-1.4, 0.0, 0.0], rtol=1e-6)
     np.testing.assert_allclose(vehicle.wrenches[1, :3], np.cross([0.12, -0.12, 0.0], [-1.4, 0.0, 0.0]), rtol=1e-6)
     assert vehicle.sample_period_s == pytest.approx(0.05)
     assert vehicle.accelerometers[0].position == pytest.approx((0.05, 0.0, 0.0))
     assert 0.005 < vehicle.gyros[0].noise_std < 0.02  # the flight's rates are a random walk of 0.01 a row
-    assert proposed(Path(recording.source), vehicle).lacking == []
-
-
-def test_a_log_that_gives_no_vehicle(one: Flight, tmp_path: Path) -> None:
-    pytest.importorskip("pyulog")
-
-    def refused(more: dict[str, Any], mass: float | None = 15.0) -> str:
-        given = {name: value for name, value in (parameters() | more).items() if value is not None}
-        recording = open_recording(write_ulog(tmp_path / "log.ulg", px4_topics(one), given))
-        with pytest.raises(InputError) as told:
-            vehicle_of(recording, "box", mass, (0.2, 0.2, 0.3))
-        return str(told.value)
-
-    assert "PX4 logs neither mass nor inertia: give --mass and --inertia" in refused({}, None)
-    assert "has no parameter CA_THRUSTER_CNT above zero" in refused({"CA_THRUSTER_CNT": None})
-    assert "thruster 2 has no direction or no thrust" in refused({"CA_THRUSTER2_CT": 0.0})
-    assert "mass_properties.mass" in refused({}, -1.0)
-
-
-def test_what_follows_a_vehicle_has_the_names_of_its_sensors(one: Flight, tmp_path: Path) -> None:
-    columns = planar(one, exact=False)
-    vehicle = load_vehicle("air_bearing")
-    commands = np.random.default_rng(5).random((200, 8)) < 0.3
-    columns |= {jet: commands[:, index].astype(int) for index, jet in enumerate(vehicle.designations)}
-    found = proposed(write_csv(tmp_path / "log.csv", columns), vehicle)
-    assert list(found.data["sensors"]) == ["mocap"]
-    assert "vx_mps, vy_mps, velocities by their names: the vehicle has no further velocity sensor" in said(found)
-    RecordMap.model_validate(found.data)
+    assert proposed(tmp_path / "log.ulg", vehicle).lacking == []
+    assert "PX4 logs neither mass nor inertia: give --mass and --inertia" in refused(lambda: made({}, None))
+    assert "has no parameter CA_THRUSTER_CNT above zero" in refused(lambda: made({"CA_THRUSTER_CNT": None}))
+    assert "thruster 2 has no direction or no thrust" in refused(lambda: made({"CA_THRUSTER2_CT": 0.0}))
+    assert "mass_properties.mass" in refused(lambda: made({}, -1.0))

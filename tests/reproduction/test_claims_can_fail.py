@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import pytest
 
-from reproduction import catalog, pure_rotations
-from reproduction.claims import Claim, Verdict, judge
+from reproduction import catalog
+from reproduction.claims import Claim, judge
 from reproduction.measures import YZ, ZZ, orbiter
+from reproduction.pure_rotations import rotations
 
 ENTRIES = {entry.name: entry for entry in catalog.ENTRIES}
 TRUTH = orbiter().nominal.vector()
@@ -23,10 +23,6 @@ def claim(entry: str, text: str, words: str = "") -> Claim:
     return found
 
 
-def verdict(of: Claim, *phases: Any) -> Verdict:
-    return judge(of, phases).verdict
-
-
 def errors(*steps: tuple[float, float], element: int | slice = slice(None)) -> dict[str, Any]:
     """A run whose estimates are off by a share of the truth, each from a time on."""
     truth = np.tile(TRUTH, (TIME_S.size, 1))
@@ -36,126 +32,103 @@ def errors(*steps: tuple[float, float], element: int | slice = slice(None)) -> d
     return {"time_s": TIME_S, "truth": truth, "estimate": truth * (1.0 - off)}
 
 
-def _both(one: dict[str, Any], other: dict[str, Any], element: int) -> dict[str, Any]:
-    estimate = one["estimate"].copy()
-    estimate[:, element] = other["estimate"][:, element]
-    return {**one, "estimate": estimate}
+def digits(diagonal: float, product: float, product_s: float = 10.0) -> dict[str, Any]:
+    """A run in which Izz^-1 is as good from 10 s on, and Iyz^-1 from some time on."""
+    one = errors((0.0, 1.0), (10.0, diagonal), element=ZZ)
+    one["estimate"][:, YZ] = errors((0.0, 1.0), (product_s, product), element=YZ)["estimate"][:, YZ]
+    return {"with": one}
 
 
-@lru_cache(maxsize=4)
-def _rotated(force: float) -> dict[str, Any]:
-    return pure_rotations.rotations(0, force=force)
-
-
-@pytest.fixture
-def few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pure_rotations, "_SAMPLES", 60)
-
-
-@pytest.mark.usefixtures("few_samples")
-@pytest.mark.parametrize(
-    ("entry", "text"),
-    [
-        ("fig_5_7", "1-sigma of the center of mass after rotations by torque alone"),
-        ("fig_5_7", "change of its error in these rotations"),
-        ("fig_5_9", "the same ratio after rotations by torque alone"),
-    ],
-)
-def test_the_center_of_mass_shows_by_net_force_alone(entry: str, text: str) -> None:
-    assert verdict(claim(entry, text), {"pure": _rotated(0.0)}) is Verdict.HOLDS
-    assert verdict(claim(entry, text), {"pure": _rotated(1.0)}) is Verdict.DIFFERS
-
-
-def test_the_extended_filter_diverges_in_the_rotations_or_not() -> None:
-    of = claim("fig_5_9", "largest error of the diagonal after the rotations, 24.9 s")
-    fine, late = errors((0.0, 1e-4)), errors((0.0, 1e-4), (25.0, 0.4))
-    assert verdict(of, {"second": fine, "linear": errors((0.0, 0.02))}) is Verdict.HOLDS
-    assert verdict(of, {"second": fine, "linear": late}) is Verdict.DIFFERS
-
-
-@pytest.mark.parametrize(("share", "expected"), [(1.0, "holds"), (0.6, "holds"), (0.1, "differs"), (3.0, "differs")])
-def test_coupling_is_as_large_as_the_residual_torque_or_not(share: float, expected: str) -> None:
+def coupled(share: float) -> dict[str, Any]:
+    """A run whose coupling is a share of the torque."""
     rate = np.tile(np.radians([0.5, 0.1, 0.2]), (TIME_S.size, 1))
     coupling = np.cross(rate, rate @ orbiter().nominal.inertia)
-    of = claim("fig_5_6", "torque that coupling amounts to")
-    assert verdict(of, {"with": {"time_s": TIME_S, "rate": rate, "torque": coupling / share}}) == expected
+    return {"with": {"time_s": TIME_S, "rate": rate, "torque": coupling / share}}
 
 
-def test_digits_come_in_the_order_told_or_not() -> None:
-    of = claim("fig_5_6", "time from when Izz⁻¹ keeps four digits")
-    # half a unit of the digit: 0.035 % of Izz^-1, 8.8 % of Iyz^-1
-    diagonal = errors((0.0, 1.0), (10.0, 3e-4), element=ZZ)
-    early, late = (errors((0.0, 1.0), (start_s, 0.08), element=YZ) for start_s in (9.0, 11.0))
-    assert verdict(of, {"with": _both(diagonal, late, YZ)}) is Verdict.HOLDS
-    assert verdict(of, {"with": _both(diagonal, early, YZ)}) is Verdict.DIFFERS
-    never = errors((0.0, 1.0), element=YZ)
-    assert verdict(of, {"with": _both(diagonal, never, YZ)}) is Verdict.HOLDS
-    coarse = errors((0.0, 1.0), (10.0, 4e-4), element=ZZ)
-    assert verdict(of, {"with": _both(coarse, late, YZ)}) is Verdict.DIFFERS
+def failed(jet: int, likelihood: float, forces: list[float], other: tuple[int, float] | None = None) -> dict[str, Any]:
+    """A failure from 50 s on, every sample tested; forces of the jet repeat, and it is the likeliest of its cluster.
 
-
-def _failed(jet: int, likelihood: float, forces: list[float]) -> dict[str, Any]:
-    """A failure from 50 s on, every sample tested; forces of the jet repeat, and it is the likeliest of its cluster."""
+    `other` is a jet of the cluster that is likelier, with its force.
+    """
     rows = TIME_S.size
-    found = np.zeros((rows, 44))
-    found[:, jet - 1] = likelihood
-    magnitude = np.zeros((rows, 44))
-    magnitude[:, jet - 1] = np.resize(forces, rows)
+    found, magnitude = np.zeros((rows, 44)), np.zeros((rows, 44))
+    found[:, jet - 1], magnitude[:, jet - 1] = likelihood, np.resize(forces, rows)
+    if other is not None:
+        found[:, other[0] - 1], magnitude[:, other[0] - 1] = 2.0 * likelihood, other[1]
     return {"time_s": TIME_S, "tested": np.ones((rows, 1)), "likelihood": found, "failure_magnitude": magnitude}
 
 
-@pytest.mark.parametrize(("entry", "jet"), [("fig_5_22", 39), ("fig_5_25", 24)])
-@pytest.mark.parametrize(
-    ("orders", "expected"), [(3.0, "holds"), (3.5, "holds"), (4.0, "holds"), (2.85, "differs"), (4.2, "differs")]
-)
-def test_soft_failures_are_so_many_orders_below_hard_ones_or_not(
-    entry: str, jet: int, orders: float, expected: str
-) -> None:
-    of = claim(entry, "orders of magnitude of the median argument below that of jet 29")
-    hard = _failed(29, 1e6, [868.8])
-    assert verdict(of, {"hard": hard, "flight": _failed(jet, 10.0 ** (6.0 - orders), [10.0])}) == expected
+def hard(jet: int, orders: float) -> dict[str, Any]:
+    return {"hard": failed(29, 1e6, [868.8]), "flight": failed(jet, 10.0 ** (6.0 - orders), [10.0])}
 
 
-@pytest.mark.parametrize(("entry", "jet", "other", "force"), [("fig_5_24", 39, 9, 24.483), ("fig_5_27", 24, 42, 10.4)])
-def test_the_force_of_the_likeliest_jet_is_right_or_not(entry: str, jet: int, other: int, force: float) -> None:
-    of = claim(entry, "the same, (b) jet that maximizes")
-    own = claim(entry, "share of tested samples whose force is within 1 lbf")
-    right = _failed(jet, 100.0, [force + 0.9] * 4 + [force + 1.1])
-    assert verdict(of, {"flight": right}) is Verdict.HOLDS
-    assert verdict(of, {"flight": _failed(jet, 100.0, [force + 0.9] * 3 + [force + 1.1])}) is Verdict.DIFFERS
+def compared(ratio: float) -> dict[str, Any]:
+    worse = errors((0.0, ratio * 1e-4))
+    return {**dict.fromkeys(("base", "other"), errors((0.0, 1e-4))), "ignored": worse}
+
+
+FINE = errors((0.0, 1e-4))
+ROTATED = {force: {"pure": rotations(0, force=force, samples=60)} for force in (0.0, 1.0)}
+DIVERGES = "largest error of the diagonal after the rotations, 24.9 s"
+DIGITS = "time from when Izz⁻¹ keeps four digits"
+ORDERS = "orders of magnitude of the median argument below that of jet 29"
+JUMP = "largest error of the diagonal 2 s after jet 29 sticks on and passes for jumps"
+RESET = "largest error of the diagonal 8 s after, jet logic reset"
+BEST, OWN = "the same, (b) jet that maximizes", "share of tested samples whose force is within 1 lbf"
+COUPLING = "torque that coupling amounts to"
+HOLDS, DIFFERS = "holds", "differs"
+CASES: list[tuple[str, str, dict[str, Any], str]] = [
+    *(
+        (entry, text, ROTATED[force], verdict)
+        for force, verdict in ((0.0, HOLDS), (1.0, DIFFERS))
+        for entry, text in (
+            ("fig_5_7", "1-sigma of the center of mass after rotations by torque alone"),
+            ("fig_5_7", "change of its error in these rotations"),
+            ("fig_5_9", "the same ratio after rotations by torque alone"),
+        )
+    ),
+    ("fig_5_9", DIVERGES, {"second": FINE, "linear": errors((0.0, 0.02))}, HOLDS),
+    ("fig_5_9", DIVERGES, {"second": FINE, "linear": errors((0.0, 1e-4), (25.0, 0.4))}, DIFFERS),
+    *(("fig_5_6", COUPLING, coupled(share), HOLDS) for share in (1.0, 0.6)),
+    *(("fig_5_6", COUPLING, coupled(share), DIFFERS) for share in (0.1, 3.0)),
+    # half a unit of the digit: 0.035 % of Izz^-1, 8.8 % of Iyz^-1
+    ("fig_5_6", DIGITS, digits(3e-4, 0.08, 11.0), HOLDS),
+    ("fig_5_6", DIGITS, digits(3e-4, 0.08, 9.0), DIFFERS),
+    ("fig_5_6", DIGITS, digits(3e-4, 1.0), HOLDS),
+    ("fig_5_6", DIGITS, digits(4e-4, 0.08, 11.0), DIFFERS),
+    *((entry, ORDERS, hard(jet, n), HOLDS) for entry, jet in (("fig_5_22", 39), ("fig_5_25", 24)) for n in (3.0, 4.0)),
+    *(
+        (entry, ORDERS, hard(jet, n), DIFFERS)
+        for entry, jet in (("fig_5_22", 39), ("fig_5_25", 24))
+        for n in (2.85, 4.2)
+    ),
+    ("section_5_3", JUMP, {"jump": errors((0.0, 1e-4), (50.08, 0.5))}, HOLDS),
+    ("section_5_3", JUMP, {"jump": errors((0.0, 1e-4), (52.2, 0.5))}, DIFFERS),  # not quickly
+    ("section_5_3", RESET, {"reset": errors((0.0, 1e-4), (50.2, 1.5e-4))}, HOLDS),
+    ("section_5_3", RESET, {"reset": errors((0.0, 1e-4), (55.0, 3e-4))}, DIFFERS),
+    ("fig_5_18", "largest error of the force", {"flight": failed(29, 1e6, [868.819] * 9 + [869.719])}, HOLDS),
+    ("fig_5_18", "largest error of the force", {"flight": failed(29, 1e6, [868.819] * 9 + [870.719])}, DIFFERS),
+]
+for name, failing, beside, given in (("fig_5_24", 39, 9, 24.483), ("fig_5_27", 24, 42, 10.4)):
+    right, wrong = [given + 0.9] * 4 + [given + 1.1], [given + 0.9] * 3 + [given + 1.1]
     # another jet of the cluster is likelier, and its force is wrong: panel (a) is as it was, (b) is not
-    likelihood, magnitude = right["likelihood"].copy(), right["failure_magnitude"].copy()
-    likelihood[:, other - 1], magnitude[:, other - 1] = 200.0, force + 5.0
-    mistaken = {**right, "likelihood": likelihood, "failure_magnitude": magnitude}
-    assert verdict(of, {"flight": mistaken}) is Verdict.DIFFERS
-    assert verdict(own, {"flight": mistaken}) is Verdict.HOLDS
+    mistaken = {"flight": failed(failing, 100.0, right, (beside, given + 5.0))}
+    CASES += [
+        (name, BEST, {"flight": failed(failing, 100.0, right)}, HOLDS),
+        (name, BEST, {"flight": failed(failing, 100.0, wrong)}, DIFFERS),
+        (name, BEST, mistaken, DIFFERS),
+        (name, OWN, mistaken, HOLDS),
+    ]
 
 
-def test_a_failure_taken_for_a_jump_leads_astray_or_not() -> None:
-    of = claim("section_5_3", "largest error of the diagonal 2 s after jet 29 sticks on and passes for jumps")
-    assert verdict(of, {"jump": errors((0.0, 1e-4), (50.08, 0.5))}) is Verdict.HOLDS
-    assert verdict(of, {"jump": errors((0.0, 1e-4), (52.2, 0.5))}) is Verdict.DIFFERS  # not quickly
+@pytest.mark.parametrize(("entry", "text", "phase", "verdict"), CASES)
+def test_a_claim_is_met_or_not(entry: str, text: str, phase: Any, verdict: str) -> None:
+    assert judge(claim(entry, text), [phase]).verdict == verdict
 
 
-def test_a_reset_keeps_the_states_or_not() -> None:
-    with_reset = claim("section_5_3", "largest error of the diagonal 8 s after, jet logic reset")
-    without = claim("section_5_3", "the same without a reset")
-    kept, lost = errors((0.0, 1e-4), (50.2, 1.5e-4)), errors((0.0, 1e-4), (55.0, 3e-4))
-    assert verdict(with_reset, {"reset": kept}) is Verdict.HOLDS
-    assert verdict(with_reset, {"reset": lost}) is Verdict.DIFFERS
-    assert without.measure({"flight": lost}) == pytest.approx(3.0)
-    assert without.measure({"flight": kept}) == pytest.approx(1.5)
-
-
-@pytest.mark.parametrize(("ratio", "expected"), [(4.66, "differs"), (1.5, "holds"), (0.9, "differs")])
-def test_a_minor_gain_is_a_gain_and_minor(ratio: float, expected: str) -> None:
-    for entry, labels in (("section_6_1", ("base", "ignored")), ("section_5_2", ("other", "ignored"))):
-        of = claim(entry, "largest final error" if entry == "section_6_1" else "there,", "a minor increase in accuracy")
-        phase = dict(zip(labels, (errors((0.0, 1e-4)), errors((0.0, ratio * 1e-4))), strict=True))
-        assert of.expect.met(np.array([of.measure(phase)]))[0] == (expected == "holds")  # type: ignore[union-attr]
-
-
-@pytest.mark.parametrize(("largest", "expected"), [(0.9, "holds"), (1.9, "differs")])
-def test_a_force_varies_less_than_a_pound_over_the_whole_period(largest: float, expected: str) -> None:
-    run = _failed(29, 1e6, [868.819] * 9 + [868.819 + largest])
-    assert verdict(claim("fig_5_18", "largest error of the force"), {"flight": run}) == expected
+@pytest.mark.parametrize(("ratio", "met"), [(4.66, False), (1.5, True), (0.9, False)])
+def test_a_minor_gain_is_a_gain_and_minor(ratio: float, met: bool) -> None:
+    for entry, text in (("section_6_1", "largest final error"), ("section_5_2", "there,")):
+        of = claim(entry, text, "a minor increase in accuracy")
+        assert of.expect.met(np.array([of.measure(compared(ratio))]))[0] == met  # type: ignore[union-attr]

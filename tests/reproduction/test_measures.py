@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from reproduction import measures
 
-TIME_S = 0.08 * np.arange(6)
 COMMAND = np.zeros((6, 44))
 COMMAND[1:3, 0] = COMMAND[5, 0] = COMMAND[0:4, 7] = 1.0
 RUN = {
-    "time_s": TIME_S,
+    "time_s": 0.08 * np.arange(6),
     "command": COMMAND,
     "truth": np.linspace(-2.0, -1.0, 6)[:, None] * np.ones(10),
     "estimate": np.linspace(-3.0, -1.5, 6)[:, None] * np.ones(10),
@@ -20,34 +18,19 @@ RUN = {
 }
 
 
-def test_both_ends_of_a_time_count() -> None:
-    np.testing.assert_array_equal(np.flatnonzero(measures.during(RUN, 0.16, 0.24)), [2, 3])
-    assert measures.at(RUN, 0.24) == 3
-    assert measures.at(RUN, 0.31) == 3
-
-
-def test_errors_are_true_minus_estimate_of_the_first_truth() -> None:
+def test_measures_of_signals() -> None:
+    np.testing.assert_array_equal(np.flatnonzero(measures.during(RUN, 0.16, 0.24)), [2, 3])  # both ends count
+    assert [measures.at(RUN, time_s) for time_s in (0.24, 0.31)] == [3, 3]
+    # true minus estimate, of the first truth
     np.testing.assert_allclose(measures.percent_error(RUN)[0], np.full(10, 50.0))
     np.testing.assert_allclose(measures.final_percent(RUN), np.full(10, 25.0))
     np.testing.assert_allclose(measures.percent_at(RUN, 0.16), np.full(10, 40.0))
-
-
-def test_only_samples_that_were_used_are_consistent_or_not() -> None:
-    np.testing.assert_array_equal(measures.nis(RUN, "rotation"), [1.0, 2.0, 3.0, 4.0])
+    np.testing.assert_array_equal(measures.nis(RUN, "rotation"), [1.0, 2.0, 3.0, 4.0])  # of samples that were used
     np.testing.assert_array_equal(measures.nis(RUN, "rotation", 0.16, 0.24), [2.0, 3.0])
     assert measures.mean_nis("case", "rotation")({"case": RUN}) == 2.5
-
-
-def test_firings_have_a_beginning_and_a_length() -> None:
     np.testing.assert_allclose(measures.on_starts_s(RUN), [0.08, 0.40, 0.0])
     np.testing.assert_allclose(measures.on_times_s(RUN), [0.16, 0.08, 0.32])
     np.testing.assert_allclose(measures.on_times_s(RUN, 0.05, 0.3), [0.16])
-
-
-@pytest.mark.parametrize(("flags", "length"), [([], 0), ([0, 0], 0), ([1, 1, 0, 1, 1, 1], 3), ([1], 1)])
-def test_the_longest_row(flags: list[int], length: int) -> None:
-    assert measures.longest_row(np.array(flags, dtype=bool)) == length
-
-
-def test_rms() -> None:
+    for flags, length in (([], 0), ([0, 0], 0), ([1, 1, 0, 1, 1, 1], 3), ([1], 1)):
+        assert measures.longest_row(np.array(flags, dtype=bool)) == length
     assert measures.rms(np.array([3.0, -4.0, 0.0, 0.0])) == 2.5

@@ -1,59 +1,114 @@
-"""The mode of a fault, and its words."""
+"""Detections: their kinds, modes and words, and how they follow from the detector's signals."""
 
 from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 
-from massprop_drake.results.detections import JUMP, DetectionRecord, fault_mode, in_words
+from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.maths.estimation.detector import STATUS, Verdict
+from massprop_drake.results.detections import JUMP, DetectionRecord, detection_entries, fault_mode, in_words, settled
 
 SI = {"force": "N", "mass": "kg", "length": "m"}
-JET = DetectionRecord(
-    10.0, 11.0, "jet_on", 3, "T7", "jet", 0.05, 0.0012, 50.0, 2, jets=("T7",), thrust=1.0
-)  # fmt: skip
+JET = DetectionRecord(10.0, 11.0, "jet_on", 3, "T7", "jet", 0.05, 0.0012, 50.0, 2, jets=("T7",), thrust=1.0)
 PAYLOAD = DetectionRecord(10.0, 11.0, JUMP, None, None, None, None, None, 50.0, 2)
+STUCK_ON = DetectionRecord(50.0, 50.16, "jet_on", 12, "R4R", "jet", 868.0, 2.0, 1.0e4, 3, jet_index=28)
+
+
+def force(magnitude: float, std: float = 0.0012, **more: Any) -> DetectionRecord:
+    return JET._replace(magnitude=magnitude, magnitude_std=std, **more)
 
 
 @pytest.mark.parametrize(
-    ("changes", "mode", "words"),
+    ("record", "mode", "words"),
     [
-        ({}, "leak", "jet T7: leaks 0.0500 N, 5 % of its thrust"),
-        ({"magnitude": 0.004, "magnitude_std": 0.001}, "leak", "jet T7: leaks 0.0040 N, 0.4 % of its thrust"),
-        ({"magnitude": 0.85, "magnitude_std": 0.04}, "leak", "jet T7: leaks 0.850 N, 85 % of its thrust"),
-        ({"magnitude": 0.85, "magnitude_std": 0.06}, "stuck_on", "jet T7: stuck on"),  # within 3 sigma of all
-        ({"magnitude": 0.91, "magnitude_std": 0.001}, "stuck_on", "jet T7: stuck on"),  # above 90 %
-        ({"magnitude": 1.2, "magnitude_std": 0.01}, "stuck_on", "jet T7: stuck on"),
-        ({"magnitude": -0.05}, "loss", "jet T7: loses 0.0500 N, 5 % of its thrust"),
-        ({"magnitude": -0.5, "jet": None, "jets": ()}, "loss",
-         "a jet of cluster 3: loses 0.5000 N, 50 % of its thrust"),
-        ({"magnitude": -0.999}, "stuck_off", "jet T7: stuck off"),
-        ({"pattern": "intermittent", "erratic_s": 12.0}, "intermittent", "jet T7: intermittent"),
-        ({"pattern": "drifting", "erratic_s": 12.0}, "drift", "jet T7: drifts"),
-        ({"isolated_to": "group", "jet": None, "jets": ("T7", "T8")}, "leak",
+        (JET, "leak", "jet T7: leaks 0.0500 N, 5 % of its thrust"),
+        (force(0.004, 0.001), "leak", "jet T7: leaks 0.0040 N, 0.4 % of its thrust"),
+        (force(0.85, 0.04), "leak", "jet T7: leaks 0.850 N, 85 % of its thrust"),
+        (force(0.85, 0.06), "stuck_on", "jet T7: stuck on"),  # within 3 sigma of all
+        (force(0.91, 0.001), "stuck_on", "jet T7: stuck on"),  # above 90 %
+        (force(-0.05), "loss", "jet T7: loses 0.0500 N, 5 % of its thrust"),
+        (force(-0.5, jet=None, jets=()), "loss", "a jet of cluster 3: loses 0.5000 N, 50 % of its thrust"),
+        (force(-0.999), "stuck_off", "jet T7: stuck off"),
+        (JET._replace(pattern="intermittent", erratic_s=12.0), "intermittent", "jet T7: intermittent"),
+        (JET._replace(pattern="drifting", erratic_s=12.0), "drift", "jet T7: drifts"),
+        (force(0.05, isolated_to="group", jet=None, jets=("T7", "T8")), "leak",
          "one of T7, T8: leaks 0.0500 N, 5 % of its thrust"),
-        ({"thrust": 100.0, "magnitude": 25.0, "magnitude_std": 7.0}, "leak",
-         "jet T7: leaks 25.0 N, 25 % of its thrust"),
-        ({"thrust": None}, None, "jet T7: on"),
+        (JET._replace(thrust=None), None, "jet T7: on"),
+        (PAYLOAD, None, "mass property jump"),
+        (PAYLOAD._replace(mass=-53.0, mass_std=2.0), "release", "payload released"),
+        (PAYLOAD._replace(mass=53.0, mass_std=2.0), "docking", "payload docked"),
+        (PAYLOAD._replace(mass=5.0, mass_std=2.0), None, "mass property jump"),
+        (PAYLOAD._replace(mass=0.0, mass_std=0.0), None, "mass property jump"),
     ],
 )  # fmt: skip
-def test_a_jet_is_called_what_its_force_is(changes: dict[str, Any], mode: str | None, words: str) -> None:
-    record = JET._replace(**changes)
+def test_a_fault_is_called_what_its_size_is(record: DetectionRecord, mode: str | None, words: str) -> None:
     assert fault_mode(record) == mode
     assert in_words(record._replace(mode=mode), SI) == words
+
+
+def signals(n_rows: int, **rows: dict[int, float]) -> dict[str, Any]:
+    """Signals of a detector that are zero but at some rows."""
+    found = {name: np.zeros((n_rows, 1)) for name in (*STATUS, "rotation_nis")}
+    for name, values in rows.items():
+        for row, value in values.items():
+            found[name][row] = value
+    return found
 
 
 @pytest.mark.parametrize(
-    ("changes", "mode", "words"),
+    ("magnitude", "std", "kind", "mode"),
     [
-        ({}, None, "mass property jump"),
-        ({"mass": -53.0, "mass_std": 2.0}, "release", "payload released"),
-        ({"mass": 53.0, "mass_std": 2.0}, "docking", "payload docked"),
-        ({"mass": 5.0, "mass_std": 2.0}, None, "mass property jump"),
-        ({"mass": 0.0, "mass_std": 0.0}, None, "mass property jump"),
+        (10.0, 1.0, "jet_on", "leak"),
+        (870.0, 1.0, "jet_on", "stuck_on"),
+        (-800.0, 1.0, "jet_off", "stuck_off"),  # above 90 % of 870
+        (-700.0, 60.0, "jet_off", "stuck_off"),  # within 3 sigma of it
+        (-700.0, 50.0, "jet_degraded", "loss"),
     ],
-)  # fmt: skip
-def test_a_payload_is_named_where_its_mass_is_known(changes: dict[str, Any], mode: str | None, words: str) -> None:
-    record = PAYLOAD._replace(**changes)
-    assert fault_mode(record) == mode
-    assert in_words(record._replace(mode=mode), SI) == words
+)
+def test_a_declaration_becomes_a_record(orbiter: Vehicle, magnitude: float, std: float, kind: str, mode: str) -> None:
+    jet = orbiter.jet_index("R4R")
+    thrust = orbiter.jets[jet].thrust
+    given = {"suspected_magnitude": magnitude, "suspected_magnitude_std": std, "suspected_likelihood": 77.0}
+    row = {
+        "detector_event": float(Verdict.DECLARED),
+        "suspected_jet": float(jet),
+        **given,
+        "onset": 0.04,
+        "alarms": 2.0,
+    }
+    time_s = np.array([0.0, 0.08, 0.16])
+    alone = signals(3, jet_isolated={1: 1.0}, **{name: {1: value} for name, value in row.items()})
+    (record,) = detection_entries(orbiter, time_s, alone)
+    more = {"jets": ("R4R",), "thrust": thrust, "mode": mode, "jet_index": jet}
+    assert thrust == pytest.approx(870.0, abs=2.0)
+    assert record == DetectionRecord(0.04, 0.08, kind, 12, "R4R", "jet", magnitude, std, 77.0, 2, **more)
+    (record,) = detection_entries(orbiter, time_s, {**alone, "jet_isolated": np.zeros((3, 1))})
+    assert (record.cluster, record.jet, record.isolated_to, record.jet_index) == (12, None, "cluster", 28)
+
+
+def test_jumps_and_withdrawals_become_records(orbiter: Vehicle) -> None:
+    jumped = signals(2, detector_event={1: float(Verdict.JUMP)}, rotation_nis={1: 99.0}, alarms={1: 4.0})
+    (record,) = detection_entries(orbiter, np.array([0.0, 0.08]), jumped)
+    assert record == DetectionRecord(0.0, 0.08, JUMP, None, None, None, None, None, 99.0, 4)
+    other, before = STUCK_ON._replace(jet="F2R", jet_index=3), STUCK_ON._replace(withdrawn_s=51.0)
+    withdrawn = signals(2, detector_event={1: float(Verdict.WITHDRAWN)}, suspected_jet={1: 28.0})
+    records = detection_entries(orbiter, np.array([52.0, 52.08]), withdrawn, (before, other, STUCK_ON))
+    assert records == [before, other, STUCK_ON._replace(withdrawn_s=52.08)]  # the one that stands
+    assert detection_entries(orbiter, np.zeros(2), {}, (STUCK_ON,)) == [STUCK_ON]  # without a detector
+
+
+def test_the_force_of_a_jet_stuck_on_is_given_as_known_at_the_end() -> None:
+    known, variance = np.zeros(44), np.zeros(44)
+    known[28], variance[28] = 870.5, 0.25
+    off = STUCK_ON._replace(kind="jet_off", magnitude=-870.0)
+    jump = STUCK_ON._replace(kind=JUMP, jet_index=None)
+    withdrawn = STUCK_ON._replace(withdrawn_s=51.0)  # keeps what it had while it stood
+    found = settled((STUCK_ON, off, jump, withdrawn), known, variance)
+    assert [one.magnitude for one in found] == [870.5, -870.0, jump.magnitude, 868.0]
+    assert found[0].magnitude_std == 0.5
+    assert {record.jet_index for record in found} == {None}
+    (unknown,) = settled((STUCK_ON,), known, np.zeros(44))
+    assert unknown.magnitude == 868.0

@@ -12,7 +12,6 @@ from massprop_drake.display.page import report_html
 from massprop_drake.inputs import params
 from massprop_drake.maths.mass_properties import NAMES
 from massprop_drake.results.identified import bound_in_words, identified, unobservable
-from massprop_drake.results.summary import Summary
 
 
 def test_a_long_maneuver_identifies_all_ten(sample_run: Run) -> None:
@@ -56,13 +55,6 @@ def test_without_an_accelerometer_the_mass_cannot_be_observed() -> None:
     vehicle = load_vehicle("orbiter")
     np.testing.assert_array_equal(unobservable(vehicle, accelerometer=False), np.eye(10)[9:])
     assert unobservable(vehicle, accelerometer=True).size == 0
-
-
-def test_an_earlier_summary_has_none(short_run: Run) -> None:
-    content = {key: value for key, value in short_run.summary.items() if key != "identifiability"}
-    assert Summary.from_json(content).identifiability == ()
-    again = Summary.from_json(short_run.results.as_json())
-    assert again.identifiability == short_run.results.identifiability
 
 
 def test_sigmas_are_told_against_the_least_for_rounding_as_noise(short_run: Run) -> None:

@@ -18,18 +18,16 @@ Members = dict[str, bytes]
 
 
 @pytest.fixture(scope="module")
-def sound(short_run: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return short_run.save(tmp_path_factory.mktemp("runs") / "sound", pictures=False, report=False)
+def sound(stuck_run: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return stuck_run.save(tmp_path_factory.mktemp("runs") / "sound", pictures=False, report=False)
 
 
 @pytest.fixture
 def folder(sound: Path, tmp_path: Path) -> Path:
     """A copy to spoil."""
-    copy = tmp_path / "run"
-    copy.mkdir()
     for name in ("scenario.yaml", "summary.json", "history.npz", "filter_state.json"):
-        (copy / name).write_bytes((sound / name).read_bytes())
-    return copy
+        (tmp_path / name).write_bytes((sound / name).read_bytes())
+    return tmp_path
 
 
 def _npy(values: Any) -> bytes:
@@ -38,15 +36,11 @@ def _npy(values: Any) -> bytes:
     return stream.getvalue()
 
 
-def _array(content: bytes) -> Any:
-    return np.lib.format.read_array(io.BytesIO(content))
-
-
 def _put(name: str, change: Callable[[Any], Any]) -> Callable[[Members], None]:
     """Replaces a signal by what becomes of it."""
 
     def put(members: Members) -> None:
-        members[name] = _npy(change(_array(members[name])))
+        members[name] = _npy(change(np.lib.format.read_array(io.BytesIO(members[name]))))
 
     return put
 
@@ -69,31 +63,27 @@ def _promising(shape: str) -> Callable[[Members], None]:
     return put
 
 
+NONE_READ = r"holds no signals that can be read: "
 HISTORIES: dict[str, tuple[Callable[[Members], Any], str]] = {
-    "no times": (lambda members: members.pop("time_s.npy"), "'time_s' is missing"),
-    "no gyro": (lambda members: members.pop("gyro.npy"), "'gyro' is missing"),
-    "half the thrust": (lambda members: members.pop("force.npy"), "'force' is missing"),
-    "half the detector": (lambda members: members.pop("likelihood.npy"), "'likelihood' is missing"),
-    "a row too few": (_put("rate.npy", lambda values: values[:-1]), r"'rate.npy' has shape \(87, 3\), expected"),
-    "a column too many": (
-        _put("rate.npy", lambda values: np.hstack([values, values[:, :1]])),
-        r"'rate.npy' has shape \(88, 4\)",
-    ),
-    "no row": (_put("time_s.npy", lambda values: values[:0]), r"'time_s.npy' has shape \(0,\)"),
-    "text": (_put("rate.npy", lambda values: values.astype("U5")), "'rate.npy' is no array of numbers"),
-    "objects": (_put("rate.npy", lambda values: values.astype(object)), "'rate.npy' is no array of numbers"),
-    "complex": (_put("rate.npy", lambda values: values.astype(complex)), "'rate.npy' is no array of numbers"),
-    "integers": (_put("time_s.npy", lambda values: np.arange(88)), "'time_s.npy' is no array of numbers"),
-    "other bytes": (lambda members: members.update({"rate.npy": b"x"}), "'rate.npy' is no array of numbers"),
-    "large header": (_promising("(1000000000000,)"), "'time_s.npy' is not as long as its shape"),
-    "larger header": (_promising("(999999999999999, 999999999999999)"), "'time_s.npy' has shape"),
-    "negative header": (_promising("(-1,)"), "'time_s.npy' is no array of numbers"),
-    "program in a header": (_promising("(__import__('os'),)"), "'time_s.npy' is no array of numbers"),
+    "no times": (lambda members: members.pop("time_s.npy"), f"{NONE_READ}'time_s' is missing"),
+    "no gyro": (lambda members: members.pop("gyro.npy"), f"{NONE_READ}'gyro' is missing"),
+    "half the detector": (lambda members: members.pop("likelihood.npy"), f"{NONE_READ}'likelihood' is missing"),
+    "a row too few": (_put("rate.npy", lambda values: values[:-1]), r".*'rate.npy' has shape \(75, 3\), expected"),
+    "no row": (_put("time_s.npy", lambda values: values[:0]), r".*'time_s.npy' has shape \(0,\)"),
+    "objects": (_put("rate.npy", lambda values: values.astype(object)), ".*'rate.npy' is no array of numbers"),
+    "integers": (_put("time_s.npy", lambda values: np.arange(76)), ".*'time_s.npy' is no array of numbers"),
+    "other bytes": (lambda members: members.update({"rate.npy": b"x"}), ".*'rate.npy' is no array of numbers"),
+    "large header": (_promising("(1000000000000,)"), ".*'time_s.npy' is not as long as its shape"),
+    "negative header": (_promising("(-1,)"), ".*'time_s.npy' is no array of numbers"),
+    "program in a header": (_promising("(__import__('os'),)"), ".*'time_s.npy' is no array of numbers"),
     "time goes back": (_put("time_s.npy", lambda values: values[::-1].copy()), "time_s: must be finite and go forward"),
     "time unknown": (_put("time_s.npy", _with((3,), np.nan)), "time_s: must be finite and go forward"),
-    "time infinite": (_put("time_s.npy", _with((87,), np.inf)), "time_s: must be finite and go forward"),
     "attitude unknown": (_put("attitude.npy", _with((5, 1), np.nan)), "attitude, row 5: must be finite"),
     "reading infinite": (_put("gyro.npy", _with((6, 0), -np.inf)), "gyro, row 6: must be finite"),
+    "no such jet": (
+        _put("suspected_jet.npy", lambda values: np.where(np.isnan(values), values, 44.0)),
+        "suspected_jet: names a jet that vehicle 'orbiter' does not have",
+    ),
 }
 
 
@@ -110,26 +100,17 @@ def _rewrite(path: Path, change: Callable[[Members], Any], method: int = zipfile
 def test_a_history_that_no_run_writes_is_refused(folder: Path, name: str) -> None:
     change, words = HISTORIES[name]
     _rewrite(folder / "history.npz", change)
-    with pytest.raises(InputError, match=rf"history\.npz: (holds no signals that can be read: )?{words}"):
+    with pytest.raises(InputError, match=rf"history\.npz: {words}"):
         Run.load(folder)
 
 
-def test_signals_that_are_not_known_are_passed_over(folder: Path, short_run: Run) -> None:
+def test_signals_that_are_not_known_are_passed_over_and_another_archive_is_refused(
+    folder: Path, stuck_run: Run
+) -> None:
     _rewrite(folder / "history.npz", lambda members: members.update({"../x.npy": b"?", "later.npy": _npy([1.0])}))
-    assert set(Run.load(folder).signals) == set(short_run.signals)
-
-
-def test_an_archive_of_another_kind_is_refused(folder: Path) -> None:
+    assert set(Run.load(folder).signals) == set(stuck_run.signals)
     _rewrite(folder / "history.npz", lambda members: None, zipfile.ZIP_BZIP2)
     with pytest.raises(InputError, match="compressed in a way that is not ours"):
-        Run.load(folder)
-
-
-def test_a_jet_that_the_vehicle_does_not_have_is_refused(stuck_run: Run, tmp_path: Path) -> None:
-    folder = stuck_run.save(tmp_path / "run", pictures=False, report=False)
-    alarm = int(np.flatnonzero(stuck_run["alarm"][:, 0])[0])
-    _rewrite(folder / "history.npz", _put("suspected_jet.npy", _with((alarm, 0), 44.0)))
-    with pytest.raises(InputError, match="suspected_jet: names a jet that vehicle 'orbiter' does not have"):
         Run.load(folder)
 
 
@@ -137,11 +118,9 @@ def test_a_jet_that_the_vehicle_does_not_have_is_refused(stuck_run: Run, tmp_pat
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (b"", "not valid JSON"),
         (b"{", "not valid JSON"),
         (b"[" * 100_000, "nested too deeply"),
         (b'{"a": NaN}', "not valid JSON: NaN is not finite"),
-        (b'{"a": -Infinity}', "not valid JSON: -Infinity is not finite"),
         (b'{"a": 1e999}', "not valid JSON: 1e999 is not finite"),
         (b'{"a": ' + b"9" * 5000 + b"}", "not valid JSON"),
         (b"\xff", "not a text file in UTF-8"),
@@ -154,8 +133,12 @@ def test_what_is_no_json_of_ours_is_refused(folder: Path, name: str, content: by
         Run.load(folder)
 
 
+LOOSE = {"data_quality", "estimate", "covariance", "outside_wrench", "velocity", "scenario", "vehicle", "version"}
+LISTS = {"states", "detections", "events", "unconfirmed", "untested", "commanded", "injected", "identifiability"}
+
+
 @pytest.mark.parametrize("name", ["summary.json", "filter_state.json"])
-@pytest.mark.parametrize("nasty", ["x", -1e300, True, [], {}])
+@pytest.mark.parametrize("nasty", ["x", -1e300, []])
 def test_every_field_of_the_wrong_type_is_read_or_refused_by_its_name(folder: Path, name: str, nasty: Any) -> None:
     content = json.loads((folder / name).read_text(encoding="utf-8"))
     refused = []
@@ -166,19 +149,5 @@ def test_every_field_of_the_wrong_type_is_read_or_refused_by_its_name(folder: Pa
         except InputError as error:
             if f"{name}: {key}" in str(error):
                 refused.append(key)
-    harmless = {
-        "data_quality",
-        "estimate",
-        "covariance",
-        "outside_wrench",
-        "velocity",
-        "scenario",
-        "vehicle",
-        "version",
-    }
-    assert set(content) - set(refused) <= harmless | (
-        {"time_s"}
-        if nasty == -1e300
-        else {"states", "detections", "events", "unconfirmed", "untested", "commanded", "injected"}
-        | {"identifiability", "command", "completeness_detail"}
-    )
+    harmless = {"time_s"} if nasty == -1e300 else LISTS | {"command", "completeness_detail"}
+    assert set(content) - set(refused) <= LOOSE | harmless

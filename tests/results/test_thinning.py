@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from massprop_drake.results.run import Run
 from massprop_drake.results.spool import Spool
 from massprop_drake.results.thinning import outstanding_rows, picked
 
@@ -16,49 +17,47 @@ SIGNALS = {
 }
 
 
-def test_a_short_run_is_shown_whole() -> None:
-    rows = outstanding_rows(SIGNALS, 5000, keys=("gyro",), events=("alarm",), buckets=1250)
-    np.testing.assert_array_equal(rows, np.arange(5000))
-
-
-def test_thinning_keeps_extremes_ends_and_events() -> None:
+def test_thinning_keeps_extremes_ends_and_events_alike_from_disk() -> None:
     alarm = SIGNALS["alarm"].copy()
     alarm[[77, 4000]] = 1.0
     signals = SIGNALS | {"alarm": alarm}
     rows = outstanding_rows(signals, 5000, keys=("gyro", "likelihood"), events=("alarm", "absent"), buckets=10)
     assert {0, 77, 4000, 4999} <= set(rows.tolist())
     assert len(rows) <= 2 + 2 + 10 * 2 * 7
+    peaks = outstanding_rows(SIGNALS, 5000, keys=(), peaks=("gyro",), events=(), buckets=10)
+    assert len(peaks) <= 2 + 10 * 3
     for stretch in np.split(np.arange(5000), 10):
-        for axis in range(3):
-            values = SIGNALS["gyro"][stretch, axis]
-            assert stretch[np.argmax(values)] in rows
-            assert stretch[np.argmin(values)] in rows
+        values = SIGNALS["gyro"][stretch]
+        assert {*stretch[np.argmax(values, axis=0)], *stretch[np.argmin(values, axis=0)]} <= set(rows.tolist())
+        assert set(stretch[np.argmax(values, axis=0)]) <= set(peaks.tolist())
     spool = Spool(rows_per_piece=333)  # blocks that end elsewhere than the stretches
     for start in range(0, 5000, 111):
         spool.append({name: values[start : start + 111] for name, values in signals.items()})
-    np.testing.assert_array_equal(
-        outstanding_rows(spool, 5000, keys=("gyro", "likelihood"), events=("alarm",), buckets=10), rows
-    )
-    shown = picked(spool, rows)
-    for name, values in signals.items():
-        np.testing.assert_array_equal(shown[name], values[rows])  # every point is a recorded row
+    again = outstanding_rows(spool, 5000, keys=("gyro", "likelihood"), events=("alarm",), buckets=10)
+    np.testing.assert_array_equal(again, rows)
+    shown = picked(spool, rows, leaving_out=("likelihood",))
+    assert set(shown) == set(SIGNALS) - {"likelihood"}
+    for name, values in shown.items():
+        np.testing.assert_array_equal(values, signals[name][rows])  # every point is a recorded row
 
 
-def test_of_peaks_the_greatest_are_kept() -> None:
-    rows = outstanding_rows(SIGNALS, 5000, keys=(), peaks=("gyro",), events=(), buckets=10)
-    assert len(rows) <= 2 + 10 * 3
-    for stretch in np.split(np.arange(5000), 10):
-        assert stretch[np.argmax(SIGNALS["gyro"][stretch, 1])] in rows
-
-
-def test_events_do_not_crowd_out_everything() -> None:
+def test_few_rows_are_all_shown_and_events_do_not_crowd_out_everything() -> None:
+    rows = outstanding_rows(SIGNALS, 5000, keys=("gyro",), events=("alarm",), buckets=1250)
+    np.testing.assert_array_equal(rows, np.arange(5000))
     signals = SIGNALS | {"alarm": np.ones((5000, 1))}
     rows = outstanding_rows(signals, 5000, keys=(), events=("alarm",), buckets=10)
     assert len(rows) == 10 * 4 + 1  # four of each stretch, and the last row
 
 
-def test_signals_that_are_not_wanted_are_left_out() -> None:
-    rows = np.array([0, 7, 4999])
-    shown = picked(SIGNALS, rows, leaving_out=("likelihood", "alarm"))
-    assert set(shown) == {"time_s", "gyro"}
-    np.testing.assert_array_equal(shown["gyro"], SIGNALS["gyro"][rows])
+def test_a_long_run_is_thinned_to_rows_as_recorded(short_run: Run) -> None:
+    assert short_run.shown() is short_run
+    time_s = np.arange(70 * short_run.time_s.size) * 0.08
+    signals = {name: np.tile(values, (70, 1)) for name, values in short_run.signals.items()}
+    signals["rate"][4321, 1] = signals["gyro"][4321, 1] = 0.5
+    shown = Run(short_run.scenario, short_run.results, time_s, signals).shown()
+    assert shown.time_s.size < time_s.size
+    assert shown.shown() is shown
+    rows = np.searchsorted(time_s, shown.time_s)
+    assert 4321 in rows
+    for name in ("gyro", "estimate", "command"):
+        np.testing.assert_array_equal(shown[name], signals[name][rows])

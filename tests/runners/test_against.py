@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from command_probe import Massprop
 
 from massprop_drake import Run, estimate, load_scenario, simulate
 from massprop_drake.display import plots
@@ -17,7 +15,7 @@ from massprop_drake.errors import InputError
 from massprop_drake.results import table
 from massprop_drake.results.against import Against
 from massprop_drake.results.summary import Summary
-from massprop_drake.runners.simulated_beside import _before_jumps, beside
+from massprop_drake.runners.simulated_beside import beside
 
 FLIGHT = [
     "duration_s=30",
@@ -68,15 +66,6 @@ def test_a_run_s_own_record_is_as_simulated(runs: Path) -> None:
     assert [one.signal for one in found.residuals[:3]] == ["gyro_x", "gyro_y", "gyro_z"]
 
 
-def test_before_a_payload_comes_the_vehicle_is_as_it_was(tmp_path: Path) -> None:
-    jumps = "jumps=[{kind: dock, time_s: 20, mass: 300, position: [40, 0, 0]}]"
-    run = Run.load(flown(tmp_path, "docked", jumps))
-    before = _before_jumps(run)
-    np.testing.assert_allclose(before[:9], run["truth"][0, :9], rtol=1e-12)
-    assert abs(run.results.truth[6] - before[6]) > 0.1  # ft
-    assert before[9] == pytest.approx(1.0 / (1.0 / run.results.truth[9] - 300.0))
-
-
 def test_a_weak_jet_explains_all_of_it(runs: Path) -> None:
     run = put_beside(runs, "weak")
     found = said(run)
@@ -99,21 +88,6 @@ def test_a_center_of_mass_elsewhere_is_found_with_what_goes_along(runs: Path) ->
     assert first.what == "x_cm"
     assert first.size == pytest.approx(32.5 - truth[0], abs=0.01)
     assert [one.together for one in found.causes] == sorted(one.together for one in found.causes)
-
-
-def test_a_simulation_with_the_same_failure_explains_the_record(runs: Path) -> None:
-    run = put_beside(runs, "weak", "weak")
-    known = put_beside(runs, "weak", "known")
-    rms, of_known = (np.array([one.rms for one in said(each).residuals[:3]]) for each in (run, known))
-    assert (rms < 0.02 * of_known).all()
-
-
-def test_a_record_may_stand_in_for_the_simulated_run(runs: Path, tmp_path: Path) -> None:
-    record = estimate(runs / "moved" / "telemetry.csv", load_scenario(runs / "moved"))
-    record.save(tmp_path / "estimated", pictures=False, report=False)
-    run = beside(estimate(runs / "known" / "telemetry.csv", load_scenario(runs / "known")), tmp_path / "estimated")
-    first = said(run).causes[0]
-    assert (first.what, first.size < 0.0) == ("x_cm", True)
 
 
 def test_after_a_gap_it_begins_with_the_record_s_rate(runs: Path, tmp_path: Path) -> None:
@@ -151,29 +125,3 @@ def test_another_vehicle_is_refused(runs: Path, tmp_path: Path) -> None:
     other = load_scenario(tmp_path / "other").vehicle_data.name
     with pytest.raises(InputError, match=f"is of vehicle '{other}', whose .* are not those of 'orbiter'"):
         beside(record, tmp_path / "other")
-
-
-@pytest.mark.parametrize("name", ["nope", "torn"])
-def test_what_is_no_run_is_refused_before_the_work(massprop: Massprop, runs: Path, name: str) -> None:
-    Path("torn").mkdir()
-    Path("torn", "summary.json").write_text("{", encoding="utf-8")
-    done = massprop("estimate", runs / "known" / "telemetry.csv", "--against", name)
-    assert (done.status, done.out) == (2, "")
-    assert done.err.startswith(f"massprop: {name}")
-    assert not Path("runs").exists()
-
-
-def test_the_command_takes_vehicle_and_settings_of_the_run(massprop: Massprop, runs: Path) -> None:
-    arguments: tuple[Any, ...] = (
-        "estimate",
-        runs / "weak" / "telemetry.csv",
-        "--against",
-        runs / "known",
-        "--no-report",
-    )
-    done = massprop(*arguments)
-    assert done.status == 0, done.err
-    assert "thrust of L4D" in done.out
-    assert "with those" in done.out
-    done = massprop(*arguments, "--json", "--out", "again")
-    assert json.loads(done.out)["against"]["causes"][0]["what"] == "thrust of L4D"

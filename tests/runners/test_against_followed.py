@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-from command_probe import Massprop
 
 from massprop_drake import Run, estimate, load_scenario, simulate
-from massprop_drake.display import plots
-from massprop_drake.display.page import report_html
 from massprop_drake.errors import InputError
-from massprop_drake.results import table
 from massprop_drake.results.against import Against
 from massprop_drake.results.against_followed import turned
-from massprop_drake.results.stored import STATE_FILE
-from massprop_drake.results.summary import Summary
 from massprop_drake.runners import followed_beside
 from massprop_drake.runners.simulated_beside import beside
 
@@ -96,43 +89,6 @@ def test_a_runs_own_record_is_as_simulated(runs: Path, records: dict[str, Run]) 
     assert max(one.rms or 0.0 for one in found.residuals) < 0.02
 
 
-def test_a_simulation_with_the_same_failure_explains_the_record(runs: Path, records: dict[str, Run], weak: Run) -> None:
-    found = said(beside(records["weak"], runs / "weak"))
-    assert found.causes == ()
-    rms, of_known = (np.array([one.rms for one in each.residuals]) for each in (found, said(weak)))
-    assert (rms < 0.5 * of_known).all()
-
-
-def test_a_record_may_stand_in_for_the_simulated_run(records: dict[str, Run], tmp_path: Path) -> None:
-    records["known"].save(tmp_path / "learned", pictures=False, report=False)
-    found = said(beside(records["weak"], tmp_path / "learned"))
-    assert found.causes[0].what == "thrust of T6"
-    bare = json.loads((tmp_path / "learned" / STATE_FILE).read_text("utf-8"))
-    (tmp_path / "learned" / STATE_FILE).unlink()
-    with pytest.raises(InputError, match="nothing tells what to simulate"):
-        beside(records["weak"], tmp_path / "learned")
-    assert bare["states"]
-
-
-def test_it_is_kept_shown_and_read_back(weak: Run, tmp_path: Path) -> None:
-    weak.save(tmp_path / "kept", pictures=False, report=False)
-    again = Run.load(tmp_path / "kept")
-    assert again.results.against == weak.results.against
-    assert Summary.from_json(weak.results.as_json()).against == weak.results.against
-    assert again.units["against.mocap"] == "m (3); - (4)"
-    shown = plots.available(plots.source(again))
-    assert {"against_positions", "against_attitudes"} <= set(shown)
-    assert not {"against_rates", "against_velocities"} & set(shown)
-    read, simulated = plots.against_positions(plots.source(again)).panels[2].marks
-    np.testing.assert_array_equal(simulated.y, weak["against.mocap"][:, 1])  # type: ignore[union-attr]
-    assert read.label == "mocap, as read"  # type: ignore[union-attr]
-    (panel,) = plots.against_attitudes(plots.source(again)).panels
-    assert panel.label == "z"
-    html = report_html(again)
-    for cell in table.causes(said(weak))[0]:
-        assert cell in html
-
-
 def test_what_cannot_be_simulated_is_refused(records: dict[str, Run], tmp_path: Path) -> None:
     flown(
         tmp_path,
@@ -146,19 +102,3 @@ def test_what_cannot_be_simulated_is_refused(records: dict[str, Run], tmp_path: 
     flown(tmp_path, "other", "failures=[]", "duration_s=1", "vehicle.jets[0].position=[0.145, 0.07, 0.0]")
     with pytest.raises(InputError, match="whose places of jets are not those of 'air_bearing'"):
         beside(records["known"], tmp_path / "other")
-
-
-def test_rotation_vectors_from_one_attitude_to_another() -> None:
-    half = np.sqrt(0.5)
-    read = np.array([[half, 0.0, 0.0, half], [-2.0, 0.0, 0.0, -2.0], [np.nan] * 4])
-    still = np.array([[1.0, 0.0, 0.0, 0.0]] * 3)
-    found = turned(read, still)
-    np.testing.assert_allclose(found[:2], [[0.0, 0.0, np.pi / 2.0]] * 2)
-    assert np.isnan(found[2]).all()
-
-
-def test_the_command_says_what_explains_it(massprop: Massprop, runs: Path) -> None:
-    done = massprop("estimate", str(runs / "weak/telemetry.csv"), "--against", str(runs / "known"), "--out", "here")
-    assert done.status == 0
-    assert "thrust of T6" in done.out
-    assert "mocap turned, z" in done.out

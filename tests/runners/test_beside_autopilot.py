@@ -28,20 +28,6 @@ def test_an_autopilot_holds_attitude_while_nothing_is_prescribed() -> None:
     assert turned[-1] < 0.25  # within the rate deadband
 
 
-def test_without_one_what_a_pulse_did_stays() -> None:
-    run = simulate(load_scenario("small_satellite_maneuver", [*SHORT, PULSE]), look_back=False)
-    assert (run["command"] > 0.0).sum() == 4
-    assert np.degrees(np.linalg.norm(run["rate"][-1])) > 0.4
-
-
-def test_nobody_flies_where_none_is_engaged() -> None:
-    """Not even against a rate at the start."""
-    settings = [*SHORT, "autopilot.engaged=false", "plant.initial_rate=[0.01, 0, 0]"]
-    run = simulate(load_scenario("small_satellite_maneuver", settings), look_back=False)
-    assert not run["command"].any()
-    assert "hand_controllers" not in run.signals or not run["hand_controllers"].any()
-
-
 def test_a_maneuver_needs_an_autopilot() -> None:
     with pytest.raises(InputError, match="flown by the autopilot, which does not fly"):
         load_scenario("small_satellite_maneuver", ["autopilot.engaged=false"])

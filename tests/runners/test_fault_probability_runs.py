@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from odds_probe import detector, history, odds
 from pydrake.systems.analysis import Simulator
-from systems_probe import feedthrough
 
-from massprop_drake import Estimator, Run, Scenario, estimate, load_scenario, simulate
-from massprop_drake.diagrams import closed_loop, estimation
+from massprop_drake import Run, Scenario, load_scenario, simulate
+from massprop_drake.diagrams import closed_loop
 from massprop_drake.maths.estimation.detectors import DETECTORS
 from massprop_drake.maths.estimation.faults.fault_report import History, Odds
 from massprop_drake.systems.views import port_view
@@ -78,35 +75,6 @@ def test_the_verdict_judges_the_likeliest_history(flown: Run) -> None:
     assert all("translation" in reason for reason in flown.results.consistency.reasons)
 
 
-def test_a_record_of_the_run_says_the_same(flown: Run, tmp_path: Path) -> None:
-    flown.save(tmp_path / "run", pictures=False, report=False)
-    again = estimate(tmp_path / "run" / "telemetry.csv", flown.scenario)
-    assert again.summary["fault_probability"] == flown.summary["fault_probability"]
-    assert again.results.unconfirmed == flown.results.unconfirmed
-    np.testing.assert_allclose(again["history_since"], flown["history_since"])
-    for name in ("rotation_nis_mean", "translation_nis_mean", "translation_nis_beyond", "samples"):
-        was, now = (getattr(run.results.consistency, name) for run in (flown, again))
-        assert now == pytest.approx(was, rel=1e-9), name
-
-
-def test_in_real_time_every_step_gives_them(flown: Run) -> None:
-    dut = Estimator(flown.scenario.vehicle_data, flown.scenario)
-    samples = zip(flown.time_s, flown["gyro"], flown["acc2"], flown["command"], strict=True)
-    steps = [dut.step(*sample) for sample in samples]
-    np.testing.assert_array_equal([step.fault_probability for step in steps], flown["fault_probability"])
-    np.testing.assert_array_equal([step.unknown_probability for step in steps], flown["unknown_probability"][:, 0])
-    steps[-1].fault_probability[:] = 1.0  # the user's own
-    assert dut.step(9.0, np.zeros(3), np.zeros(3), np.zeros(N)).fault_probability[R4R] == 0.9
-
-
-@pytest.mark.parametrize("overrides", [[], ["detector={kind: off}"]], ids=["cglr", "off"])
-def test_without_a_detector_that_gives_them_they_are_zero(overrides: list[str]) -> None:
-    dut = Estimator((other := load_scenario("sample_maneuver", overrides)).vehicle_data, other)
-    step = dut.step(0.0, np.zeros(3), np.zeros(3), np.zeros(N))
-    np.testing.assert_array_equal(step.fault_probability, np.zeros(N))
-    assert step.unknown_probability == 0.0
-
-
 def test_the_port_has_the_jets_then_none_and_unknown(scenario: Scenario) -> None:
     diagram: Any = closed_loop.build(scenario, findings=True)
     simulator, view = Simulator(diagram), port_view("fault_probability", scenario.vehicle_data.designations)
@@ -117,11 +85,6 @@ def test_the_port_has_the_jets_then_none_and_unknown(scenario: Scenario) -> None
     simulator.AdvanceTo(scenario.duration_s)
     simulator.AdvancePendingEvents()
     assert diagram.GetOutputPort("fault_probability").Eval(simulator.get_context())[R4R] == 0.9
-
-
-def test_the_port_depends_on_what_the_report_depends_on(scenario: Scenario) -> None:
-    depends = feedthrough(estimation.build(scenario))
-    assert depends["fault_probability"] == depends["hypothesis_report"]
 
 
 def test_the_verdict_while_it_flies_is_the_summary_s(scenario: Scenario, flown: Run) -> None:

@@ -32,14 +32,6 @@ def test_sigmas_are_those_of_the_flight(told: Forecast, flown: Run) -> None:
     np.testing.assert_allclose(told.properties, flown["truth"][-1], rtol=1e-6)
 
 
-def test_sigmas_of_readings_without_noise_are_those_of_the_flight() -> None:
-    """Such a reading tells more when it changes than noise of its cell would, and nothing while it stays."""
-    case = load_scenario("orbiter_maneuver", ["duration_s=20", "estimation.filter=joint", "detector.kind=off"])
-    flown = simulate(case, look_back=False)["standard_deviation"]
-    found = foretell(case)
-    np.testing.assert_allclose(found.deviations[-1], flown[-1], rtol=0.15)
-
-
 def test_what_all_thrusts_have_in_common_is_a_floor(told: Forecast) -> None:
     """Only jets that fire count: of n thrusts of 1 % the mean is known to 1 % / n^1/2."""
     floor = told.floors[0] / told.properties[0]
@@ -60,24 +52,6 @@ def test_a_leak_is_named_when_it_is_foretold(told: Forecast) -> None:
     assert one.after_s is not None
     assert one.after_s <= named["time_s"] - 12.0 <= one.after_s + 0.5  # it is the least; other histories are weighed
     assert one.force == pytest.approx(0.25)
-
-
-def test_less_is_told_later_and_what_never_shows_is_said(told: Forecast) -> None:
-    less = foretell(load_scenario("small_satellite_maneuver", SHORT), since_s=12.0, share=0.002)
-    for small, large in zip(less.suspects, told.suspects, strict=True):
-        assert large.noticed_s is not None
-        assert small.noticed_s is None or small.noticed_s > large.noticed_s
-    late = foretell(load_scenario("small_satellite_maneuver", SHORT), since_s=21.85, share=1e-4)
-    assert {suspect.after_s for suspect in late.suspects} == {None}
-
-
-def test_failures_and_dispersions_of_the_scenario_play_no_part(told: Forecast) -> None:
-    leak = {"kind": "stuck_on", "jet": "ZP1", "start_s": 5.0}
-    off = [f"failures={json.dumps([leak])}", "plant.thrust_dispersion=0.1", "plant.dispersion={mass_percent: 5}"]
-    again = foretell(load_scenario("small_satellite_maneuver", [*SHORT, *off]), since_s=12.0)
-    np.testing.assert_array_equal(again.deviations, told.deviations)
-    nominal = foretell(load_scenario("small_satellite_maneuver", SHORT), nominal=True)
-    assert nominal.properties[-1] == pytest.approx(1.0 / 500.0, rel=1e-3)
 
 
 def test_the_command_prints_it(told: Forecast) -> None:

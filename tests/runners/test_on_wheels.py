@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
-from massprop_drake import InputError, Scenario, estimate, load_scenario, load_vehicle, simulate
+from massprop_drake import Scenario, load_vehicle
 from massprop_drake.diagrams import autopilot, vehicle
 from massprop_drake.inputs.scenario import resolved
 from massprop_drake.inputs.vehicle_file import Vehicle, Wheel
@@ -100,42 +99,3 @@ def test_without_unloading_wheels_gather_what_pushes() -> None:
     gained = 0.006 * (speeds[-1] - speeds[0]) @ np.array(PYRAMID)
     np.testing.assert_allclose(gained, 20.0 * np.array(PUSHED["torque"]), rtol=0.1, atol=0.01)
     assert np.abs(error[-1]).max() < DEADBAND / HOLD_GAIN
-
-
-def test_a_run_and_its_record_give_the_same_estimates(tmp_path: Path) -> None:
-    turn = [{"controller": "rhc", "axis": "+x", "start_s": 0.5, "end_s": 2.0}]
-    run = simulate(flight(duration_s=2.5, maneuver=turn))
-    folder = run.save(tmp_path / "run", pictures=False, report=False)
-    found = estimate(folder / "telemetry.csv", load_scenario(folder))
-    np.testing.assert_allclose(found["estimate"][:-1], run["estimate"][:-1], rtol=1e-9, atol=1e-15)
-    assert run["rate"][15, 0] == pytest.approx(0.005, rel=0.2)
-
-
-@pytest.mark.parametrize(
-    ("more", "said"),
-    [
-        ({"vehicle": on_wheels(0)}, "autopilot.wheels: needs wheels about three axes, of which vehicle .* has none"),
-        ({"vehicle": on_wheels(2)}, "needs wheels about three axes, of which vehicle 'servicer' has 2"),
-        ({"vehicle": on_wheels(speed_limit=None)}, "unload_above: is a share of a wheel's speed_limit, which the"),
-        (
-            {"wheel_schedule": [{"wheel": "RW0", "start_s": 1.0, "end_s": 2.0, "torque": 0.01}]},
-            "wheel_schedule: does not go with autopilot.wheels",
-        ),
-        (
-            {"jet_schedule": [{"jet": "M1", "start_s": 1.0, "end_s": 2.0}]},
-            "autopilot.wheels: does not go with jet_schedule without an autopilot",
-        ),
-        ({"plant": {"wheel_speeds": {"RW0": 500.0}}}, "500 is beyond the wheel's speed_limit, 400 rad/s"),
-    ],
-)
-def test_what_does_not_go_together_is_said(more: dict[str, Any], said: str) -> None:
-    changed = {"plant": {}} if "vehicle" in more else {}
-    with pytest.raises(InputError, match=said):
-        flight(**(changed | more))
-
-
-def test_shares_in_the_wrong_order_are_said() -> None:
-    settings = flight().autopilot.model_dump()
-    settings["wheels"] = {"unload_above": 0.2, "unload_below": 0.4}
-    with pytest.raises(InputError, match=r"unload_below must be less than unload_above, got 0.4 and 0.2"):
-        flight(autopilot=settings)

@@ -12,10 +12,8 @@ from pose_probe import again
 
 from massprop_drake import Estimator, Run, estimate, load_vehicle, simulate
 from massprop_drake.inputs.scenario import Scenario, resolved
-from massprop_drake.inputs.vehicle_file import PoseSensor, Vehicle
-from massprop_drake.maths.estimation.joint.rates import EVERY_PERIOD, Rates, shortened
+from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.vehicle.tracking import PoseModel, is_due
 from massprop_drake.runners.recorded import settings_alone
 
 FAST, PERIOD = 0.025, 0.1
@@ -102,17 +100,6 @@ def test_several_files_give_what_one_table_gives(flown: Run, servicer: Vehicle, 
     assert (turned[[0, 1, 2, 9]] < 0.5).all()
 
 
-def test_what_is_not_decimated_tells_more(flown: Run, servicer: Vehicle, tmp_path: Path) -> None:
-    parts = parts_of(flown, servicer)
-    every = np.arange(len(flown.signals["time_s"]))
-    whole = parts["gyro"] | parts["acc"] | parts["jets"]
-    mixed = estimate(written(tmp_path / "all.csv", whole, every), case(servicer))
-    slow = estimate(written(tmp_path / "slow.csv", whole, every[:: round(PERIOD / FAST)]), case(servicer))
-    ratio = mixed.signals["standard_deviation"][-1] / slow.signals["standard_deviation"][-1]
-    assert (ratio < 1.02).all()
-    assert ratio[:9].min() < 0.8  # four readings of the rate in place of one
-
-
 def fed(estimator: Estimator, run: Run, between: int) -> Estimator:
     """The estimator after all samples of a run at 10 Hz, with calls in between that read nothing."""
     signals = run.signals
@@ -139,42 +126,3 @@ def test_calls_that_read_nothing_lose_and_gain_nothing(servicer: Vehicle) -> Non
     assert ends[0] is not None
     assert ends[1] is not None
     assert (np.abs(ends[1] - ends[0]) < 0.1 * sigma).all()
-
-
-def test_commands_go_on_for_about_a_period_and_are_then_unknown(servicer: Vehicle) -> None:
-    estimator = Estimator(at_rates(servicer, PERIOD))
-    command = np.zeros(len(servicer.jets))
-    command[4] = 1.0
-    estimator.step(0.0, np.zeros(3), np.zeros(3), command)
-    estimator.step(0.1, np.zeros(3))
-    assert estimator.state["command"][4] == 1.0
-    estimator.step(0.15, np.zeros(3))
-    assert estimator.state["command"][4] is None
-
-
-def test_without_rates_commands_are_told_with_every_sample(servicer: Vehicle) -> None:
-    with pytest.raises(ValueError, match="commands must be given with every sample"):
-        Estimator(servicer).step(0.0, np.zeros(3), np.zeros(3))
-
-
-def test_noise_of_a_period_is_shared_out_in_seconds() -> None:
-    rates = Rates(PERIOD, 5)
-    assert shortened(0.02, rates) == pytest.approx(5.0)
-    assert shortened(0.13, rates) == 1.0
-    assert shortened(0.02, EVERY_PERIOD) == 1.0
-    assert 3 * shortened(0.02, rates) * 0.02**2 + shortened(0.04, rates) * 0.04**2 == pytest.approx(PERIOD**2)
-
-
-def test_a_tracker_is_read_when_its_own_time_has_come() -> None:
-    model = PoseModel(np.zeros(3), np.inf, 1e-4, 0.0, 0.0, False, rate_hz=4.0, period_s=PERIOD)
-    due = [sample for sample in range(11) if is_due(sample * PERIOD, model)]
-    assert due == [0, 3, 5, 8, 10]
-    assert all(is_due(k * PERIOD, model._replace(rate_hz=50.0)) for k in range(5))
-
-
-@pytest.mark.parametrize("engine", ["diagram", "loop"])
-def test_a_simulated_tracker_has_its_own_rate(engine: str, servicer: Vehicle) -> None:
-    tracked = again(servicer, poses=(PoseSensor(name="st", attitude_std=1e-4, rate_hz=4.0),))
-    run = simulate(case(tracked, duration_s=1.0, execution={"engine": engine}), look_back=False)
-    read = np.flatnonzero(~np.isnan(run.signals["st"][:, 3]))
-    np.testing.assert_array_equal(read, [0, 3, 5, 8, 10])

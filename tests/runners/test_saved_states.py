@@ -9,7 +9,7 @@ from massprop_drake.inputs.params import estimation_params
 from massprop_drake.runners.logs import restored
 
 
-@pytest.mark.parametrize("name", ["lander_maneuver", "servicer_on_wheels_leak"])
+@pytest.mark.parametrize("name", ["lander_maneuver"])
 def test_what_a_run_has_left_is_taken_up(name: str) -> None:
     """A hypothesis assumes no setting of an engine, and no speed of a wheel, until a reading of it is not believed."""
     case = load_scenario(name, ["duration_s=22", "estimation.filter=joint", "detector.kind=hypotheses"])

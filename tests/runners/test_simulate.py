@@ -8,14 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from massprop_drake import InputError, Run, Scenario, load_scenario, simulate
+from massprop_drake import Run, Scenario, load_scenario, simulate
 from massprop_drake.results.spool import Spool
 from massprop_drake.runners import logs
 from massprop_drake.runners import simulate as module
-
-Array = NDArray[np.float64]
 
 FAILING = [
     "duration_s=12",
@@ -48,8 +45,8 @@ def few_rows(monkeypatch: pytest.MonkeyPatch) -> list[int]:
             taken.append(len(rows["time_s"]))
             super().append(rows)
 
-    monkeypatch.setattr(module, "_BLOCK_ROWS", 20)
-    monkeypatch.setattr(module, "_CHUNK_S", 0.5)
+    monkeypatch.setattr(module, "BLOCK_ROWS", 20)
+    monkeypatch.setattr(module, "CHUNK_S", 0.5)
     monkeypatch.setattr(logs, "Spool", partial(Watched, rows_per_piece=16))
     return taken
 
@@ -77,7 +74,7 @@ def test_many_blocks_give_the_run_of_one(scenario: Scenario, at_once: Run, few_r
 
 def test_a_run_holds_no_more_rows_the_longer_it_is(scenario: Scenario, few_rows: list[int]) -> None:
     chunk = 7  # rows in half a second
-    for duration_s in (6, 12):
+    for duration_s in (4, 8):
         few_rows.clear()
         simulate(scenario.model_copy(update={"duration_s": float(duration_s)}))
         assert len(few_rows) == duration_s // 2
@@ -91,26 +88,3 @@ def test_a_watched_run_is_the_same(scenario: Scenario, at_once: Run, few_rows: l
     assert set(few_rows[:-1]) == {20}
     assert len(seen) == 150
     _assert_same(run, at_once)
-
-
-@pytest.mark.parametrize("rows", [41, 42, 60, 61])
-def test_sums_over_a_run_do_not_depend_on_its_end(
-    sample_maneuver: Scenario, few_rows: list[int], monkeypatch: pytest.MonkeyPatch, rows: int
-) -> None:
-    scenario = sample_maneuver.model_copy(update={"duration_s": 0.08 * (rows - 1) + 0.01})
-    in_pieces = simulate(scenario)
-    monkeypatch.undo()
-    assert in_pieces.time_s.size == rows
-    _assert_same(in_pieces, simulate(scenario))
-
-
-def test_a_short_run_makes_no_file(at_once: Run) -> None:
-    assert isinstance(at_once.signals, Spool)
-    assert at_once.signals.in_memory
-    assert at_once["rate"] is at_once["rate"]
-    assert "time_s" not in at_once.signals
-
-
-def test_a_place_for_the_signals_that_cannot_be_written_is_told(scenario: Scenario, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="nowhere: cannot be written"):
-        simulate(scenario, folder=tmp_path / "nowhere")

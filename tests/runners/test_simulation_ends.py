@@ -38,24 +38,6 @@ def test_a_vehicle_that_runs_out_of_mass_is_told(toy_data: dict[str, Any], time_
         simulate(scenario)
 
 
-@pytest.mark.parametrize("time_step", [None, 0.0])
-def test_a_vehicle_whose_mass_just_lasts_is_simulated(toy_data: dict[str, Any], time_step: float | None) -> None:
-    run = simulate(_pushing(toy_data, 2.0 * FLOW * 0.85, plant={"time_step": time_step}))
-    assert 1.0 / run["truth"][-1, 9] == pytest.approx(2.0 * FLOW * 0.05, rel=1e-6)
-
-
-def test_mass_that_thrust_uses_as_it_dies_away_counts(toy_data: dict[str, Any]) -> None:
-    # the lag takes off at the start what it adds at the end: 0.35 s of thrust until 0.65 s
-    toy_data["jet_kinds"]["primary"]["time_constant_s"] = 0.1
-    with pytest.raises(InputError, match=r"at t = 0\.6 s the vehicle runs out of mass"):
-        simulate(_pushing(toy_data, 2.0 * FLOW * 0.35))
-
-
-def test_without_depletion_no_mass_is_used(toy_data: dict[str, Any]) -> None:
-    run = simulate(_pushing(toy_data, 2.0 * FLOW * 0.35, plant={"depletion": False}))
-    assert run["truth"][-1, 9] == run["truth"][0, 9]
-
-
 def test_an_accuracy_that_cannot_be_had_is_told(toy_data: dict[str, Any]) -> None:
     scenario = _pushing(toy_data, 100.0, plant={"time_step": 0.0})
     plant = scenario.plant.model_copy(update={"accuracy": 1e-100})  # no file may ask for it

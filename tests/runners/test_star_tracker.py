@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import csv
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from pose_probe import again
 
-from massprop_drake import Estimator, InputError, Run, Scenario, estimate, load_scenario, load_vehicle, simulate
+from massprop_drake import InputError, Run, Scenario, load_vehicle, simulate
 from massprop_drake.inputs.scenario import resolved
 from massprop_drake.inputs.vehicle_file import PoseSensor, Vehicle
-from massprop_drake.runners.recorded import settings_alone
 
 TRACKER = PoseSensor(name="st", attitude_std=5e-5)
 _TURNS = [("+x", 0.5), ("-x", 1.5), ("+y", 2.5), ("-y", 3.5), ("+z", 4.5), ("-z", 5.5)]
@@ -57,11 +54,6 @@ def flown(tracked: Vehicle) -> Run:
     return simulate(leaking(tracked), look_back=False)
 
 
-@pytest.fixture(scope="module")
-def folder(flown: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return flown.save(tmp_path_factory.mktemp("star") / "run", pictures=False, report=False)
-
-
 def test_a_tracker_makes_nothing_worse(flown: Run, plain: Vehicle) -> None:
     """Every 1-sigma is as small, errors are within it, and the leak is named as soon."""
     without = simulate(leaking(plain, execution={"engine": "loop"}), look_back=False)
@@ -73,52 +65,6 @@ def test_a_tracker_makes_nothing_worse(flown: Run, plain: Vehicle) -> None:
     assert found["jet"] == plainly["jet"] == "YN1"
     assert found["time_s"] <= plainly["time_s"] <= LEAKS_S + 1.0
     assert found["magnitude"] == pytest.approx(0.25, abs=3.0 * found["magnitude_std"])
-
-
-def test_record_loop_and_diagram_give_the_bits_of_the_flight(flown: Run, folder: Path, tracked: Vehicle) -> None:
-    found = estimate(folder / "telemetry.csv", load_scenario(folder))
-    loop = simulate(leaking(tracked, execution={"engine": "loop"}), look_back=False)
-    for name in ("estimate", "standard_deviation", "rotation_nis", "fault_probability", "st"):
-        np.testing.assert_array_equal(found[name], flown[name], err_msg=name)
-        np.testing.assert_array_equal(loop[name], flown[name], err_msg=name)
-    assert found.state["states"] == flown.state["states"] == loop.state["states"]
-
-
-def test_an_estimator_goes_on_from_its_state_with_a_tracker_that_reads_now_and_then(flown: Run) -> None:
-    """Rows of the tracker are empty between its readings; what is kept holds the attitude that is shared."""
-    first, second = (Estimator(flown.scenario.vehicle_data, flown.scenario) for _ in range(2))
-
-    def step(dut: Estimator, row: int) -> Any:
-        seen = {"st": flown["st"][row]} if row % 3 == 0 else None
-        return dut.step(flown.time_s[row], flown["gyro"][row], flown["acc"][row], flown["command"][row], tracked=seen)
-
-    last: Any = None
-    for row in range(100):
-        last = step(first, row)
-    second.restore(first.state)
-    for row in range(100, 108):
-        one, other = step(first, row), step(second, row)
-        np.testing.assert_allclose(other.estimate, one.estimate, rtol=1e-9)
-    every = flown["standard_deviation"][99]
-    assert (last.standard_deviation >= 0.999 * every).all()
-    broken = first.state
-    states = dict(broken["states"])
-    states["joint_estimator"] = [[*states["joint_estimator"][0][:-1], 7.0]]
-    with pytest.raises(InputError, match="shared attitude must be a unit quaternion"):
-        second.restore({**broken, "states": states})
-
-
-def test_a_tracker_that_never_reads_changes_nothing(flown: Run, folder: Path, plain: Vehicle, tmp_path: Path) -> None:
-    with (folder / "telemetry.csv").open(newline="") as file:
-        rows = list(csv.reader(file))
-    kept = [place for place, name in enumerate(rows[0]) if not name.startswith("st_")]
-    path = tmp_path / "without.csv"
-    with path.open("w", newline="") as file:
-        csv.writer(file).writerows([[row[place] for place in kept] for row in rows[:80]])
-    blind = estimate(path, settings_alone(flown.scenario))
-    without = estimate(path, settings_alone(leaking(plain)))
-    np.testing.assert_allclose(blind["estimate"], without["estimate"], rtol=1e-6)
-    np.testing.assert_allclose(blind["standard_deviation"], without["standard_deviation"], rtol=1e-6)
 
 
 def test_poor_readings_are_told_from_good_ones(plain: Vehicle) -> None:

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from massprop_drake.studies.threads import ONE_THREAD, unless_chosen
+from massprop_drake.studies.threads import ONE_THREAD
 
 COUNT = (
     "import sys\n"
@@ -20,11 +20,6 @@ COUNT = (
     "import numpy, threadpoolctl\n"
     "print(*{library['num_threads'] for library in threadpoolctl.threadpool_info()})"
 )
-
-
-def test_a_number_that_the_user_has_chosen_stays() -> None:
-    assert unless_chosen({}) == ONE_THREAD
-    assert unless_chosen({"OMP_NUM_THREADS": "4"}) == {}
 
 
 @pytest.mark.parametrize(("chosen", "found"), [({}, "1"), ({"OPENBLAS_NUM_THREADS": "2"}, "2")])

@@ -53,18 +53,6 @@ def test_every_bundled_vehicle_pushes_everywhere_and_shows_everything(name: str)
     json.dumps(report, allow_nan=False)
 
 
-def test_the_size_of_a_hand_value(toy_data: dict[str, Any]) -> None:
-    toy_data["mass_properties"] |= {"mass": 100.0, "center_of_mass": [0.0, 0.0, 0.0]}
-    toy_data["mass_properties"]["inertia"] = np.diag([100.0, 144.0, 225.0]).tolist()
-    data = _jets(toy_data, ((3.0, 4.0, 0.0), (1.0, 0.0, 0.0)), ((0.0, 0.0, 2.0), (0.0, 1.0, 0.0)))
-    assert _report(data)["body"] == {
-        "mass": 100.0,
-        "gyration": pytest.approx([1.0, 1.2, 1.5]),
-        "arms": [5.0, 2.0],
-        "thrusts": [10.0, 10.0],
-    }
-
-
 def test_reach_of_a_hand_value(toy_data: dict[str, Any]) -> None:
     """A 100 kg body, inertia diag(100, 120, 140), with two jets of 10 N in each direction of each axis."""
     toy_data["mass_properties"]["inertia"] = np.diag([100.0, 120.0, 140.0]).tolist()
@@ -79,15 +67,6 @@ def test_reach_of_a_hand_value(toy_data: dict[str, Any]) -> None:
             assert found["reach"][f"translate {sign}{axis}"] == pytest.approx(0.2, rel=1e-6)
 
 
-def test_reach_is_a_combination_of_jets_that_changes_nothing_else() -> None:
-    # jets along x at y = +1 and -2 (moments -1 and +2 about z): a push along x alone takes one whole and half the other
-    activity = np.zeros((6, 2))
-    activity[2], activity[3] = [-1.0, 2.0], [1.0, 1.0]
-    found = dict(zip(DIRECTIONS, reaches(activity), strict=True))
-    assert found.pop("translate +x") == pytest.approx(1.5, rel=1e-9)
-    assert set(found.values()) == {0.0}
-
-
 def test_reach_agrees_with_another_solver() -> None:
     """HiGHS, both to the solvers' tolerances of 1e-7 and better in rows of a largest element 1."""
     vehicle = load_vehicle("orbiter")
@@ -99,11 +78,6 @@ def test_reach_agrees_with_another_solver() -> None:
         np.testing.assert_allclose(found, -least.fun * np.abs(activity[direction != 0.0]).max(), rtol=1e-6)
 
 
-def test_small_accelerations_are_not_taken_for_none(toy_data: dict[str, Any]) -> None:
-    activity = activity_vectors(_vehicle(toy_data).wrenches, _vehicle(toy_data).nominal.vector())
-    np.testing.assert_allclose(np.array(reaches(1e-9 * activity)), 1e-9 * np.array(reaches(activity)), rtol=1e-6)
-
-
 def test_without_accelerometer_the_mass_is_not_observable(toy_data: dict[str, Any]) -> None:
     toy_data["accelerometers"] = []
     report = _report(toy_data)
@@ -112,64 +86,6 @@ def test_without_accelerometer_the_mass_is_not_observable(toy_data: dict[str, An
     # all the torque of a jet is about one axis, so two about the same one are alike by the gyro
     assert report["alike"][0]["angle_rad"] == pytest.approx(0.0, abs=1e-12)
     assert len(report["isolable"]) == 12
-
-
-def test_a_gyro_does_not_see_a_jet_through_the_center_of_mass(toy_data: dict[str, Any]) -> None:
-    toy_data["accelerometers"] = []
-    toy_data["jets"][0]["position"] = [-1.0, 0.0, 0.0]  # pushes along x
-    report = _report(toy_data, n_pairs=66)
-    assert report["isolable"][0] == {
-        "jet": "J1",
-        "on": {"force": None, "rival": None},
-        "lost": {"force": None, "rival": None},
-    }
-    assert len(report["alike"]) == 55  # pairs of the eleven others
-
-
-def test_one_jet_is_enough_for_a_report(toy_data: dict[str, Any]) -> None:
-    report = _report(_jets(toy_data, ((0.0, 0.0, 0.0), (1, 0, 0))))
-    assert report["control"]["rank"] == 1
-    assert report["control"]["missing"] == list(DIRECTIONS[:6] + DIRECTIONS[7:])
-    assert report["observability"]["rank"] == 4  # three elements of a rate increment, and the velocity
-    assert report["alike"] == []
-
-
-def test_lines_through_the_center_of_mass_are_named(toy_data: dict[str, Any]) -> None:
-    axes = ((1, 0, 0), (0, 1, 0), (0, 0, 1), (-1, 0, 0), (0, -1, 0), (0, 0, -1))
-    through = [(tuple(-part for part in axis), axis) for axis in axes]
-    report = _report(_jets(toy_data, *through))
-    assert report["control"]["rank"] == 3
-    assert report["control"]["condition"] is None
-    assert report["control"]["missing"] == [name for name in DIRECTIONS if name.startswith("turn")]
-    assert [note for note in report["notes"] if note.startswith("every jet's line passes through")]
-    # one of them off the center
-    report = _report(_jets(toy_data, *through[:5], ((0.0, 0.5, 1.0), (0, 0, -1))))
-    assert "lines through the nominal center of mass, so no torque: J1, J2, J3, J4, J5" in report["notes"]
-    assert "all torques lie along one line, x: about no other axis is there control" in report["notes"]
-
-
-def test_forces_in_one_plane_are_named(toy_data: dict[str, Any]) -> None:
-    """Their height above the center of mass scales the torques about x and y, as these elements do."""
-    toy_data["mass_properties"]["inertia"] = np.diag([100.0, 120.0, 140.0]).tolist()
-    jets = [((0.0, side, 0.3), (sign, 0, 0)) for side in (1.0, -1.0) for sign in (1.0, -1.0)]
-    jets += [((side, 0.0, 0.3), (0, sign, 0)) for side in (1.0, -1.0) for sign in (1.0, -1.0)]
-    report = _report(_jets(toy_data, *jets))
-    assert "all forces lie in one plane, normal to z: no jet pushes out of it" in report["notes"]
-    assert {"translate +z", "translate -z"} <= set(report["control"]["missing"])
-    assert report["observability"]["rank"] == 9
-    # dI^-1_xx / I^-1_xx = dI^-1_yy / I^-1_yy = dz / h, in units of 30 % and of a tenth of the RMS arm,
-    # with the center of mass moved up by 0.62 of it
-    std = 0.1 * math.hypot(1.0, 0.3)
-    expected = {"Ixx_inv": 1.0, "Iyy_inv": 1.0, "z_cm": 0.3 * (0.3 - 0.62 * std) / std}
-    assert report["observability"]["unobservable"] == [pytest.approx(expected, rel=1e-9)]
-
-
-def test_parallel_forces_leave_combinations_that_are_named(toy_data: dict[str, Any]) -> None:
-    jets = [((x, y, 0.0), (0, 0, 1)) for x in (1.0, -1.0) for y in (1.0, -1.0)]
-    report = _report(_jets(toy_data, *jets))
-    assert any(note.startswith("all forces lie along one line, z") for note in report["notes"])
-    assert report["observability"] == {"rank": 8, "estimated": 10, "unobservable": [{"Izz_inv": 1.0}, {"z_cm": 1.0}]}
-    assert "all torques lie in one plane, normal to z: no control about that axis" in report["notes"]
 
 
 def test_hardest_pairs_and_smallest_failures_of_a_hand_value(toy_data: dict[str, Any]) -> None:
@@ -197,18 +113,3 @@ def test_hardest_pairs_and_smallest_failures_of_a_hand_value(toy_data: dict[str,
         "rival": "J3",
     }
     assert third["on"] == {"force": pytest.approx(math.sqrt(6.0) / math.hypot(*seen[2]), rel=1e-9), "rival": None}
-
-
-def test_thrusters_that_oppose_each_other_cannot_be_told_apart_when_one_fails_off() -> None:
-    isolable = vehicle_report(load_vehicle("free_flyer"))["isolable"]
-    # 1 and 7, 2 and 8, ... lie on one line
-    assert [entry["lost"] for entry in isolable] == [
-        {"force": None, "rival": f"T{(jet + 6) % 12 + 1}"} for jet in range(12)
-    ]
-    assert all(entry["on"]["force"] < 0.112 for entry in isolable)
-
-
-def test_the_small_satellites_thrusters_can_all_be_told_apart() -> None:
-    for entry in vehicle_report(load_vehicle("small_satellite"))["isolable"]:
-        assert entry["on"]["force"] < 2.0
-        assert entry["lost"]["force"] < 0.3

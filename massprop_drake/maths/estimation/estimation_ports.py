@@ -45,7 +45,7 @@ from massprop_drake.maths.estimation.filters.thesis import TURNING, Turning
 from massprop_drake.maths.estimation.impulses import LAYOUT as IMPULSES
 from massprop_drake.maths.estimation.impulses import interval_impulses
 from massprop_drake.maths.kernels import fill, kernel, taken
-from massprop_drake.maths.linear_algebra import Array, deviations
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import N_ROTATION
 from massprop_drake.maths.vehicle.thrust import LagFactors
 
@@ -271,7 +271,7 @@ def rotated(measured: Array, adaptation: Array, held: Any) -> Array:
     todo, state = taken(adaptation, given.heard.adaptation), RotationState(said.estimate, said.covariance, None)
     cycle = rotation_filter.finish_one(state, (sample, innovation), seen.learning, todo, given.params)
     after, row = cycle.state, np.empty(_ROTATION_REPORT + _ROTATION_STATE + seen.rates.size)
-    fill(row, thesis.report_of_rotation(innovation, cycle, deviations(after.covariance)))
+    fill(row, thesis.report_of_rotation(innovation, cycle))
     fill(row[_ROTATION_REPORT:], (after.estimate, after.covariance, seen.subtract_coupling, seen.rates))
     return row
 

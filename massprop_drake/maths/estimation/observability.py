@@ -29,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.maths.estimation.filters.rotation_filter import rate_increment_jacobians
+from massprop_drake.maths.estimation.filters.rate_increments import rate_increment_jacobians
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import N_ROTATION
 

@@ -18,7 +18,7 @@ from massprop_drake.maths.estimation.detectors import cglr
 from massprop_drake.maths.estimation.detectors.cglr import CglrParams, DetectorState
 from massprop_drake.maths.estimation.detectors.known_forces import acting_force
 from massprop_drake.maths.estimation.filter import not_measured
-from massprop_drake.maths.estimation.filters import thesis
+from massprop_drake.maths.estimation.filters import mass_filter, rotation_filter, thesis
 from massprop_drake.maths.estimation.filters.mass_filter import MassInterval, MassParams
 from massprop_drake.maths.estimation.filters.rotation_filter import RotationInterval, RotationMemory, RotationParams
 from massprop_drake.maths.estimation.filters.thesis import ThesisState
@@ -119,7 +119,9 @@ def covers(params: EstimationParams) -> bool:
     made = params.filter_params
     return (
         params.filter is thesis.FILTER
-        and made.alone
+        and made.mass is not None
+        and rotation_filter.counts_one(made.rotation)
+        and mass_filter.counts_one(made.mass)
         and made.thrust_errors is None
         and (params.detector is None or params.detector is cglr.DETECTOR)
     )
@@ -188,41 +190,34 @@ def one(
         impulses = with_wrench(impulses, known.wrench, params.period_s)
     angular, linear = impulses.angular_impulse, impulses.linear_impulse
     acting = impulses.firing or acts
-    turned, turning, told, moved, moving = thesis.measured(
-        (filters.rotation, filters.memory, filters.mass, filters.velocities),
-        (rates, velocities),
-        (
-            RotationInterval(angular, linear, acting, known.rotation_spread, None),
-            MassInterval(linear, known.translation_spread, None),
-        ),
-        (params.rotation, params.mass),
-    )
+    interval = RotationInterval(angular, linear, acting, known.rotation_spread, None)
+    turned, turning = rotation_filter.measure_one(filters.rotation, filters.memory, rates, interval, params.rotation)
+    told = thesis.turning_from(filters.rotation, turned, turning)
+    pushed, both = MassInterval(linear, known.translation_spread, None), (filters.velocities, velocities)
+    moved, moving = mass_filter.measure_one(filters.mass, both, pushed, thesis.rotation_of(told), params.mass)
     # judge
-    both = _evidence(impulses.usable, told, moved, moving, filters.mass)
+    joint = _evidence(impulses.usable, told, moved, moving, filters.mass)
     seen = Evidence(
         samples.time_s[index],
         command,
         impulses.usable,
         impulses.firing,
-        both.innovation,
-        both.covariance,
-        both.coupled,
-        both.estimate,
-        both.estimate_covariance,
-        both.cross_covariance,
+        joint.innovation,
+        joint.covariance,
+        joint.coupled,
+        joint.estimate,
+        joint.estimate_covariance,
+        joint.cross_covariance,
     )
     rows, row = logged
     detector, adaptation = _judged(state.detector, seen, rows.detector_report, row, params.detector)
     # finish
-    rotation, mass, deviation = thesis.finished(
-        (filters.rotation, filters.mass),
-        (turned, turning, moved, moving),
-        (impulses.usable, impulses.firing),
-        adaptation,
-        (params.rotation, params.mass),
-    )
+    usable, firing = impulses.usable, impulses.firing
+    learning = usable and firing
+    rotation = rotation_filter.finish_one(filters.rotation, (turned, turning), learning, adaptation, params.rotation)
+    mass = mass_filter.finish_one(filters.mass, (moved, moving), (usable, firing), adaptation, params.mass)
     fill(rows.impulses[row], (angular, linear, impulses.usable, impulses.firing))
-    fill(rows.rotation_report[row], thesis.report_of_rotation(turning, rotation, deviation))
+    fill(rows.rotation_report[row], thesis.report_of_rotation(turning, rotation))
     fill(rows.mass_report[row], thesis.report_of_mass(moving, mass))
     memory = RotationMemory(rates, turning.subtract_coupling)
     after = ThesisState(rotation.state, memory, mass.state, velocities)

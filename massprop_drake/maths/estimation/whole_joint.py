@@ -22,8 +22,8 @@ from massprop_drake.maths.arrays import Layout
 from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationState
 from massprop_drake.maths.estimation.detector import STATUS
 from massprop_drake.maths.estimation.faults import hypothesis_filter as faults
+from massprop_drake.maths.estimation.faults.alarms import Watch, WatchedCycle
 from massprop_drake.maths.estimation.faults.fault_report import HYPOTHESIS_REPORT, nothing_said
-from massprop_drake.maths.estimation.faults.proposals import Watch, WatchedCycle
 from massprop_drake.maths.estimation.faults.tree import SURPRISE, Tree
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import (

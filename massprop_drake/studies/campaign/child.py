@@ -20,7 +20,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, TextIO
 
 _PARENT_DEATH_SIGNAL = 1  # of Linux's prctl
-_IDLE_S = 60  # without a request: whoever ran the campaign has been killed, and its worker waits for another
+IDLE_S = 60  # without a request: whoever ran the campaign has been killed, and its worker waits for another
 
 
 def main() -> None:
@@ -68,7 +68,7 @@ def _flights(setup: Mapping[str, Any]) -> Any:
 
 def _requests() -> Iterator[dict[str, Any]]:
     while True:
-        signal.alarm(_IDLE_S)
+        signal.alarm(IDLE_S)
         line = sys.stdin.readline()
         signal.alarm(0)
         if not line:

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 from massprop_drake.display import plotted
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.model import Model
-from massprop_drake.studies.campaign import campaign_report, charts, merit, statistics
-from massprop_drake.studies.campaign.campaign_report import figure_data
+from massprop_drake.studies.campaign import charts, merit, report_words, statistics
+from massprop_drake.studies.campaign.campaign_report import FORMAT, figure_data
 from massprop_drake.studies.campaign.counts import Row, ends_wrong, flown, judgeable
 from massprop_drake.studies.campaign.merit import MEANINGS, InjectedEvent
 from massprop_drake.studies.campaign.plan import case_name
@@ -207,7 +207,7 @@ def summary(folders: Sequence[str | Path]) -> dict[str, Any]:
     """
     found = columns([read(folder) for folder in folders])
     return {
-        "format": campaign_report.FORMAT,
+        "format": FORMAT,
         "columns": [
             {
                 "label": column.label,
@@ -305,7 +305,7 @@ def contents(found: Sequence[Column]) -> dict[str, Any]:
         "figures": [
             {
                 "words": MEANINGS[name].words,
-                "cells": [campaign_report.row_of(name, one[name]) for one in figures],
+                "cells": [report_words.row_of(name, one[name]) for one in figures],
             }
             for name in MEANINGS
             if any(one[name].n for one in figures)
@@ -336,7 +336,7 @@ def _row(measure: Measure) -> dict[str, Any]:
     return {
         "words": measure.words,
         "values": [
-            campaign_report.shown(statistics.Figure(value, math.nan, math.nan, 0), measure.unit)
+            report_words.shown(statistics.Figure(value, math.nan, math.nan, 0), measure.unit)
             for value in measure.values
         ],
         "difference": f"{number(difference.value)} {unit}".rstrip(),

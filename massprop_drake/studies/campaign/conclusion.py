@@ -11,7 +11,7 @@ class Concluded(NamedTuple):
 
     Attributes:
         summary: see `campaign_report.summarized`.
-        verdict: see `campaign_report.verdict`.
+        verdict: see `report_words.verdict`.
         page: see `campaign_report.page_of`; None where none is asked for.
     """
 
@@ -26,11 +26,15 @@ def concluded(folder: str | Path, *, with_page: bool) -> Concluded:
     Raises:
         InputError: when the folder holds no campaign that has been run.
     """
-    from massprop_drake.studies.campaign import campaign_report, reading  # noqa: PLC0415 (called in a process of its own)
+    from massprop_drake.studies.campaign import (  # noqa: PLC0415 (called in a process of its own)
+        campaign_report,
+        reading,
+        report_words,
+    )
 
     study = reading.read(folder)
     return Concluded(
         campaign_report.summarized(study),
-        campaign_report.verdict(study),
+        report_words.verdict(study),
         campaign_report.page_of(study) if with_page else None,
     )

@@ -24,11 +24,11 @@ from typing import IO, Any
 from massprop_drake.errors import InputError
 from massprop_drake.studies.threads import ONE_THREAD
 
-_LIFE = 60  # cases that one child flies: Drake keeps 5 to 8 MB of every simulation by a diagram
+LIFE = 60  # cases that one child flies: Drake keeps 5 to 8 MB of every simulation by a diagram
 _LOOK_S = 0.1  # between two looks at a child's memory
 _START_S = 120.0  # that a child may take to load everything
 _ATTEMPTS = 2  # of a case: a kill from outside, or what the cases before have left in memory, is no fault of it
-_STARTS = 3  # of a child
+STARTS = 3  # of a child
 _TAIL = 2000  # bytes of what a child said last
 
 
@@ -99,10 +99,10 @@ class Child:
 
     def _ready(self) -> None:
         """Starts a process where there is none, or the present one has flown enough."""
-        if self._process is not None and (self._flown >= _LIFE or self._process.poll() is not None):
+        if self._process is not None and (self._flown >= LIFE or self._process.poll() is not None):
             self.close()
         problem = ""
-        for _ in range(_STARTS):
+        for _ in range(STARTS):
             if self._is_over:
                 raise CannotFlyError("the campaign has ended")
             if self._process is not None:

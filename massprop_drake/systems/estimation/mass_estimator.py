@@ -159,7 +159,7 @@ class MassEstimator(FilterSystem):
             return timed(ESTIMATORS, self._weigh, measured, self._asked(context), self._held)
         cycle = self._finish(measured, self._adapted(context))
         velocities, _ = measured.readings
-        report = MASS_REPORT.pack(thesis.mass_report(measured.measurement, cycle))
+        report = MASS_REPORT.pack(thesis.report_of_mass(measured.measurement.innovation, cycle))
         return np.concatenate((report, thesis.pack_mass(cycle.state, velocities, self._layout)))
 
     def _calc_predicted(self, context: Any, output: Any) -> None:
@@ -173,7 +173,8 @@ class MassEstimator(FilterSystem):
             return
         state, interval, measurement, (_, turning) = measured
         if interval.impulses.usable:
-            output.SetFromVector(EVIDENCE.pack(thesis.joint(turning, measurement, state)))
+            seen = thesis.joint_of(turning, measurement.sample, measurement.innovation, state)
+            output.SetFromVector(EVIDENCE.pack(seen))
         else:
             output.SetFromVector(_NOT_MEASURED)
 

@@ -146,7 +146,7 @@ class RotationEstimator(FilterSystem):
             return timed(ESTIMATORS, self._rotate, measured, self._asked(context), self._held)
         cycle = self._finish(measured, self._adapted(context))
         memory = thesis.rotation_memory(measured.measurement, measured.readings)
-        report = ROTATION_REPORT.pack(thesis.rotation_report(measured.measurement, cycle))
+        report = ROTATION_REPORT.pack(thesis.report_of_rotation(measured.measurement.innovation, cycle))
         return np.concatenate((report, thesis.pack_rotation(cycle.state, memory, self._layout)))
 
     def _calc_predicted(self, context: Any, output: Any) -> None:
@@ -160,7 +160,7 @@ class RotationEstimator(FilterSystem):
             row: Array = measured[: self._turning.size]
             return row
         state, _, measurement, _ = measured
-        turning = thesis.turning_of(state, measurement)
+        turning = thesis.turning_from(state, measurement.sample, measurement.innovation)
         effects = self._no_effects if turning.effects is None else turning.effects
         sensitivity = self._insensitive if turning.sensitivity is None else turning.sensitivity
         return self._turning.pack(turning._replace(effects=effects, sensitivity=sensitivity))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from massprop_drake.maths.autopilot.pulses import (
     Pulses,
@@ -18,10 +19,9 @@ from massprop_drake.maths.autopilot.pulses import (
 )
 
 PERIOD = 0.1  # s
-MINIMUM, CLOCK = 0.010, 0.004  # s; the least whole number of steps is 12 ms
 
 
-def valves(place: float = 0.0, *, accumulates: bool = True, minimum: float = MINIMUM, clock: float = CLOCK) -> Pulses:
+def valves(place: float = 0.0, *, accumulates: bool = True, minimum: float = 0.010, clock: float = 0.004) -> Pulses:
     return valve_pulses(np.full(1, minimum), np.full(1, clock), PERIOD, place, accumulates)
 
 
@@ -29,59 +29,46 @@ def flown(cycles: float, pulses: Pulses) -> list[float]:
     """Shares of the cycles in which an on-time is flown."""
     left, shares = np.full(1, cycles), []
     while left[0] > 0.0:
-        share = coming_pulse(left, pulses)
-        shares.append(float(share[0]))
+        shares.append(float((share := coming_pulse(left, pulses))[0]))
         left = after_pulse(left, share)
     return shares
 
 
-def test_the_minimum_is_raised_to_the_clock() -> None:
-    np.testing.assert_allclose(valves().least * PERIOD, 0.012, rtol=1e-12)
-    np.testing.assert_allclose(valves(clock=0.0).least * PERIOD, MINIMUM, rtol=1e-12)
-    np.testing.assert_allclose(valves(minimum=0.0).least * PERIOD, CLOCK, rtol=1e-12)
+def test_on_times_are_whole_steps_of_the_clock_and_so_is_the_minimum() -> None:
+    assert_allclose(valves().least * PERIOD, 0.012, rtol=1e-12)
+    assert_allclose(valves(clock=0.0).least * PERIOD, 0.010, rtol=1e-12)
+    assert_allclose(valves(minimum=0.0).least * PERIOD, 0.004, rtol=1e-12)
+    for on_time, expected in ((0.0, 0.0), (0.0139, 0.012), (0.0141, 0.016), (0.0999999, 0.1)):
+        assert_allclose(clocked(np.array([on_time / PERIOD]), valves()) * PERIOD, expected, atol=1e-15)
 
 
-@pytest.mark.parametrize(("on_time", "expected"), [(0.0, 0.0), (0.0139, 0.012), (0.0141, 0.016), (0.0999999, 0.1)])
-def test_on_times_are_whole_steps_of_the_clock(on_time: float, expected: float) -> None:
-    np.testing.assert_allclose(clocked(np.array([on_time / PERIOD]), valves()) * PERIOD, expected, atol=1e-15)
-
-
-def test_a_long_on_time_is_flown_as_full_cycles_and_the_rest() -> None:
-    np.testing.assert_allclose(flown(2.36, valves()), [1.0, 1.0, 0.36], rtol=1e-12)
+def test_a_long_on_time_is_flown_as_full_cycles_and_the_rest_or_in_equal_shares() -> None:
+    assert_allclose(flown(2.36, valves()), [1.0, 1.0, 0.36], rtol=1e-12)
     assert flown(3.0, whole_cycles(1)) == [1.0, 1.0, 1.0]
-
-
-def test_elsewhere_in_the_cycle_it_is_flown_in_equal_shares() -> None:
-    shares = flown(2.36, valves(0.5))
-    np.testing.assert_allclose(shares, [0.8, 0.8, 0.76], rtol=1e-12)
+    assert_allclose(flown(2.36, valves(0.5)), [0.8, 0.8, 0.76], rtol=1e-12)
     # each of which is long enough, or none is flown beyond full cycles
-    long, none = valves(0.5, minimum=0.06, clock=0.0), np.zeros(1)
-    np.testing.assert_allclose(burst_pulses(np.array([1.3]), none, long)[0], 1.3)
-    np.testing.assert_allclose(burst_pulses(np.array([1.1]), none, long)[0], 1.0)
+    for asked, given in ((1.3, 1.3), (1.1, 1.0)):
+        rare = valves(0.5, minimum=0.06, clock=0.0)
+        assert_allclose(burst_pulses(np.array([asked]), np.zeros(1), rare)[0], given)
 
 
-@pytest.mark.parametrize(("place", "expected"), [(0.0, 0.0), (0.5, 0.03), (1.0, 0.06)])
-def test_onsets_lie_where_the_vehicle_says(place: float, expected: float) -> None:
-    np.testing.assert_allclose(pulse_onsets(np.array([0.4]), valves(place), PERIOD), expected, atol=1e-15)
+def test_onsets_lie_where_the_vehicle_says_and_edges_are_foreseen() -> None:
+    for place, expected, edges in ((0.0, 0.0, 1), (0.5, 0.03, 2), (1.0, 0.06, 1)):
+        assert_allclose(pulse_onsets(np.array([0.4]), valves(place), PERIOD), expected, atol=1e-15)
+        assert most_edges(valves(place)) == edges
     assert np.isnan(pulse_onsets(np.array([1.0]), whole_cycles(1), PERIOD)).all()
+    assert most_edges(whole_cycles(3)) == 0
 
 
-def test_what_is_too_short_is_dropped() -> None:
+def test_what_is_too_short_is_dropped_or_adds_up_until_it_can_be_flown() -> None:
     remaining, owed = burst_pulses(np.array([0.08]), np.zeros(1), valves(accumulates=False))
     assert (remaining.item(), owed.item()) == (0.0, 0.0)
-
-
-def test_what_is_too_short_adds_up_until_it_can_be_flown() -> None:
-    pulses, owed, given = valves(), np.zeros(1), []
+    pulses, given = valves(), []
     for _ in range(50):
         remaining, owed = burst_pulses(np.array([0.05]), owed, pulses)
         assert remaining.item() in (0.0, pulses.least.item())
         given.append(remaining.item())
     assert sum(given) + owed.item() == pytest.approx(50 * 0.05)
     assert max(given) > 0.0
-    assert burst_pulses(np.array([0.0]), np.array([0.09]), pulses)[1] == 0.0  # asked for no more
-    assert burst_pulses(np.array([0.5]), np.array([0.09]), pulses)[1] == 0.0  # flown
-
-
-def test_edges_are_foreseen() -> None:
-    assert (most_edges(whole_cycles(3)), most_edges(valves()), most_edges(valves(0.5))) == (0, 1, 2)
+    for asked in (0.0, 0.5):  # asked for no more; flown
+        assert burst_pulses(np.array([asked]), np.array([0.09]), pulses)[1] == 0.0

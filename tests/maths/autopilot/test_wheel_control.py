@@ -24,19 +24,11 @@ DETENT, AXES = np.zeros(3), np.eye(3)
 
 
 def law(**changed: Any) -> WheelControlParams:
+    # inertias, largest torque and speed, then the gain, thresholds and rate of unloading
     made = WheelControlParams(
-        axes=PYRAMID,
-        shares=shares_of(PYRAMID),
-        inertias=np.full(4, 0.006),
-        most=np.full(4, 0.1),
-        fastest=np.full(4, 400.0),
-        inertia=INERTIA,
-        rate_gain=1.0,
-        unload_above=0.5,
-        unload_below=0.2,
-        unload_rate=1e-3,
-        settings=SETTINGS,
-    )
+        PYRAMID, shares_of(PYRAMID), np.full(4, 0.006), np.full(4, 0.1), np.full(4, 400.0), INERTIA, 1.0, 0.5, 0.2, 1e-3,
+        SETTINGS,
+    )  # fmt: skip
     return made._replace(**changed)
 
 
@@ -71,9 +63,7 @@ def test_jets_begin_to_unload_above_one_share_and_end_below_another() -> None:
         unloading = next_unloading(unloading, np.array([0.0, -fastest, 0.0, 0.0]), law())
         found.append(unloading)
     assert found == [False, True, True, False, False]
-
-
-def test_wheels_that_turn_against_each_other_are_not_for_jets() -> None:
+    # wheels that turn against each other are not for jets
     against = 250.0 * np.array([1.0, -1.0, 1.0, -1.0])
     np.testing.assert_allclose(against @ PYRAMID, 0.0, atol=1e-12)
     assert not next_unloading(True, against, law())

@@ -9,7 +9,7 @@ import pytest
 from faults_probe import commands_of, fail, flight, make_params
 
 from massprop_drake.maths.estimation.faults import review as reviews
-from massprop_drake.maths.estimation.faults.fault_events import Hypothesis, moved, weighed
+from massprop_drake.maths.estimation.faults.fault_events import Hypothesis, moved
 from massprop_drake.maths.estimation.faults.priors import Params
 from massprop_drake.maths.estimation.faults.tree import Tree
 from massprop_drake.maths.estimation.joint import screen as screens
@@ -24,44 +24,13 @@ ONSET = 30
 
 def reviewed(params: Params) -> tuple[Tree, Hypothesis, reviews.Review]:
     """A leak of 2 % of full thrust, some samples later, and the review of its likeliest hypothesis, up to now."""
-    flown = flight(params, COMMANDS, changes={ONSET: fail(3, 0.02 * params.joint.thrusts[3], 1, 1)})
-    tree = flown.tree
+    tree = flight(params, COMMANDS, changes={ONSET: fail(3, 0.02 * params.joint.thrusts[3], 1, 1)}).tree
     leader = tree.leader
     assert leader.ways == {(3, 1)}
-    return tree, leader, review_of(leader, tree, params)
-
-
-def review_of(each: Hypothesis, tree: Tree, params: Params) -> reviews.Review:
-    """The review of a hypothesis, up to now."""
-    review = reviews.begun(each, params.joint)
+    review = reviews.begun(leader, params.joint)
     for sample, over in tree.samples[review.run.cycle - tree.cycle :]:
-        review = reviews.followed(review, each, sample, over, params.joint)
-    return review
-
-
-def with_one_cycle(
-    tree: Tree, leader: Hypothesis, review: reviews.Review, params: Params
-) -> tuple[Tree, Hypothesis, reviews.Review]:
-    """The same with an onset that stands for one cycle, as the first orders of its alternatives have it.
-
-    It is that of its own review, with the impulses that it was born with.
-    """
-    gaps = dict(zip(leader.origin.onsets, leader.origin.gaps, strict=True))
-    if gaps[leader.run.onset] == 1:
-        return tree, leader, review
-    _, births, _ = reviews.drawn(review, leader, tree.hypotheses, params)
-    child = next(
-        birth.child
-        for birth in births
-        if birth.child.ways == leader.ways and not birth.child.walks.any() and gaps.get(birth.child.run.onset) == 1
-    )
-    child = child._replace(run=child.run._replace(kicks=leader.run.kicks))
-    for sample, over in tree.samples[child.run.cycle - tree.cycle :]:
-        child = moved(child, sample, over, params.joint, starting=False)
-    child = weighed(child, params)
-    others = tuple(each for each in tree.hypotheses if each is not leader)
-    tree = tree._replace(hypotheses=tuple(sorted((child, *others), key=lambda each: -each.weight)))
-    return tree, child, review_of(child, tree, params)
+        review = reviews.followed(review, leader, sample, over, params.joint)
+    return tree, leader, review
 
 
 def alternatives(
@@ -87,38 +56,15 @@ def alternatives(
         yield birth.ahead - favor, own
 
 
-def test_the_review_is_the_hypothesis_itself() -> None:
-    tree, leader, review = reviewed(NOISY)
-    assert review.run.cycle == tree.cycle
-    assert review.run.score.likelihood == pytest.approx(leader.run.score.likelihood, abs=1e-6)
-    np.testing.assert_allclose(review.run.state.mean, leader.run.state.mean, atol=1e-9)
-
-
 @pytest.mark.parametrize("params", [NOISY, ROUNDED], ids=["noisy", "rounded"])
 def test_first_orders_of_alternatives_are_those_of_their_own_filters(params: Params) -> None:
     """By the ratio of Savage and Dickey; but for what a force is worth, which first orders leave to N(0, T^2)."""
-    pairs = np.array(list(alternatives(*with_one_cycle(*reviewed(params), params), params)))
+    pairs = np.array(list(alternatives(*reviewed(params), params)))
     assert pairs.shape[0] > 2
     off = pairs[:, 0] - pairs[:, 1]
     assert np.ptp(off) < 1.0
     assert np.abs(off).max() < 2.5  # the reviewed one was born when its impulse at the onset might still be larger
     assert np.ptp(pairs[:, 1]) > 1.0
-
-
-@pytest.mark.parametrize("params", [NOISY, ROUNDED], ids=["noisy", "rounded"])
-def test_a_review_knows_how_likely_it_is_that_nothing_has_happened(params: Params) -> None:
-    """So that the reviewed hypothesis, taken as one of its own alternatives, is as likely as its filter has it."""
-    _, leader, review = reviewed(params)
-    root = leader.origin.parent
-    _, births, _ = reviews.drawn(review, leader, [root], params)
-    itself = next(
-        birth
-        for birth in births
-        if birth.child.parts == leader.parts and not birth.child.walks.any() and not birth.than
-    )
-    own = leader.run.score.likelihood + leader.prior - root.weight
-    favor = np.log(params.joint.thrusts[3] / params.joint.thrusts.max())
-    assert itself.ahead - favor == pytest.approx(own, abs=3.0)
 
 
 def test_a_hypothesis_without_an_origin_or_with_a_force_that_walks_is_not_reviewed() -> None:

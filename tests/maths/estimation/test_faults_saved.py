@@ -21,9 +21,6 @@ PLACES = PARAMS.joint.places
 THRUSTS = PARAMS.joint.thrusts
 COMMANDS = commands_of(60, idle=(3,))
 BOTH = {15: fail(3, 0.3 * THRUSTS[3], 1, 1), 35: fail(1, THRUSTS[1], -1)}
-# rows with several hypotheses: before anything is declared of the second failure, just after, and long after
-SEVERAL = range(20, 58)
-DOUBTED = range(33, 45)  # of the leak: all that is likely has been born
 
 
 @pytest.fixture(scope="module")
@@ -38,44 +35,23 @@ def leak() -> Flown:
     return flight(PARAMS, COMMANDS, changes={30: fail(3, 0.02 * THRUSTS[3], 1, 1)})
 
 
-def test_the_flights_have_several_hypotheses_at_these_rows(flown: Flown, leak: Flown) -> None:
-    assert all(len(flown.trees[row].hypotheses) > 2 for row in SEVERAL)
-    assert all(len(leak.trees[row].hypotheses) > 2 for row in DOUBTED)
-    assert len(flown.said) == 2
-
-
-@pytest.mark.parametrize("row", [*SEVERAL[::4], 59])
+@pytest.mark.parametrize("row", [20, 36, 59])
 def test_what_is_restored_is_what_was_saved(flown: Flown, row: int) -> None:
     tree, verdicts = flown.trees[row], flown.verdicts[row]
     vector = saved(tree, verdicts, PLACES)
     again, told = restored(vector, PLACES)
     assert again.cycle == tree.cycle
     assert (told.jets, told.others, told.groups) == (verdicts.jets, verdicts.others, verdicts.groups)
+    assert row == 59 or len(tree.hypotheses) > 2
     possible = [each for each in tree.hypotheses if np.isfinite(each.weight)]
     for one, other in zip(again.hypotheses, possible, strict=True):
-        assert one.key == other.key
-        assert (one.events, one.prior, one.weight, one.decided) == (
-            other.events,
-            other.prior,
-            other.weight,
-            other.decided,
-        )
+        for name in ("key", "events", "prior", "weight", "decided"):
+            assert getattr(one, name) == getattr(other, name)
         np.testing.assert_array_equal(one.run.state.root, other.run.state.root)
     np.testing.assert_array_equal(saved(again, told, PLACES), vector)
 
 
-def test_what_is_impossible_by_now_is_not_saved(flown: Flown) -> None:
-    """It may be there still, for the proposals that its bank may make."""
-    tree, verdicts = flown.trees[SEVERAL[4]], flown.verdicts[SEVERAL[4]]
-    first, *others = tree.hypotheses
-    vector = saved(
-        tree._replace(hypotheses=(first, *(each._replace(weight=-np.inf) for each in others))), verdicts, PLACES
-    )
-    assert len(others) > 1
-    assert [one.key for one in restored(vector, PLACES)[0].hypotheses] == [first.key]
-
-
-@pytest.mark.parametrize("row", DOUBTED)
+@pytest.mark.parametrize("row", [33, 39])
 def test_a_run_goes_on_the_same_after_a_restart(leak: Flown, row: int) -> None:
     """In the midst of a doubt: each hypothesis stays as likely as it was, and what is declared and estimated the same.
 
@@ -91,7 +67,7 @@ def test_a_run_goes_on_the_same_after_a_restart(leak: Flown, row: int) -> None:
     assert [one.jets for _, one in again.said] == [one.jets for time_s, one in leak.said if time_s > 0.1 * row + 0.15]
 
 
-@pytest.mark.parametrize("row", SEVERAL[1::5])
+@pytest.mark.parametrize("row", [21, 36])
 def test_a_failure_after_a_restart_is_named(flown: Flown, row: int) -> None:
     """Its onset may be another, since the bank of onsets begins anew."""
     tree, verdicts = restored(saved(flown.trees[row], flown.verdicts[row], PLACES), PLACES)
@@ -151,23 +127,16 @@ def with_cause(**changes: Any) -> Callable[[Any], Any]:
     [
         (lambda each: each._replace(prior=np.nan), "must be finite"),
         (lambda each: each._replace(push=-1.0), "pushes and walks zero or positive"),
-        (lambda each: each._replace(walks=np.full(SLOTS, -1.0)), "pushes and walks zero or positive"),
         (lambda each: each._replace(walks=np.full(SLOTS, np.nan)), "pushes and walks zero or positive"),
         (lambda each: each._replace(run=each.run._replace(cycle=4)), "an index is out of its range"),
-        (lambda each: each._replace(run=each.run._replace(onset=10**6)), "an index is out of its range"),
-        (lambda each: each._replace(run=each.run._replace(lying=3)), "an index is out of its range"),
         (lambda each: each._replace(run=each.run._replace(kicks=((1.0, 2.0, 3.0),))), "those of the newest failure"),
         (lambda each: each._replace(run=each.run._replace(expected=((1.0,),))), "those of the newest failure"),
         (lambda each: each._replace(run=each.run._replace(state=None)), "a hypothesis must have a state"),
-        (lambda each: each._replace(decided=frozenset({99})), "an index is out of its range"),
         (with_state(mean=np.full(PLACES.size, np.inf)), "only readings of a hypothesis, and what it assumes, may"),
-        (with_state(slot_jet=np.full(SLOTS, 0.5)), "a force must be of a jet"),
         (with_state(slot_jet=np.full(SLOTS, 6.0)), "a force must be of a jet"),
         (with_state(slot_sign=np.zeros(SLOTS)), "a force must be of a jet"),
-        (with_state(slot_on_top=np.full(SLOTS, 2.0)), "a force must be of a jet"),
         (with_cause(jets=(0, 2)), "a failure must be of a jet"),
         (with_cause(signs=(0,)), "a failure must be of a jet"),
-        (with_cause(jets=(6,)), "an index is out of its range"),
         (with_cause(kind=9), "an index is out of its range"),
     ],
 )
@@ -180,31 +149,18 @@ def test_a_hypothesis_that_no_run_has_is_refused(flown: Flown, change: Callable[
     ("change", "message"),
     [
         (lambda vector: vector[:-1], "ends too soon"),
-        (lambda vector: vector[:40], "ends too soon"),
         (lambda vector: np.append(vector, 0.0), "goes on where it should end"),
         (lambda vector: np.append(0.5, vector[1:]), "an index is out of its range"),
-        (lambda vector: np.append(-1.0, vector[1:]), "an index is out of its range"),
-        (lambda vector: np.append(np.nan, vector[1:]), "an index is out of its range"),
-        (lambda vector: np.concatenate((vector[:1], [1.5], vector[2:])), "counts must be whole numbers"),
         (lambda vector: np.concatenate((vector[:1], [-1.0], vector[2:])), "counts must be whole numbers"),
+        (lambda _: np.array([0.0, 0, 0, 0, 1, 3, 0, 1, 2, 0]), "a group must be of jets and signs"),
     ],
 )
-def test_a_changed_vector_is_refused(flown: Flown, change: Callable[[Array], Array], message: str) -> None:
+def test_a_vector_that_no_run_can_have_left_is_refused(
+    flown: Flown, change: Callable[[Array], Array], message: str
+) -> None:
     vector = saved(flown.tree, flown.verdicts[-1], PLACES)
     with pytest.raises(ValueError, match=f"hypothesis_detector: .*{message}"):
         restored(change(vector), PLACES)
-
-
-@pytest.mark.parametrize(
-    ("vector", "message"),
-    [
-        (saved(Tree(), Verdicts(jets=(Declared((9, 1), 0.1, 0.1),)), PLACES), "an index is out of its range"),
-        (np.array([0.0, 0, 0, 0, 1, 3, 0, 1, 2, 0]), "a group must be of jets and signs"),
-    ],
-)
-def test_a_vector_that_no_run_can_have_left_is_refused(vector: Array, message: str) -> None:
-    with pytest.raises(ValueError, match=f"hypothesis_detector: .*{message}"):
-        restored(vector, PLACES)
 
 
 @pytest.mark.parametrize(
@@ -217,5 +173,3 @@ def test_what_the_detector_keeps_of_each_jet_is_looked_at(place: int, value: flo
     vector[place] = value
     with pytest.raises(ValueError, match=f"hypothesis_detector: .*{message}"):
         hypothesis_filter.taken_up(vector, PARAMS)
-    with pytest.raises(ValueError, match="ends too soon"):
-        hypothesis_filter.taken_up(vector[:17], PARAMS)

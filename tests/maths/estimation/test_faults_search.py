@@ -9,12 +9,10 @@ import pytest
 
 from massprop_drake import Run, load_scenario, simulate
 from massprop_drake.inputs import params as inputs
-from massprop_drake.maths.estimation.faults import passes
-from massprop_drake.maths.estimation.faults.passes import begin_fit, begin_pass, linearization, step_fit
-from massprop_drake.maths.estimation.faults.priors import Params, Priors, force_correction
+from massprop_drake.maths.estimation.faults.passes import begin_fit, linearization, step_fit
+from massprop_drake.maths.estimation.faults.priors import Priors, force_correction
 from massprop_drake.maths.estimation.faults.screening import begin_screening, rank_jets, refine, step_screening
 from massprop_drake.maths.estimation.faults.search import BEGUN, OVER, SearchOutcome, StartSearch, followed
-from massprop_drake.maths.estimation.faults.tree import Tree, begun_with
 from massprop_drake.maths.estimation.filter import Told
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams
@@ -23,7 +21,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import Cause, Kind, slot_o
 from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams
 from massprop_drake.maths.estimation.joint.screen import Contender
-from massprop_drake.maths.estimation.joint.start import LONGEST, STEPS, Kept
+from massprop_drake.maths.estimation.joint.start import LONGEST, Kept
 from massprop_drake.maths.estimation.joint.thrust_scale import reported
 
 ACCELEROMETERS = ("acc2", "acc1", "acc3")  # the preferred one first, as the filter has them
@@ -128,24 +126,6 @@ def test_the_jet_that_has_failed_is_certain_and_taken_off_what_the_vehicle_is_li
         assert found[0].onset_s == pytest.approx(onset_s, abs=0.24)
 
 
-def test_a_leak_is_found_through_a_gap_in_telemetry(leaking: Run) -> None:
-    own = params_of(LEAK)
-    found, _ = searched(cycles(leaking, own, range(30, 36)), own.joint)
-    assert probabilities(found, own.joint)[LEAK_ON_TOP.key] > 0.999
-    force, sigma = force_of(found[0], own.joint)
-    assert force == pytest.approx(50.0, abs=4.0 * sigma)
-
-
-def test_readings_of_the_start_count_under_what_is_found(leaking: Run, params: JointParams) -> None:
-    """They have been judged by a filter that knew of no failure."""
-    found, time_s = searched(cycles(leaking, params_of(LEAK)), params)
-    failures, rates = np.ones(2 * params.places.jets), np.ones(params.places.jets)
-    history = begun_with(found, Tree(), Params(params, Priors(), failures, rates)).history
-    assert history is not None
-    assert history.since_s < 1.48 < time_s
-    assert history.score.nis == pytest.approx(history.score.degrees, rel=0.3)
-
-
 def test_a_contradiction_by_chance_is_put_down_to_the_start() -> None:
     settings = ("estimation.start=zero", "duration_s=7")
     run, own = flight(settings), params_of(settings)
@@ -158,20 +138,6 @@ def test_a_contradiction_by_chance_is_put_down_to_the_start() -> None:
     assert nees(found[0], run, time_s, own.joint) < 29.6
 
 
-def test_a_jet_that_fails_while_the_start_is_searched_is_searched_for_at_once() -> None:
-    """Its first hypotheses explain the samples that it began with, and not those that came since."""
-    settings = ("estimation.start=zero", "duration_s=18", "failures=[{kind: stuck_on, jet: R2D, start_s: 3.6}]")
-    run, own = flight(settings), params_of(settings)
-    evidence = [
-        each._replace(report=each.report._replace(contradicted=number == 25 or each.report.contradicted))
-        for number, each in enumerate(cycles(run, own))
-    ]
-    found, time_s = searched(iter(evidence), own.joint)
-    assert probabilities(found, own.joint)[frozenset({(36, 1)})] > 0.999
-    assert found[0].onset_s == pytest.approx(3.6)
-    assert nees(found[0], run, time_s, own.joint) < 29.6
-
-
 def test_nothing_is_searched_where_nothing_contradicts(leaking: Run, params: JointParams) -> None:
     search = BEGUN
     for each in cycles(leaking, params_of(LEAK)):
@@ -181,44 +147,6 @@ def test_nothing_is_searched_where_nothing_contradicts(leaking: Run, params: Joi
     search = search._replace(kept=search.kept[:1] * LONGEST)
     assert followed(search, each.before, report, each.sample, Priors(), params) == (OVER, ())
     assert followed(OVER, each.before, report, each.sample, Priors(), params) == (OVER, ())
-
-
-def test_while_nothing_acts_only_the_last_seconds_are_kept(leaking: Run, params: JointParams) -> None:
-    _, quiet, *_ = cycles(leaking, params_of(LEAK))
-    assert not quiet.sample.commands.any()
-    search, period_s = BEGUN, 0.08
-    for number in range(60):
-        time_s = period_s * number
-        before, sample = quiet.before._replace(time_s=time_s), quiet.sample._replace(time_s=time_s + period_s)
-        search, _ = followed(search, before, quiet.report, sample, Priors(), params)
-        assert search.entry is not None
-        assert search.entry.time_s == pytest.approx(time_s - period_s * (len(search.kept) - 1))
-        assert sample.time_s - search.entry.time_s < 2.0 + 1e-9
-
-
-def test_a_contradicted_start_may_have_been_stated_too_well(leaking: Run, params: JointParams) -> None:
-    _, quiet, *_ = cycles(leaking, params_of(LEAK))
-    report = quiet.report._replace(incremented=True)
-    search, _ = followed(BEGUN, quiet.before, report, quiet.sample, Priors(), params)
-    assert search.entry is not None
-    added = search.entry.root @ search.entry.root.T - quiet.before.root @ quiet.before.root.T
-    np.testing.assert_allclose(np.diag(added)[:N_PROPERTIES], params.increment_sigma**2, rtol=1e-9)
-    assert search.due_s == pytest.approx(quiet.sample.time_s + 1.0)
-
-
-def test_work_is_spread_over_cycles(leaking: Run, params: JointParams, monkeypatch: pytest.MonkeyPatch) -> None:
-    done = []
-
-    def counting(*given: object) -> object:
-        done[-1] += 1
-        return step_fit(*given)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(passes, "step_fit", counting)
-    search = BEGUN
-    for each in cycles(leaking, params_of(LEAK)):
-        done.append(0)
-        search, _ = followed(search, each.before, each.report, each.sample, Priors(), params)
-    assert max(done) == STEPS
 
 
 # --- by hand
@@ -244,30 +172,6 @@ def test_finer_onsets_are_about_the_likeliest_and_among_the_samples(kept: StartS
     assert 18 in fine.screen.onsets  # 1.48 s
     assert max(fine.screen.onsets) < 70
     assert refine(fine, samples, params) is None
-
-
-def test_passes_are_linearized_at_a_body_and_no_jet_gives_more_than_it_can(
-    kept: StartSearch, params: JointParams
-) -> None:
-    entry = kept.beginning
-    contender = Contender(LEAK_ON_TOP, 0, 0.0, force=(1e6,))
-    fit = begin_fit(contender, 0.0, linearization(entry, entry, params), entry, params)
-    np.testing.assert_array_equal(fit.about[:N_PROPERTIES], params.nominal)
-    assert fit.about[params.places.force] == pytest.approx(1.05 * params.thrusts[5])
-
-
-@pytest.mark.parametrize(("share", "on_top"), [(0.2, 1), (0.9, 0)])
-def test_a_jet_that_gives_most_of_its_thrust_is_stuck_and_else_leaks(
-    share: float, on_top: int, kept: StartSearch, params: JointParams
-) -> None:
-    entry = kept.beginning
-    fit = begin_fit(Contender(LEAK_ON_TOP, 0, 0.0, force=(50.0,)), 0.0, entry.mean, entry, params)
-    fit = step_fit(fit, kept.kept[0], params) or fit
-    mean = fit.state.mean.copy()
-    mean[params.places.force] = share * params.thrusts[5]
-    again = begin_pass(fit._replace(state=fit.state._replace(mean=mean)), entry, params)
-    assert again.contender.cause == LEAK_ON_TOP._replace(on_top=(on_top,))
-    assert again.about[params.places.force] == pytest.approx(share * params.thrusts[5])
 
 
 def test_a_pass_is_linear_in_the_force_it_estimates(kept: StartSearch, params: JointParams) -> None:

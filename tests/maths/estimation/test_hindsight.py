@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import bound_probe as bound
 import numpy as np
@@ -14,16 +14,22 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
-from massprop_drake.maths.estimation import hindsight
-from massprop_drake.maths.estimation.hindsight import Columns, FlightFit, FlightModel, Stretch
 from massprop_drake.maths.estimation.joint.joint_cycle import JointSample
 from massprop_drake.maths.estimation.joint.layout import make_places
 from massprop_drake.maths.estimation.joint.measurement import outputs
 from massprop_drake.maths.estimation.joint.prediction import drive, predict, propellant_drift
 from massprop_drake.maths.estimation.joint.ticks import on_ticks
 from massprop_drake.maths.estimation.joint.wheels import NO_WHEELS, WheelParams
+from massprop_drake.maths.estimation.offline.flight_bound import least_deviation
+from massprop_drake.maths.estimation.offline.flight_model import Columns, FlightModel, Stretch, columns
+from massprop_drake.maths.estimation.offline.normal_equations import normal
+from massprop_drake.maths.estimation.offline.record_kernels import used as informative
+from massprop_drake.maths.estimation.offline.regression import FlightFit, fitted
+from massprop_drake.maths.estimation.offline.regression import score as score_of
+from massprop_drake.maths.estimation.offline.thrust_course import off_ticks
 from massprop_drake.maths.vehicle.mounting import mounting
-from massprop_drake.results.shown_in_hindsight import Names, diagnosed
+from massprop_drake.results.diagnoses import diagnosed
+from massprop_drake.results.regression_model import Names
 
 Array = NDArray[np.float64]
 ROWS = 100
@@ -42,13 +48,6 @@ NUMBER = r"(?<![a-z\d])(\d[\d.e-]*)"
 NAMES = Names(("1", "2", "3", "4", "5", "6"), ("1", "2"), ("gyro",), ("acc1",), "torque", "acceleration")
 
 
-class Flight(NamedTuple):
-    """Readings of a flight, and the least 1-sigma that the joint estimator's recursion allows."""
-
-    stretch: Stretch
-    least: Array
-
-
 def flight(
     seed: int,
     factors: Array | float = 1.0,
@@ -59,8 +58,8 @@ def flight(
     tank_fraction: float = 0.0,
     shift: Array | float = 0.0,
     rate: Array | float = 0.0,
-) -> Flight:
-    """A flight of the small vehicle: its jets at random, next to no mass used.
+) -> tuple[Stretch, Array]:
+    """A flight of the small vehicle, and the least 1-sigma of the recursion: its jets at random, next to no mass used.
 
     Args:
         seed: of commands and noise.
@@ -120,7 +119,7 @@ def flight(
         outside=np.zeros((ROWS + 1, 6)),
         used_after=-used,
     )
-    return Flight(stretch, bound.deviation(least))
+    return stretch, bound.deviation(least)
 
 
 WHEELS = WheelParams(
@@ -145,7 +144,7 @@ def known(thrust: float = 0.01, lag: float = 0.2, wheels: WheelParams = NO_WHEEL
         sigma=np.zeros_like(prior),
         wheels=wheels,
     )
-    places = hindsight.columns(model)
+    places = columns(model)
     model.sigma[places.properties] = np.diag(PARAMS.start_root)
     model.sigma[places.thrust] = thrust
     model.sigma[places.lag] = lag * np.array([0.015, 0.03])
@@ -153,37 +152,26 @@ def known(thrust: float = 0.01, lag: float = 0.2, wheels: WheelParams = NO_WHEEL
     return model, places
 
 
-def fitted(found: Flight, model: FlightModel) -> FlightFit:
+def fit_of(stretch: Stretch, model: FlightModel) -> FlightFit:
     """From the start that is stated."""
-    fit = hindsight.fitted([found.stretch], model.prior, model)
+    fit = fitted([stretch], model.prior, model)
     assert fit.settled
     return fit
-
-
-def group(part: slice) -> NDArray[np.int_]:
-    return np.arange(part.start, part.stop)
 
 
 def least_of(stretches: tuple[Stretch, ...], tank_fraction: float = 0.0) -> Array:
     """The least 1-sigma in hindsight, at the truth."""
     model, _ = known()
     drift = propellant_drift(TRUTH, 1.0, tank_fraction, PARAMS.arm)
-    return hindsight.least_deviation(stretches, model.prior, np.diag(model.sigma[:10] ** 2), drift, model)
+    return least_deviation(stretches, model.prior, np.diag(model.sigma[:10] ** 2), drift, model)
 
 
-def test_the_bound_is_that_of_the_recursion() -> None:
-    found, (model, _) = flight(1), known()
-    least = least_of((found.stretch,))
-    np.testing.assert_allclose(least, found.least, rtol=0.03)  # what readings of the rate add to the coupling
-    assert (least[[0, 1, 2, 9]] < 0.1 * model.sigma[[0, 1, 2, 9]]).all()
-
-
-@pytest.mark.parametrize(("tank_fraction", "times"), [(3.0, 1.15), (100.0, 5.0)])
+@pytest.mark.parametrize(("tank_fraction", "times"), [(0.0, 1.0), (3.0, 1.15), (100.0, 5.0)])
 def test_the_bound_of_what_drifts_is_that_of_the_recursion(tank_fraction: float, times: float) -> None:
     """What is used meanwhile is forgotten as it comes: neither before all that the flight shows, nor after it."""
-    exact, found = flight(1), flight(1, tank_fraction=tank_fraction)
-    np.testing.assert_allclose(least_of((found.stretch,), tank_fraction), found.least, rtol=0.025)
-    assert (found.least[6:9] > times * exact.least[6:9]).all()
+    (_, exact), (stretch, least) = flight(1), flight(1, tank_fraction=tank_fraction)
+    np.testing.assert_allclose(least_of((stretch,), tank_fraction), least, rtol=0.03)
+    assert (least[6:9] >= times * exact[6:9]).all()
 
 
 _OWN = {"time_s", "readings", "commands", "outside", "used_after"}  # of a stretch, by row
@@ -200,7 +188,7 @@ def pieces(stretch: Stretch, *ends: int) -> tuple[Stretch, ...]:
 
 
 def test_what_is_used_between_pieces_drifts_as_well() -> None:
-    stretch, drift = flight(1).stretch, propellant_drift(TRUTH, 1.0, 10.0, PARAMS.arm)
+    stretch, drift = flight(1)[0], propellant_drift(TRUTH, 1.0, 10.0, PARAMS.arm)
     one, lost, last = pieces(stretch, 40, 97)
     idle = last._replace(commands=np.zeros_like(last.commands), before=np.zeros((1, 6)))
     alone, both = least_of((one,), 10.0), least_of((one, idle), 10.0)
@@ -213,7 +201,7 @@ def test_what_is_used_between_pieces_drifts_as_well() -> None:
 
 
 def test_a_stretch_without_readings_says_nothing() -> None:
-    stretch, (model, _) = flight(1).stretch, known()
+    stretch, (model, _) = flight(1)[0], known()
     blind = stretch._replace(readings=np.full_like(stretch.readings, np.nan))
     np.testing.assert_allclose(least_of((blind,)), model.sigma[:10])
     drift = propellant_drift(TRUTH, 1.0, 10.0, PARAMS.arm) * -stretch.used_after[-1]
@@ -222,64 +210,62 @@ def test_a_stretch_without_readings_says_nothing() -> None:
 
 
 def test_what_is_used_before_a_sensor_reads_does_not_move_what_it_reads_first() -> None:
-    stretch = flight(1).stretch
+    stretch = flight(1)[0]
     used_after = np.maximum(stretch.used_after, stretch.used_after[40])  # nothing from then on
     blind = stretch._replace(readings=stretch.readings.copy(), used_after=used_after)
     blind.readings[:40] = blind.readings[60:] = np.nan
     drift = propellant_drift(TRUTH, 1.0, 300.0, PARAMS.arm)
     (model, _), later = known(), pieces(blind, 40)[1]
     start = np.diag(model.sigma[:10] ** 2 - drift * used_after[40])
-    expected = hindsight.least_deviation([later], model.prior, start, drift, model)
+    expected = least_deviation([later], model.prior, start, drift, model)
     np.testing.assert_allclose(least_of((blind,), 300.0), expected, rtol=5e-3)
 
 
-def jittered(found: Flight, seed: int) -> Flight:
+def jittered(stretch: Stretch, seed: int) -> Stretch:
     """The flight with readings a few thousandths of a period off their ticks, and stamped as they were taken."""
     late = 3e-4 * np.random.default_rng(seed).standard_normal(ROWS + 1)
     levels = np.zeros((ROWS + 1, 6))
-    for k in range(ROWS):
-        told = found.stretch.commands[k]
+    for k, told in enumerate(stretch.commands[:-1]):
         levels[k + 1] = told + (levels[k] - told) * np.exp(-PERIOD / PARAMS.time_constants_s)
     wrench = levels @ PARAMS.wrenches
     center, arm = TRUTH[6:9], PARAMS.accelerometer_positions[0] - TRUTH[6:9]
     turns = (wrench[:, :3] - np.cross(center, wrench[:, 3:])) @ INVERSE
     pushes = TRUTH[9] * wrench[:, 3:] + np.cross(turns, arm)
-    moved = found.stretch.readings + late[:, None, None] * np.stack((turns, pushes), axis=1)
-    return found._replace(stretch=found.stretch._replace(time_s=found.stretch.time_s + late, readings=moved))
+    moved = stretch.readings + late[:, None, None] * np.stack((turns, pushes), axis=1)
+    return stretch._replace(time_s=stretch.time_s + late, readings=moved)
 
 
 def test_ticks_that_a_line_through_the_stamps_does_not_know_are_no_misfit() -> None:
     """Its errors, a tenth of a stamp's own, are those of all rows of a stretch at once."""
     model, _ = known()
     ratios = []
-    for seed in range(4):
-        normal = fitted(jittered(flight(seed), seed), model).normal
+    for seed in range(2):
+        normal = fit_of(jittered(flight(seed)[0], seed), model).normal
         ratios.append(normal.misfit / normal.readings)
     assert max(ratios) < 1.1
 
 
 def test_commands_that_switch_at_the_stamps_are_told_from_regular_ticks() -> None:
     late = 3e-4 * np.random.default_rng(5).standard_normal(ROWS + 1)
-    (model, _), found = known(), flight(5, late=late)
-    regular, stamped = fitted(found, model).normal, fitted(found, model._replace(at_stamps=True)).normal
-    assert stamped.misfit < 1.1 * stamped.readings
-    assert regular.misfit > 2.0 * regular.readings
-    shifted = jittered(flight(5), 5)
-    assert hindsight.off_ticks(shifted.stretch, model)
-    assert not hindsight.off_ticks(flight(5).stretch, model)
-    other = hindsight.fitted([shifted.stretch], model.prior, model._replace(at_stamps=True)).normal
-    assert other.misfit > 2.0 * other.readings
+    (model, _), (stretch, _) = known(), flight(5, late=late)
+    stamps = model._replace(at_stamps=True)
+    shifted = jittered(flight(5)[0], 5)
+    assert fit_of(stretch, stamps).normal.per_reading < 1.1
+    assert fit_of(stretch, model).normal.per_reading > 2.0
+    assert off_ticks(shifted, model)
+    assert not off_ticks(flight(5)[0], model)
+    assert fitted([shifted], model.prior, stamps).normal.per_reading > 2.0
 
 
 def test_a_flight_that_is_as_stated_passes_every_test() -> None:
     model, places = known()
     ratios, statistics = [], []
-    for seed in range(8):
+    for seed in range(6):
         rng = np.random.default_rng(100 + seed)
-        fit = fitted(flight(seed, 1.0 + 0.01 * rng.standard_normal(6), lag=rng.standard_normal()), model)
-        ratios.append(fit.normal.misfit / fit.normal.readings)
+        fit = fit_of(flight(seed, 1.0 + 0.01 * rng.standard_normal(6), lag=rng.standard_normal())[0], model)
+        ratios.append(fit.normal.per_reading)
         for part, stated in ((places.torque, 0.0), (places.drag, 0.0), (places.thrust, 0.01)):
-            score = hindsight.score(fit, group(part), model, stated, 0.01)
+            score = score_of(fit, np.arange(fit.at.size)[part], model, stated, 0.01)
             statistics.append(chi2.sf(score.statistic, score.degrees) if score.degrees else 0.5)
     assert np.mean(ratios) == pytest.approx(0.95, abs=0.04)  # of 600 readings some 20 go into the fit
     assert min(statistics) > 1e-3
@@ -295,27 +281,25 @@ def test_a_flight_that_is_as_stated_passes_every_test() -> None:
 )
 def test_what_is_wrong_is_found_with_its_size(faulty: dict[str, Any], part: str, expected: Array) -> None:
     model, places = known(thrust=0.0, lag=0.0)
-    fit = fitted(flight(3, **faulty), model)
-    unknown = group(getattr(places, part))
-    score = hindsight.score(fit, unknown, model)
+    stretch, unknown = flight(3, **faulty)[0], np.arange(model.prior.size)[getattr(places, part)]
+    fit = fit_of(stretch, model)
+    score = score_of(fit, unknown, model)
     assert score.statistic > 10.0 * chi2.isf(1e-4, score.degrees)
-    wider = model._replace(sigma=model.sigma.copy())
-    wider.sigma[unknown] = 1.0
-    after = hindsight.fitted([flight(3, **faulty).stretch], fit.at, wider)
+    model.sigma[unknown] = 1.0
+    after = fitted([stretch], fit.at, model)
     np.testing.assert_allclose(after.at[unknown], expected, atol=0.05 * np.abs(expected).max())
-    assert after.normal.misfit < 1.1 * after.normal.readings
+    assert after.normal.per_reading < 1.1
 
 
 def test_thrusts_that_are_stated_to_be_off_by_so_much_are_none_that_are_off_by_more() -> None:
-    factors = 1.0 + np.array([0.03, -0.03, 0.03, -0.03, 0.03, -0.03])
-    found = flight(4, factors)
+    stretch, _ = flight(4, 1.0 + np.array([0.03, -0.03, 0.03, -0.03, 0.03, -0.03]))
     for stated, wrong in ((0.03, False), (0.005, True)):
         model, places = known(thrust=stated)
-        score = hindsight.score(fitted(found, model), group(places.thrust), model, stated, 0.01)
+        fit = fit_of(stretch, model)
+        score = score_of(fit, np.arange(fit.at.size)[places.thrust], model, stated, 0.01)
         assert (score.statistic > chi2.isf(2e-4, score.degrees)) == wrong
 
 
-@pytest.mark.parametrize("seed", [3, 4, 5])
 @pytest.mark.parametrize(
     ("faulty", "words"),
     [
@@ -328,89 +312,63 @@ def test_thrusts_that_are_stated_to_be_off_by_so_much_are_none_that_are_off_by_m
         ({"torque": np.array([0.0, 2e-5, 0.0])}, "a torque that nobody commands: 2e-05 torque"),
     ],
 )
-def test_what_is_wrong_is_named(seed: int, faulty: dict[str, Any], words: str) -> None:
+def test_what_is_wrong_is_named(faulty: dict[str, Any], words: str) -> None:
     """Tests lags of nothing or three times the stated one, and wheels: no drag is named, and no jets."""
     model, _ = known(thrust=0.0)
-    found, _ = diagnosed([flight(seed, **faulty).stretch], model.prior[:10], model, NAMES)
+    found, _ = diagnosed([flight(3, **faulty)[0]], model.prior[:10], model, NAMES)
     told, said = re.split(NUMBER, words), re.split(NUMBER, found[0].reason)
     assert said[::2][: len(told[::2])] == told[::2]
     for one, other in zip(map(float, told[1::2]), map(float, said[1::2]), strict=False):
         assert other == pytest.approx(one, rel=0.1, abs=0.5)
 
 
-@pytest.mark.parametrize("seed", [3, 4, 5])
-def test_commands_a_row_off_are_named(seed: int) -> None:
+def test_commands_a_row_off_are_named() -> None:
     model, _ = known(thrust=0.0)
-    stretch = flight(seed).stretch
+    stretch = flight(4)[0]
     for rows, words in ((-1, "later"), (1, "earlier")):
         moved = stretch._replace(commands=np.roll(stretch.commands, rows, axis=0))
         (first, *_), _ = diagnosed([moved], model.prior[:10], model, NAMES)
         assert (first.kind, f" {words} than" in first.reason) == ("delay", True)
 
 
-def test_what_accelerometers_are_to_show_does_not_depend_on_what_gyros_are_off_by() -> None:
-    stretch, (model, places) = flight(3).stretch, known()
-    biased = stretch._replace(readings=stretch.readings.copy())
-    biased.readings[:, 0] += 0.02
-    at = model.prior.copy()
-    at[places.gyro_bias] = 0.02
-    model.sigma[places.gyro_bias] = 0.1  # it is reckoned with
-    plain, known_bias = hindsight.normal(stretch, model.prior, model), hindsight.normal(biased, at, model)
-    np.testing.assert_allclose(known_bias.by_package, plain.by_package, rtol=1e-6)
-
-
-def test_equations_of_some_unknowns_are_those_of_all_without_the_others() -> None:
-    stretch, (model, places) = flight(3).stretch, known()
-    at = model.prior.copy()
-    at[places.thrust], at[places.gyro_gain] = 0.01 * np.arange(6), 1e-3
-    model.sigma[places.thrust.start + 1] = 0.0
-    wanted = hindsight.reckoned(model)
-    every, some = hindsight.normal(stretch, at, model), hindsight.normal(stretch, at, model, wanted)
-    assert not wanted.all()
-    np.testing.assert_allclose(some.information[np.ix_(wanted, wanted)], every.information[np.ix_(wanted, wanted)])
-    np.testing.assert_allclose(some.score[wanted], every.score[wanted])
-    np.testing.assert_array_equal(some.by_package, every.by_package)
-    assert not some.information[places.gyro_bias].any()
-
-
 def test_the_score_is_the_slope_of_the_misfit() -> None:
     """Of gyros; of accelerometers what turning shows is taken as it is."""
-    stretch, (model, places) = flight(3).stretch, known()
+    stretch, (model, places) = flight(3)[0], known()
     stretch.readings[:, 1] = np.nan
     at = model.prior + 0.01 * model.sigma
     at[places.thrust], at[places.gyro_gain], at[places.gyro_bias] = 0.01 * np.arange(6), 1e-3, 1e-4
     at[places.torque], at[places.drag], at[places.momentum], at[places.acceleration_bias] = 1e-6, 1e-3, 2e-3, 1e-3
     steps = np.full(at.size, 1e-5)
     steps[:10] = 1e-4 * model.sigma[:10]
-    found = hindsight.normal(stretch, at, model)
+    found = normal(stretch, at, model)
     for place, step in enumerate(steps):
         ahead, back = at.copy(), at.copy()
         ahead[place] += step
         back[place] -= step
-        change = hindsight.normal(stretch, ahead, model).misfit - hindsight.normal(stretch, back, model).misfit
+        change = normal(stretch, ahead, model).misfit - normal(stretch, back, model).misfit
         scale = np.sqrt(found.information[place, place] * found.misfit)
         assert -change / (4.0 * step) == pytest.approx(found.score[place], abs=2e-6 * scale)
 
 
 def test_what_propellant_shifts_steadily_is_no_fault_where_it_may_do_so() -> None:
     """The last values are found, and nothing is left; without such a shift a thousand times the noise is."""
-    found, (model, places) = flight(7, shift=0.02 * TRUTH[:9]), known()
-    used = -found.stretch.used_after[-1]
-    stretch = found.stretch._replace(used_after=found.stretch.used_after + used)
+    (stretch, _), (model, places) = flight(7, shift=0.02 * TRUTH[:9]), known()
+    used = -stretch.used_after[-1]
+    stretch = stretch._replace(used_after=stretch.used_after + used)
     stretch.readings[:, 1] = np.nan
-    assert hindsight.fitted([stretch], model.prior, model).normal.per_reading > 10.0
+    assert fitted([stretch], model.prior, model).normal.per_reading > 10.0
     model.sigma[places.shift] = 0.03 * np.abs(TRUTH[:9]) / used
-    fit = hindsight.fitted([stretch], model.prior, model)
+    fit = fitted([stretch], model.prior, model)
     assert fit.settled
     assert fit.normal.per_reading < 1.2
     np.testing.assert_allclose(fit.at[places.shift][:3] * used, -0.02 * TRUTH[:3], rtol=0.1)
 
 
 def test_a_shift_by_what_will_be_used_only_after_all_rows_is_another_vehicle() -> None:
-    stretch, (model, places) = flight(5).stretch, known()
+    stretch, (model, places) = flight(5)[0], known()
     model.sigma[places.shift] = 1.0
     later = 0.7
-    found = hindsight.normal(stretch._replace(used_after=np.full(ROWS + 1, later)), model.prior, model)
+    found = normal(stretch._replace(used_after=np.full(ROWS + 1, later)), model.prior, model)
     scale = found.information[:9]
     np.testing.assert_allclose(found.information[places.shift], later * scale, atol=1e-9 * np.abs(scale).max())
     np.testing.assert_allclose(found.score[places.shift], later * found.score[:9], rtol=1e-9)
@@ -419,104 +377,61 @@ def test_a_shift_by_what_will_be_used_only_after_all_rows_is_another_vehicle() -
 def test_rates_that_are_missing_while_jets_fire_lie_on_no_straight_line(monkeypatch: pytest.MonkeyPatch) -> None:
     """One cell in ten, of gyros that read far finer than a firing changes the rate: coupling is no torque then."""
     monkeypatch.setitem(globals(), "PARAMS", PARAMS._replace(wrenches=10.0 * PARAMS.wrenches))
-    stretch, (model, _) = flight(7).stretch, known()
+    stretch, (model, _) = flight(7)[0], known()
     stretch.readings[:, 0][np.random.default_rng(7).random((ROWS + 1, 3)) < 0.1] = np.nan
-    fit = hindsight.fitted([stretch], model.prior, model)
+    fit = fitted([stretch], model.prior, model)
     assert fit.normal.per_reading < 1.2
-    once = hindsight.normal(stretch, model.prior, model)  # at the truth, before any rate is followed
+    once = normal(stretch, model.prior, model)  # at the truth, before any rate is followed
     assert once.misfit < 1.2 * once.readings
     assert (fit.normal.by_package[:, 0] < 1.2 * fit.normal.by_package[:, 1]).all()
-
-
-def test_a_piece_of_a_stretch_is_explained_as_the_whole_is() -> None:
-    """Commands before it count for as long as they are felt."""
-    whole, (model, _) = flight(1).stretch, known()
-    at = model.prior.copy()
-    for first in range(20, 40):
-        rows = {name: value[first : first + 30] for name, value in whole._asdict().items() if name in _OWN}
-        piece = Stretch(before=whole.commands[first - 8 : first], **rows)
-        assert hindsight.normal(piece, at, model).per_reading < 2.0
-
-
-def test_levels_lag_as_they_do_interval_by_interval() -> None:
-    rng = np.random.default_rng(0)
-    remaining, by_logarithm = np.array([0.0, 0.02, 0.3, 0.9999]), np.array([0.0, 0.08, 0.36, 1e-4])
-    told, level, slope = rng.integers(0, 2, (60, 4)).astype(float), np.zeros((61, 4)), np.zeros((61, 4))
-    level[0], level[1:] = rng.random(4), told
-    expected, by_expected = level.copy(), slope.copy()
-    for k in range(60):
-        off = expected[k] - told[k]
-        expected[k + 1] = told[k] + off * remaining
-        by_expected[k + 1] = by_expected[k] * remaining + off * by_logarithm
-    hindsight.lag(level, slope, remaining, by_logarithm)
-    np.testing.assert_allclose(level, expected, atol=1e-14)
-    np.testing.assert_allclose(slope, by_expected, atol=1e-14)
 
 
 def test_a_reading_counts_once_it_has_moved() -> None:
     expected = np.array([0.0, 0.3, 0.6, 1.0, 1.4, 2.1, 2.1])
     read = np.array([0.0, 0.0, 1.0, 1.0, np.nan, 2.0, 5.0])
-    assert hindsight.used(expected, read, 1.0).tolist() == [0, 3, 5, 6]
-    assert hindsight.used(expected, read, 0.0).tolist() == [0, 1, 2, 3, 5, 6]
-    assert hindsight.used(expected, np.full(7, np.nan), 1.0).size == 0
-
-
-def test_numbers_that_overflow_end_in_none() -> None:
-    model, _ = known()
-    found = flight(5)
-    broken = found.stretch._replace(readings=found.stretch.readings * 1e308)
-    with np.errstate(all="ignore"):
-        fit = hindsight.fitted([broken], model.prior, model)
-        least = hindsight.least_deviation([broken], fit.at, np.eye(10), np.zeros(10), model)
-    assert not fit.settled
-    assert np.isnan(least).all() or np.isfinite(least).all()
+    assert informative(expected, read, 1.0).tolist() == [0, 3, 5, 6]
+    assert informative(expected, read, 0.0).tolist() == [0, 1, 2, 3, 5, 6]
+    assert informative(expected, np.full(7, np.nan), 1.0).size == 0
 
 
 @pytest.mark.parametrize("wrong", [0.01, 0.1, 1.0, 30.0])
 def test_passes_that_go_astray_are_not_followed(wrong: float) -> None:
     """An axis that says for a while what no body does, from where passes go farther and farther."""
     model, _ = known()
-    told = flight(1).stretch
+    told = flight(1)[0]
     readings = told.readings.copy()
     readings[40:60, 0, 0] += wrong
     told = told._replace(readings=readings)
     with np.errstate(all="ignore"):
         found, fit = diagnosed([told], model.prior[:10], model, NAMES)
     assert not fit.settled
-    assert fit.normal.misfit <= hindsight.normal(told, model.prior, model).misfit
-    assert fit.normal.misfit == hindsight.normal(told, fit.at, model).misfit
+    assert fit.normal.misfit <= normal(told, model.prior, model).misfit
+    assert fit.normal.misfit == normal(told, fit.at, model).misfit
     assert [one.kind for one in found] == ["drift"]
 
 
 def test_nobody_is_blamed_by_what_is_no_number() -> None:
     model, _ = known()
-    told = flight(3).stretch
+    told = flight(3)[0]
     with np.errstate(all="ignore"):
         found, fit = diagnosed([told._replace(readings=told.readings * 1e200)], model.prior[:10], model, NAMES)
     assert not fit.normal.is_finite
     assert found == []
 
 
-def test_the_score_is_the_slope_of_the_misfit_however_fast_the_vehicle_turns() -> None:
-    """Checks the derivative by every unknown, of accelerometers far from the center of mass, too."""
-    found, (model, places) = flight(2), known()
-    turn = np.array([0.3, -0.2, 0.4])
-    rates = found.stretch.readings[:, 0] + turn  # some motion, it need not be a body's
-    readings = np.stack((rates, found.stretch.readings[:, 1]), axis=1)
-    stretch, at = found.stretch._replace(readings=readings), model.prior.copy()
-    at[places.gyro_bias], at[places.lag] = (1e-3, -2e-3, 5e-4), (2e-4, -3e-4)
-    at[places.torque], at[places.drag] = 1e-4, 1e-3
-    require_slopes(stretch, at, model, 1e-6)
-
-
-def test_the_score_is_the_slope_of_the_misfit_where_coupling_is_followed() -> None:
-    """Slopes of a body that turns; the rate that it begins with is found besides."""
+@pytest.mark.parametrize("followed", [False, True])
+def test_slopes_are_right_however_fast_the_vehicle_turns(followed: bool) -> None:
+    """Where coupling is followed the rate that a body begins with is found besides; else any motion will do."""
     model, places = known()
-    at = model.prior.copy()
-    at[places.gyro_bias], at[places.lag] = (1e-5, -2e-5, 5e-6), (2e-4, -3e-4)
-    at[places.torque], at[places.drag] = 1e-6, 1e-5
-    stretch = flight(2, rate=np.array([0.3, -0.2, 0.4])).stretch
-    require_slopes(stretch, at, model._replace(followed=True), 2e-4)
+    stretch, at, turn = flight(2)[0], model.prior.copy(), np.array([0.3, -0.2, 0.4])
+    at[places.lag] = 2e-4, -3e-4
+    if followed:
+        at[places.gyro_bias], at[places.torque], at[places.drag] = (1e-5, -2e-5, 5e-6), 1e-6, 1e-5
+        stretch, model = flight(2, rate=turn)[0], model._replace(followed=True)
+    else:
+        at[places.gyro_bias], at[places.torque], at[places.drag] = (1e-3, -2e-3, 5e-4), 1e-4, 1e-3
+        stretch.readings[:, 0] += turn
+    require_slopes(stretch, at, model, 2e-4 if followed else 1e-6)
 
 
 def turned_by_wheels(speeds: Array, errors: Array) -> Array:
@@ -544,49 +459,54 @@ def test_wheels_turn_the_vehicle_as_they_are_read(followed: bool) -> None:
     readings = np.full((ROWS + 1, 2, 3), np.nan)
     noise = 1e-7 * np.random.default_rng(1).standard_normal((ROWS + 1, 3))
     readings[:, 0] = turned_by_wheels(speeds, errors) + noise
-    stretch = flight(2).stretch._replace(readings=readings, commands=still, speeds=speeds, used_after=still[:, 0])
+    stretch = flight(2)[0]._replace(readings=readings, commands=still, speeds=speeds, used_after=still[:, 0])
     at = model.prior.copy()
     at[places.gyro_bias], at[places.wheel] = (1e-5, -2e-5, 5e-6), (0.011, -0.018)
     require_slopes(stretch, at, model._replace(followed=followed), 5e-3)
     model.sigma[places.properties] *= 1e-3  # else both scales are one
-    fit = hindsight.fitted([stretch], model.prior, model)
+    fit = fitted([stretch], model.prior, model)
     np.testing.assert_allclose(fit.at[places.wheel], errors, atol=1e-3)
     assert fit.normal.misfit < 1.5 * fit.normal.readings
     model.sigma[places.wheel] = 0.0
-    assert hindsight.fitted([stretch], model.prior, model).normal.misfit > 100.0 * fit.normal.misfit
+    assert fitted([stretch], model.prior, model).normal.misfit > 100.0 * fit.normal.misfit
 
 
 def test_jets_are_mounted_as_they_push() -> None:
     """Slopes of the misfit by errors of the mounting are those of differences, and the errors are found."""
     model, _ = known()
     each = mounting(PARAMS.wrenches, POSITIONS, np.full((6, 2), (0.02, 0.01)))
-    prior = np.insert(model.prior, hindsight.columns(model).fill.start, np.zeros(each.jets.size))
+    prior = np.insert(model.prior, columns(model).fill.start, np.zeros(each.jets.size))
     model = model._replace(prior=prior, sigma=np.zeros_like(prior), mounting=each)
-    places = hindsight.columns(model)
+    places = columns(model)
     model.sigma[places.properties], model.sigma[places.mount] = 1e-3 * np.diag(PARAMS.start_root), 1.0
     at = model.prior.copy()
     at[places.mount] = np.random.default_rng(2).standard_normal(each.jets.size)
-    stretch = flight(2).stretch
+    stretch = flight(2)[0]
     require_slopes(stretch, at, model, 5e-3)
-    fit = hindsight.fitted([stretch], at, model)
+    fit = fitted([stretch], at, model)
     assert np.abs(fit.at[places.mount]).max() < 0.3  # as they were flown
     assert fit.normal.misfit < 1.2 * fit.normal.readings
 
 
 def require_slopes(stretch: Stretch, at: Array, model: FlightModel, tolerance: float) -> None:
     """Compares the score with slopes of the misfit by differences, to a share of the largest."""
-    places, score = hindsight.columns(model), hindsight.normal(stretch, at, model).score
+    places, score = columns(model), normal(stretch, at, model).score
     sizes = np.concatenate((1e-4 * np.abs(TRUTH), np.full(at.size - 10, 1e-6)))
-    tested = [*range(10), places.thrust.start + 2, *group(places.gyro_bias), places.torque.start]
-    tested += [places.drag.start + 1, places.momentum.start + 2, places.accelerometer_gain.start, *group(places.wheel)]
+    tested = [*range(10), places.thrust.start + 2, *range(at.size)[places.gyro_bias], places.torque.start]
+    tested += [
+        places.drag.start + 1,
+        places.momentum.start + 2,
+        places.accelerometer_gain.start,
+        *range(at.size)[places.wheel],
+    ]
     sizes[places.mount] = 1e-3
-    tested += group(places.mount).tolist()
+    tested += range(at.size)[places.mount]
     for unknown in tested:
         ends = []
         for sign in (1.0, -1.0):
             moved = at.copy()
             moved[unknown] += sign * sizes[unknown]
-            ends.append(hindsight.normal(stretch, moved, model).misfit)
+            ends.append(normal(stretch, moved, model).misfit)
         slope = (ends[1] - ends[0]) / (4.0 * sizes[unknown])
         assert score[unknown] == pytest.approx(slope, rel=2e-3, abs=tolerance * abs(score).max()), unknown
 
@@ -594,7 +514,7 @@ def require_slopes(stretch: Stretch, at: Array, model: FlightModel, tolerance: f
 def of_all(model: FlightModel, at: Array, stretch: Stretch) -> tuple[Array, Array]:
     """Information about everything that may be wrong, scaled, and the score."""
     wide = model._replace(sigma=np.where(model.sigma > 0.0, model.sigma, 1.0))
-    found = hindsight.normal(stretch, at, wide)
+    found = normal(stretch, at, wide)
     scale = 1.0 / np.sqrt(np.maximum(found.information.diagonal(), 1e-300))
     return scale[:, None] * found.information * scale, found.score * scale
 
@@ -603,7 +523,7 @@ def of_all(model: FlightModel, at: Array, stretch: Stretch) -> tuple[Array, Arra
 def test_intervals_of_one_length_say_the_same_one_by_one(opens: bool) -> None:
     model, _ = known()
     own = model._replace(at_stamps=True, own_times=True)
-    stretch, at = flight(3, torque=np.array([1e-5, 0.0, 0.0])).stretch, model.prior.copy()
+    stretch, at = flight(3, torque=np.array([1e-5, 0.0, 0.0]))[0], model.prior.copy()
     if opens:
         halves = 0.5 * stretch.commands
         at_s = np.where(halves > 0.0, 0.3 * PERIOD, np.nan)
@@ -615,7 +535,7 @@ def test_intervals_of_one_length_say_the_same_one_by_one(opens: bool) -> None:
 def test_rows_of_other_sensors_between_tell_neither_more_nor_less() -> None:
     model, _ = known()
     own = model._replace(at_stamps=True, own_times=True)
-    stretch, at = flight(4).stretch, model.prior.copy()
+    stretch, at = flight(4)[0], model.prior.copy()
     share = np.where(np.arange(ROWS) % 2 == 0, 0.3, 0.8) * PERIOD
     time_s = np.insert(stretch.time_s, np.arange(1, ROWS + 1), stretch.time_s[:-1] + share)
     order = np.argsort(time_s, kind="stable")
@@ -628,7 +548,7 @@ def test_rows_of_other_sensors_between_tell_neither_more_nor_less() -> None:
         outside=np.zeros((2 * ROWS + 1, 6)),
         used_after=np.insert(stretch.used_after, place, stretch.used_after[:-1]),
     )
-    one, other = hindsight.normal(stretch, at, model), hindsight.normal(between, at, own)
+    one, other = normal(stretch, at, model), normal(between, at, own)
     assert other.readings == one.readings
     assert other.misfit == pytest.approx(one.misfit, rel=1e-3)
     np.testing.assert_allclose(other.information[:10, :10].diagonal(), one.information[:10, :10].diagonal(), rtol=1e-3)

@@ -20,7 +20,6 @@ from massprop_drake.maths.estimation.faults.declarations import (
 )
 from massprop_drake.maths.estimation.faults.fault_report import certain, own_row, status_row
 from massprop_drake.maths.estimation.joint.apart import Apart
-from massprop_drake.maths.estimation.joint.payload import UNKNOWN
 from massprop_drake.results.detections import DetectionRecord, detection_entries, remarks, size
 from massprop_drake.results.events import EventRecord, in_words, said
 
@@ -62,56 +61,6 @@ def test_two_jets_that_fail_at_once_are_two_records(orbiter: Vehicle) -> None:
     assert (second.kind, second.jet, second.cluster) == ("jet_off", names[28], orbiter.jets[28].cluster)
     assert (first.magnitude, second.magnitude, second.magnitude_std) == (10.0, -870.0, 2.0)
     assert (first.onset_s, first.time_s, first.alarms) == (4.0, 5.0, 1)
-
-
-def test_a_group_is_one_record_with_its_members_likeliest_first(orbiter: Vehicle) -> None:
-    (said,) = recorded(orbiter, (), (ALIKE,))
-    names = orbiter.designations
-    assert (said.jet, said.jets, said.isolated_to) == (None, (names[30], names[29]), "group")
-    assert said.suspects == f"one of {names[30]}, {names[29]}"
-    assert said.time_s == 6.0
-
-
-def test_what_is_withdrawn_stays_listed(orbiter: Vehicle) -> None:
-    nothing = JetsDeclared(Word.WITHDRAWN, (3,), (1,), (0.2,), (0.1,), 7.0)
-    first, second = recorded(orbiter, (LEAK, LOSS), (), (nothing,))
-    assert (first.withdrawn_s, second.withdrawn_s) == (7.0, None)
-
-
-def test_a_jump_gets_its_mass_when_it_is_known(orbiter: Vehicle) -> None:
-    found = JumpDeclared(False, 4.0, -20.0, 900.0, NOWHERE, NOWHERE)
-    size = JumpDeclared(True, 4.0, -1003.0, 12.0, NOWHERE, NOWHERE)
-    (early,) = recorded(orbiter, (found,))
-    assert (early.kind, early.mass, early.onset_s) == ("mass_property_jump", None, 4.0)
-    unknown = JumpDeclared(False, 4.0, *UNKNOWN)
-    (event,) = heard(orbiter, (unknown,))
-    assert (event.kind, event.onset_s, event.mass, event.mass_std, event.position) == ("jump", 4.0, None, None, None)
-    assert in_words(event, orbiter.unit_names) == "a jump of the mass properties, seen after 4.00 s"
-    (vague,) = heard(orbiter, (JumpDeclared(False, 4.0, -0.2, 353.0, NOWHERE, NOWHERE),))
-    assert in_words(vague, orbiter.unit_names).endswith(
-        "jump of the mass properties, seen after 4.00 s; how large it is will show"
-    )
-    assert recorded(orbiter, (unknown,)) == [early]
-    (late,) = recorded(orbiter, (unknown,), (size,))
-    assert (late.time_s, late.mass, late.mass_std) == (5.0, -1003.0, 12.0)
-
-
-def test_two_groups_and_a_jet_of_one_sample_are_three_records(orbiter: Vehicle) -> None:
-    """The groups share a jet; each has its own order, and what would tell it apart."""
-    other = JetsDeclared(Word.GROUP, (12, 29, 7), (1, 1, 1), (9.0, 8.0, 7.0), (1.0,) * 3, 4.5, Apart(coasting_s=6.0))
-    first, second, third = heard(orbiter, (ALIKE, LEAK, other))
-    names = orbiter.designations
-    assert (first.kind, first.jets, first.told_apart_by, first.told_apart_s) == (
-        "group",
-        (names[30], names[29]),
-        names[30],
-        None,
-    )
-    assert (second.kind, second.jets, second.told_apart_by, second.told_apart_s) == ("failed", (names[3],), None, None)
-    assert (third.kind, third.jets) == ("group", (names[12], names[29], names[7]))
-    assert (third.told_apart_by, third.told_apart_s, third.onset_s, third.magnitude) == (None, 6.0, 4.5, 9.0)
-    records = recorded(orbiter, (ALIKE, LEAK, other))
-    assert [record.jets for record in records] == [first.jets, second.jets, third.jets]
 
 
 @pytest.mark.parametrize(
@@ -200,18 +149,6 @@ def test_a_jump_has_a_place_and_is_measured_again(orbiter: Vehicle) -> None:
     assert in_words(second, orbiter.unit_names) == (
         f"the jump of the mass properties, seen after 4.00 s: +501.0 ± 3.0 slug at {where}"
     )
-
-
-@pytest.mark.parametrize("word", [Word.CHANGED, Word.ERRATIC, Word.WITHDRAWN])
-def test_what_is_said_of_a_group_again_is_of_all_its_members(orbiter: Vehicle, word: Word) -> None:
-    again = JetsDeclared(word, ALIKE.jets, ALIKE.signs, (300.0, np.nan), (1.0, np.nan), 4.0)
-    _, event = heard(orbiter, (ALIKE,), (again,))
-    names = orbiter.designations
-    assert (event.kind, event.jets, event.magnitude) == (word.name.lower(), (names[30], names[29]), -300.0)
-    assert f"one of {names[30]}, {names[29]}" in in_words(event, orbiter.unit_names)
-    (record,) = recorded(orbiter, (ALIKE,), (again,))
-    assert (record.isolated_to, record.jets) == ("group", event.jets)
-    assert (record.withdrawn_s is None, record.erratic_s is None) == (word != Word.WITHDRAWN, word != Word.ERRATIC)
 
 
 def test_a_jet_that_is_likelier_than_not_raises_an_alarm_before_it_is_declared() -> None:

@@ -1,230 +1,197 @@
-"""A cycle of the joint estimator: start, considered errors, the bound, bad numbers, and a whole maneuver."""
+"""A cycle of the joint filter: start, considered errors, the bound, bad numbers, states as vectors, and a maneuver."""
 
 from __future__ import annotations
 
-import bound_probe as bound
+from typing import Any
+
 import numpy as np
 import pytest
-from joint_probe import INVERSE, PERIOD, TRUTH, read_as, small_params, some_sample, some_state, unread, vehicle_params
+from joint_probe import PERIOD, small_params, some_sample, some_state, unread
 
-from massprop_drake.inputs.vehicle_file import Vehicle
-from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, initial, step
-from massprop_drake.maths.estimation.joint.layout import JointState, pack, state_layout, unpack
+from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
+from massprop_drake.maths.estimation.filter import Told
+from massprop_drake.maths.estimation.filters import joint
+from massprop_drake.maths.estimation.filters.joint import GROUP, JointFilterParams, JointFilterState, JointMeasurement
+from massprop_drake.maths.estimation.filters.registry import FILTERS
+from massprop_drake.maths.estimation.joint.covariance import in_order
+from massprop_drake.maths.estimation.joint.joint_cycle import driven, expect, initial, step
+from massprop_drake.maths.estimation.joint.layout import CENTER, RATE, pack, state_layout, unpack
 from massprop_drake.maths.estimation.joint.measurement import outputs
-from massprop_drake.maths.estimation.joint.prediction import drive, predict
-from massprop_drake.maths.estimation.joint.thrust_scale import reported
-from massprop_drake.maths.estimation.joint.ticks import on_ticks
-from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError, is_covariance, skew
-from massprop_drake.results.run import Run
+from massprop_drake.maths.estimation.joint.prediction import predict
+from massprop_drake.maths.linear_algebra import (
+    NotPositiveDefiniteError,
+    is_covariance,
+    skew,
+    triangular_rows,
+)
 
 PARAMS = small_params()
 PLACES = PARAMS.places
 RATES = np.array([[0.01, -0.02, 0.03], [0.011, -0.02, 0.03]])
 VELOCITIES = np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]])
+READ = some_sample(PARAMS, rates=RATES, velocities=VELOCITIES)
+STILL = np.zeros((1, 6))
+NO_BIASES = np.append(np.ones(6 + 2), np.zeros(6 + 6 + 1 + 2 + 2))
 
 
-def test_a_state_is_one_flat_vector() -> None:
-    state = some_state(PARAMS)._replace(guarded=True, firing_count=7.0)
-    vector = pack(state, PLACES)
-    assert vector.shape == (state_layout(PLACES).size,)
-    for one, other in zip(unpack(vector, PLACES), state, strict=True):
-        np.testing.assert_array_equal(one, other)
-
-
-def test_start_is_what_is_read() -> None:
-    sample = some_sample(PARAMS, rates=RATES, velocities=VELOCITIES)
-    state, report = step(initial(PARAMS), sample, PARAMS)
+def test_a_start_is_as_its_readings_say() -> None:
+    state, report = step(initial(PARAMS), READ, PARAMS)
     assert state.started
     assert not report.used.any()
     np.testing.assert_allclose(state.mean[10:13], (2 * RATES[0] + RATES[1]) / 3)  # variances 1 and 2
     np.testing.assert_allclose(state.mean[13:19], VELOCITIES.ravel())
-    covariance = state.root @ state.root.T
-    column = PLACES.gyro_bias
+    covariance, column = state.root @ state.root.T, PLACES.gyro_bias
     assert covariance[10, column] == pytest.approx(-2 / 3 * PARAMS.gyro_bias_sigma)
     shares = PARAMS.gyro_bias_sigma**2 * (4 / 9 + 1 / 9)
     assert covariance[10, 10] == pytest.approx(1 / (1 / 1e-10 + 1 / 2e-10) + shares)
-
-
-def test_accelerometers_say_nothing_at_the_start_of_a_rate_from_which_they_are_counted() -> None:
-    """What they read then has their own error, whatever that of the rate is, and tells nothing of it."""
-    state, _ = step(initial(PARAMS), some_sample(PARAMS, rates=RATES, velocities=VELOCITIES), PARAMS)
+    # accelerometers have their own error then, whatever that of the rate is, and tell nothing of it
     _, jacobian = outputs(state.mean, state.reference, state.spin, PARAMS)
     read = jacobian[6:] @ state.root
     np.testing.assert_allclose(read @ read.T, np.diag(PARAMS.variances[6:]), atol=1e-20)
     np.testing.assert_allclose(read @ state.root[10:13].T, np.zeros((6, 3)), atol=1e-20)
 
 
-def spun(samples: int) -> tuple[Array, Array]:
-    """Rate of a free body that spins, and what two accelerometers have gathered: shapes (n, 3) and (n, 2, 3)."""
-    inertia, arms = np.linalg.inv(INVERSE), PARAMS.accelerometer_positions - TRUTH[6:9]
-
-    def motion(state: Array) -> Array:
-        rate = state[:3]
-        turned = [skew(rate) @ skew(rate) @ arm for arm in arms]
-        return np.concatenate([-INVERSE @ np.cross(rate, inertia @ rate), *turned])
-
-    state, found, h = np.concatenate([[0.12, -0.08, 0.1], np.zeros(6)]), [], PERIOD / 4
-    for _ in range(samples):
-        found.append(state)
-        for _ in range(4):
-            k1 = motion(state)
-            k2 = motion(state + 0.5 * h * k1)
-            k3 = motion(state + 0.5 * h * k2)
-            state = state + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + motion(state + h * k3))
-    flown = np.array(found)
-    swung = np.cross((flown[:, :3] - flown[0, :3])[:, None], arms)
-    return flown[:, :3], flown[:, 3:].reshape(-1, 2, 3) + swung
-
-
-def test_coarse_gyros_beside_fine_accelerometers_leave_the_filter_honest() -> None:
-    """An error of the rate turns what accelerometers gather, sample after sample, all the same way."""
-    rates, velocities = spun(150)
-    variances = np.array([1e-6] * 6 + [1e-10] * 6)
-    sigma = np.array([*(np.abs(TRUTH[:6]) * 1e-3), 0.01, 0.01, 0.01, 1e-4])
-    no_biases = np.append(np.ones(6 + 2), np.zeros(6 + 6 + 1 + 2 + 2))
-    squares = []
-    for seed in range(12):
-        rng = np.random.default_rng(seed)
-        begun = TRUTH + sigma * rng.standard_normal(10)
-        params = small_params(start=begun, start_root=np.diag(sigma), variances=variances, prior_sigma=no_biases)
-        state = initial(params)
-        for rate, gathered in zip(rates, velocities, strict=True):
-            read = rate + 1e-3 * rng.standard_normal((2, 3)), gathered + 1e-5 * rng.standard_normal((2, 3))
-            sample = some_sample(params, commands=np.zeros((1, 6)), rates=read[0], velocities=read[1])
-            state, _ = step(state, sample, params)
-        off = np.concatenate([state.mean[6:9] - TRUTH[6:9], state.mean[10:13] - rates[-1]])
-        rows = np.vstack([state.root[6:9], state.root[10:13]])
-        squares.append(off @ np.linalg.solve(rows @ rows.T, off))
-    assert 2.0 < np.mean(squares) < 9.0  # 6 on average
-
-
-def test_what_is_missing_at_the_start_is_taken_later() -> None:
-    velocities, rates = VELOCITIES.copy(), np.full((2, 3), np.nan)
-    velocities[1] = np.nan
-    state, _ = step(initial(PARAMS), some_sample(PARAMS, rates=rates, velocities=velocities), PARAMS)
-    late = some_sample(PARAMS, commands=np.zeros((1, 6)), rates=RATES, velocities=VELOCITIES)
-    state, _ = step(state, late, PARAMS)
-    np.testing.assert_allclose(state.mean[10:13], RATES[0], atol=2e-3)
-    values, _ = outputs(state.mean, state.reference, state.spin, PARAMS)
-    np.testing.assert_allclose(values[6:], VELOCITIES.ravel(), atol=5e-3)  # it turned at an unknown rate before
-
-
 def test_thrust_errors_are_estimated_from_the_first_firing_on_and_no_state_is_changed() -> None:
     state = some_state(PARAMS)
-    kept = pack(state, PLACES)
-    sample = some_sample(PARAMS, rates=RATES, velocities=VELOCITIES)
-    estimated, _ = step(state, sample, PARAMS)
-    b = slice(PLACES.thrust, PLACES.thrust + 6)
+    kept, b = pack(state, PLACES), slice(PLACES.thrust, PLACES.thrust + 6)
+    estimated, _ = step(state, READ, PARAMS)
     assert (estimated.mean[b] != state.mean[b]).all()
     np.testing.assert_array_equal(pack(state, PLACES), kept)
     assert is_covariance(estimated.root @ estimated.root.T)
-
-
-def test_nothing_read_is_prediction_alone() -> None:
-    state = some_state(PARAMS)
-    after, report = step(state, some_sample(PARAMS), PARAMS)
+    after, report = step(state, some_sample(PARAMS), PARAMS)  # nothing read is prediction alone
     assert report.nis == 0.0
-    acting = drive(state, np.array([PERIOD]), some_sample(PARAMS).commands, np.zeros(6), on_ticks(), PARAMS)
-    np.testing.assert_array_equal(after.mean, predict(state, acting, unread(PARAMS), PARAMS).mean)
-
-
-def test_which_readings_count_can_be_given() -> None:
-    state, sample = some_state(PARAMS), some_sample(PARAMS, rates=RATES, velocities=VELOCITIES)
-    missing = sample._replace(rates=np.where(np.eye(2, 3) > 0.0, np.nan, RATES))
-    counts = np.arange(12) % 2 == 0
-    _, report = step(state, missing, PARAMS, counts)
-    np.testing.assert_array_equal(np.flatnonzero(report.used), [2, 6, 8, 10])
-    chosen, own = step(state, sample, PARAMS)
-    given, again = step(state, sample, PARAMS, own.used)
-    np.testing.assert_array_equal(pack(given, PLACES), pack(chosen, PLACES))
-    assert again.log_likelihood == own.log_likelihood
-    nothing, _ = step(state, sample, PARAMS, np.zeros(12, dtype=bool))
-    assert np.flatnonzero(nothing.fresh).size == 12  # they wait for the next sample
+    expected = predict(state, driven(state, some_sample(PARAMS), PARAMS), unread(PARAMS), PARAMS).mean
+    np.testing.assert_array_equal(after.mean, expected)
 
 
 def test_the_start_is_incremented_where_gyros_contradict_it() -> None:
     state = some_state(PARAMS)
-    unread = np.full((2, 3), np.nan)
-    sample = some_sample(PARAMS, rates=RATES + 0.5, velocities=unread)
-    after, report = step(state, sample, PARAMS)
-    assert report.incremented
-    _, plain = step(state._replace(guarded=True, firing_count=60.0), sample, PARAMS)
-    assert np.trace(report.covariance) > 2.0 * np.trace(plain.covariance)
-    assert after.root.shape == state.root.shape
-    assert not plain.incremented  # settled
-    _, report = step(state, sample._replace(commands=np.zeros((1, 6))), PARAMS)
-    assert not report.incremented  # nothing fires
+    sample = some_sample(PARAMS, rates=RATES + 0.5)
+    _, report = step(state, sample, PARAMS)
+    _, settled = step(state._replace(guarded=True, firing_count=60.0), sample, PARAMS)
+    _, idle = step(state, sample._replace(commands=STILL), PARAMS)
+    assert (report.incremented, settled.incremented, idle.incremented) == (True, False, False)
+    assert np.trace(report.covariance) > 2.0 * np.trace(settled.covariance)
 
 
-def test_the_bound_is_the_covariance_of_a_filter_that_stays_at_the_truth() -> None:
-    """Readings without errors keep the estimate at the truth; then only terms of second order differ."""
-    params = small_params(second_order=False, guard_relative=np.zeros(4))
-    flow_free = params._replace(flows=np.zeros(6))
-    rng = np.random.default_rng(2)
-    truth = np.zeros(PLACES.size)
-    truth[:10] = TRUTH
-    nothing = np.full((2, 3), np.nan)
-    first = some_sample(params, rates=np.zeros((2, 3)), velocities=np.zeros((2, 3)))
-    state, _ = step(initial(flow_free), first, flow_free)
-    least = bound.start(first, truth, flow_free)
-    for k in range(12):
-        commands = (rng.uniform(size=(1, 6)) < 0.4).astype(float)
-        sample = some_sample(params, time_s=k * PERIOD, commands=commands, rates=nothing, velocities=nothing)
-        acting = drive(state, sample.durations_s, commands, np.zeros(6), on_ticks(), flow_free)
-        # the truth's rate at the end follows from itself: twice, as the coupling takes the reading
-        rate = predict(state, acting, unread(flow_free), flow_free).mean[10:13]
-        for _ in range(8):
-            prediction = predict(state, acting, read_as(rate, flow_free), flow_free)
-            rate = prediction.mean[10:13]
-        read, _ = outputs(prediction.mean, state.reference, state.spin + prediction.spin, flow_free)
-        sample = sample._replace(rates=read[:6].reshape(2, 3), velocities=read[6:].reshape(2, 3))
-        state, report = step(state, sample, flow_free)
-        # to what two rounds leave of the coupling in the rate that the reading corrects
-        np.testing.assert_allclose(state.mean[:10], TRUTH, rtol=1e-6)
-        least = bound.step(
-            least, sample, bound.true_mean(TRUTH, rate, np.zeros(PLACES.size - 19), flow_free), report.used, flow_free
-        )
-    expected = np.linalg.norm(reported(state, flow_free)[1], axis=1)
-    np.testing.assert_allclose(bound.deviation(least), expected, rtol=1e-6)
-    assert (bound.deviation(least)[[0, 1, 2, 9]] < 0.1 * np.diag(params.start_root)[[0, 1, 2, 9]]).all()
-
-
-def test_an_overflow_is_an_error_with_its_time_and_never_a_number_that_is_none() -> None:
+def test_an_overflow_is_an_error_with_its_time() -> None:
     state = some_state(PARAMS)
-    sample = some_sample(PARAMS, time_s=12.5, rates=RATES, velocities=VELOCITIES)
     with pytest.raises(NotPositiveDefiniteError) as raised:
-        step(state._replace(root=1e200 * state.root), sample, PARAMS)
+        step(state._replace(root=1e200 * state.root), READ._replace(time_s=12.5), PARAMS)
     assert raised.value.time_s == 12.5
     assert raised.value.matrix.shape == state.root.shape
 
 
-def maneuver(run: Run, vehicle: Vehicle, first: JointState | None, rows: range) -> JointState:
-    """The joint estimator over some rows of a run of instantaneous thrust."""
-    params = vehicle_params(vehicle, lag=False)
-    state = first or initial(params)
-    period = np.array([vehicle.sample_period_s])
-    velocities = np.stack([run[package.name] for package in vehicle.accelerometers], axis=1)
-    for row in rows:
-        command = run["command"][max(row - 1, 0)][None]
-        sample = JointSample(
-            run.time_s[row], period, command, np.zeros(6), run["gyro"][row][None], velocities[row], on_ticks()
-        )
-        state, _ = step(state, sample, params)
-    return state
+FILTER = JointFilterParams(PARAMS, PERIOD)
+OFF = np.zeros(6)
 
 
-def test_sample_maneuver_from_zero(sample_run: Run, orbiter: Vehicle) -> None:
-    """To the thousandth of a percent on the diagonal, consistently; and a state put back goes on with the same bits."""
-    params = vehicle_params(orbiter, lag=False)
-    middle = maneuver(sample_run, orbiter, None, range(300))
-    state = maneuver(sample_run, orbiter, middle, range(300, 450))
-    truth = sample_run["truth"][449]
-    error = state.mean[:10] - truth
-    deviation = np.sqrt(np.sum(state.root[:10] ** 2, axis=1))
-    assert np.abs(error[:3] / truth[:3]).max() < 1e-4
-    assert np.abs(error[9] / truth[9]) < 1e-2
-    assert np.abs(error / deviation).max() < 4.5
-    assert state.guarded
-    again = maneuver(sample_run, orbiter, unpack(pack(middle, params.places), params.places), range(300, 310))
-    straight = maneuver(sample_run, orbiter, middle, range(300, 310))
-    np.testing.assert_array_equal(pack(again, params.places), pack(straight, params.places))
+def told(time_s: float, command: Any = OFF, **given: Any) -> Told:
+    start = {"stamp_s": time_s, "coming": None, "outside_wrench": np.zeros(6)}
+    return Told(time_s, command=np.array(command, dtype=float), **(start | given))
+
+
+def flown(cycles: int) -> tuple[JointFilterState, JointMeasurement]:
+    """The filter after some cycles in which jets fire at random."""
+    rng, state = np.random.default_rng(3), joint.initial(FILTER)
+    for k in range(cycles):
+        rates, fired = RATES + 1e-3 * k * np.array([1.0, -2.0, 0.5]), (rng.uniform(size=6) < 0.4).astype(float)
+        measurement = joint.step(state, rates, VELOCITIES + 0.01 * k, told(k * PERIOD, fired), FILTER)
+        state = measurement.state
+    return state, measurement
+
+
+def test_a_state_comes_back_from_its_vector() -> None:
+    state, _ = flown(5)
+    assert FILTERS["joint"] is joint.FILTER
+    vector = pack(state.joint, PLACES)
+    assert vector.shape == (state_layout(PLACES).size,)
+    for one, other in zip(unpack(vector, PLACES), state.joint, strict=True):
+        np.testing.assert_array_equal(one, other)
+    groups = joint.saved(state, FILTER)
+    assert set(groups) == {GROUP}
+    again = joint.restored(groups, FILTER)
+    for one, other in zip(
+        (*again.joint, *again.clock, *again[2:4]), (*state.joint, *state.clock, *state[2:4]), strict=True
+    ):
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize(
+    ("field", "index", "value", "message"),
+    [
+        ("mean", 3, np.nan, "only commands and readings may be missing"),
+        ("root", PLACES.size - 1, 0.5, "must be lower triangular"),
+        ("root", PLACES.thrust * PLACES.size + 1, 0.5, "must be lower triangular"),
+        ("level", 0, 1.5, "fractions of 0 to 1"),
+        ("firing_count", 0, -1.0, "zero or positive"),
+        ("lag_open", 0, 0.5, "lag_open must be 0 or 1"),
+        ("slot_jet", 0, 0.5, "a jet's index and a sign"),
+        ("slot_jet", 0, 6.0, "a jet's index and a sign"),
+        ("slot_sign", 0, 0.0, "a jet's index and a sign"),
+        ("read", 0, np.nan, "0 where no reading is kept"),
+    ],
+)
+def test_an_impossible_state_is_refused(field: str, index: int, value: float, message: str) -> None:
+    state = joint.initial(FILTER) if field == "read" else flown(3)[0]
+    if field == "read":
+        state = state._replace(joint=state.joint._replace(fresh=np.ones(12)))
+    vector = joint.packed(state, FILTER)
+    vector[state_layout(PLACES).slice(field).start + index] = value
+    with pytest.raises(ValueError, match=message):
+        joint.restored({GROUP: vector}, FILTER)
+
+
+def test_reports_say_what_the_cycle_does_and_a_replacement_is_gone_on_from() -> None:
+    state, measurement = flown(6)
+    report = measurement.evidence.report
+    own = joint.finish(state, measurement, None, NO_ADAPTATION, FILTER)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(np.append(own.rotation.estimate, own.mass.mass_reciprocal), report.estimate)
+    variances = np.append(own.rotation.standard_deviation**2, own.mass.variance)
+    np.testing.assert_allclose(variances, report.covariance.diagonal())
+    innovations = np.append(own.rotation.rotation_innovation, own.mass.mass_innovation)
+    np.testing.assert_array_equal(innovations, report.innovation[[0, 1, 2, 6, 7, 8]])
+    before, sample = measurement.evidence.before, measurement.evidence.sample
+    projected = expect(before, driven(before, sample, PARAMS), sample, PARAMS).projected  # before any increment
+    expected = np.sqrt((projected @ projected.T).diagonal() + PARAMS.variances)
+    deviations = np.append(own.rotation.rotation_innovation_std, own.mass.mass_innovation_std)
+    np.testing.assert_allclose(deviations, expected[[0, 1, 2, 6, 7, 8]])
+    assert (own.own.gyro_components, own.own.accelerometer_components) == (6, 6)  # nothing is quantized
+    assert own.rotation.rotation_nis == pytest.approx(3.0 * report.gyro_nis / 6)
+    assert own.mass.mass_nis == pytest.approx(3.0 * report.accelerometer_nis / 6)
+    assert report.gyro_nis <= report.nis * (1.0 + 1e-9)
+
+    off = np.zeros(PLACES.size)
+    off[CENTER] = 1.0
+    other = measurement.state.joint._replace(mean=measurement.state.joint.mean + off, guarded=True, firing_count=60.0)
+    replaced = FILTERS["joint"].replaced(own, other, FILTER)
+    np.testing.assert_allclose(replaced.rotation.estimate, own.rotation.estimate + off[:9])
+    assert replaced.state.joint is other
+    assert replaced.state.clock is state.clock
+    assert (own.own.settled, replaced.own.settled) == (0.0, 1.0)
+    np.testing.assert_array_equal(replaced.rotation.rotation_innovation, own.rotation.rotation_innovation)
+
+
+def test_a_gap_keeps_the_vehicle_and_begins_rates_anew() -> None:
+    state, _ = flown(12)
+    unknown = told(13 * PERIOD, np.full(6, np.nan), stamp_s=state.clock.stamp_s + 30.0, coming=OFF)
+    measurement = joint.step(state, RATES + 0.3, VELOCITIES + 5.0, unknown, FILTER)
+    after = measurement.state
+    assert measurement.evidence.anew
+    assert not measurement.evidence.report.used.any()
+    np.testing.assert_array_equal(after.estimate, state.estimate)
+    np.testing.assert_allclose(after.covariance, state.covariance, rtol=1e-9)
+    biases = state.joint.mean[PLACES.gyro_bias : PLACES.gyro_bias + 6].reshape(2, 3)
+    unbiased = RATES + 0.3 - PARAMS.gyro_bias_sigma * biases
+    np.testing.assert_allclose(after.joint.mean[RATE], (2 * unbiased[0] + unbiased[1]) / 3, rtol=1e-12)
+    np.testing.assert_allclose(after.joint.mean[13:19], (VELOCITIES + 5.0).ravel())
+    covariance = after.joint.root @ after.joint.root.T
+    for package, position in enumerate(PARAMS.accelerometer_positions):  # but for what the rate has of its bias
+        of_rate = skew(position - after.joint.mean[6:9]) @ covariance[RATE]
+        rows = covariance[13 + 3 * package : 16 + 3 * package]
+        np.testing.assert_allclose(rows[:, :10], of_rate[:, :10], rtol=1e-9, atol=1e-15)
+    assert triangular_rows(in_order(after.joint.root, PLACES.thrust)) == PLACES.size
+    # outside impulses are of the true interval
+    wrench, late = np.array([0.0, 0, 0, 1.0, 0, 0]), state.clock.stamp_s + 1.04 * PERIOD
+    measurement = joint.step(state, RATES, VELOCITIES, told(13 * PERIOD, stamp_s=late, outside_wrench=wrench), FILTER)
+    np.testing.assert_allclose(measurement.evidence.sample.outside, 1.04 * PERIOD * wrench)

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-import pytest
 from joint_probe import small_params, some_state
 
 from massprop_drake.maths.estimation.joint.layout import CENTER, MASS, JointState
@@ -71,23 +68,3 @@ def test_size_and_place_are_those_of_both_estimates_together() -> None:
     draws = mean[:, None] + np.linalg.cholesky(covariance) @ rng.standard_normal((n, 20_000))
     spread = gain(draws[before], draws[after], draws[scale]).std(axis=1)
     np.testing.assert_allclose([found.mass_sigma, *found.position_sigma], spread, rtol=0.03)  # 6 sigma of 20,000 draws
-
-
-@pytest.mark.parametrize("known", [1.0, 0.3])
-def test_a_common_scale_counts_once(known: float) -> None:
-    """Where all else is exact, what was gained is as wrong as the scale; what is learned of it since counts twice."""
-    exact = np.diag(np.append(np.full(10, 1e-16), np.full(K, 1e-16)))
-    scaled: list[Any] = []
-    for reciprocal, sigma in ((0.1, 1.0), (0.08, known)):
-        covariance = exact.copy()
-        index = 10 + PLACES.scale - PLACES.thrust
-        covariance[index, index] = sigma**2
-        properties = PARAMS.start.copy()
-        properties[MASS] = reciprocal
-        scaled.append(state_of(properties, np.zeros(K), covariance))
-    found = brought(scaled[0], scaled[1], PARAMS)
-    assert found.mass == pytest.approx(2.5)
-    assert found.mass_sigma == pytest.approx(2.5 * 0.01 * known, rel=1e-4)
-    center = PARAMS.start[CENTER]
-    np.testing.assert_allclose(found.position, center)
-    assert found.position_sigma.max() < 1e-5  # no scale moves the center of mass

@@ -1,4 +1,4 @@
-"""What it costs that jets give no less than nothing and no more than their thrusts."""
+"""Cost of forces below zero or above the jets' thrusts."""
 
 from __future__ import annotations
 
@@ -21,19 +21,4 @@ def test_it_is_the_least_distance_to_what_is_possible(jets: int) -> None:
         half = np.linalg.cholesky(np.linalg.inv(covariance[row])).T
         least = lsq_linear(half, half @ force[row], bounds=(np.zeros(jets), most[row]), method="bvls")
         assert found[row] == pytest.approx(least.cost, rel=1e-9, abs=1e-9)
-
-
-def test_two_that_are_each_within_their_sigmas_may_be_impossible_together() -> None:
-    """Their sum is known to a tenth: -8; their difference hardly."""
-    direction = np.array([1.0, 1.0]) / np.sqrt(2.0)
-    covariance = np.diag([3.0, 3.0]) ** 2
-    covariance -= (9.0 - 0.005) * np.outer(direction, direction)
-    force = np.array([[-3.0, -5.0]])
-    assert (np.abs(force[0]) < 3.0 * np.sqrt(np.diag(covariance))).all()
-    assert beyond(force, covariance[None], np.array([[800.0, 800.0]]))[0] > 1000.0
-    assert beyond(np.array([[9.0, -1.0]]), covariance[None], np.array([[800.0, 800.0]]))[0] < 1.0
-
-
-def test_what_is_possible_costs_nothing() -> None:
-    force = np.array([[0.0, 10.0], [10.0, 3.0]])
-    assert beyond(force, np.tile(np.eye(2), (2, 1, 1)), np.full((2, 2), 10.0)).tolist() == [0.0, 0.0]
+    assert beyond(np.array([[0.0, 10.0][:jets]]), np.eye(jets)[None], np.full((1, jets), 10.0))[0] == 0.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from massprop_drake.maths.vehicle.on_times import (
@@ -45,23 +45,17 @@ def test_a_part_of_a_sample_and_the_time_after_it() -> None:
 
 
 @given(st.lists(st.tuples(st.floats(0.0, 1.0), st.floats(0.0, 1.0)), min_size=1, max_size=8))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, derandomize=True, deadline=None)
+@example([(0.35, 0.0), (0.35 + 1e-9, 0.0), (1e-9, 0.0)])  # closer than arithmetic tells
 def test_no_impulse_is_lost(drawn: list[tuple[float, float]]) -> None:
     """However close edges lie."""
     command = np.array([share for share, _ in drawn])
     onset_s = np.array([T * (1.0 - share) * late for share, late in drawn])
     lengths, levels = pieces(command, onset_s, T, WHOLE)
-    assert (lengths > 0.0).all()
+    assert (lengths > 1e-7 * T).all()
     assert ((levels >= 0.0) & (levels <= 1.0)).all()
     np.testing.assert_allclose(lengths.sum(), T, rtol=1e-14)
     np.testing.assert_allclose(lengths @ levels, T * command, rtol=1e-12, atol=1e-14)
-
-
-def test_edges_that_lie_closer_than_arithmetic_tells_are_one() -> None:
-    onset_s = np.array([0.0, 0.0, 0.0])
-    lengths, levels = pieces(np.array([0.35, 0.35 + 1e-9, 1e-9]), onset_s, T, WHOLE)
-    assert lengths.size == 2
-    np.testing.assert_allclose(lengths @ levels, T * np.array([0.35, 0.35 + 1e-9, 1e-9]), rtol=1e-12)
 
 
 @pytest.mark.parametrize(("place", "expected"), [("start", 0.0), ("center", 0.0325), ("end", 0.065)])
@@ -90,7 +84,7 @@ def test_the_most_pieces_of_a_table() -> None:
 
 def stepped(command: np.ndarray, onset_s: np.ndarray, tau_s: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, ...]:
     """Mean level over a sample and the last one, by small steps of the lag."""
-    count, total = 100_000, np.zeros_like(level)
+    count, total = 2_000, np.zeros_like(level)
     step = T / count
     for index in range(count):
         now = (index + 0.5) * step

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from campaign_rows import SWEPT, declaration, failure, folder, many, recorded, row
+from campaign_rows import SWEPT, declaration, failure, folder, many, row
 
 from massprop_drake.errors import InputError
 from massprop_drake.studies.campaign import compare
@@ -42,12 +42,6 @@ def two(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     ]
 
 
-def test_records_are_compared_by_what_is_known_of_them(tmp_path: Path) -> None:
-    paths = [folder(tmp_path / name, ONE, [recorded(case) for case in range(12)]) for name in ("one", "other")]
-    _, second = compare.summary(paths)["columns"]
-    assert second["differences"] == []
-
-
 def test_pairs_tell_what_changed_and_how_surely(two: list[Path]) -> None:
     first, second = compare.summary(two)["columns"]
     assert (first["label"], second["label"]) == ("glr", "cusum")
@@ -65,35 +59,6 @@ def test_pairs_tell_what_changed_and_how_surely(two: list[Path]) -> None:
     json.dumps(compare.summary(two), allow_nan=False)
 
 
-def test_settings_that_differ_are_named(two: list[Path]) -> None:
-    settings = {row["key"]: row["values"] for row in compare.summary(two)["settings"]}
-    assert settings["detector.kind"] == ["cglr", "cusum"]
-    assert all(key.startswith("detector.") for key in settings)
-
-
-def test_the_page_says_it_first(two: list[Path]) -> None:
-    html = compare.page(two)
-    verdict = html.split('id="verdict"')[1].split("</ul>")[0]
-    assert "cusum against glr, 12 pairs" in verdict
-    assert "Failures found: the jet, or its cluster +58.3 points" in verdict
-    assert "9 cases became something else" in verdict
-
-
-def test_the_notes_of_plots_speak_of_what_is_drawn(two: list[Path]) -> None:
-    plots = compare.contents(compare.columns([read(one) for one in two]))["plots"]
-    notes = {plot["name"]: plot["note"] for plot in plots}
-    assert "open symbol" in notes["operating"]
-    assert "dotted curve" not in notes["operating"]
-
-
-def test_cells_of_a_sweep_are_compared_with_the_scenarios_own_setting(tmp_path: Path) -> None:
-    found = compare.columns([read(folder(tmp_path / "swept", SWEPT.format(cases=12), many(2, 12)))])
-    assert [(column.label, column.baseline) for column in found] == [("margin 4", 1), ("margin 6", 1)]
-    pairs = compare.pairs(found[1], found[0])
-    assert [(first["case_id"], second["case_id"]) for first, second in pairs] == [(2 * n + 1, 2 * n) for n in range(12)]
-    assert compare.contents(found)["pairs"][0]["n"] == 12
-
-
 def test_cells_of_two_campaigns_are_compared_setting_by_setting(tmp_path: Path) -> None:
     rows = many(2, 6)
     studies = [read(folder(tmp_path / name, SWEPT.format(cases=6), rows)) for name in "ab"]
@@ -103,12 +68,6 @@ def test_cells_of_two_campaigns_are_compared_setting_by_setting(tmp_path: Path) 
     assert all(
         measure.paired.difference.value == 0.0 for measure in compare.measures(compare.pairs(found[0], found[2]))
     )
-
-
-def test_campaigns_that_have_grown_apart_share_their_first_cases(two: list[Path], tmp_path: Path) -> None:
-    few = folder(tmp_path / "few", ONE.replace("12", "5"), rows_of({0}, n=5))
-    found = compare.columns([read(two[0]), read(few)])
-    assert len(compare.pairs(*found)) == 5
 
 
 @pytest.mark.parametrize(
@@ -128,18 +87,6 @@ def test_other_draws_are_refused(two: list[Path], tmp_path: Path, change: tuple[
     with pytest.raises(InputError, match=message) as problem:
         compare.page([two[0], other])
     assert "cannot be compared in pairs" in str(problem.value)
-
-
-def test_one_campaign_without_a_sweep_has_nothing_to_be_compared_with(two: list[Path]) -> None:
-    with pytest.raises(InputError, match="is one campaign without a sweep"):
-        compare.summary(two[:1])
-
-
-def test_campaigns_without_a_common_case_are_refused(two: list[Path]) -> None:
-    one, other = (read(path) for path in two)
-    apart = other._replace(cells=[other.cells[0]._replace(rows=[{**other.cells[0].rows[0], "sample": 99}])])
-    with pytest.raises(InputError, match="has no case in common"):
-        compare.columns([one, apart])
 
 
 def test_it_opens_from_disk(opened: Any, two: list[Path], tmp_path: Path) -> None:

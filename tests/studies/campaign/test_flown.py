@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import random
 import shutil
 import sys
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
-from campaign_probe import BAD, CASES, GOOD, LIMITS, are_gone, outcome, row, study
+from campaign_probe import BAD, CASES, outcome, row, study
 
 from massprop_drake import InputError, load_scenario, simulate
 from massprop_drake.inputs.scenario import Scenario
@@ -17,7 +16,6 @@ from massprop_drake.results.run import Run
 from massprop_drake.studies.campaign import engine, store
 from massprop_drake.studies.campaign.campaign import Campaign
 from massprop_drake.studies.campaign.measure import measured
-from massprop_drake.studies.campaign.worker import Child
 
 
 def scenario_of(folder: Path, case_id: int) -> Scenario:
@@ -30,9 +28,9 @@ def test_every_case_has_its_row_and_bad_ones_their_reason(flown: Path) -> None:
     assert [row["case_id"] for row in rows] == list(range(CASES))
     failed = {row["case_id"]: row["reason"] for row in rows if row["status"] != "flown"}
     assert failed == {
-        30: "its process was ended by SIGSEGV: words on standard output",
-        36: "needed more than 800 MB of memory",
-        39: "ArithmeticError: no number",
+        17: "its process was ended by SIGSEGV: words on standard output",
+        18: "needed more than 800 MB of memory",
+        19: "ArithmeticError: no number",
     }
     assert set(failed) == set(BAD)
     for found in rows:
@@ -42,10 +40,6 @@ def test_every_case_has_its_row_and_bad_ones_their_reason(flown: Path) -> None:
             assert len(found["injected"]) == 1
         else:
             assert {name for name, value in found.items() if value is not None} == {"case_id", "status", "reason"}
-
-
-def test_nothing_is_left_running(flown: Path) -> None:
-    assert are_gone(f"flown-{flown.parent}")
 
 
 def test_status_and_table_come_from_the_folder_alone(flown: Path) -> None:
@@ -61,57 +55,18 @@ def test_status_and_table_come_from_the_folder_alone(flown: Path) -> None:
     assert repr(campaign).startswith("<Campaign 'short'")
 
 
-def test_a_case_flown_by_hand_has_the_row_of_the_campaign(flown: Path) -> None:
-    for case_id in (0, GOOD - 1):
-        run = simulate(scenario_of(flown, case_id))
-        again = measured(run, [0.5])
-        kept = row(flown, case_id)
-        assert {name: kept[name] for name in again} == again
-        assert again["estimate@0.5.Ixx_inv"] != again["estimate.Ixx_inv"]  # something was learned
-
-
-def test_another_order_gives_the_same_rows(flown: Path) -> None:
-    campaign = Campaign.load(flown)
-    setup = {
-        "base": campaign.spec.base.model_dump(mode="json"),
-        "campaign": "short",
-        "times_s": [0.5],
-        "keep": "none",
-        "folder": str(flown),
-        "token": None,
-    }
-    cases = campaign.planned()[:GOOD:4]
-    random.Random(4).shuffle(cases)
-    child = Child(setup)
-    try:
-        for case in cases:
-            answer = child.fly({**case._asdict(), "keep": False}, 600.0, 2000.0)
-            kept = row(flown, case.case_id)
-            assert {name: kept[name] for name in answer["row"]} == answer["row"]
-    finally:
-        child.close()
-
-
-def test_how_cases_are_executed_is_in_the_plan(flown: Path) -> None:
-    _, facts = store.read_plan(flown)
-    for word in ("drake", "numpy", "scipy", "blas", "simd", "system"):
-        assert f'"{word}": "' in facts["execution"]
-
-
 def test_cases_flown_alone_keep_their_runs_and_what_failed_gets_another_row(flown: Path, tmp_path: Path) -> None:
     here = shutil.copytree(flown, tmp_path / "short")
     with engine.local_client(1) as client:
-        Campaign.load(here).run(only=[5, 39], client=client)
+        Campaign.load(here).run(only=[5, 19], client=client)
         assert list(client.nthreads().values()) == [1]
         assert list(client.run(lambda: "pydrake" in sys.modules).values()) == [False]
-        link = engine.dashboard(client)
-        assert link is None or link.startswith("http://127.0.0.1:")
     assert outcome(here, CASES - 1).equals(outcome(flown, CASES - 1))
-    assert row(here, 39)["status"] == "flown"  # nothing is injected here
+    assert row(here, 19)["status"] == "flown"  # nothing is injected here
     assert Campaign.load(here).status().counts.failed_to_run == len(BAD) - 1
-    assert sorted(path.name for path in (here / store.CASES).iterdir()) == ["0005", "0039"]
+    assert sorted(path.name for path in (here / store.CASES).iterdir()) == ["0005", "0019"]
     assert not list(here.glob(".seen*"))
-    for case_id in (5, 39):
+    for case_id in (5, 19):
         kept = here / store.CASES / f"{case_id:04d}"
         assert load_scenario(kept) == scenario_of(here, case_id)
         run = simulate(load_scenario(kept))
@@ -128,8 +83,8 @@ def test_a_folder_with_results_is_gone_on_with_only_where_asked(flown: Path, tmp
     campaign = Campaign.load(study(tmp_path, CASES))
     with pytest.raises(InputError, match="holds results already; --resume goes on with them"):
         campaign.run(here)
-    with pytest.raises(InputError, match="--only 40: the plan has cases 0 to 39"):
-        campaign.run(here, only=[3, 40])
+    with pytest.raises(InputError, match="--only 20: the plan has cases 0 to 19"):
+        campaign.run(here, only=[3, 20])
     campaign.run(here, resume=True)  # nothing is left to fly, so nothing starts
     assert outcome(here).equals(outcome(flown))
 
@@ -140,7 +95,7 @@ def test_a_folder_of_another_plan_is_refused(flown: Path, tmp_path: Path) -> Non
     for override, said in (
         ("seed=4", "holds the plan of another campaign"),
         ("set.duration_s=2.0", "holds the plan of another campaign"),
-        ("cases=12", "holds a plan of 40 cases, more than 12"),
+        ("cases=12", "holds a plan of 20 cases, more than 12"),
     ):
         with pytest.raises(InputError, match=said):
             Campaign.load(study(tmp_path, CASES), [override]).run(here, resume=True)
@@ -166,15 +121,7 @@ def test_a_plan_grows_by_cases_and_keeps_what_is_flown(flown: Path, tmp_path: Pa
         Campaign.load(study(tmp_path, 12, more="method: lhs\n")).plan(fixed)
 
 
-def test_limits_and_gates_may_change_later(flown: Path, tmp_path: Path) -> None:
-    here = shutil.copytree(flown, tmp_path / "short")
-    file = study(tmp_path, CASES)
-    file.write_text(file.read_text().replace(LIMITS, "{time_s: 99}"))
-    Campaign.load(file).plan(here)
-    assert Campaign.load(here).spec.file.limits.time_s == 99.0
-
-
-@pytest.mark.parametrize("damage", ["cut", "flipped", "empty", "other"])
+@pytest.mark.parametrize("damage", ["cut", "flipped", "other"])
 def test_a_damaged_file_of_rows_is_told_and_its_cases_flown_again(flown: Path, tmp_path: Path, damage: str) -> None:
     here = shutil.copytree(flown, tmp_path / "short")
     chunk = sorted((here / store.RESULTS).iterdir())[0]
@@ -184,8 +131,6 @@ def test_a_damaged_file_of_rows_is_told_and_its_cases_flown_again(flown: Path, t
     elif damage == "flipped":
         content[200] ^= 0x55
         chunk.write_bytes(content)
-    elif damage == "empty":
-        chunk.write_bytes(b"")
     else:
         pq.write_table(pq.read_table(chunk).drop_columns(["case_id"]), chunk)
     campaign = Campaign.load(here)
@@ -196,27 +141,3 @@ def test_a_damaged_file_of_rows_is_told_and_its_cases_flown_again(flown: Path, t
             campaign.run(resume=True)
     chunk.unlink()
     assert campaign.status().counts.tried < CASES
-
-
-@pytest.mark.parametrize("damage", ["cut", "gone", "empty"])
-def test_a_damaged_plan_is_told(flown: Path, tmp_path: Path, damage: str) -> None:
-    here = shutil.copytree(flown, tmp_path / "short")
-    plan = here / store.PLAN
-    campaign = Campaign.load(here)
-    if damage == "gone":
-        plan.unlink()
-    else:
-        plan.write_bytes(plan.read_bytes()[: 1000 if damage == "cut" else 0])
-    said = "holds no campaign: there is no plan.parquet" if damage == "gone" else "plan.parquet: is damaged"
-    with pytest.raises(InputError, match=said):
-        campaign.status()
-
-
-def test_a_campaign_that_has_not_been_run_has_no_status(tmp_path: Path) -> None:
-    campaign = Campaign.load(study(tmp_path, 3))
-    with pytest.raises(InputError, match="has not been run"):
-        campaign.status()
-    planned = campaign.plan(tmp_path / "out")
-    assert planned.status().counts == (3, 0, 0, 0, 0, 0, 0, 0)
-    with pytest.raises(InputError, match="no case has been flown yet"):
-        planned.to_pandas()

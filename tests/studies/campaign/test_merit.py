@@ -6,9 +6,8 @@ import math
 from typing import Any
 
 import pytest
-from campaign_rows import declaration, failure, jump, lost, many, recorded, row
+from campaign_rows import declaration, failure, jump, lost, row
 
-from massprop_drake.errors import InputError
 from massprop_drake.inputs.campaign_file import Gate
 from massprop_drake.studies.campaign import merit
 from massprop_drake.studies.campaign.statistics import Figure
@@ -30,21 +29,6 @@ def test_each_cause_is_counted_over_the_time_in_which_it_could_be_one() -> None:
     assert found["false_declarations_per_hour_failure"].value == pytest.approx(1 / (0.25 * MINUTE_H))
     assert found["false_declarations_in_case"][::3] == (1.0, 3)
     assert found["failed_to_run"][::3] == (0.25, 4)
-
-
-def test_without_a_false_declaration_the_bound_is_three_over_the_hours() -> None:
-    found = merit.figures([row(case) for case in range(30)])["false_declarations_per_hour"]
-    assert found.value == 0.0
-    assert found.high == pytest.approx(3.0 / 0.5, rel=2e-3)
-
-
-def test_of_a_record_nobody_says_what_is_false() -> None:
-    found = merit.figures([recorded(case, [declaration()]) for case in range(9)])
-    for name in ("false_declarations_per_hour", "false_declarations_in_case", "healthy_jets_out", "failing"):
-        assert found[name].n == 0
-        assert math.isnan(found[name].value)
-    mixed = merit.figures([recorded(0), row(1, declared=[declaration(cause="healthy")])])
-    assert mixed["false_declarations_per_hour"].value == pytest.approx(1.0 / MINUTE_H)
 
 
 def test_what_never_acted_is_in_no_figure_and_what_was_not_tested_is() -> None:
@@ -73,34 +57,6 @@ def test_delays_count_from_the_first_effect_and_end_with_the_flight() -> None:
     assert math.isnan(found["delay_90_percent_s"].value)
 
 
-def test_failures_of_one_case_are_not_counted_as_independent() -> None:
-    pair = [failure("R4R", "missed"), failure("F1U", "missed")], [failure("R4R"), failure("F1U")]
-    together = merit.figures([row(case, pair[case % 2]) for case in range(40)])["isolated"]
-    apart = merit.figures([row(case, [pair[case % 2][0]]) for case in range(80)])["isolated"]
-    assert together.n == apart.n == 80
-    assert together.high - together.low > 1.3 * (apart.high - apart.low)
-
-
-def test_a_case_is_wrong_beyond_six_sigma_and_not_wrong_where_the_truth_is_unknown() -> None:
-    unknown = row(2, largest_sigmas=None)
-    rows = [row(0, z=5.9), row(1, z={"x_cm": -6.1}), unknown]
-    assert merit.figures(rows)["ended_wrong"][::3] == (0.5, 2)
-    assert merit.coverage([row(0, z={"x_cm": -6.1})]).value == pytest.approx(0.9)
-
-
-def test_jumps_are_apart_from_failures() -> None:
-    found = merit.figures(
-        [row(0, [failure(None, kind="release")], [jump()]), row(1, [failure(None, "missed", kind="dock")])]
-    )
-    assert found["jumps_found"][::3] == (0.5, 2)
-    assert found["isolated"].n == 0
-
-
-def test_nothing_at_all_has_no_figures() -> None:
-    assert all(math.isnan(figure.value) for figure in merit.figures([]).values())
-    assert list(merit.figures([])) == list(merit.MEANINGS)
-
-
 @pytest.mark.parametrize(
     ("gate", "passes"),
     [
@@ -111,17 +67,6 @@ def test_nothing_at_all_has_no_figures() -> None:
 def test_a_gate_looks_at_the_figure_or_at_a_bound(gate: dict[str, Any], passes: bool) -> None:
     (found,) = merit.judged({"wrong": Gate(**gate)}, {"wrong": Figure(0.1, 0.04, 0.3, 20)})
     assert found.passes is passes
-
-
-def test_what_was_not_measured_passes_no_gate() -> None:
-    (found,) = merit.judged({"wrong": Gate(max=1.0)}, merit.figures([]))
-    assert not found.passes
-
-
-def test_a_gate_on_no_figure_says_which_there_are() -> None:
-    merit.require_known({"ended_wrong": Gate(max=0.0)}, "c.yaml")
-    with pytest.raises(InputError, match=r"c.yaml: gates.ended_rong: there is no such figure.*ended_wrong"):
-        merit.require_known({"ended_rong": Gate(max=0.0)}, "c.yaml")
 
 
 def test_the_confusion_knows_jets_clusters_and_jumps() -> None:
@@ -160,11 +105,6 @@ def test_a_higher_threshold_strikes_out_what_is_below_it() -> None:
     assert [point.false_per_hour.value for point in curve.values()] == pytest.approx([30.0, 0.0, 0.0])
 
 
-def test_magnitudes_are_compared_where_both_are_known() -> None:
-    rows = [row(0, [failure()]), row(1, [failure(outcome="missed")]), row(2, [failure(magnitude_std=None)])]
-    assert merit.magnitude_errors(merit.events(rows)) == [(1.0, 0.5)]
-
-
 def test_sensitivity_leaves_out_what_is_no_number() -> None:
     rows = [{**row(n, z=n - 4.0), "draw.size": 2.0 * n, "draw.jet": "R4R", "draw.same": 1.0} for n in range(9)]
     found = merit.sensitivity(rows, ["size", "jet", "same"], size=False)
@@ -172,20 +112,3 @@ def test_sensitivity_leaves_out_what_is_no_number() -> None:
     assert found["m_inv"]["size"].value == pytest.approx(1.0)
     # the error's size is the same on both sides of the middle
     assert merit.sensitivity(rows, ["size"], size=True)["m_inv"]["size"].value == pytest.approx(0.0, abs=1e-12)
-
-
-def test_sobol_indices_need_every_case() -> None:
-    rows = many(1, 8)
-    assert merit.sobol([*rows, lost(8, "crashed")], 2) is None
-    found = merit.sobol(rows, 2)
-    assert found is not None
-    assert len(found[0]) == 10
-    assert len(found[1].total[0]) == 2
-
-
-def test_the_worst_come_first() -> None:
-    rows = [
-        row(0), row(1, z=7.0), row(2, z=9.0), lost(3, "crashed"),
-        row(4, [failure(outcome="missed")], [declaration("F1U", 10.0, "healthy")]),
-    ]  # fmt: skip
-    assert [one["case_id"] for one in merit.worst(rows)] == [4, 2, 1]

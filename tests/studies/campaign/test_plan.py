@@ -10,8 +10,7 @@ import pytest
 
 from massprop_drake import InputError
 from massprop_drake.inputs.campaign_file import CampaignSpec, load_campaign
-from massprop_drake.studies.campaign import plan as plans
-from massprop_drake.studies.campaign.plan import PlannedCase, design, planned
+from massprop_drake.studies.campaign.plan import design, planned
 
 DRAWN = """\
 name: drawn
@@ -42,19 +41,6 @@ def test_a_larger_plan_holds_the_smaller_bit_for_bit(tmp_path: Path, method: str
     small, large = (planned(spec(tmp_path, f"method={method}", f"cases={count}")) for count in (8, 20))
     assert large[:8] == small
     assert len({case.digest for case in large}) == 20
-
-
-@pytest.mark.parametrize("method", ["lhs", "saltelli"])
-def test_a_design_made_as_a_whole_does_not_extend(tmp_path: Path, method: str) -> None:
-    small, large = (planned(spec(tmp_path, f"method={method}", f"cases={count}")) for count in (10, 20))
-    assert large[:10] != small
-    assert planned(spec(tmp_path, f"method={method}", "cases=10")) == small
-
-
-def test_another_seed_draws_otherwise(tmp_path: Path) -> None:
-    one, other = (planned(spec(tmp_path, "cases=3", f"seed={seed}")) for seed in (1, 2))
-    assert not {case.seed for case in one} & {case.seed for case in other}
-    assert one[0].drawn != other[0].drawn
 
 
 def test_hypercubes_and_sequences_fill_the_cube_evenly(tmp_path: Path) -> None:
@@ -89,33 +75,6 @@ def test_saltelli_pairs_points_column_by_column(tmp_path: Path) -> None:
         np.testing.assert_array_equal(part, expected)
     with pytest.raises(InputError, match=r"a power of two times 5 .*, such as 20; got 21"):
         planned(spec(tmp_path, "method=saltelli", "cases=21"))
-
-
-def test_a_sobol_sequence_is_advised_a_power_of_two(tmp_path: Path) -> None:
-    assert spec(tmp_path, "method=sobol", "cases=16").doubts == []
-    assert spec(tmp_path, "method=random", "cases=20").doubts == []
-    [advised] = spec(tmp_path, "method=sobol", "cases=20").doubts
-    assert "balanced at powers of two, such as 32; got 20" in advised
-
-
-def test_every_cell_of_a_sweep_has_the_same_draws(tmp_path: Path) -> None:
-    base = spec(tmp_path, "cases=3")
-    cases = planned(spec(tmp_path, "cases=3", "sweep.detector.margin=[4, 6]", "sweep.mass.jump_window=[3, 4, 5]"))
-    assert [case.case_id for case in cases] == list(range(18))
-    for case in cases:
-        alone = planned(base)[case.sample]
-        assert (case.seed, case.drawn) == (alone.seed, alone.drawn)
-        flown = case.scenario(base.base, "drawn")
-        assert (flown.detector.margin, flown.mass.jump_window) == tuple(case.swept.values())  # type: ignore[union-attr]
-    assert len({(case.sample, *case.swept.values()) for case in cases}) == 18
-
-
-def test_one_more_quantity_leaves_the_draws_of_the_others(tmp_path: Path) -> None:
-    more = DRAWN + "  sensors.gyro_noise: 1\n".replace("sensors.gyro_noise: 1", "mass.jump_window: {choice: [3, 4]}")
-    for small, large in zip(
-        planned(spec(tmp_path, "cases=4")), planned(spec(tmp_path, "cases=4", text=more)), strict=True
-    ):
-        assert dict(large.drawn) | dict(small.drawn) == dict(large.drawn)
 
 
 IMPOSSIBLE: list[tuple[str, Any]] = [
@@ -154,18 +113,3 @@ def test_records_are_estimated_one_a_case(tmp_path: Path) -> None:
             planned(spec(tmp_path, override))
     with pytest.raises(InputError, match="4 are asked for, and there are 3 records"):
         planned(spec(tmp_path, "records=flights/*.csv", "cases=4"))
-
-
-def test_more_cases_than_anybody_flies_are_refused_before_they_are_made(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(plans, "MOST_CASES", 5)
-    with pytest.raises(InputError, match="is a campaign of 6 cases; expected 5 at the most"):
-        planned(spec(tmp_path, "cases=3", "sweep.detector.margin=[4, 6]"))
-
-
-def test_a_case_tells_its_content_from_others(tmp_path: Path) -> None:
-    [case] = planned(spec(tmp_path, "cases=1"))
-    others = [case._replace(seed=1), case._replace(settings={}), case._replace(record="x.csv")]
-    assert len({case.digest, *(other.digest for other in others)}) == 4
-    assert PlannedCase(**case._asdict()).digest == case.digest

@@ -36,12 +36,6 @@ def test_flights_are_as_predicted(weighed: Design) -> None:
     assert max(map(abs, mass.errors)) < 4.0 * mass.asked
 
 
-def test_a_start_that_converges_is_foretold_within_a_few_percent() -> None:
-    found = design(load_vehicle("servicer"), {"mass": "1%", "inertia": "0.5%"}, flights=2)
-    for target in found.targets:
-        np.testing.assert_allclose(target.flown, target.predicted, rtol=0.1)
-
-
 def test_limits_are_kept_in_flight(weighed: Design) -> None:
     run = simulate(weighed.scenario.model_copy(update={"seed": 3}))
     assert np.linalg.norm(run["rate"], axis=1).max() == pytest.approx(weighed.rate, rel=0.05)
@@ -53,14 +47,6 @@ def test_limits_are_kept_in_flight(weighed: Design) -> None:
     flow = dict(zip(weighed.scenario.vehicle_data.designations, weighed.scenario.vehicle_data.mass_flows, strict=True))
     used = sum(flow[pulse.jet] * (pulse.end_s - pulse.start_s) for pulse in weighed.scenario.jet_schedule)
     assert used == pytest.approx(weighed.propellant)
-
-
-def test_more_is_known_for_more_propellant(weighed: Design) -> None:
-    propellant, deviations = weighed.front.propellant, weighed.front.deviations[:, 0]
-    assert (np.diff(propellant) >= 0.0).all()
-    assert (np.diff(deviations) < 0.0).all()
-    assert weighed.course.deviations[-1, 0] == pytest.approx(weighed.targets[0].predicted)
-    assert weighed.propellant <= propellant[-1]
 
 
 def test_its_folder_flies(weighed: Design, tmp_path: Path) -> None:
@@ -114,14 +100,6 @@ def test_it_goes_on_from_what_a_run_knows(run: Run, tmp_path: Path) -> None:
     assert 0.8 * mass.predicted / mass.value < share < 1.05 * mass.asked / mass.value  # holding attitude tells more
 
 
-def test_it_goes_on_from_a_run_that_cannot_know_the_mass() -> None:
-    """Gyros alone show no mass: firings are designed with the nominal one."""
-    run = simulate(load_scenario("cubesat_leak", ["duration_s=20", "failures=[]"]), look_back=False)
-    assert np.isnan(run.results.estimates[9])
-    found = design(run.scenario, suspects=["T4", "T8"], known=run)
-    assert max(pair.after_s or math.inf for pair in found.pairs) < 1.5
-
-
 def test_suspects_are_told_apart_as_foretold() -> None:
     case = load_scenario("small_satellite_maneuver", KNOWN)
     found = design(case, suspects=["ZP1", "ZN2"], force="0.25 N", flights=1)
@@ -138,30 +116,17 @@ def test_suspects_are_told_apart_as_foretold() -> None:
     assert re.fullmatch(r"ZP1 is told after .* s from ZN2, from all other jets after .* s; named after .* s.*", first)
 
 
-def test_a_loss_is_told_by_firing_the_suspects() -> None:
-    case = load_scenario("small_satellite_maneuver", KNOWN)
-    found = design(case, suspects=["ZP1", "ZP2"], force="-20%")
-    assert {"ZP1", "ZP2"} <= {pulse.jet for pulse in found.scenario.jet_schedule}
-    assert all(pair.force == pytest.approx(-1.0) for pair in found.pairs)
-
-
 @pytest.mark.parametrize(
     ("name", "asked", "words"),
     [
         ("servicer", {"targets": {"weight": "1%"}}, "target 'weight': no such quantity"),
-        ("servicer", {"targets": {"mass": "1"}}, "target mass=1: needs a unit, such as 1%"),
         ("servicer", {"targets": {"mass": "1 m"}}, "'m' does not fit; write it like 1%"),
-        ("servicer", {"targets": {"center": "1%"}}, "'%' does not fit; write it like 5 mm"),
         ("servicer", {"targets": {"mass": "0.1%"}}, "common scale of all thrusts"),
         ("cubesat", {"targets": {"mass": "1%"}}, "No firing of these jets shows 1/m"),
         ("servicer", {"targets": {}}, "nothing is asked for"),
         ("servicer", {"targets": {"mass": "2%"}, "limits": {"rate": "0.001 deg/s"}}, "rate 0.001 deg/s: forbids every"),
-        ("servicer", {"targets": {"mass": "2%"}, "limits": {"rate": "0"}}, "forbids every maneuver"),
         ("servicer", {"targets": {"mass": "2%"}, "limits": {"speed": "1"}}, "no such limit"),
-        ("servicer", {"targets": {"mass": "2%"}, "limits": {"propellant": "2 g"}}, "'g' does not fit"),
         ("servicer", {"targets": {"mass": "2%"}, "without": ["T1"]}, "without 'T1': no such jet"),
-        ("servicer", {"suspects": ["T1"]}, "suspect 'T1': no such jet"),
-        ("servicer", {"suspects": ["XP1"], "force": "0%"}, "a suspect that never pushes"),
         ("servicer", {"suspects": ["XP1"], "force": "200%"}, "is more than the thrust of XP1"),
         ("servicer", {"suspects": ["XP1"], "force": "-5%", "without": ["XP1"]}, "gives less only while it fires"),
         ("air_bearing", {"targets": {"mass": "2%"}}, "in a fixed frame"),
@@ -173,13 +138,6 @@ def test_what_cannot_be_had_is_one_message(name: str, asked: dict[str, object], 
     assert words in str(caught.value)
 
 
-def test_a_limit_that_is_too_narrow_says_how_far_one_comes() -> None:
-    with pytest.raises(InputError, match="no maneuver was found") as caught:
-        design(load_vehicle("servicer"), {"mass": "1%"}, limits={"propellant": "0.0003 kg"})
-    assert "within propellant 0.0003 kg" in str(caught.value)
-    assert "mass is known to" in str(caught.value)
-
-
 def test_the_command_writes_and_prints_it(tmp_path: Path) -> None:
     out = tmp_path / "out"
     words = ["design", "cubesat", "--target", "Ixx=5%", "--flights", "0", "--out", str(out)]
@@ -188,12 +146,6 @@ def test_the_command_writes_and_prints_it(tmp_path: Path) -> None:
     assert "Ixx, 0.041 kg-m^2: 1-sigma" in printed.stdout
     assert "RWX" in printed.stdout
     assert (out / "design.html").exists()
-    as_json = CliRunner().invoke(app, [*words, "--json"])
-    assert json.loads(as_json.stdout)["targets"][0]["name"] == "Ixx"
-
-
-@pytest.mark.parametrize("words", [["--target", "mass"], ["--target", "mass=1%", "--target", "mass=2%"]])
-def test_words_that_are_no_target_are_refused(words: list[str], tmp_path: Path) -> None:
-    result = CliRunner().invoke(app, ["design", "servicer", *words, "--out", str(tmp_path / "out")])
-    assert isinstance(result.exception, InputError)
-    assert not (tmp_path / "out").exists()
+    wrong = CliRunner().invoke(app, ["design", "servicer", "--target", "mass", "--out", str(tmp_path / "none")])
+    assert isinstance(wrong.exception, InputError)
+    assert not (tmp_path / "none").exists()

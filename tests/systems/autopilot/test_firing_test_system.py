@@ -2,39 +2,29 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
-from systems_probe import inputs, outputs
+from systems_probe import give, inputs, output, outputs
 
 from massprop_drake import load_scenario
 from massprop_drake.errors import InputError
 from massprop_drake.inputs import crafts
 from massprop_drake.maths.maneuver.onboard import FiringTest, missed, suspects
-from massprop_drake.systems.autopilot.firing_test import FiringTestSystem
+from massprop_drake.systems import FiringTestSystem
 
 N = 12
 
 
-def settings(**block: Any) -> FiringTest:
-    whole = {"when": "group", "patience_s": 0.3, **block}
-    made = crafts.firing_test(
-        load_scenario("small_satellite_maneuver", ["estimation.filter=joint", f"autopilot.test_firing={whole}"])
-    )
+@cache
+def settings(block: str = "{when: group, patience_s: 0.3}", kind: str = "joint", *more: str) -> FiringTest:
+    overrides = [f"estimation.filter={kind}", f"autopilot.test_firing={block}", *more]
+    made = crafts.firing_test(load_scenario("small_satellite_maneuver", overrides))
     assert made is not None
     return made
-
-
-def known(dut: FiringTestSystem, context: Any, share: float = 0.01) -> None:
-    """Estimates at their nominal values, known to a share."""
-    nominal = settings().craft.properties
-    size = share * np.append(np.abs(nominal[:3]), np.full(3, np.abs(nominal[:3]).mean()))
-    deviation = np.concatenate((size, np.full(3, 0.01), [share * nominal[9]]))
-    dut.GetInputPort("estimate").FixValue(context, nominal)
-    dut.GetInputPort("covariance").FixValue(context, np.diag(deviation**2).ravel())
-    dut.GetInputPort("gyro").FixValue(context, np.zeros(3))
 
 
 def probabilities(of: dict[int, float]) -> np.ndarray:
@@ -42,21 +32,6 @@ def probabilities(of: dict[int, float]) -> np.ndarray:
     found[list(of)] = list(of.values())
     found[N] = 1.0 - found[:N].sum()
     return found
-
-
-def stepped(dut: FiringTestSystem, simulator: Simulator, samples: int) -> np.ndarray:
-    """Commands of the coming samples, shape (samples, n_jets)."""
-    found = []
-    for _ in range(samples):
-        simulator.AdvanceTo(round(simulator.get_context().get_time() + 0.1, 9))
-        found.append(dut.GetOutputPort("command").Eval(simulator.get_context()).copy())
-    return np.array(found)
-
-
-def test_topology() -> None:
-    dut = FiringTestSystem(settings())
-    assert inputs(dut) == {"estimate": 10, "covariance": 100, "fault_probability": N + 2, "gyro": 3}
-    assert outputs(dut) == {"command": N, "tests": 1}
 
 
 @pytest.mark.parametrize(
@@ -75,64 +50,53 @@ def test_a_question_is_which_jet_has_failed_or_whether(of: dict[int, float], exp
 
 
 def test_it_fires_once_when_a_question_has_stood_for_a_while() -> None:
-    made = settings()
-    dut = FiringTestSystem(made)
+    dut, nominal = FiringTestSystem(settings()), settings().craft.properties
+    assert inputs(dut) == {"estimate": 10, "covariance": 100, "fault_probability": N + 2, "gyro": 3}
+    assert outputs(dut) == {"command": N, "tests": 1}
     context = dut.CreateDefaultContext()
-    known(dut, context)
-    simulator = Simulator(dut, context)
-    port = dut.GetInputPort("fault_probability")
-    port.FixValue(context, probabilities({}))
-    assert not stepped(dut, simulator, 6).any()
-    port.FixValue(context, probabilities({8: 0.5, 9: 0.5}))
-    assert not stepped(dut, simulator, 3).any()
-    fired = stepped(dut, simulator, 20)
-    assert fired.any()
-    assert fired[:, [8, 9]].any(axis=0).all()  # a loss shows only where each fires
-    assert dut.GetOutputPort("tests").Eval(context)[0] >= 1.0
-    port.FixValue(context, probabilities({8: 1.0}))
-    stepped(dut, simulator, 20)
-    assert not stepped(dut, simulator, 20).any()
+    inertia = np.abs(nominal[:3])
+    deviation = 0.01 * np.concatenate((inertia, np.full(3, inertia.mean()), np.ones(3), [nominal[9]]))
+    give(dut, context, estimate=nominal, covariance=np.diag(deviation**2).ravel(), gyro=np.zeros(3))
+    simulator, fired = Simulator(dut, context), []
+    for of, samples in (({}, 6), ({8: 0.5, 9: 0.5}, 3), ({8: 0.5, 9: 0.5}, 20), ({8: 1.0}, 1), ({8: 1.0}, 20)):
+        give(dut, context, fault_probability=probabilities(of))
+        rows = []
+        for _ in range(samples):
+            simulator.AdvanceTo(round(context.get_time() + 0.1, 9))
+            rows.append(output(dut, context, "command").copy())
+        fired.append(np.array(rows))
+    assert [rows.any() for rows in fired[:3]] == [False, False, True]
+    assert fired[2][:, [8, 9]].any(axis=0).all()  # a loss shows only where each fires
+    assert output(dut, context, "tests")[0] >= 1.0
+    assert not fired[4].any()  # it is answered
 
 
-def test_a_target_that_is_known_asks_for_nothing() -> None:
-    made = settings(when="target", targets={"mass": "1%"})
-    nominal = made.craft.properties
-    covariance = np.full((10, 10), np.nan)
-    covariance[9, 9] = (0.009 * nominal[9]) ** 2
-    assert not missed(covariance, made)
-    covariance[9, 9] = (0.02 * nominal[9]) ** 2
-    assert missed(covariance, made)
-    covariance[9, 9] = np.nan  # nobody has estimated it
-    assert missed(covariance, made)
+@pytest.mark.parametrize(("share", "expected"), [(0.009, False), (0.02, True), (np.nan, True)])
+def test_a_target_that_is_known_asks_for_nothing(share: float, *, expected: bool) -> None:
+    made, covariance = settings("{when: target, targets: {mass: 1%}}"), np.full((10, 10), np.nan)
+    covariance[9, 9] = (share * made.craft.properties[9]) ** 2  # NaN: nobody has estimated it
+    assert missed(covariance, made) == expected
 
 
 @pytest.mark.parametrize(
-    ("block", "words"),
+    ("block", "kind", "more", "words"),
     [
-        ("{when: target}", "needs at least one"),
-        ("{when: group, targets: {mass: 1%}}", "targets go with when: target"),
-        ("{when: group, without: [T1]}", "no jet 'T1'"),
-        ("{when: target, targets: {weight: 1%}}", "no such quantity"),
-        ("{when: group, limits: {speed: 1 m/s}}", "no such limit"),
+        ("{when: target}", "joint", (), "needs at least one"),
+        ("{when: group, targets: {mass: 1%}}", "joint", (), "targets go with when: target"),
+        ("{when: group, without: [T1]}", "joint", (), "no jet 'T1'"),
+        ("{when: target, targets: {weight: 1%}}", "joint", (), "no such quantity"),
+        ("{when: group, limits: {speed: 1 m/s}}", "joint", (), "no such limit"),
+        ("{when: target, targets: {mass: 1%}}", "thesis", (), "goes with estimation.filter: joint"),
+        (
+            "{when: group}",
+            "joint",
+            ("maneuver=[]", "jet_schedule=[{jet: ZP1, start_s: 1, end_s: 2}]"),
+            "does not go with jet_schedule",
+        ),
+        ("{when: group}", "joint", ("maneuver=[]", "autopilot.engaged=false"), "needs an autopilot"),
     ],
 )
-def test_what_cannot_be_asked_is_one_message(block: str, words: str) -> None:
+def test_what_cannot_be_asked_is_one_message(block: str, kind: str, more: tuple[Any, ...], words: str) -> None:
     with pytest.raises(InputError) as caught:
-        crafts.firing_test(
-            load_scenario("small_satellite_maneuver", ["estimation.filter=joint", f"autopilot.test_firing={block}"])
-        )
+        settings(block, kind, *more)
     assert words in str(caught.value)
-
-
-def test_it_needs_the_joint_filter_and_an_autopilot() -> None:
-    thesis = load_scenario("small_satellite_maneuver", ["autopilot.test_firing={when: target, targets: {mass: 1%}}"])
-    with pytest.raises(InputError, match=r"goes with estimation\.filter: joint"):
-        crafts.firing_test(thesis)
-    pulse = ["maneuver=[]", "jet_schedule=[{jet: ZP1, start_s: 1, end_s: 2}]", "autopilot.test_firing={when: group}"]
-    with pytest.raises(InputError, match="does not go with jet_schedule"):
-        load_scenario("small_satellite_maneuver", pulse)
-    with pytest.raises(InputError, match="needs an autopilot"):
-        load_scenario(
-            "small_satellite_maneuver",
-            ["maneuver=[]", "autopilot={engaged: false, test_firing: {when: group}}"],
-        )

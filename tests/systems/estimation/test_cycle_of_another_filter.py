@@ -59,14 +59,8 @@ def registered() -> Iterator[None]:
 @pytest.fixture(scope="module")
 def counting() -> Scenario:
     """A failure's scenario, estimated by that filter."""
-    case = load_scenario(
-        "stuck_on_29",
-        [
-            "duration_s=8",
-            "estimation={start: nominal, std_fraction: 0.001, thrust_uncertainty: 0.01}",
-            "failures=[{kind: stuck_on, jet: R4R, start_s: 5}]",
-        ],
-    )
+    near = "estimation={start: nominal, std_fraction: 0.001, thrust_uncertainty: 0.01}"
+    case = load_scenario("stuck_on_29", ["duration_s=4", near, "failures=[{kind: stuck_on, jet: R4R, start_s: 2}]"])
     return case.model_copy(update={"estimation": case.estimation.model_copy(update={"filter": "counting"})})
 
 

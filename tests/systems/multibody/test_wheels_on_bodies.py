@@ -60,76 +60,60 @@ def test_one_body_moves_as_the_rigid_plant_does() -> None:
     assert np.abs(rigid["rate"] - unmoved).max() > 0.01
 
 
-def of_bodies(torque: float, speed: float, until_s: float) -> tuple[np.ndarray, np.ndarray, SpatialInertia]:
-    """Rate at the end of a bus in which a wheel turns on a joint, speeds of the wheel, and the two as one body."""
-    plant = MultibodyPlant(0.0)
-    bus = plant.AddRigidBody("bus", SpatialInertia(40.0, np.zeros(3), UNIT))
-    own = SPIN * (0.6 * np.eye(3) + 0.4 * np.outer(AXIS, AXIS)) / 2.0
-    made = UnitInertia(own[0, 0], own[1, 1], own[2, 2], own[0, 1], own[0, 2], own[1, 2])
-    wheel = plant.AddRigidBody("wheel", SpatialInertia(2.0, np.zeros(3), made))
-    joint = plant.AddJoint(RevoluteJoint("spin", bus.body_frame(), wheel.body_frame(), AXIS))
-    plant.AddJointActuator("motor", joint)
-    plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
-    plant.Finalize()
-    builder = DiagramBuilder()
-    builder.AddSystem(plant)
-    motor = builder.AddSystem(ConstantVectorSource([torque]))
-    builder.Connect(motor.get_output_port(), plant.get_actuation_input_port())
-    simulator = Simulator(builder.Build())
+def turned(plant: MultibodyPlant, simulator: Simulator, until_s: float) -> np.ndarray:
+    """Rate of the bus after some time in which it starts turning, body axes."""
+    bus, context = plant.GetBodyByName("bus"), plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
     simulator.get_mutable_integrator().set_target_accuracy(1e-10)
-    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
     plant.SetFreeBodySpatialVelocity(context, bus, SpatialVelocity(START, np.zeros(3)))
-    joint.set_angular_rate(context, speed)
-    speeds = [speed]
     simulator.AdvanceTo(until_s)
-    speeds.append(joint.get_angular_rate(context))
-    pose, velocity = plant.EvalBodyPoseInWorld(context, bus), plant.EvalBodySpatialVelocityInWorld(context, bus)
-    whole = SpatialInertia(40.0, np.zeros(3), UNIT)
-    whole += SpatialInertia(2.0, np.zeros(3), made)
-    return pose.rotation().matrix().T @ velocity.rotational(), np.array(speeds), whole
+    rate = plant.EvalBodySpatialVelocityInWorld(context, bus).rotational()
+    return plant.EvalBodyPoseInWorld(context, bus).rotation().matrix().T @ rate
+
+
+def with_bus(inertia: SpatialInertia) -> MultibodyPlant:
+    plant = MultibodyPlant(0.0)
+    plant.AddRigidBody("bus", inertia)
+    plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
+    return plant
 
 
 def test_the_couple_is_that_of_a_body_on_a_joint() -> None:
     """Over a tenth of a second the wheel's speed goes as good as straight from one value to the other."""
-    until_s = 0.1
-    expected, speeds, whole = of_bodies(0.4, 80.0, until_s)
-    plant = MultibodyPlant(0.0)
-    bus = plant.AddRigidBody("bus", whole)
-    plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
+    until_s, whole = 0.1, SpatialInertia(40.0, np.zeros(3), UNIT)
+    unit = SPIN * (0.6 * np.eye(3) + 0.4 * np.outer(AXIS, AXIS)) / 2.0
+    own = SpatialInertia(2.0, np.zeros(3), UnitInertia(*unit.diagonal(), unit[0, 1], unit[0, 2], unit[1, 2]))
+    plant = with_bus(whole)
+    wheel, bus = plant.AddRigidBody("wheel", own), plant.GetBodyByName("bus")
+    joint = plant.AddJoint(RevoluteJoint("spin", bus.body_frame(), wheel.body_frame(), AXIS))
+    plant.AddJointActuator("motor", joint)
     plant.Finalize()
-    builder = DiagramBuilder()
+    simulator = Simulator(plant)
+    context = simulator.get_mutable_context()
+    plant.get_actuation_input_port().FixValue(context, [0.4])
+    joint.set_angular_rate(context, 80.0)
+    expected, speeds = turned(plant, simulator, until_s), np.array([80.0, joint.get_angular_rate(context)])
+
+    whole += own
+    plant, builder = with_bus(whole), DiagramBuilder()
+    plant.Finalize()
     builder.AddSystem(plant)
-    dut = builder.AddSystem(BodyWrench(plant, bus, wheels=True))
-    changing = SPIN * (speeds[1] - speeds[0]) / until_s * AXIS
-    middle = SPIN * speeds.mean() * AXIS
-    for name, value in (("wrench", np.zeros(7)), ("wheels", np.concatenate((middle, changing)))):
+    dut = builder.AddSystem(BodyWrench(plant, "bus", wheels=True))
+    momenta = SPIN * np.outer([speeds.mean(), (speeds[1] - speeds[0]) / until_s], AXIS)
+    for name, value in (("wrench", np.zeros(7)), ("wheels", momenta.ravel())):
         builder.Connect(builder.AddSystem(ConstantVectorSource(value)).get_output_port(), dut.GetInputPort(name))
     for name in ("body_poses", "body_spatial_velocities"):
         builder.Connect(plant.GetOutputPort(name), dut.GetInputPort(name))
     builder.Connect(dut.GetOutputPort("spatial_forces"), plant.get_applied_spatial_force_input_port())
-    simulator = Simulator(builder.Build())
-    simulator.get_mutable_integrator().set_target_accuracy(1e-10)
-    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-    plant.SetFreeBodySpatialVelocity(context, bus, SpatialVelocity(START, np.zeros(3)))
-    simulator.AdvanceTo(until_s)
-    pose, velocity = plant.EvalBodyPoseInWorld(context, bus), plant.EvalBodySpatialVelocityInWorld(context, bus)
-    found = pose.rotation().matrix().T @ velocity.rotational()
+    found = turned(plant, Simulator(builder.Build()), until_s)
     np.testing.assert_allclose(found, expected, atol=2e-6)  # the momentum is held at its mean
     assert np.abs(expected - START).max() > 5e-3
 
 
-def test_a_plant_of_the_users_own_has_the_ports_of_wheels() -> None:
+def test_ports_of_wheels_are_there_and_they_start_as_they_are_told() -> None:
     builder, plant = DiagramBuilder(), arm()
     builder.AddSystem(plant)
-    added = add_thrusters_and_sensors(
-        builder, plant, again(load_vehicle("servicer"), wheels=with_wheels().wheels), "bus"
-    )
-    assert added.GetInputPort("wheel_torque").size() == 2
-    assert added.GetOutputPort("W1").size() == 1
-
-
-def test_a_diagram_of_a_multibody_vehicle_starts_with_its_wheels() -> None:
-    scenario = flight({"kind": "multibody", "model": LINK, "body": "bus"})
-    dut = open_loop.build(scenario)
-    context = dut.CreateDefaultContext()
-    assert dut.GetOutputPort("wheel_speeds").Eval(context)[0] == pytest.approx(60.0)
+    vehicle = again(load_vehicle("servicer"), wheels=with_wheels().wheels)
+    added = add_thrusters_and_sensors(builder, plant, vehicle, "bus")  # of the user's own
+    assert (added.GetInputPort("wheel_torque").size(), added.GetOutputPort("W1").size()) == (2, 1)
+    dut = open_loop.build(flight({"kind": "multibody", "model": LINK, "body": "bus"}))
+    assert dut.GetOutputPort("wheel_speeds").Eval(dut.CreateDefaultContext())[0] == pytest.approx(60.0)

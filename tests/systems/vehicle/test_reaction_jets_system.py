@@ -1,4 +1,4 @@
-"""The reaction jets: thrust and wrench, instantaneous and with a lag."""
+"""The reaction jets: thrust and wrench, instantaneous and with a lag, of healthy and of failed jets."""
 
 from __future__ import annotations
 
@@ -7,130 +7,191 @@ from typing import Any
 
 import numpy as np
 import pytest
-from systems_probe import PERIOD_S, advance, feedthrough, inputs, outputs
+from numpy.testing import assert_allclose, assert_array_equal
+from systems_probe import PERIOD_S, advance, feedthrough, give, inputs, output, outputs
 
-from massprop_drake.systems.vehicle.reaction_jets_system import ReactionJets
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.vehicle.on_times import pieces
+from massprop_drake.maths.vehicle.true_failures import Failure, FailureKind
+from massprop_drake.systems import ReactionJets
 
-# two jets: 5 lbf along (3, 4, 0) / 5, and 2 lbf along -z; torque, force and mass flow
-WRENCHES = np.array([[1.0, 2.0, -3.0, 3.0, 4.0, 0.0, 0.02], [0.0, -7.0, 0.5, 0.0, 0.0, -2.0, 0.01]])
-FORCES = np.array([5.0, 2.0])
+# three jets of 5, 2 and 4 lbf
+WRENCHES = np.array(
+    [
+        [1.0, 2.0, -3.0, 3.0, 4.0, 0.0, 0.02],
+        [0.0, -7.0, 0.5, 0.0, 0.0, -2.0, 0.01],
+        [4.0, 0.0, 1.0, 0.0, -4.0, 0.0, 0.03],
+    ]
+)
+FORCES, NONE = np.array([5.0, 2.0, 4.0]), np.zeros(3)
 TAU = 0.04  # s; half a period: exp(-2) is left after one
+LEFT = math.exp(-2.0)
+MEAN = 0.5 * (1.0 - LEFT)  # of a difference, on average over a period
+ROUNDING = 1e-11  # the share of a sample that a failure covers is a difference of times
 
 
-def _dut(time_constants_s: tuple[float, float]) -> tuple[ReactionJets, Any]:
-    dut = ReactionJets(wrenches=WRENCHES, time_constants_s=np.array(time_constants_s), period_s=PERIOD_S)
+def jets(*failures: Failure, constants: tuple[float, ...] = (0.0, 0.0, 0.0), **given: Any) -> tuple[Any, Any]:
+    dut = ReactionJets(
+        wrenches=WRENCHES, time_constants_s=np.array(constants), period_s=PERIOD_S, failures=failures, **given
+    )
     context = dut.CreateDefaultContext()
-    _command(dut, context, [0.0, 0.0], [0.0, 0.0])
+    give(dut, context, command=NONE, held_command=NONE)
     return dut, context
 
 
-def _command(dut: ReactionJets, context: Any, coming: list[float], held: list[float]) -> None:
-    dut.GetInputPort("command").FixValue(context, coming)
-    dut.GetInputPort("held_command").FixValue(context, held)
+def fly(dut: Any, context: Any, commands: Any) -> Array:
+    """Mean thrust over each sample of a schedule, as the closed loop wires it, shape (samples, 3)."""
+    thrust = []
+    for command in commands:
+        thrust.append(output(dut, context, "thrust", command=command))
+        advance(dut, context)
+        give(dut, context, held_command=command)
+    return np.array(thrust)
 
 
-def _out(dut: ReactionJets, context: Any, name: str) -> np.ndarray:
-    return dut.GetOutputPort(name).Eval(context)
+def failing(kind: FailureKind, jet: int, start: float = 0.0, end: float = math.inf, **values: Any) -> Failure:
+    """With times in samples."""
+    return Failure(jet, kind, start * PERIOD_S, end * PERIOD_S, **values)
+
+
+@pytest.mark.parametrize(("constants", "classes"), [((0, 0, 0), ()), ((TAU, TAU, 0), (TAU,)), ((TAU, 0.01, 0), (0.01, TAU))])
+def test_topology(constants: tuple[float, ...], classes: tuple[float, ...]) -> None:
+    dut, context = jets(constants=constants)
+    assert inputs(dut) == {"command": 3, "held_command": 3, "closed": 3, "held_closed": 3, "seed": 1}
+    assert outputs(dut) == {"thrust": 3, "wrench": 7, "wrench_profile": 7 * (1 + len(classes))}
+    # wrench feeds the continuous plant: with `command` in it, sensors and autopilot would close a loop
+    held = {"held_command", "held_closed", "seed"}
+    assert feedthrough(dut) == {"thrust": set(inputs(dut)), "wrench": held, "wrench_profile": set(inputs(dut))}
+    assert dut.lag_time_constants_s == classes
+    # without state, so that `Linearize` finds the body's alone
+    assert context.is_stateless() == (not classes)
+
+
+def test_instantaneous_thrust_is_the_command() -> None:
+    dut, context = jets()
+    give(dut, context, command=[1.0, 0.5, 0.0], held_command=[0.0, 1.0, 0.0])
+    assert_allclose(output(dut, context, "thrust"), [5.0, 1.0, 0.0], rtol=1e-15)
+    assert_allclose(output(dut, context, "wrench_profile"), [1.0, -1.5, -2.75, 3.0, 4.0, -1.0, 0.025], rtol=1e-15)
+    assert_allclose(output(dut, context, "wrench"), WRENCHES[1], rtol=1e-15)
+    # half the mean thrust uses half of its propellant
+    tanks, context = jets(feeds=np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 1.0]]))
+    give(tanks, context, command=[1.0, 0.5, 0.5])
+    assert_allclose(output(tanks, context, "drained"), PERIOD_S * np.array([0.025, 0.015]), rtol=1e-14)
+
+
+ON_2 = [0.0, 1.0, 0.0]
+UP = [1.0 - MEAN, 1.0 - LEFT * MEAN, 1.0 - LEFT**2 * MEAN]  # building up from nothing
 
 
 @pytest.mark.parametrize(
-    ("constants", "classes"), [((0.0, 0.0), 0), ((TAU, TAU), 1), ((TAU, 0.0), 1), ((TAU, 0.01), 2)]
+    ("failure", "constant", "jet", "commands", "levels"),
+    [
+        (None, TAU, 1, [ON_2, ON_2, NONE, NONE], [*UP[:2], (1 - LEFT**2) * MEAN, (1 - LEFT**2) * LEFT * MEAN]),
+        (failing(FailureKind.STUCK_ON, 0, 2), 0.0, 0, [NONE] * 4, [0, 0, 1, 1]),
+        (failing(FailureKind.STUCK_ON, 0, 1.25), 0.0, 0, [NONE] * 3, [0, 0.75, 1]),
+        (failing(FailureKind.STUCK_OFF, 1, 1, 3), 0.0, 1, [ON_2] * 5, [1, 0, 0, 1, 1]),
+        (failing(FailureKind.LEAK, 1, 1, amount=0.5), 0.0, 1, [NONE, NONE, ON_2], [0, 0.25, 1.25]),  # of a force
+        (failing(FailureKind.DEGRADED, 1, 1, amount=0.25), 0.0, 1, [ON_2] * 2, [1, 0.25]),
+        (failing(FailureKind.STUCK_ON, 0, 1), TAU, 0, [NONE] * 4, [0, *UP]),
+        (
+            failing(FailureKind.STUCK_OFF, 1, 2),
+            TAU,
+            1,
+            [ON_2] * 4,
+            [*UP[:2], (1 - LEFT**2) * MEAN, (1 - LEFT**2) * LEFT * MEAN],
+        ),
+    ],
 )
-def test_topology(constants: tuple[float, float], classes: int) -> None:
-    dut, _ = _dut(constants)
-    assert inputs(dut) == {"command": 2, "held_command": 2, "closed": 2, "held_closed": 2, "seed": 1}
-    assert outputs(dut) == {"thrust": 2, "wrench": 7, "wrench_profile": 7 * (1 + classes)}
-    # wrench feeds the continuous plant: with `command` in it, sensors and autopilot would close a loop
-    assert feedthrough(dut) == {
-        "thrust": {"command", "held_command", "closed", "held_closed", "seed"},
-        "wrench": {"held_command", "held_closed", "seed"},
-        "wrench_profile": {"command", "held_command", "closed", "held_closed", "seed"},
-    }
-    assert len(dut.lag_time_constants_s) == classes
+def test_mean_thrust_over_samples(
+    failure: Failure | None, constant: float, jet: int, commands: list[Any], levels: list[float]
+) -> None:
+    dut, context = jets(*(() if failure is None else (failure,)), constants=tuple(constant * np.eye(3)[jet]))
+    thrust = fly(dut, context, commands)
+    assert_allclose(thrust[:, jet], FORCES[jet] * np.array(levels), atol=1e-10)
+    assert not np.delete(thrust, jet, axis=1).any()
 
 
-def test_instantaneous_thrust_is_the_command_of_the_coming_sample() -> None:
-    dut, context = _dut((0.0, 0.0))
-    _command(dut, context, [1.0, 0.5], [0.0, 1.0])
-    np.testing.assert_allclose(_out(dut, context, "thrust"), [5.0, 1.0], rtol=1e-15)
-    # one row: no part that dies away
-    expected = [1.0, 2.0 - 3.5, -3.0 + 0.25, 3.0, 4.0, -1.0, 0.025]
-    np.testing.assert_allclose(_out(dut, context, "wrench_profile"), expected, rtol=1e-15)
+MANY = (
+    failing(FailureKind.STUCK_ON, 0, 1.5, 4.25),
+    failing(FailureKind.LEAK, 1, 1, amount=0.2),
+    failing(FailureKind.INTERMITTENT, 2, amount=0.5, probability=0.5, stream="failure 2 of C"),
+)
+SCHEDULE = [[0.0, 1.0, 1.0], [1.0, 1.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.5, 0.0], [1.0, 0.0, 1.0], [0.0, 0.0, 1.0]]
 
 
-def test_the_instantaneous_wrench_is_that_of_the_held_command() -> None:
-    dut, context = _dut((0.0, 0.0))
-    _command(dut, context, [1.0, 0.5], [0.0, 1.0])
-    np.testing.assert_allclose(_out(dut, context, "wrench"), WRENCHES[1], rtol=1e-15)
+@pytest.mark.parametrize("failures", [(), MANY])
+@pytest.mark.parametrize("constants", [(0.0, 0.0, 0.0), (TAU, 0.0, 0.015)])
+def test_stepped_and_continuous_plant_get_the_same_thrust(
+    failures: tuple[Failure, ...], constants: tuple[float, ...]
+) -> None:
+    """The profile of a sample, decided before the update, against the wrench after it, and its mean against thrust."""
+    dut, context = jets(*failures, constants=constants)
+    lags, directions = np.array(dut.lag_time_constants_s), WRENCHES[:, 3:6] / FORCES[:, None]
+    for number, command in enumerate(SCHEDULE):
+        profile = output(dut, context, "wrench_profile", command=command).reshape(-1, 7)
+        mean = profile[0] + lags / PERIOD_S * (1.0 - np.exp(-PERIOD_S / lags)) @ profile[1:]
+        assert_allclose(output(dut, context, "thrust") @ directions, mean[3:6], atol=1e-11)
+        advance(dut, context)
+        give(dut, context, command=NONE, held_command=command)  # from here on only what is held may count
+        for elapsed in (0.01, 0.04, 0.0799):
+            context.SetTime(number * PERIOD_S + elapsed)
+            expected = profile[0] + np.exp(-elapsed / lags) @ profile[1:]
+            assert_allclose(output(dut, context, "wrench"), expected, atol=1e-11)
+        context.SetTime((number + 1) * PERIOD_S)
 
 
-def test_thrust_builds_up_over_a_sample() -> None:
-    # the mean of 1 - exp(-s / tau) over one period T = 2 tau is 1 - (1 - exp(-2)) / 2
-    dut, context = _dut((TAU, 0.0))
-    _command(dut, context, [1.0, 1.0], [0.0, 0.0])
-    mean = 1.0 - 0.5 * (1.0 - math.exp(-2.0))
-    np.testing.assert_allclose(_out(dut, context, "thrust"), [5.0 * mean, 2.0], rtol=1e-14)
+def test_an_intermittent_jet_fails_by_the_runs_seed_alone() -> None:
+    first, again, other = (fly(*jets(MANY[2], seed=seed), [[0, 0, 1.0]] * 40)[:, 2].tolist() for seed in (1, 1, 2))
+    assert_allclose(sorted(set(np.round(first, 9))), [2.0, 4.0])
+    assert first == again != other  # two independent records agree throughout with a probability of 1e-12
 
 
-def test_the_profile_is_what_the_sample_tends_to_and_what_dies_away() -> None:
-    dut, context = _dut((TAU, 0.01))
-    assert dut.lag_time_constants_s == (0.01, TAU)
-    # first sample: both from nothing toward 1 and 0.5
-    _command(dut, context, [1.0, 0.5], [0.0, 0.0])
-    steady, fast, slow = _out(dut, context, "wrench_profile").reshape(3, 7)
-    np.testing.assert_allclose(steady, WRENCHES[0] + 0.5 * WRENCHES[1], rtol=1e-15)
-    np.testing.assert_allclose(fast, -0.5 * WRENCHES[1], rtol=1e-15)
-    np.testing.assert_allclose(slow, -WRENCHES[0], rtol=1e-15)
-
-
-def test_the_level_goes_on_from_where_the_last_sample_left_it() -> None:
-    dut, context = _dut((TAU, TAU))
-    _command(dut, context, [1.0, 1.0], [0.0, 0.0])
+def test_a_closed_manifold_stops_whatever_its_jets_do() -> None:
+    """Thrust tails off then: the mean of exp(-s / tau), and exp(-2) of it in the sample after."""
+    dut, context = jets(failing(FailureKind.STUCK_ON, 0), failing(FailureKind.LEAK, 1, amount=0.2), constants=(TAU, 0, 0))
+    give(dut, context, closed=NONE, held_closed=NONE)
+    fly(dut, context, [NONE] * 20)  # exp(-40) short of full thrust
+    give(dut, context, closed=[1.0, 1.0, 0.0], command=[1.0, 1.0, 1.0])
+    assert_allclose(output(dut, context, "thrust"), [5.0 * MEAN, 0.0, 4.0], rtol=1e-10, atol=1e-12)
+    # at this instant the valves' past still counts
+    assert_allclose(output(dut, context, "wrench"), WRENCHES[0] + 0.1 * WRENCHES[1], rtol=1e-10, atol=1e-10)
     advance(dut, context)
-    # at the second sample the held command has acted for one period: level 1 - exp(-2); now jet 2 goes off
-    _command(dut, context, [1.0, 0.0], [1.0, 1.0])
-    level = 1.0 - math.exp(-2.0)
-    steady, dying = _out(dut, context, "wrench_profile").reshape(2, 7)
-    np.testing.assert_allclose(steady, WRENCHES[0], rtol=1e-15)
-    np.testing.assert_allclose(dying, (level - 1.0) * WRENCHES[0] + level * WRENCHES[1], rtol=1e-13)
-    # mean over the sample: target + (level - target) (1 - exp(-2)) / 2
-    half = 0.5 * (1.0 - math.exp(-2.0))
-    np.testing.assert_allclose(
-        _out(dut, context, "thrust"), [5.0 * (1.0 + (level - 1.0) * half), 2.0 * level * half], rtol=1e-13
-    )
+    give(dut, context, held_closed=[1.0, 1.0, 0.0])
+    assert_allclose(output(dut, context, "thrust")[0], 5.0 * LEFT * MEAN, rtol=1e-10)
+    context.SetTime(20 * PERIOD_S + 0.04)
+    assert_allclose(output(dut, context, "wrench"), math.exp(-1.0) * WRENCHES[0], rtol=1e-10, atol=1e-10)
 
 
-def test_the_wrench_follows_the_lag_between_samples() -> None:
-    dut, context = _dut((TAU, TAU))
-    _command(dut, context, [1.0, 1.0], [0.0, 0.0])
-    advance(dut, context)  # the update at 0; the held command is now that of [0, T)
-    _command(dut, context, [1.0, 1.0], [1.0, 1.0])
-    for elapsed in (0.0, 0.3 * TAU, TAU, PERIOD_S):
+def test_jets_that_open_within_a_sample_give_their_thrust_then() -> None:
+    dut, context = jets(pieces=4)
+    command, onset = np.array([0.5, 0.25, 1.0]), np.array([0.02, 0.02, 0.0])
+    give(dut, context, held_command_onset=NONE, command_onset=onset, command=command)
+    assert_allclose(output(dut, context, "thrust"), FORCES * command, rtol=1e-12)
+    profile = output(dut, context, "wrench_profile").reshape(4, 8)
+    lengths, levels = pieces(command, onset, PERIOD_S, (0.0, PERIOD_S))
+    assert_allclose(profile[:, 0], lengths, atol=1e-15)
+    assert_allclose(profile[:, 1:], levels @ WRENCHES, atol=1e-12)
+    advance(dut, context)
+    give(dut, context, held_command=command, held_command_onset=onset)
+    for elapsed, level in ((0.01, [0, 0, 1]), (0.03, [1, 1, 1]), (0.05, [1, 0, 1]), (0.07, [0, 0, 1])):
         context.SetTime(elapsed)
-        level = 1.0 - math.exp(-elapsed / TAU)
-        np.testing.assert_allclose(_out(dut, context, "wrench"), level * WRENCHES.sum(axis=0), rtol=1e-13, atol=1e-16)
+        assert_allclose(output(dut, context, "wrench"), level @ WRENCHES, atol=1e-12)
 
 
-def test_wrench_profile_and_wrench_agree_over_a_sample() -> None:
-    """What the stepped plant is told and what the continuous plant sees are the same thrust."""
-    dut, context = _dut((TAU, 0.01))
-    _command(dut, context, [1.0, 0.0], [0.0, 0.0])
-    advance(dut, context)
-    _command(dut, context, [0.0, 1.0], [1.0, 0.0])
-    rows = _out(dut, context, "wrench_profile").reshape(3, 7)
-    advance(dut, context)
-    _command(dut, context, [0.0, 0.0], [0.0, 1.0])
-    for elapsed in (0.0, 0.01, 0.03, 0.0799):
-        context.SetTime(PERIOD_S + elapsed)
-        fast, slow = math.exp(-elapsed / 0.01), math.exp(-elapsed / TAU)
-        np.testing.assert_allclose(
-            _out(dut, context, "wrench"), rows[0] + rows[1] * fast + rows[2] * slow, rtol=1e-12, atol=1e-15
-        )
-
-
-def test_instantaneous_jets_remember_nothing() -> None:
-    dut, context = _dut((0.0, 0.0))
-    _command(dut, context, [1.0, 1.0], [1.0, 1.0])
-    # neither state nor an update, so that `Linearize` finds the body's state alone
-    assert dut.GetUniquePeriodicDiscreteUpdateAttribute() is None
-    assert context.is_stateless()
+def test_parameters_and_a_floor_change_the_wrench() -> None:
+    dut, context = jets(failing(FailureKind.LEAK, 2, amount=0.5))
+    dut.parameters.set(context, thrust_factor_1=0.5, thrust_factor_2=0.8)
+    give(dut, context, command=[1.0, 1.0, 0.0], held_command=[1.0, 1.0, 0.0])
+    assert_allclose(output(dut, context, "thrust"), [5.0, 1.0, 0.5], rtol=1e-12)  # a leak is of its force
+    for name in ("wrench_profile", "wrench"):
+        expected = WRENCHES[0] + 0.5 * WRENCHES[1] + 0.125 * WRENCHES[2]
+        assert_allclose(output(dut, context, name), expected, rtol=1e-12)
+        advance(dut, context)
+    floor, context = jets(planar=True)
+    center = np.array([0.02, -0.03, 0.05])
+    give(floor, context, command=[1.0, 1.0, 0.5], structure=[*np.ones(6), *center])
+    wrench = output(floor, context, "wrench_profile")
+    about_center = wrench[:3] - np.cross(center, wrench[3:6])
+    assert_allclose([*about_center[:2], wrench[5]], 0.0, atol=1e-15)
+    free = np.array([1.0, 1.0, 0.5]) @ WRENCHES
+    assert_array_equal(wrench[[2, 3, 4, 6]], free[[2, 3, 4, 6]])

@@ -12,8 +12,8 @@ from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RevoluteJoint, SpatialInertia, UnitInertia
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource
+
+from systems_probe import feedthrough, inputs, output, outputs, update
 
 from massprop_drake import simulate
 from massprop_drake.inputs.scenario import Scenario, load_scenario
@@ -43,49 +43,38 @@ def model(**changed: Any) -> WheelsModel:
 def multibody(torques: Array, step_s: float, steps: int) -> tuple[Array, Array, Array]:
     """Rates of a body in which two wheels turn, their speeds, at each step, and its inertia with the wheels locked."""
     plant = MultibodyPlant(0.0)
-    body = plant.AddRigidBody("bus", SpatialInertia(40.0, np.zeros(3), UnitInertia(0.1, 0.15, 0.2, 0.01, -0.02, 0.01)))
-    inertia = 40.0 * np.array([[0.1, 0.01, -0.02], [0.01, 0.15, 0.01], [-0.02, 0.01, 0.2]])
-    joints = []
-    for place, axis in enumerate(AXES):
-        spin = SPIN[place]
-        own = 0.6 * spin * (np.eye(3) - np.outer(axis, axis)) + spin * np.outer(axis, axis)
-        unit = own / 2.0
-        made = UnitInertia(unit[0, 0], unit[1, 1], unit[2, 2], unit[0, 1], unit[0, 2], unit[1, 2])
-        wheel = plant.AddRigidBody(f"wheel{place}", SpatialInertia(2.0, np.zeros(3), made))
-        joint = plant.AddJoint(RevoluteJoint(f"spin{place}", body.body_frame(), wheel.body_frame(), axis))
-        plant.AddJointActuator(f"motor{place}", joint)
-        joints.append(joint)
-        inertia = inertia + own
+    whole = SpatialInertia(40.0, np.zeros(3), UnitInertia(0.1, 0.15, 0.2, 0.01, -0.02, 0.01))
+    body, joints = plant.AddRigidBody("bus", whole), []
+    for place, (axis, spin) in enumerate(zip(AXES, SPIN, strict=True)):
+        unit = spin * (0.6 * np.eye(3) + 0.4 * np.outer(axis, axis)) / 2.0
+        own = SpatialInertia(2.0, np.zeros(3), UnitInertia(*unit.diagonal(), unit[0, 1], unit[0, 2], unit[1, 2]))
+        wheel = plant.AddRigidBody(f"wheel{place}", own)
+        joints.append(plant.AddJoint(RevoluteJoint(f"spin{place}", body.body_frame(), wheel.body_frame(), axis)))
+        plant.AddJointActuator(f"motor{place}", joints[-1])
+        whole += own
     plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
     plant.Finalize()
-    builder = DiagramBuilder()
-    builder.AddSystem(plant)
-    motors = builder.AddSystem(ConstantVectorSource(torques))
-    builder.Connect(motors.get_output_port(), plant.get_actuation_input_port())
-    diagram = builder.Build()
-    simulator = Simulator(diagram)
+    simulator = Simulator(plant)
     simulator.get_mutable_integrator().set_target_accuracy(1e-10)
-    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    context = simulator.get_mutable_context()
+    plant.get_actuation_input_port().FixValue(context, torques)
     plant.SetFreeBodySpatialVelocity(context, body, SpatialVelocity(np.array([0.1, -0.05, 0.08]), np.zeros(3)))
     joints[0].set_angular_rate(context, 30.0)
-    simulator.Initialize()
     rates, speeds = [], []
     for step in range(steps + 1):
         simulator.AdvanceTo(step * step_s)
         pose, velocity = plant.EvalBodyPoseInWorld(context, body), plant.EvalBodySpatialVelocityInWorld(context, body)
         rates.append(pose.rotation().matrix().T @ velocity.rotational())
         speeds.append([joint.get_angular_rate(context) for joint in joints])
-    return np.array(rates), np.array(speeds), inertia
+    return np.array(rates), np.array(speeds), whole.CalcRotationalInertia().CopyToFullMatrix3()
 
 
 def test_a_body_with_wheels_moves_as_bodies_and_joints_do() -> None:
     step_s, steps = 0.02, 100
     rates, speeds, inertia = multibody(np.array([0.05, -0.08]), step_s, steps)
-    body = rigid_body.body_of(MassProperties(44.0, np.zeros(3), inertia))
-    state = rigid_body.initial_state(44.0)
+    body, state = rigid_body.body_of(MassProperties(44.0, np.zeros(3), inertia)), rigid_body.initial_state(44.0)
     state[rigid_body.RATE] = rates[0]
-    momenta = (speeds * SPIN) @ AXES
-    for before, after in pairwise(momenta):
+    for before, after in pairwise((speeds * SPIN) @ AXES):
         carried = rigid_body.carrying(body, np.concatenate((before, (after - before) / step_s)))
         state = rigid_body.step(state, np.zeros(7), np.zeros((0, 7)), (), step_s, carried)
     np.testing.assert_allclose(state[rigid_body.RATE], rates[-1], atol=1e-7)
@@ -107,15 +96,11 @@ def scenario(**changed: Any) -> Scenario:
     return Scenario.model_validate({**made, "plant": plant, **changed})
 
 
-def test_the_stepped_plant_is_the_continuous_one() -> None:
+def test_speeds_are_those_of_the_motors_and_move_both_kinds_of_plant_alike() -> None:
     stepped, continuous = (simulate(scenario(plant={"time_step": step}), look_back=False) for step in (None, 0.0))
     np.testing.assert_allclose(stepped["rate"], continuous["rate"], atol=1e-9)
     assert np.abs(stepped["rate"][-1] - stepped["rate"][0]).max() > 1e-3
-
-
-def test_speeds_are_those_of_the_motors_as_far_as_these_go() -> None:
-    run = simulate(scenario(), look_back=False)
-    first, second = run["W1"][:, 0], run["W2"][:, 0]
+    first, second = stepped["W1"][:, 0], stepped["W2"][:, 0]
     assert abs(first[-1] - (20.0 + 0.1 / 0.02 * 2.0)) < 0.1
     assert abs(second[-1] + 0.2 / 0.015 * 2.0) < 0.1  # not by 0.5 N m
     np.testing.assert_allclose(first / 0.05, np.round(first / 0.05), atol=1e-9)
@@ -144,8 +129,13 @@ def test_a_motor_leaves_its_wheel_at_the_largest_speed() -> None:
     """The first wheel gets .1 N m, so 5 rad/s^2: in a sample of .1 s half a rad/s, of which .2 are left."""
     near = model(fastest=np.array([10.0, np.inf]), start=np.array([9.8, -3.0]))
     dut = ReactionWheels(near, ("W1", "W2"), period_s=0.1, stepped=True, seed=0)
+    assert inputs(dut) == {"wheel_torque": 2, "noise": 2, "seed": 1}
+    assert outputs(dut) == {"wheels": 6, "wheel_speeds": 2, "W1": 1, "W2": 1}
+    assert feedthrough(dut)["wheel_speeds"] == {"seed"}
     context = dut.CreateDefaultContext()
-    assert not dut.GetOutputPort("wheels").Eval(context)[3:].any()  # without a torque
-    dut.GetInputPort("wheel_torque").FixValue(context, [0.1, 0.1])
-    changing = dut.GetOutputPort("wheels").Eval(context)[3:]
+    assert not output(dut, context, "wheels")[3:].any()  # without a torque
+    changing = output(dut, context, "wheels", wheel_torque=[0.1, 0.1], noise=np.zeros(2))[3:]
     np.testing.assert_allclose(changing, 0.02 * 0.2 / 0.1 * AXES[0] + 0.1 * AXES[1], rtol=1e-12)
+    update(dut, context)
+    context.SetTime(0.1)
+    np.testing.assert_allclose(output(dut, context, "wheel_speeds"), [10.0, -3.0 + 0.1 / 0.015 * 0.1], rtol=1e-12)

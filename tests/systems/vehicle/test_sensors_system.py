@@ -1,199 +1,111 @@
-"""Rate gyro and integrating accelerometer: readings and their errors."""
+"""Sensors as systems: rate gyro, integrating accelerometer and trackers, with their errors in the context."""
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from params_probe import PERFECT_SENSOR
-from systems_probe import PERIOD_S, advance, feedthrough, inputs, outputs, update
+from systems_probe import PERIOD_S, feedthrough, give, inputs, output, outputs, sample
 
-from massprop_drake.maths.vehicle.rigid_body import MASS, N_STATE, ORIGIN_VELOCITY, RATE, SPIN_INTEGRAL
-from massprop_drake.maths.vehicle.sensing import Tone, vibration
-from massprop_drake.systems.vehicle.integrating_accelerometer import IntegratingAccelerometer
-from massprop_drake.systems.vehicle.rate_gyro import RateGyro
-from massprop_drake.systems.vehicle.sensor import Sensor
+from massprop_drake import InputError
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.vehicle.rigid_body import N_STATE, ORIGIN_VELOCITY, POSITION, QUATERNION, RATE, SPIN_INTEGRAL
+from massprop_drake.maths.vehicle.sensing import Tone, point_velocity, sense, vibration
+from massprop_drake.maths.vehicle.tracking import PoseModel
+from massprop_drake.systems import IntegratingAccelerometer, PoseTracker, RateGyro, VelocityTracker
 
-POSITION = np.array([2.0, -1.0, 0.5])
-
-
-def _gyro(**errors: Any) -> tuple[RateGyro, Any]:
-    dut = RateGyro("gyro", PERFECT_SENSOR._replace(**errors))
-    return dut, dut.CreateDefaultContext()
+PLACE = np.array([2.0, -1.0, 0.5])
+SHAKEN = vibration([Tone(0.2 / PERIOD_S, np.array([1.0, 0.0, -2.0]), np.zeros(3))], np.ones(3), None, integrates=False)
+PHASE = {"quantum": 0.1, "phase": np.array([0.25, -0.1, 0.4])}
 
 
-def _accelerometer(**errors: Any) -> tuple[IntegratingAccelerometer, Any]:
-    dut = IntegratingAccelerometer("acc", PERFECT_SENSOR._replace(integrates=True, **errors), position=POSITION)
-    return dut, dut.CreateDefaultContext()
+def made(kind: Any, **errors: Any) -> Any:
+    place = {} if kind is RateGyro else {"position": PLACE}
+    return kind("package", PERFECT_SENSOR._replace(integrates=kind is not RateGyro, **errors), **place)
 
 
-def _body(rate: tuple[float, ...] = (0.0, 0.0, 0.0), velocity: tuple[float, ...] = (0.0, 0.0, 0.0)) -> np.ndarray:
-    state = np.full(N_STATE, 7.0)  # what a sensor must not read is not zero
-    state[RATE] = rate
-    state[ORIGIN_VELOCITY] = velocity
-    state[SPIN_INTEGRAL] = 0.0
-    return state
+def signal(kind: Any, body: Array) -> Array:
+    """What an ideal package reads; the rest of the body must not matter."""
+    if kind is RateGyro:
+        return body[RATE]
+    return point_velocity(body[ORIGIN_VELOCITY], body[RATE], body[SPIN_INTEGRAL], PLACE)
 
 
-def _reading(dut: Sensor, context: Any, body: np.ndarray, noise: np.ndarray | None = None) -> np.ndarray:
-    dut.GetInputPort("body_state").FixValue(context, body)
-    if noise is not None:
-        dut.GetInputPort("noise").FixValue(context, noise)
-    return dut.GetOutputPort("reading").Eval(context)
-
-
-@pytest.mark.parametrize("make", [_gyro, _accelerometer])
-def test_topology(make: Any) -> None:
-    dut, context = make()
+@pytest.mark.parametrize("kind", [RateGyro, IntegratingAccelerometer])
+@pytest.mark.parametrize(
+    "errors",
+    [
+        {},
+        {"limit": 0.4, **PHASE},
+        {"scale_factor": np.array([0.01, -0.02, 0.0]), "noise_std": 0.01, **PHASE},
+        {"bias": np.array([0.5, 0.0, -0.5]), "delay": 2, "walk_std": 0.1, "limit": 1.0},
+        {"smoothing": 0.6, "vibration": SHAKEN, "bias": np.ones(3)},
+        {"vibration": SHAKEN},
+    ],
+)
+def test_a_package_reads_what_its_mathematics_say(kind: Any, errors: dict[str, Any]) -> None:
+    dut, random = made(kind, **errors), np.random.default_rng(1)
+    model, context = PERFECT_SENSOR._replace(integrates=kind is not RateGyro, **errors), dut.CreateDefaultContext()
     assert inputs(dut) == {"body_state": N_STATE, "noise": 6}
     assert outputs(dut) == {"reading": 3}
     # noise is no input of a sensor without any, and may stay unconnected
-    assert feedthrough(dut) == {"reading": {"body_state"}}
-    assert context.num_discrete_state_groups() == 0
-    noisy, _ = make(noise_std=0.1)
-    assert feedthrough(noisy) == {"reading": {"body_state", "noise"}}
-    slow, context = make(delay=2)
-    assert feedthrough(slow) == {"reading": {"body_state"}}
-    assert context.get_discrete_state(0).size() == 16
+    assert feedthrough(dut) == {"reading": {"body_state", *(["noise"] if model.noisy else [])}}
+    assert context.num_discrete_state_groups() == model.remembers
+    memory = np.zeros(model.memory_size)
+    for number in range(5):
+        body, noise = random.standard_normal(N_STATE), random.standard_normal(6)
+        give(dut, context, body_state=body, **({"noise": noise} if model.noisy else {}))
+        expected, memory = sense(signal(kind, body), memory, noise, model, number * PERIOD_S)
+        assert_allclose(sample(dut, context, "reading"), expected, rtol=1e-14, atol=1e-15)
 
 
-def test_a_gyro_reads_the_rate_and_nothing_else() -> None:
-    dut, context = _gyro()
-    np.testing.assert_array_equal(_reading(dut, context, _body(rate=(0.1, -0.2, 0.3))), [0.1, -0.2, 0.3])
+@pytest.mark.parametrize("kind", [RateGyro, IntegratingAccelerometer])
+def test_errors_are_those_of_the_context(kind: Any) -> None:
+    dut, body = made(kind), np.zeros(N_STATE)
+    context = dut.CreateDefaultContext()
+    body[RATE if kind is RateGyro else ORIGIN_VELOCITY] = [0.11, -0.28, 0.4]
+    give(dut, context, body_state=body)
+    for errors, expected in (
+        ({"scale_factor_x": 1.0}, [0.22, -0.28, 0.4]),
+        ({"scale_factor_x": 0.0, "quantum": 0.1}, [0.1, -0.3, 0.4]),
+        ({"phase": [0.25, 0.25, 0.25]}, [0.075, -0.325, 0.375]),
+        ({"quantum": 0.0, "limit": 0.3}, [0.11, -0.28, 0.3]),
+        *([({"bias": [0.0, 0.0, -0.2]}, [0.11, -0.28, 0.2])] if kind is RateGyro else []),
+    ):
+        dut.parameters.set(context, **errors)
+        assert_allclose(output(dut, context, "reading"), expected, rtol=1e-14)
+    for errors, message in (({"noise_std": 0.1}, "has no noise: build it"), ({"walk_std": 0.1}, "has no noise")):
+        dut.parameters.set(context, **errors)
+        with pytest.raises(InputError, match=f"sensor 'package' {message}"):
+            output(dut, context, "reading")
+    if kind is IntegratingAccelerometer:
+        dut.parameters.set(context, noise_std=0.0, walk_std=0.0, bias_x=0.1)
+        with pytest.raises(InputError, match="sensor 'package' has no memory: build it with a bias or a walk_std"):
+            output(dut, context, "reading")
 
 
-def test_an_accelerometer_reads_the_velocity_gathered_where_it_stands() -> None:
-    # V_O + w x r' with w = (0, 0, 0.5), r' = (2, -1, 0.5): (0.5, 1, 0)
-    dut, context = _accelerometer()
-    body = _body(rate=(0.0, 0.0, 0.5), velocity=(10.0, 20.0, 30.0))
-    np.testing.assert_allclose(_reading(dut, context, body), [10.5, 21.0, 30.0], rtol=1e-15)
-    # having turned about z: the integral of [w x]^2 with zz = 3 is diag(-3, -3, 0), so -6 and +3
-    body[SPIN_INTEGRAL] = [0.0, 0.0, 3.0, 0.0, 0.0, 0.0]
-    np.testing.assert_allclose(_reading(dut, context, body), [4.5, 24.0, 30.0], rtol=1e-15)
+MODEL = PoseModel(np.array([0.2, 0.0, 0.0]), 0.01, 0.02, 0.0, 0.0, planar=False)
+AT = [1.21, 2.0, 3.0, 1.0, 0.0, 0.0, 0.0]
 
 
-def test_an_accelerometer_does_not_read_velocity_position_or_mass() -> None:
-    dut, context = _accelerometer()
-    body = _body(velocity=(1.0, 2.0, 3.0))
-    before = _reading(dut, context, body)
-    body[7:13] += 100.0  # position and velocity
-    body[MASS] += 1.0
-    np.testing.assert_array_equal(_reading(dut, context, body), before)
-
-
-def test_a_reading_is_the_nearest_mark_of_the_quantizer() -> None:
-    dut, context = _gyro(quantum=0.1)
-    np.testing.assert_allclose(_reading(dut, context, _body(rate=(0.149, 0.151, -0.26))), [0.1, 0.2, -0.3], rtol=1e-14)
-    # marks a quarter of a quantum below the multiples: ..., 0.075, 0.175, ...
-    dut, context = _gyro(quantum=0.1, phase=np.full(3, 0.25))
-    np.testing.assert_allclose(
-        _reading(dut, context, _body(rate=(0.124, 0.126, 0.0))), [0.075, 0.175, -0.025], rtol=1e-14
-    )
-
-
-def test_scale_factor_and_bias() -> None:
-    dut, context = _gyro(scale_factor=np.array([0.01, -0.02, 0.0]), bias=np.array([0.001, 0.0, -0.003]))
-    np.testing.assert_allclose(_reading(dut, context, _body(rate=(1.0, 1.0, 1.0))), [1.011, 0.98, 0.997], rtol=1e-14)
-
-
-def test_white_noise_is_the_noise_port_times_its_deviation() -> None:
-    dut, context = _gyro(noise_std=0.01)
-    noise = np.array([1.0, -2.0, 0.5, 9.0, 9.0, 9.0])
-    np.testing.assert_allclose(
-        _reading(dut, context, _body(rate=(1.0, 1.0, 1.0)), noise), [1.01, 0.98, 1.005], rtol=1e-14
-    )
-
-
-def test_noise_comes_before_the_quantizer() -> None:
-    dut, context = _gyro(noise_std=0.01, quantum=0.1)
-    noise = np.array([6.0, -6.0, 0.0, 0.0, 0.0, 0.0])
-    np.testing.assert_allclose(_reading(dut, context, _body(), noise), [0.1, -0.1, 0.0], rtol=1e-14)
-
-
-def test_a_late_sensor_reads_what_was_so_many_samples_before() -> None:
-    dut, context = _gyro(delay=2)
-    readings = []
-    for sample in range(5):
-        readings.append(_reading(dut, context, _body(rate=(0.1 * (sample + 1), 0.0, 0.0)))[0])
-        advance(dut, context)
-    # before the start the reading is taken to have been the first
-    np.testing.assert_allclose(readings, [0.1, 0.1, 0.1, 0.2, 0.3], rtol=1e-15)
-
-
-def test_the_bias_walks_from_sample_to_sample() -> None:
-    dut, context = _gyro(walk_std=0.01)
-    readings = []
-    for step in (1.0, 2.0, -4.0):
-        noise = np.array([9.0, 9.0, 9.0, step, 0.0, -step])
-        readings.append(_reading(dut, context, _body(rate=(1.0, 1.0, 1.0)), noise))
-        advance(dut, context)
-    np.testing.assert_allclose(readings, [[1.0, 1.0, 1.0], [1.01, 1.0, 0.99], [1.03, 1.0, 0.97]], rtol=1e-14)
-
-
-def test_the_bias_of_an_accelerometer_is_one_of_acceleration() -> None:
-    # 0.5 ft/s^2 gathers 0.04 ft/s a sample, from nothing
-    dut, context = _accelerometer(bias=np.array([0.5, 0.0, -0.5]))
-    readings = []
-    for _ in range(3):
-        readings.append(_reading(dut, context, _body()))
-        advance(dut, context)
-    np.testing.assert_allclose(readings, np.outer([0.0, 1.0, 2.0], [0.04, 0.0, -0.04]), rtol=1e-14)
-
-
-def test_a_low_pass_forgets_the_old_value_by_its_share() -> None:
-    keep = math.exp(-2.0 * math.pi * 1.0 * PERIOD_S)
-    dut, context = _gyro(smoothing=keep)
-    readings = []
-    for rate in (0.0, 1.0, 1.0):  # up by 1 within a sample, and steady from there: exact for that
-        readings.append(_reading(dut, context, _body(rate=(rate, 0.0, 0.0)))[0])
-        advance(dut, context)
-    first = 1.0 - (1.0 - keep) / (2.0 * math.pi * 1.0 * PERIOD_S)
-    np.testing.assert_allclose(readings, [0.0, first, 1.0 - keep * (1.0 - first)], rtol=1e-13)
-
-
-@pytest.mark.parametrize("remembering", [{}, {"delay": 1}])
-def test_vibration_is_taken_at_the_time_of_the_sample(remembering: dict[str, Any]) -> None:
-    # a fifth of a turn a sample
-    tone = Tone(0.2 / PERIOD_S, np.array([1.0, 0.0, -2.0]), np.zeros(3))
-    dut, context = _gyro(vibration=vibration([tone], np.ones(3), None, integrates=False), **remembering)
-    readings = []
-    for _ in range(4):
-        readings.append(_reading(dut, context, _body(rate=(0.0, 0.3, 0.0))))
-        if remembering:
-            update(dut, context)
-        context.SetTime(context.get_time() + PERIOD_S)
-    sines = np.sin(0.4 * np.pi * np.arange(4))
-    if remembering:
-        sines = np.array([sines[0], *sines[:3]])
-    expected = np.outer(sines, [1.0, 0.0, -2.0])
-    expected[:, 1] = 0.3
-    np.testing.assert_allclose(readings, expected, rtol=0.0, atol=1e-14)
-
-
-def test_asking_for_a_reading_changes_nothing() -> None:
-    dut, context = _gyro(delay=1, walk_std=0.01)
-    noise = np.ones(6)
-    first = [_reading(dut, context, _body(rate=(0.1, 0.0, 0.0)), noise) for _ in range(3)]
-    np.testing.assert_array_equal(first[0], first[2])
-    assert not context.get_discrete_state(0).CopyToVector().any()
-
-
-def test_every_sample_updates_the_memory_once() -> None:
-    dut, context = _accelerometer(bias=np.array([0.5, 0.0, 0.0]))
-    for _ in range(3):
-        _reading(dut, context, _body())
-        _reading(dut, context, _body())
-    advance(dut, context)
-    np.testing.assert_allclose(_reading(dut, context, _body())[0], 0.04, rtol=1e-14)
-
-
-@pytest.mark.parametrize("remembering", [{}, {"delay": 1}])
-def test_a_reading_stops_at_the_range(remembering: dict[str, Any]) -> None:
-    dut, context = _gyro(limit=0.5, quantum=0.2, **remembering)
-    for _ in range(2):
-        reading = _reading(dut, context, _body(rate=(0.41, 0.61, -9.0)))
-        if remembering:
-            advance(dut, context)
-    np.testing.assert_allclose(reading, [0.4, 0.5, -0.5], rtol=1e-14)
+@pytest.mark.parametrize(
+    ("dut", "time_s", "expected"),
+    [
+        (PoseTracker("cam", MODEL), 0.1, AT),
+        (PoseTracker("cam", MODEL._replace(rate_hz=4.0, period_s=0.1)), 0.1, [np.nan] * 7),
+        (PoseTracker("cam", MODEL._replace(rate_hz=4.0, period_s=0.1)), 0.3, AT),
+        (VelocityTracker("cam", position=np.array([0.2, 0.0, 0.0]), noise_std=0.1), 0.1, [0.1, 0.0, 0.0]),
+    ],
+)
+def test_a_tracker_reads_the_true_body_from_its_structure(dut: Any, time_s: float, expected: list[float]) -> None:
+    assert inputs(dut) == {"body_state": N_STATE, "structure": 9, "noise": dut.n_noise}
+    assert feedthrough(dut) == {"reading": set(inputs(dut))}
+    body, context = np.zeros(N_STATE), dut.CreateDefaultContext()
+    body[QUATERNION], body[POSITION] = (1.0, 0.0, 0.0, 0.0), (1.0, 2.0, 3.0)
+    give(dut, context, body_state=body, structure=np.zeros(9), noise=np.eye(dut.n_noise)[0])
+    context.SetTime(time_s)
+    assert_allclose(output(dut, context, "reading"), expected, atol=1e-12)
+    assert_array_equal(np.isnan(expected), np.isnan(output(dut, context, "reading")))

@@ -38,7 +38,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.detector import Evidence
-from massprop_drake.maths.estimation.filters.rotation_filter import rate_increment_jacobians
+from massprop_drake.maths.estimation.filters.rate_increments import rate_increment_jacobians
 from massprop_drake.maths.kernels import either, idiom, kernel, numbers, picked
 from massprop_drake.maths.linear_algebra import (
     Array,

@@ -60,7 +60,7 @@ class Hypothesis(NamedTuple):
         push: see `joint.hypotheses.pushed`.
         earlier: state before the newest jump of the mass properties; None: there was none.
         jumped: by what share of the mass that was expected to be, see `jump_sigma`; zero: there was none.
-        watch: see `proposals.Watch`; None: it is not watched.
+        watch: see `alarms.Watch`; None: it is not watched.
         root_until_s: time until which it is kept, whatever its weight.
         origin: see `proposals.Origin`; None: of the tree's beginning.
         review: see `review.Review`; None: it is not reviewed.

@@ -1,24 +1,21 @@
 """Proposals: fault events ranked to first order where a hypothesis does not explain the readings.
 
-Each watched hypothesis has a bank of onsets (`joint.bank`), whose test raises an alarm: a screen (`joint.screen`) then
-follows the first-order effects of every fault from a few onsets on, and is drawn from at ages of 0, 1, 2, 4, 8 ...
-samples. The first order only proposes.
+A screen (`joint.screen`) follows the first-order effects of every fault from a few onsets before an alarm on, and is
+drawn from at ages of 0, 1, 2, 4, 8 ... samples. The first order only proposes.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.faults.fault_events import ANEW, Event, Hypothesis, gone_on
+from massprop_drake.maths.estimation.faults.alarms import UNTOLD, Alarm, Leads, Rest
+from massprop_drake.maths.estimation.faults.fault_events import ANEW, Event, Hypothesis
 from massprop_drake.maths.estimation.faults.priors import Params, Priors, log_jump, log_rate
-from massprop_drake.maths.estimation.joint import bank as banks
 from massprop_drake.maths.estimation.joint import screen as screens
-from massprop_drake.maths.estimation.joint.bank import Bank
-from massprop_drake.maths.estimation.joint.guard import knows_rotation
 from massprop_drake.maths.estimation.joint.hypotheses import (
     DRIFT,
     JUMP_SHARES,
@@ -34,21 +31,16 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     known_forces,
     slot_of,
     stirs_beyond,
-    told,
 )
-from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence, JointSample
 from massprop_drake.maths.estimation.joint.layout import CENTER, JointParams, JointState
-from massprop_drake.maths.estimation.joint.screen import PAIR_PRIOR, Contender, Screen
-from massprop_drake.maths.estimation.joint.sensitivity import Link, Traces, linked, traces
-from massprop_drake.maths.estimation.joint.unknown import is_anything, reading_sigmas
+from massprop_drake.maths.estimation.joint.screen import PAIR_PRIOR, Contender
+from massprop_drake.maths.estimation.joint.unknown import reading_sigmas
 from massprop_drake.maths.estimation.joint.wheels import size_of
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import ELEMENT
 from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS, N_ERRORS, thrust
 
-_SHARE = 0.7  # of the largest statistic: older onsets explain the end point as well
 _SINGLES, _PAIRS = 12, 24  # proposals of a draw: compute budget
-_FEWEST = 2  # onsets of a bank
 _FINEST = 4  # cycles that an onset stands for, up to which a proposal is made for each: compute budget
 _DRIFTS = 4  # of the likeliest single failures, as drifting ones: compute budget
 _NEAR = 20.0  # nats of first order within which proposals are followed: what is less likely counts as unheard
@@ -63,37 +55,6 @@ _LATER = 4  # cycles after an alarm, in which steps go to failed jets: compute b
 _BEFORE = 48  # cycles before an alarm from which on something unstated is followed: compute budget
 _JUMPS_PER_HOUR = 0.1  # probability: of a disturbance that nobody stated, where there is one
 _NATS_OF_A_PUSH = 20.0  # that an unknown push costs a sample: as its readings tell nothing else
-
-
-# Log weights of all hypotheses over that of the likeliest, by their events: of one that is no more, minus infinity.
-Leads = Mapping[tuple[Event, ...], float]
-
-
-class WatchedCycle(NamedTuple):
-    """Cycle of a watched hypothesis, and its score after it."""
-
-    sample: JointSample
-    link: Link
-    score: Score
-
-
-class Rest(NamedTuple):
-    """Sum of the proposals that are not followed.
-
-    Attributes:
-        ahead: log weight to first order over that of the hypothesis that it is compared with, nats.
-        than: events of that hypothesis; None: the likeliest when it was drawn.
-    """
-
-    ahead: float
-    than: tuple[Event, ...] | None
-
-    def lead(self, leads: Leads) -> float:
-        """Computes the log weight to first order over that of the likeliest hypothesis, nats; see `Leads`."""
-        return self.ahead if self.than is None else self.ahead + leads.get(self.than, -math.inf)
-
-
-UNTOLD = Rest(0.0, None)  # of a draw whose first orders tell nothing any more: anything may be left
 
 
 class Birth(NamedTuple):
@@ -117,28 +78,6 @@ class Birth(NamedTuple):
         return Rest(self.ahead, self.than).lead(leads)
 
 
-class Alarm(NamedTuple):
-    """Alarm: a hypothesis does not explain its newest readings.
-
-    Attributes:
-        cycle: of the first alarm.
-        states: where the screen begins, and at each of its onsets.
-        scores: at each of its onsets.
-        screen: see `Screen`.
-        read: readings at the first onset, shape (m,).
-        drawn: age of the newest draw.
-        rest: of that draw; None: nothing is left.
-    """
-
-    cycle: int
-    states: tuple[JointState, ...]
-    scores: tuple[Score, ...]
-    screen: Screen
-    read: Array
-    drawn: int = -1
-    rest: Rest | None = None
-
-
 class Origin(NamedTuple):
     """Origin of a proposal: its parent, and the screen that proposed it.
 
@@ -156,127 +95,6 @@ class Origin(NamedTuple):
     states: tuple[JointState, ...]
     scores: tuple[Score, ...]
     read: Array
-
-
-class Watch(NamedTuple):
-    """Bank of onsets of a hypothesis, its cycles since the oldest, and its alarm.
-
-    Attributes:
-        bank: see `Bank`.
-        records: see `WatchedCycle`.
-        alarm: None: its readings are explained.
-        tested: whether the newest readings were tested.
-        statistic: largest GLR of a jet in them.
-    """
-
-    bank: Bank
-    records: tuple[WatchedCycle, ...]
-    alarm: Alarm | None = None
-    tested: bool = False
-    statistic: float = 0.0
-
-
-def watched(each: Hypothesis, evidence: JointEvidence, cycle: int, params: JointParams, *, likely: bool) -> Hypothesis:
-    """Advances the watch of a hypothesis whose filter has made a plain cycle.
-
-    Args:
-        each: before it.
-        evidence: of it.
-        cycle: its number.
-        params: without increments.
-        likely: whether its readings were explained before the cycle, so that something new may happen to it; else its
-            alarm is of what has happened, and what moves its state since is no onset.
-    """
-    run, sample = each.run, evidence.sample
-    score = run.score.plus(told(evidence.report))
-    done = run._replace(cycle=cycle, state=evidence.after, score=score)
-    if not _is_judged(evidence, params) or each.push > 0.0:
-        return gone_on(each, done, params)._replace(watch=None)
-    watch = each.watch or Watch(banks.empty(params.places), ())
-    seen = traces(evidence.before, evidence.report, sample)
-    seen = _uncertain(seen, evidence.before, np.minimum(each.walks * seen.duration_s, 1.0), params)
-    over, found, tested, bank = banks.followed_on(watch.bank, seen, evidence.after, cycle, banks.ALARM, params)
-    record, statistic = WatchedCycle(sample, over, score), 0.0
-    records = (*watch.records, record)
-    alarm = watch.alarm
-    if found is not None:
-        statistic = float(found.likelihood.max())
-    if alarm is not None:
-        alarm = alarm._replace(screen=screens.screened(alarm.screen, over, params))
-    if found is not None and banks.alarming(statistic, float(found.total.max())):
-        index = banks.onset_of(found.total, _SHARE)
-        if alarm is None or (likely and watch.bank.cycles[index] > alarm.cycle):  # something new
-            alarm = _alarm(watch.bank, records, index, cycle, params)
-    oldest = int(bank.cycles[0]) if alarm is None else min(int(bank.cycles[0]), alarm.screen.began)
-    course = evidence.report.course
-    assert course is not None, "the first sample is no cycle"
-    tested = tested and not is_anything(course.acting.firing, course.acting.anything)
-    watch = Watch(bank, records[-(cycle - oldest + 1) :], alarm, tested, statistic)
-    return gone_on(each, done, params)._replace(watch=watch)
-
-
-def _is_judged(evidence: JointEvidence, params: JointParams) -> bool:
-    """Tests whether a state's covariance covers the errors of its predicted readings: of all, or of the rates."""
-    after, report = evidence.after, evidence.report
-    assert report.course is not None, "the first sample is no cycle"
-    acting = report.course.acting.firing.amount > 0.0
-    return after.guarded or (report.rotation_known and knows_rotation(after, params, acting))
-
-
-def loss(each: Hypothesis) -> float:
-    """Computes the loss of likelihood of the newest readings against those before, nats.
-
-    Each as it is expected, since not every sample has a reading of every sensor.
-    """
-    records = each.watch.records if each.watch is not None else ()
-    if len(records) < _FEWEST + 1:
-        return 0.0
-    first, last, newest = (records[place].score.excess for place in (0, -2, -1))
-    usual = (last - first) / (len(records) - 2)
-    return newest - last - usual
-
-
-def surprised(each: Hypothesis, cycle: int, params: JointParams) -> Hypothesis:
-    """Raises an alarm for a watched hypothesis if another makes the newest readings far likelier."""
-    watch = each.watch
-    if watch is None or watch.alarm is not None or len(watch.bank.states) < _FEWEST:
-        return each
-    bank = Bank(watch.bank.states[:-1], *(part[:-1] for part in watch.bank[1:]))
-    alarm = _alarm(bank, watch.records, len(bank.states) - 1, cycle, params)
-    return each._replace(watch=watch._replace(alarm=alarm))
-
-
-def _uncertain(seen: Traces, before: JointState, walks: Array, params: JointParams) -> Traces:
-    """Returns a link's traces with the noise of walking forces added to that of its interval."""
-    noise = seen.noise
-    for slot in np.flatnonzero(walks):
-        column = params.places.force + int(slot)
-        effect = np.concatenate((seen.rate_rows[:, column], seen.velocity_rows[:, column]))
-        may_change = walks[slot] * params.thrusts[int(before.slot_jet[slot])]
-        noise = noise + may_change**2 * np.outer(effect, effect)
-    return seen._replace(noise=noise)
-
-
-def newest_link(evidence: JointEvidence, params: JointParams) -> Link:
-    """Computes the first-order effects of errors over the cycle that the filter has made."""
-    return linked(traces(evidence.before, evidence.report, evidence.sample), params)
-
-
-def _alarm(bank: Bank, records: tuple[WatchedCycle, ...], index: int, cycle: int, params: JointParams) -> Alarm:
-    first, chosen = max(index - 2, 0), range(max(index - 2, 0), min(index + 2, len(bank.states)))
-    cycles = bank.cycles.astype(np.intp)
-    onsets = tuple(int(cycles[k]) for k in chosen)
-    gaps = tuple(int(cycles[k] - cycles[k - 1]) if k > 0 else 1 for k in chosen)
-    began = int(cycles[first])
-    read = records[began - cycle - 1].link.read
-    screen = screens.begin((bank.states[first], began), onsets, gaps, read, params)
-    for record in records[len(records) - (cycle - began) :]:
-        screen = screens.screened(screen, record.link, params)
-    scores = tuple(records[onset - cycle - 1].score for onset in onsets)
-    return Alarm(cycle, tuple(bank.states[k] for k in chosen), scores, screen, read)
-
-
-# -------------------------------------------------------------------------------------------- draws
 
 
 def drawn(each: Hypothesis, cycle: int, among: Sequence[Hypothesis], params: Params) -> tuple[list[Birth], Rest | None]:

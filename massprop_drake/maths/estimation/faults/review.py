@@ -12,9 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from massprop_drake.maths.estimation.faults.alarms import Alarm, Rest
 from massprop_drake.maths.estimation.faults.fault_events import Hypothesis, shares
 from massprop_drake.maths.estimation.faults.priors import Params
-from massprop_drake.maths.estimation.faults.proposals import Alarm, Birth, Origin, Rest, ranked
+from massprop_drake.maths.estimation.faults.proposals import Birth, Origin, ranked
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.hypotheses import Kind, Runner, Score, prepared, slot_of, told
 from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, step
@@ -35,7 +36,7 @@ class Review(NamedTuple):
         calm: log likelihood and misfit when the hypothesis was likely last, nats: from then on the first order alone
             says how much it does not explain, as of an alarm.
         drawn: age of the newest draw.
-        rest: see `proposals.Alarm`.
+        rest: see `alarms.Alarm`.
     """
 
     run: Runner

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.faults import review as reviews
+from massprop_drake.maths.estimation.faults.alarms import UNTOLD, Alarm, Leads, loss, newest_link, surprised, watched
 from massprop_drake.maths.estimation.faults.fault_events import (
     Event,
     Hypothesis,
@@ -31,19 +32,7 @@ from massprop_drake.maths.estimation.faults.fault_events import (
 )
 from massprop_drake.maths.estimation.faults.fault_report import History
 from massprop_drake.maths.estimation.faults.priors import Params
-from massprop_drake.maths.estimation.faults.proposals import (
-    UNTOLD,
-    Alarm,
-    Birth,
-    Leads,
-    born_key,
-    drawn,
-    loss,
-    newest_link,
-    released,
-    surprised,
-    watched,
-)
+from massprop_drake.maths.estimation.faults.proposals import Birth, born_key, drawn, released
 from massprop_drake.maths.estimation.faults.search import SearchOutcome
 from massprop_drake.maths.estimation.joint import bank as banks
 from massprop_drake.maths.estimation.joint.guard import unguarded

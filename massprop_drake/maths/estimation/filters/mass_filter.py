@@ -19,8 +19,8 @@ the rotation, so that with M_ij = r^_i r^_j^T + S_cm
 
     R'_ij = R^d + var(v) (tr(M_ij) 1 - M_ij^T) + (O + O') S_cm (O + O')^T,    i != j
 
-Considered thrust errors enter as in `rotation_filter`, with L = lambda Psi + [lambda_1 ... lambda_n] / m, and with
-lambda_j in place of H_j.
+Thrust errors may be considered, see `considered`, with H = lambda and G = [lambda_1 ... lambda_n] / m; the products of
+both errors have lambda_j in place of H_j of `rotation_filter`.
 
 Source: D. R. Levy, MIT S.M. thesis, 1983, chapter 3; R'_ij and considered thrust errors are our own.
 """
@@ -34,6 +34,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.adaptation import Action, Adaptation
+from massprop_drake.maths.estimation.filters.considered import less_sensitive, plus, with_effects
 from massprop_drake.maths.estimation.filters.mass_jump import empty_window, jump_test, small_gain_growth
 from massprop_drake.maths.estimation.redundancy import Rule, combined
 from massprop_drake.maths.kernels import kernel, numbers
@@ -51,7 +52,6 @@ class Compensation(IntEnum):
 _TELLING = 1e4  # a jump's variance by one sample, relative to that of a jump, above which it says nothing
 _IDENTITY = np.eye(3)
 _WHAT = "the mass filter's innovation covariance"
-_NOT_MEASURED = np.full(3, np.nan)
 
 
 class MassParams(NamedTuple):
@@ -179,11 +179,6 @@ class MassState(NamedTuple):
     window: Array
     sensitivity: Array | None = None
 
-    @property
-    def independent(self) -> float:
-        """S_0: the part of the variance that does not come of thrust errors."""
-        return independent_of(self.variance, self.sensitivity)
-
 
 @kernel
 def independent_of(variance: float, sensitivity: Array | None) -> float:
@@ -232,25 +227,23 @@ class MassInnovation(NamedTuple):
     nis: float
 
 
-class MassUpdate(NamedTuple):
-    """State of the mass filter after one sample.
+class MassCycle(NamedTuple):
+    """State of the mass filter after a sample, measured or not, used or not.
 
     Attributes:
         state: see `MassState`.
+        used: whether the estimate was updated.
         jumped: whether the jump test found a jump.
     """
 
     state: MassState
+    used: bool
     jumped: bool
 
 
 @kernel
 def innovate(state: MassState, sample: MassSample) -> MassInnovation:
     """Computes the innovation of one sample (3-85) and its covariance (3-87).
-
-    Args:
-        state: predicted, see `MassState`.
-        sample: see `MassSample`.
 
     Raises:
         NotPositiveDefiniteError: when Y^zeta is not positive definite.
@@ -289,15 +282,7 @@ def _effects(
 @kernel
 def _innovation_covariance(independent: float, impulse: Array, effects: Array | None, noise: Array) -> Array:
     """Computes Y^zeta (3-87), considered thrust errors included."""
-    covariance = impulse[:, None] * (impulse * independent) + noise
-    return _with_effects(covariance, effects)
-
-
-@kernel
-def _with_effects(covariance: Array, effects: Array | None) -> Array:
-    if effects is None:
-        return covariance
-    return covariance + effects @ effects.T
+    return with_effects(impulse[:, None] * (impulse * independent) + noise, effects)
 
 
 def update(
@@ -307,24 +292,14 @@ def update(
     adaptation: Adaptation,
     params: MassParams,
     each: tuple[MassSample, ...] = (),
-) -> MassUpdate:
+) -> MassCycle:
     """Updates by a measurement (3-83), (3-86), variance in Joseph's form of (3-84), then in time (3-82).
 
-    A jump of the mass reciprocal is tested for, and corrected, unless a jet's failure explains the
-    sample; see `mass_jump`.
-
-    Args:
-        state: predicted, see `MassState`.
-        sample: see `MassSample`.
-        innovation: what `innovate` made of the same sample.
-        adaptation: see `estimation.adaptation`.
-        params: see `MassParams`.
-        each: the packages' own samples, where the update is made with one after the other.
+    A jump of the mass reciprocal is tested for, and corrected, unless a jet's failure explains the sample; see
+    `mass_jump`. With the packages' own samples, `each`, the update is made with one after the other.
     """
-    if not each:
+    if not each or adaptation.action == Action.REJECT:
         return update_once(state, sample, innovation, adaptation, params)
-    if adaptation.action == Action.REJECT:
-        return MassUpdate(_later(state, params), False)
     after, kept = _begun(state, adaptation, params), 1.0
     for part in each:
         after, gain = _updated(after, part, innovate(after, part), adaptation)
@@ -335,10 +310,10 @@ def update(
 @kernel
 def update_once(
     state: MassState, sample: MassSample, innovation: MassInnovation, adaptation: Adaptation, params: MassParams
-) -> MassUpdate:
+) -> MassCycle:
     """Runs `update` with one measurement."""
     if adaptation.action == Action.REJECT:
-        return MassUpdate(_later(state, params), False)
+        return MassCycle(_later(state, params), False, False)
     after, gain = _updated(_begun(state, adaptation, params), sample, innovation, adaptation)
     kept = 1.0 - float(gain @ sample.linear_impulse)
     return _tested(after, 1.0 - kept, (sample, innovation), adaptation, params)
@@ -359,15 +334,8 @@ def _tested(
     measured: tuple[MassSample, MassInnovation],
     adaptation: Adaptation,
     params: MassParams,
-) -> MassUpdate:
-    """Tests for a jump and corrects one, then (3-82).
-
-    Args:
-        after: the update.
-        share: kappa^T lambda of it.
-        measured: what it was made with.
-        adaptation, params: see `update`.
-    """
+) -> MassCycle:
+    """Tests for a jump and corrects one, then (3-82), after an update with a share kappa^T lambda."""
     jumped = False
     reciprocal, variance, window = after.mass_reciprocal, after.variance, after.window
     if params.jump_threshold < math.inf and adaptation.action == Action.NONE:
@@ -383,7 +351,7 @@ def _tested(
             reciprocal += test.correction
             variance += growth
             window = empty_window(params.jump_window)
-    return MassUpdate(_later(MassState(reciprocal, variance, window, after.sensitivity), params), jumped)
+    return MassCycle(_later(MassState(reciprocal, variance, window, after.sensitivity), params), True, jumped)
 
 
 @kernel
@@ -392,12 +360,11 @@ def _updated(
 ) -> tuple[MassState, Array]:
     """Computes the state after one measurement, and the gain kappa, shape (3,)."""
     information, noise, error = innovation.information, innovation.noise, innovation.innovation
-    enlarged = np.zeros((3, 3))
-    smaller = adaptation.action == Action.CORRECT_THESIS
+    enlarged = np.zeros((3, 3))  # gains have it besides
     if adaptation.action != Action.NONE:
         error = error - adaptation.translation
         noise = noise + adaptation.translation_spread
-    if smaller:
+    if adaptation.action == Action.CORRECT_THESIS:
         enlarged = adaptation.translation_spread
         information = inverse_positive_definite(innovation.covariance + enlarged, _WHAT)
     first = _joseph_update(state, sample.linear_impulse, error, information, noise, innovation.effects)
@@ -413,7 +380,7 @@ def _again(
     thrust_errors: Array | None,
     effects: Array | None,
 ) -> tuple[MassState, Array]:
-    """Repeats the update with thrust errors' effects at the estimate that it gave, where some are considered.
+    """Repeats the update with G at the estimate that the first one gave, where thrust errors are considered.
 
     Args:
         first: the first update.
@@ -439,7 +406,7 @@ def _joseph_update(
     gain = information @ _shared(independent * impulse, state.sensitivity, effects)
     kept = 1.0 - float(gain @ impulse)
     variance = kept * kept * independent + quadratic_form(gain, noise)
-    sensitivity = _less_sensitive(state.sensitivity, gain, effects)
+    sensitivity = less_sensitive(state.sensitivity, gain, effects)
     variance = _with_sensitivity(variance, sensitivity, effects)
     reciprocal = state.mass_reciprocal + float(gain @ error)
     return MassState(reciprocal, variance, state.window, sensitivity), gain
@@ -450,13 +417,6 @@ def _shared(shared: Array, sensitivity: Array | None, effects: Array | None) -> 
     if effects is None or sensitivity is None:
         return shared
     return shared + effects @ sensitivity
-
-
-@kernel
-def _less_sensitive(sensitivity: Array | None, gain: Array, effects: Array | None) -> Array | None:
-    if effects is None or sensitivity is None:
-        return sensitivity
-    return sensitivity - gain @ effects
 
 
 @kernel
@@ -529,11 +489,9 @@ def measure(
     turns = params.compensation == Compensation.NONE or _is_there(rotation.increment)
     there = [index for index in range(len(increments)) if turns and _is_there(increments[index])]
     if len(there) < 2:
-        first = velocities.copy()
-        first[: there[0] if there else 0] = math.nan
-        return MassMeasurement(*measure_one(state, (velocities_before, first), interval, rotation, params))
+        return MassMeasurement(*measure_one(state, (velocities_before, velocities), interval, rotation, params))
     freed = [_freed(index, increments, rotation, params) for index in there]
-    disturbance = _plus(params.disturbance_covariance, interval.extra_noise)
+    disturbance = plus(params.disturbance_covariance, interval.extra_noise)
     covariances = _stacked_covariance(freed, there, rotation, params)
     measurements = np.array([increment for increment, _ in freed])
     measured, noise = combined(measurements, covariances, params.rule, correlated=params.correlated)
@@ -559,7 +517,7 @@ def measure_one(
         for index in range(increments.shape[0]):
             if _is_there(increments[index]):
                 measured, own = _freed(index, increments, rotation, params)
-                noise = own + _plus(params.disturbance_covariance, interval.extra_noise)
+                noise = own + plus(params.disturbance_covariance, interval.extra_noise)
                 sample = MassSample(measured, noise, interval.linear_impulse, interval.thrust_errors)
                 return sample, innovate(state, sample)
     nothing, unknown = np.full(3, np.nan), np.full((3, 3), np.nan)
@@ -580,29 +538,18 @@ def _freed(index: int, increments: Array, rotation: Rotation, params: MassParams
     return compensated(increments[index], noise, params.positions[index] - rotation.center, rotation, params)
 
 
-@kernel
-def _plus(noise: Array, extra: Array | None) -> Array:
-    if extra is None:
-        return noise
-    return noise + extra
-
-
 def _stacked_covariance(
-    freed: list[tuple[Array, Array]],
-    there: list[int],
-    rotation: Rotation,
-    params: MassParams,
+    freed: list[tuple[Array, Array]], there: list[int], rotation: Rotation, params: MassParams
 ) -> Array:
     """Computes R'_ij, without disturbance, of the packages that read, shape (s, s, 3, 3)."""
     count = len(freed)
     covariances = np.zeros((count, count, 3, 3))
-    for i in range(count):
-        covariances[i, i] = freed[i][1]
-        for j in range(count):
-            if i == j or not params.correlated:
-                continue
-            arms = tuple(params.positions[there[k]] - rotation.center for k in (i, j))
-            covariances[i, j] = shared_covariance((arms[0], arms[1]), rotation, params)
+    for i, j in np.ndindex(count, count):
+        if i == j:
+            covariances[i, i] = freed[i][1]
+        elif params.correlated:
+            arms = params.positions[there[i]] - rotation.center, params.positions[there[j]] - rotation.center
+            covariances[i, j] = shared_covariance(arms, rotation, params)
     return covariances
 
 
@@ -616,41 +563,17 @@ def finish(
 ) -> MassCycle:
     """Runs the second half of a cycle: the update, when the sample can be used.
 
-    After a jump of the mass properties beyond doubt the variance is raised, and the sample used with
-    it.
-
-    Args:
-        state: predicted, see `MassState`.
-        measurement: what `measure` made of the sample.
-        usable: whether the combination of jets was steady.
-        firing: whether a known impulse acted.
-        adaptation: see `estimation.adaptation`.
-        params: see `MassParams`.
+    After a jump of the mass properties beyond doubt the variance is raised, and the sample used with it. A sample is
+    `usable` when the combination of jets was steady, and `firing` when a known impulse acted.
     """
     sample, innovation, each = measurement
-    if not each:
-        return finish_one(state, (sample, innovation), (usable, firing), adaptation, params)
+    there = not math.isnan(innovation.nis)
     if adaptation.mass_jumped:
         state = _raised(state, params)
-        innovation = innovate(state, sample)
-    if not (usable and firing):
+        innovation = innovate(state, sample) if there else innovation
+    if not (there and usable and firing):
         return MassCycle(_later(state, params), False, False)
-    updated = update(state, sample, innovation, adaptation, params, each)
-    return MassCycle(updated.state, adaptation.action != Action.REJECT, updated.jumped)
-
-
-class MassCycle(NamedTuple):
-    """State of the mass filter after a cycle, measured or not, used or not.
-
-    Attributes:
-        state: see `MassState`.
-        used: whether the estimate was updated.
-        jumped: whether the jump test found a jump.
-    """
-
-    state: MassState
-    used: bool
-    jumped: bool
+    return update(state, sample, innovation, adaptation, params, each)
 
 
 @kernel
@@ -671,8 +594,7 @@ def finish_one(
             innovation = innovate(state, sample)
     if not (there and usable and firing):
         return MassCycle(_later(state, params), False, False)
-    updated = update_once(state, sample, innovation, adaptation, params)
-    return MassCycle(updated.state, adaptation.action != Action.REJECT, updated.jumped)
+    return update_once(state, sample, innovation, adaptation, params)
 
 
 @kernel

@@ -2,46 +2,22 @@ r"""The second-order filter for inverse inertia and center of mass from rate inc
 
 Measurement of one sample, bilinear in the state x (order in `mass_properties`):
 
-    z = w_k - w_{k-1} = h(x) + noise,    h(x) = I^-1 (a + lambda x r_cm)      (2-47), (2-55)
+    z = w_k - w_{k-1} = h(x) + noise                                          (2-47), (2-55)
 
-With S the covariance of x and P (6x6), C (6x3), Q (3x3) its blocks, the exact moments of z under a
-Gaussian x are, in closed form,
+With h, H, b, D and dynamic coupling as in `rate_increments`, and S the covariance of x,
 
-    H   = [ A_6(a + lambda x r_cm),  I^-1 [lambda x] ]                        (2-102)
-    h^  = h(x^) + b,    b_i = E{ (dI^-1 (lambda x dr))_i }                    (2-118)
-    D_ij = cov of the i-th and j-th elements of dI^-1 (lambda x dr)           (2-121)
-    Y   = H S H^T + D + R                                                     (2-120)
-
-where A_6(v) x_6 = I^-1 v. The second-order terms b and D come from the one product of errors
-dI^-1 (lambda x dr), so with E(i, m) the state's index of I^-1_im and X = C [lambda x]^T:
-
-    b_i  = sum_m X[E(i, m), m]
-    D_ij = sum_mn P[E(i, m), E(j, n)] ([lambda x] Q [lambda x]^T)_mn + sum_mn X[E(i, m), n] X[E(j, n), m]
+    h^  = h(x^) + b,    Y = H S H^T + D + R                                   (2-117), (2-120)
 
 The update is Joseph's form (2-126). The extended Kalman filter is the same without b and D (2.6).
 
-No jet gives exactly its thrust. Considered errors: jet j is off by the constant fraction sigma_j beta_j, with
-beta unknown and of unit variance, never estimated. With a_j and lambda_j the impulses of sigma_j alone,
-the error of x is Psi beta plus what is independent of beta, and
-
-    L   = H Psi + G,    G = [g_1 ... g_n],    g_j = I^-1 (a_j + lambda_j x r_cm)
-    Y   = H S_0 H^T + L L^T + D + Pi + R,    S_0 = S - Psi Psi^T
-    K   = (S_0 H^T + Psi L^T) Y^-1,    Psi <- Psi - K L
-
-the Schmidt-Kalman update; L is what one sigma of each thrust error does to the innovation. H_j is H for
-the impulses of sigma_j: while the estimates are poor, G says little of what a thrust error does, and the
-products of both errors, sum_j beta_j H_j dx, stand in for it. Their mean is part of h^, their covariance is Pi:
+Thrust errors may be considered, see `considered`, with G = [g_1 ... g_n], g_j = I^-1 (a_j + lambda_j x r_cm), and a_j
+and lambda_j the impulses of one sigma alone. With H_j as H for them, the products of both errors, sum_j beta_j H_j dx,
+stand in for what G says too little of while the estimates are poor. They add to h^ and to the noise
 
     sum_j H_j Psi_j,    Pi = sum_j H_j S H_j^T + sum_jk (H_j Psi_k) (H_k Psi_j)^T.
 
-The update is made twice, the second time with G at the estimate that the first one gave.
-
-Dynamic coupling adds g(x) = -I^-1 (w x I w) dt. The thesis subtracts it as if it were known. MODEL takes it
-into h and H, with l = I w,
-
-    dg = -[ dI^-1 (w x l) - I^-1 (w x I dI^-1 l) ] dt
-
-as soon as the diagonal of the inverse inertia is known to half its size.
+The thesis subtracts dynamic coupling as if it were known. MODEL takes it into h and H as soon as the diagonal of the
+inverse inertia is known to half its size.
 
 Source: D. R. Levy, MIT S.M. thesis, 1983, section 2.4; considered thrust errors and MODEL are our own.
 """
@@ -55,17 +31,24 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.adaptation import Action, Adaptation
+from massprop_drake.maths.estimation.filters.considered import less_sensitive, plus, with_effects
+from massprop_drake.maths.estimation.filters.rate_increments import (
+    coupling_increment,
+    coupling_jacobian,
+    rate_increment,
+    rate_increment_jacobian,
+    rate_increment_jacobians,
+    second_order_terms,
+    thrust_error_effects,
+)
 from massprop_drake.maths.estimation.redundancy import Rule, combined
 from massprop_drake.maths.kernels import kernel, numbers, picked, rows3
 from massprop_drake.maths.linear_algebra import (
     Array,
     congruence,
-    cross,
     inverse_positive_definite,
     is_positive_definite,
     quadratic_form,
-    skew,
-    times_stack,
 )
 from massprop_drake.maths.mass_properties import ELEMENT, N_ROTATION
 
@@ -79,124 +62,8 @@ class RotationCoupling(IntEnum):
     MODEL = 3  # in prediction and Jacobian
 
 
-# S.ravel()[_PRODUCT] is the (ij) x (mn) table of P[E(i, m), E(j, n)]
-_PRODUCT = np.array(
-    [
-        [[ELEMENT[i, m] * N_ROTATION + ELEMENT[j, n] for m in range(3) for n in range(3)] for j in range(3)]
-        for i in range(3)
-    ]
-).reshape(9, 9)
-# X.ravel()[_LEFT][i, (m, n)] = X[E(i, m), n] and X.ravel()[_RIGHT][j, (m, n)] = X[E(j, n), m]
-_LEFT = np.array([[ELEMENT[i, m] * 3 + n for m in range(3) for n in range(3)] for i in range(3)])
-_RIGHT = np.array([[ELEMENT[j, n] * 3 + m for m in range(3) for n in range(3)] for j in range(3)])
-_DIAGONAL = np.array([0, 4, 8])  # of the (m, n) pairs above
-_IDENTITY = np.eye(N_ROTATION)
-_NOT_MEASURED = np.full(3, np.nan)
-_UNIT = np.eye(3)
+_IDENTITY, _UNIT = np.eye(N_ROTATION), np.eye(3)
 _WHAT = "the rotation filter's innovation covariance"
-
-
-@kernel
-def angular_block(vector: Array) -> Array:
-    """Computes A_6(v): the 3x6 matrix with A_6(v) x_6 = I^-1 v, the left block of (2-53)."""
-    x, y, z = numbers(vector, 3)
-    return np.array([[x, 0.0, 0.0, 0.0, z, y], [0.0, y, 0.0, z, 0.0, x], [0.0, 0.0, z, y, x, 0.0]])
-
-
-@kernel
-def rate_increment(estimate: Array, angular_impulse: Array, linear_impulse: Array) -> Array:
-    """Computes h(x): the rate increment of a known impulse, rad/s, (2-47) in closed form, shape (3,)."""
-    moment = angular_impulse + cross(linear_impulse, estimate[6:])
-    increment: Array = np.dot(picked(estimate, ELEMENT), moment)
-    return increment
-
-
-@kernel
-def rate_increment_jacobian(estimate: Array, angular_impulse: Array, linear_impulse: Array) -> Array:
-    """Computes H = dh/dx (2-102), shape (3, 9)."""
-    moment = angular_impulse + cross(linear_impulse, estimate[6:])
-    jacobian = np.empty((3, N_ROTATION))
-    jacobian[:, :6] = angular_block(moment)
-    jacobian[:, 6:] = np.dot(picked(estimate, ELEMENT), skew(linear_impulse))
-    return jacobian
-
-
-@kernel
-def rate_increment_jacobians(estimate: Array, impulses: Array) -> Array:
-    """Computes H (2-102) for several impulses at once, shape (n, 3, 9).
-
-    Args:
-        estimate: x, or more parameters after it, shape (9,) or longer.
-        impulses: angular impulse about the vehicle origin and linear impulse of each, shape (n, 6).
-    """
-    linear = impulses[:, 3:]
-    moment = _moments(estimate, impulses)
-    jacobians = np.zeros((impulses.shape[0], 3, N_ROTATION))
-    for i in range(3):
-        for m in range(3):
-            jacobians[:, i, ELEMENT[i, m]] = moment[:, m]
-    arms = np.zeros((impulses.shape[0], 3, 3))
-    arms[:, 0, 1], arms[:, 0, 2], arms[:, 1, 2] = -linear[:, 2], linear[:, 1], -linear[:, 0]
-    arms[:, 1, 0], arms[:, 2, 0], arms[:, 2, 1] = linear[:, 2], -linear[:, 1], linear[:, 0]
-    jacobians[:, :, 6:] = times_stack(picked(estimate, ELEMENT), arms)
-    return jacobians
-
-
-@kernel
-def _moments(estimate: Array, impulses: Array) -> Array:
-    """Computes the angular impulse of each about the estimated center of mass, a + lambda x r_cm, shape (n, 3)."""
-    x, y, z = numbers(estimate[6:9], 3)
-    arm = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # transpose of [r_cm x]
-    return impulses[:, :3] - impulses[:, 3:] @ arm
-
-
-def thrust_error_effects(estimate: Array, thrust_errors: Array) -> Array:
-    """Computes G: the rate increment of one sigma of each jet's thrust error, rad/s, shape (3, n_jets).
-
-    Args:
-        estimate: x, shape (9,).
-        thrust_errors: impulses of one sigma of each jet's thrust error over the sample, about the vehicle
-            origin, shape (n_jets, 6).
-    """
-    effects: Array = estimate[ELEMENT] @ _moments(estimate, thrust_errors).T
-    return effects
-
-
-@kernel
-def second_order_terms(covariance: Array, linear_impulse: Array) -> tuple[Array, Array]:
-    """Computes bias b, rad/s, shape (3,), and covariance D, rad^2/s^2, shape (3, 3), of the curvature of h."""
-    arm = skew(linear_impulse)
-    spread = (covariance[:6, 6:] @ arm.T).ravel()
-    left = picked(spread, _LEFT)
-    bias = left[:, _DIAGONAL].sum(axis=1)
-    force = congruence(arm, covariance[6:, 6:])
-    curvature = (picked(covariance.ravel(), _PRODUCT) @ force.ravel()).reshape(3, 3)
-    return bias, curvature + left @ picked(spread, _RIGHT).T
-
-
-@kernel
-def coupling_increment(inverse_inertia: Array, rate: Array, period_s: float) -> Array:
-    r"""Computes the rate increment of dynamic coupling over one sample, -I^-1 (w x I w) dt, rad/s, shape (3,).
-
-    Args:
-        inverse_inertia: positive definite, shape (3, 3).
-        rate: mean angular rate over the sample, rad/s, body axes, shape (3,).
-        period_s: sample period, s.
-    """
-    momentum = np.dot(inverse_positive_definite(inverse_inertia, "inverse inertia"), rate)
-    increment: Array = np.dot(inverse_inertia, cross(rate, momentum)) * -period_s
-    return increment
-
-
-@kernel
-def coupling_jacobian(inverse_inertia: Array, rate: Array, period_s: float) -> Array:
-    """Computes dg/dx of dynamic coupling, shape (3, 9), zero for the center of mass; see `coupling_increment`."""
-    inertia = inverse_positive_definite(inverse_inertia, "inverse inertia")
-    momentum = inertia @ rate
-    through_inertia = inverse_inertia @ skew(rate) @ inertia @ angular_block(momentum)
-    jacobian = np.zeros((3, N_ROTATION))
-    jacobian[:, :6] = -period_s * (angular_block(cross(rate, momentum)) - through_inertia)
-    return jacobian
 
 
 class RotationParams(NamedTuple):
@@ -299,11 +166,6 @@ class RotationState(NamedTuple):
     covariance: Array
     sensitivity: Array | None = None
 
-    @property
-    def independent(self) -> Array:
-        """S_0: the part of S that does not come of thrust errors, shape (9, 9)."""
-        return independent_of(self.covariance, self.sensitivity)
-
 
 @kernel
 def independent_of(covariance: Array, sensitivity: Array | None) -> Array:
@@ -313,19 +175,18 @@ def independent_of(covariance: Array, sensitivity: Array | None) -> Array:
     return covariance - sensitivity @ sensitivity.T
 
 
-class RotationUpdate(NamedTuple):
-    """State of the rotation filter after one sample.
+class RotationCycle(NamedTuple):
+    """State of the rotation filter after a sample, measured or not, used or not.
 
     Attributes:
         state: see `RotationState`.
+        used: whether the estimate was updated.
         jumped: whether the covariance was incremented first (2-138).
     """
 
     state: RotationState
+    used: bool
     jumped: bool
-
-
-_COASTING = np.zeros((3, N_ROTATION))
 
 
 @kernel
@@ -338,14 +199,8 @@ def innovate(
     r"""Computes the innovation of one sample, (2-117) to (2-121), with dynamic coupling subtracted if due.
 
     The hybrid rule looks at the innovation's covariance, which says something about the estimates only
-    while jets fire; a coasting sample keeps the decision of the last firing one. Whatever the rule
+    while jets fire; a coasting sample keeps the last decision, `subtract_coupling_before`. Whatever the rule
     says, nothing is subtracted while the estimated inverse inertia is not positive definite.
-
-    Args:
-        state: predicted, see `RotationState`.
-        sample: see `RotationSample`.
-        subtract_coupling_before: the hybrid rule's last decision.
-        params: see `RotationParams`.
 
     Raises:
         NotPositiveDefiniteError: when Y is not positive definite.
@@ -371,7 +226,7 @@ def innovate(
             (innovation, total_noise), jacobian, state, state.sensitivity, sample.thrust_errors
         )
         apart = congruence(jacobian, independent_of(covariance, state.sensitivity)) + total_noise
-        innovation_covariance = _with_effects(apart, effects)
+        innovation_covariance = with_effects(apart, effects)
         # a thrust that is off by a little is not what the subtraction waits for
         limit = params.coupling_limit * _largest_variance(noise)
         subtract_coupling = _largest_variance(apart) < limit
@@ -401,29 +256,16 @@ def _considered(
     sensitivity: Array | None,
     thrust_errors: Array | None,
 ) -> tuple[Array, Array, Array | None]:
-    """Adds thrust errors to innovation and noise, and computes L; unchanged, and None, where none is considered.
-
-    Args:
-        before: innovation and noise without.
-        jacobian: H, shape (3, 9).
-        state: predicted.
-        sensitivity, thrust_errors: of the state and the sample.
-    """
-    if thrust_errors is None:
-        return before[0], before[1], None
-    if sensitivity is None:
+    """Adds thrust errors to innovation and noise, `before`, and computes L; None where none is considered."""
+    if thrust_errors is None or sensitivity is None:
         return before[0], before[1], None
     effects = jacobian @ sensitivity + thrust_error_effects(state.estimate, thrust_errors)
-    mean, spread = _thrust_error_products(state, sensitivity, thrust_errors)
-    return before[0] - mean, before[1] + spread, effects
-
-
-@kernel
-def _with_effects(covariance: Array, effects: Array | None) -> Array:
-    """Adds the covariance of thrust errors' effects to a covariance, where some are considered."""
-    if effects is None:
-        return covariance
-    return covariance + effects @ effects.T
+    acting = thrust_errors.any(axis=1)
+    jacobians = rate_increment_jacobians(state.estimate, thrust_errors[acting])
+    through = jacobians @ sensitivity[:, acting]  # H_j Psi_k, shape (j, 3, k)
+    spread: Array = (jacobians @ state.covariance @ jacobians.transpose(0, 2, 1)).sum(axis=0)
+    spread = spread + np.einsum("jak,kbj->ab", through, through)
+    return before[0] - np.einsum("jij->i", through), before[1] + spread, effects
 
 
 @kernel
@@ -440,43 +282,21 @@ def _knows_inertia(estimate: Array, covariance: Array) -> bool:
     return known and is_positive_definite(picked(estimate, ELEMENT))
 
 
-def _thrust_error_products(state: RotationState, sensitivity: Array, thrust_errors: Array) -> tuple[Array, Array]:
-    """Computes the products of thrust errors and errors of the estimates, sum_j beta_j H_j dx.
-
-    Their mean, rad/s, shape (3,), and their covariance, rad^2/s^2, shape (3, 3).
-    """
-    acting = thrust_errors.any(axis=1)
-    jacobians = rate_increment_jacobians(state.estimate, thrust_errors[acting])
-    through = jacobians @ sensitivity[:, acting]  # H_j Psi_k, shape (j, 3, k)
-    mean: Array = np.einsum("jij->i", through)
-    spread: Array = (jacobians @ state.covariance @ jacobians.transpose(0, 2, 1)).sum(axis=0)
-    return mean, spread + np.einsum("jak,kbj->ab", through, through)
-
-
 @kernel
-def joseph_update(
+def _joseph_update(
     state: RotationState,
     innovation: Array,
     information: Array,
     jacobian: Array,
     noise: Array,
-    effects: Array | None = None,
+    effects: Array | None,
 ) -> RotationState:
-    """Updates estimate (2-115) and covariance in Joseph's form (2-126), symmetrized; Schmidt-Kalman with effects.
-
-    Args:
-        state: predicted.
-        innovation: e, rad/s, shape (3,).
-        information: inverse of Y, shape (3, 3).
-        jacobian: H, shape (3, 9).
-        noise: of the measurement, independent of the state and of thrust errors, shape (3, 3).
-        effects: L, shape (3, n_jets); None: thrust is taken as known.
-    """
+    """Updates estimate (2-115) and covariance in Joseph's form (2-126), symmetrized; Schmidt-Kalman with effects."""
     independent = independent_of(state.covariance, state.sensitivity)
     gain = _shared(independent @ jacobian.T, state.sensitivity, effects) @ information
     kept = _IDENTITY - gain @ jacobian
     covariance = congruence(kept, independent) + congruence(gain, noise)
-    sensitivity = _less_sensitive(state.sensitivity, gain, effects)
+    sensitivity = less_sensitive(state.sensitivity, gain, effects)
     covariance = _with_sensitivity(covariance, sensitivity, effects)
     return RotationState(state.estimate + gain @ innovation, 0.5 * (covariance + covariance.T), sensitivity)
 
@@ -487,14 +307,6 @@ def _shared(shared: Array, sensitivity: Array | None, effects: Array | None) -> 
     if effects is None or sensitivity is None:
         return shared
     return shared + sensitivity @ effects.T
-
-
-@kernel
-def _less_sensitive(sensitivity: Array | None, gain: Array, effects: Array | None) -> Array | None:
-    """Computes Psi - K L."""
-    if effects is None or sensitivity is None:
-        return sensitivity
-    return sensitivity - gain @ effects
 
 
 @kernel
@@ -512,32 +324,23 @@ def update(
     adaptation: Adaptation,
     params: RotationParams,
     each: tuple[RotationSample, ...] = (),
-) -> RotationUpdate:
+) -> RotationCycle:
     r"""Updates by one usable firing sample, then in time (2-123).
 
     When the innovation's NIS exceeds the jump threshold, the covariance is first incremented and the
-    innovation formed again from the same measurement (2-138), unless a jet's failure explains it.
-
-    Args:
-        state: predicted, see `RotationState`.
-        sample: see `RotationSample`.
-        innovation: what `innovate` made of the same sample.
-        adaptation: see `estimation.adaptation`.
-        params: see `RotationParams`.
-        each: the packages' own samples, where the update is made with one after the other.
+    innovation formed again from the same measurement (2-138), unless a jet's failure explains it. With the packages'
+    own samples, `each`, the update is made with one after the other.
 
     Raises:
         NotPositiveDefiniteError: when an innovation covariance is not positive definite.
     """
-    if not each:
+    if not each or adaptation.action == Action.REJECT:
         return update_once(state, sample, innovation, adaptation, params)
-    if adaptation.action == Action.REJECT:
-        return RotationUpdate(_later(state, params), False)
     state, innovation, jumped = _after_jump(state, sample, innovation, adaptation, params)
     for part in each:
         own = innovate(state, part, innovation.subtract_coupling, params)
         state = _updated(state, part, own, adaptation)
-    return RotationUpdate(_later(state, params), jumped)
+    return RotationCycle(_later(state, params), True, jumped)
 
 
 @kernel
@@ -547,12 +350,12 @@ def update_once(
     innovation: RotationInnovation,
     adaptation: Adaptation,
     params: RotationParams,
-) -> RotationUpdate:
+) -> RotationCycle:
     """Runs `update` with one measurement."""
     if adaptation.action == Action.REJECT:
-        return RotationUpdate(_later(state, params), False)
+        return RotationCycle(_later(state, params), False, False)
     before, innovation, jumped = _after_jump(state, sample, innovation, adaptation, params)
-    return RotationUpdate(_later(_updated(before, sample, innovation, adaptation), params), jumped)
+    return RotationCycle(_later(_updated(before, sample, innovation, adaptation), params), True, jumped)
 
 
 @kernel
@@ -563,7 +366,7 @@ def _after_jump(
     adaptation: Adaptation,
     params: RotationParams,
 ) -> tuple[RotationState, RotationInnovation, bool]:
-    """Increments the covariance where the sample asks for it (2-138); returns state, innovation, and whether it did."""
+    """Increments the covariance where the sample asks for it (2-138), and says whether it did."""
     if not (adaptation.action == Action.NONE and innovation.nis > params.jump_threshold):
         return state, innovation, False
     wider = RotationState(state.estimate, state.covariance + params.jump_covariance, state.sensitivity)
@@ -576,17 +379,16 @@ def _updated(
 ) -> RotationState:
     """Computes the state after one measurement."""
     information, noise, error = innovation.information, innovation.noise, innovation.innovation
-    enlarged = np.zeros((3, 3))
-    smaller = adaptation.action == Action.CORRECT_THESIS
+    enlarged = np.zeros((3, 3))  # gains have it besides
     if adaptation.action != Action.NONE:
         error = error - adaptation.rotation
         noise = noise + adaptation.rotation_spread
-    if smaller:
+    if adaptation.action == Action.CORRECT_THESIS:
         enlarged = adaptation.rotation_spread
-        information = inverse_positive_definite(innovation.covariance + adaptation.rotation_spread, _WHAT)
-    after = joseph_update(state, error, information, innovation.jacobian, noise, innovation.effects)
-    noises = noise, innovation.noise, enlarged
-    return _again(after, (state, error, noises), innovation.jacobian, state.sensitivity, sample.thrust_errors)
+        information = inverse_positive_definite(innovation.covariance + enlarged, _WHAT)
+    after = _joseph_update(state, error, information, innovation.jacobian, noise, innovation.effects)
+    first = state, error, (noise, innovation.noise, enlarged)
+    return _again(after, first, innovation.jacobian, state.sensitivity, sample.thrust_errors)
 
 
 @kernel
@@ -597,21 +399,23 @@ def _again(
     sensitivity: Array | None,
     thrust_errors: Array | None,
 ) -> RotationState:
-    """Repeats the update with thrust errors' effects at the estimate that it gave, where some are considered.
+    """Repeats the update with G at the estimate that the first one gave, where thrust errors are considered.
 
     Args:
         after: the first update.
         first: state, innovation and noises that it was made with: corrected, as measured, and what gains have besides.
-        jacobian: H, shape (3, 9).
+        jacobian: H.
         sensitivity, thrust_errors: of that state, and of the sample.
     """
     if thrust_errors is None or sensitivity is None:
         return after
     state, error, (noise, measured, enlarged) = first
     effects = jacobian @ sensitivity + thrust_error_effects(after.estimate, thrust_errors)
-    covariance = congruence(jacobian, state.independent) + effects @ effects.T + measured + enlarged
+    covariance = (
+        congruence(jacobian, independent_of(state.covariance, sensitivity)) + effects @ effects.T + measured + enlarged
+    )
     information = inverse_positive_definite(covariance, _WHAT)
-    return joseph_update(state, error, information, jacobian, noise, effects)
+    return _joseph_update(state, error, information, jacobian, noise, effects)
 
 
 @kernel
@@ -674,36 +478,25 @@ def measure(
 ) -> RotationMeasurement:
     """Runs the first half of a cycle: the increment and its innovation.
 
-    Args:
-        state: predicted, see `RotationState`.
-        memory: of the sample before.
-        rates: readings of the gyros, as in `RotationMemory`, shape (s, 3).
-        interval: see `RotationInterval`.
-        params: see `RotationParams`.
+    The readings `rates` are as in `RotationMemory`, shape (s, 3).
     """
     if counts_one(params):
-        sample, innovation = measure_one(state, memory, rates, interval, params)
-        return RotationMeasurement(sample, innovation)
+        return RotationMeasurement(*measure_one(state, memory, rates, interval, params))
     increments, means = rates - memory.rates, 0.5 * (rates + memory.rates)
     there = [index for index in range(len(rates)) if _is_there(increments[index], means[index], params)]
     if len(there) < 2:
-        first = rates.copy()
-        first[: there[0] if there else 0] = math.nan
-        sample, innovation = measure_one(state, memory, first, interval, params)
-        return RotationMeasurement(sample, innovation)
-
-    def made(increment: Array, mean: Array, noise: Array) -> RotationSample:
-        return _sample(increment, mean, float(noise[0, 0]), noise, interval)
-
+        return RotationMeasurement(*measure_one(state, memory, rates, interval, params))
     own = [2.0 * params.gyro_variances[index] * _UNIT for index in there]
     covariances = np.zeros((len(there), len(there), 3, 3))
     covariances[np.arange(len(there)), np.arange(len(there))] = own
     increment, noise = combined(increments[there], covariances, params.rule)
     mean, _ = combined(means[there], covariances, params.rule)
-    sample = made(increment, mean, noise)
+    sample = _sample(increment, mean, noise, interval)
     each: tuple[RotationSample, ...] = ()
     if params.rule == Rule.SERIAL:
-        each = tuple(made(increments[index], means[index], noise) for index, noise in zip(there, own, strict=True))
+        each = tuple(
+            _sample(increments[index], means[index], noise, interval) for index, noise in zip(there, own, strict=True)
+        )
     return RotationMeasurement(sample, innovate(state, sample, memory.subtract_coupling, params), each)
 
 
@@ -716,10 +509,10 @@ def measure_one(
     for index in range(rates.shape[0]):
         if _is_there(increments[index], means[index], params):
             noise = 2.0 * params.gyro_variances[index] * _UNIT
-            sample = _sample(increments[index], means[index], float(noise[0, 0]), noise, interval)
+            sample = _sample(increments[index], means[index], noise, interval)
             return sample, innovate(state, sample, memory.subtract_coupling, params)
     nothing, unknown = np.full(3, np.nan), np.full((3, 3), np.nan)
-    sample = _sample(nothing, nothing, math.nan, unknown, interval)
+    sample = _sample(nothing, nothing, unknown, interval)
     coasting = np.zeros((3, N_ROTATION))
     blank = RotationInnovation(nothing, unknown, unknown, coasting, unknown, None, memory.subtract_coupling, math.nan)
     return sample, blank
@@ -735,24 +528,17 @@ def _is_there(increment: Array, mean: Array, params: RotationParams) -> bool:
 
 
 @kernel
-def _sample(increment: Array, mean: Array, variance: float, noise: Array, interval: RotationInterval) -> RotationSample:
+def _sample(increment: Array, mean: Array, noise: Array, interval: RotationInterval) -> RotationSample:
     return RotationSample(
         increment,
         mean,
-        _plus(noise, interval.extra_noise),
-        variance,
+        plus(noise, interval.extra_noise),
+        float(noise[0, 0]),
         interval.angular_impulse,
         interval.linear_impulse,
         interval.acting,
         interval.thrust_errors,
     )
-
-
-@kernel
-def _plus(noise: Array, extra: Array | None) -> Array:
-    if extra is None:
-        return noise
-    return noise + extra
 
 
 def finish(
@@ -764,37 +550,13 @@ def finish(
 ) -> RotationCycle:
     """Runs the second half of a cycle: the update, when the sample can be used.
 
-    A sample is used when both readings are there, the jets' combination was steady, and an impulse
-    acted.
-
-    Args:
-        state: predicted, see `RotationState`.
-        measurement: what `measure` made of the sample.
-        usable: whether the combination of jets was steady and a known impulse acted.
-        adaptation: see `estimation.adaptation`.
-        params: see `RotationParams`.
+    A sample is used when both readings are there, the jets' combination was steady, and an impulse acted; `usable` says
+    the latter two.
     """
     sample, innovation, each = measurement
-    if not each:
-        return finish_one(state, (sample, innovation), usable, adaptation, params)
     if math.isnan(innovation.nis) or not (usable and sample.firing):
         return RotationCycle(_later(state, params), False, False)
-    updated = update(state, sample, innovation, adaptation, params, each)
-    return RotationCycle(updated.state, adaptation.action != Action.REJECT, updated.jumped)
-
-
-class RotationCycle(NamedTuple):
-    """State of the rotation filter after a cycle, measured or not, used or not.
-
-    Attributes:
-        state: see `RotationState`.
-        used: whether the estimate was updated.
-        jumped: whether the covariance was incremented first.
-    """
-
-    state: RotationState
-    used: bool
-    jumped: bool
+    return update(state, sample, innovation, adaptation, params, each)
 
 
 @kernel
@@ -809,5 +571,4 @@ def finish_one(
     sample, innovation = measured
     if math.isnan(innovation.nis) or not (usable and sample.firing):
         return RotationCycle(_later(state, params), False, False)
-    updated = update_once(state, sample, innovation, adaptation, params)
-    return RotationCycle(updated.state, adaptation.action != Action.REJECT, updated.jumped)
+    return update_once(state, sample, innovation, adaptation, params)

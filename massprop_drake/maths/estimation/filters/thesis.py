@@ -51,7 +51,6 @@ from massprop_drake.maths.estimation.filters.rotation_filter import (
     RotationSample,
     RotationState,
 )
-from massprop_drake.maths.estimation.impulses import Impulses
 from massprop_drake.maths.estimation.redundancy import Rule
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array, deviations
@@ -70,7 +69,6 @@ class ThesisParams(NamedTuple):
         mass: see `MassParams`; None without accelerometer.
         estimate, covariance: of the ten parameters at the start, shapes (10,) and (10, 10).
         thrust_errors: see `filter.Setup`.
-        alone: whether each filter uses one package at a time, and there is an accelerometer.
     """
 
     rotation: RotationParams
@@ -78,7 +76,6 @@ class ThesisParams(NamedTuple):
     estimate: Array
     covariance: Array
     thrust_errors: Array | None
-    alone: bool = False
 
 
 class ThesisState(NamedTuple):
@@ -161,16 +158,16 @@ class ThesisMeasurement(NamedTuple):
 
     Attributes:
         turning: see `rotation_filter.measure`.
+        told: what the rotation filter says of it to the mass filter and the detector.
         moving: see `mass_filter.measure`; None without accelerometer.
         rates, velocities: the readings, shape (s, 3) each.
-        told: what the rotation filter says, where it has been made already; None: not yet.
     """
 
     turning: RotationMeasurement
+    told: Turning
     moving: MassMeasurement | None
     rates: Array
     velocities: Array
-    told: Turning | None = None
 
 
 # --------------------------------------------------------------------------------- rules of a cycle
@@ -213,14 +210,9 @@ def linear_errors(thrust_errors: Array | None) -> Array | None:
     return None if thrust_errors is None else thrust_errors[:, 3:].T
 
 
-def turning_of(state: RotationState, measurement: RotationMeasurement) -> Turning:
-    """Collects the parts of the rotation filter's measurement that the mass filter and the detector need."""
-    return turning_from(state, measurement.sample, measurement.innovation)
-
-
 @kernel
 def turning_from(state: RotationState, sample: RotationSample, innovation: RotationInnovation) -> Turning:
-    """Computes `turning_of` from the parts of the measurement."""
+    """Collects the parts of the rotation filter's measurement that the mass filter and the detector need."""
     return Turning(
         innovation.innovation,
         innovation.covariance,
@@ -256,14 +248,9 @@ def rotation_of(turning: Turning) -> Rotation:
     )
 
 
-def joint(turning: Turning, measurement: MassMeasurement, state: MassState) -> Joint:
-    """Puts both filters' predictions and innovations side by side, translation first."""
-    return joint_of(turning, measurement.sample, measurement.innovation, state)
-
-
 @kernel
 def joint_of(turning: Turning, sample: MassSample, innovation: MassInnovation, state: MassState) -> Joint:
-    """Computes `joint` from the parts of the measurement."""
+    """Puts both filters' predictions and innovations side by side, translation first."""
     impulse = sample.linear_impulse
     covariance = np.zeros((6, 6))
     covariance[:3, :3] = innovation.covariance
@@ -353,17 +340,13 @@ def shared_covariance(translation_effects: Array | None, rotation_effects: Array
     return translation_effects @ rotation_effects.T
 
 
-def rotation_report(measurement: RotationMeasurement, cycle: RotationCycle) -> RotationReport:
-    """Makes the log row of the rotation filter's cycle."""
-    return report_of_rotation(measurement.innovation, cycle, np.sqrt(cycle.state.covariance.diagonal()))
-
-
 @kernel
-def report_of_rotation(before: RotationInnovation, cycle: RotationCycle, deviation: Array) -> RotationReport:
-    """Makes `rotation_report` with 1-sigma of the estimate, shape (9,)."""
+def report_of_rotation(before: RotationInnovation, cycle: RotationCycle) -> RotationReport:
+    """Makes the log row of the rotation filter's cycle."""
+    state = cycle.state
     return RotationReport(
-        cycle.state.estimate,
-        deviation,
+        state.estimate,
+        deviations(state.covariance),
         before.innovation,
         deviations(before.covariance),
         before.nis,
@@ -373,14 +356,9 @@ def report_of_rotation(before: RotationInnovation, cycle: RotationCycle, deviati
     )
 
 
-def mass_report(measurement: MassMeasurement, cycle: MassCycle) -> MassReport:
-    """Makes the log row of the mass filter's cycle."""
-    return report_of_mass(measurement.innovation, cycle)
-
-
 @kernel
 def report_of_mass(before: MassInnovation, cycle: MassCycle) -> MassReport:
-    """Makes `mass_report` from the innovation."""
+    """Makes the log row of the mass filter's cycle."""
     state, deviation = cycle.state, deviations(before.covariance)
     return MassReport(
         state.mass_reciprocal, state.variance, before.innovation, deviation, before.nis, cycle.used, cycle.jumped
@@ -433,8 +411,7 @@ def make_params(setup: Setup, options: Any) -> ThesisParams:
             small_gain=mass.jump == "single_sample_thesis",
             disturbance_covariance=mass.disturbance_std**2 * np.eye(3),
         )
-    alone = moving is not None and rotation_filter.counts_one(turning) and mass_filter.counts_one(moving)
-    return ThesisParams(turning, moving, setup.estimate, setup.covariance, setup.thrust_errors, alone)
+    return ThesisParams(turning, moving, setup.estimate, setup.covariance, setup.thrust_errors)
 
 
 def initial_state(params: ThesisParams) -> ThesisState:
@@ -479,78 +456,21 @@ def measure(
 ) -> ThesisMeasurement:
     """Runs the first half of both filters' cycle."""
     errors = params.thrust_errors
-    turn, move = rotation_interval(interval, errors), mass_interval(interval, linear_errors(errors))
-    if params.alone and state.mass is not None and params.mass is not None:
-        known = (state.rotation, state.memory, state.mass, state.velocities)
-        turned, innovation, told, moved, translated = measured(
-            known, (rates, velocities), (turn, move), (params.rotation, params.mass)
-        )
-        return ThesisMeasurement(
-            RotationMeasurement(turned, innovation), MassMeasurement(moved, translated), rates, velocities, told
-        )
+    turn = rotation_interval(interval, errors)
     turning = rotation_filter.measure(state.rotation, state.memory, rates, turn, params.rotation)
-    moving = None
+    told, moving = turning_from(state.rotation, turning.sample, turning.innovation), None
     if state.mass is not None and params.mass is not None:
-        rotation = rotation_of(turning_of(state.rotation, turning))
-        moving = mass_filter.measure(state.mass, state.velocities, velocities, move, rotation, params.mass)
-    return ThesisMeasurement(turning, moving, rates, velocities)
-
-
-@kernel
-def measured(
-    known: tuple[RotationState, RotationMemory, MassState, Array],
-    readings: tuple[Array, Array],
-    intervals: tuple[RotationInterval, MassInterval],
-    params: tuple[RotationParams, MassParams],
-) -> tuple[RotationSample, RotationInnovation, Turning, MassSample, MassInnovation]:
-    """Runs the first half of both filters' cycle, each with the first package that reads.
-
-    Args:
-        known: see `ThesisState`.
-        readings: of gyros and accelerometers, shape (s, 3) each.
-        intervals: as both filters take it.
-        params: of both.
-    """
-    state, memory, mass, velocities = known
-    turned, turning = rotation_filter.measure_one(state, memory, readings[0], intervals[0], params[0])
-    told = turning_from(state, turned, turning)
-    rotation = rotation_of(told)
-    moved, moving = mass_filter.measure_one(mass, (velocities, readings[1]), intervals[1], rotation, params[1])
-    return turned, turning, told, moved, moving
-
-
-@kernel
-def finished(
-    known: tuple[RotationState, MassState],
-    measured: tuple[RotationSample, RotationInnovation, MassSample, MassInnovation],
-    interval: tuple[bool, bool],
-    adaptation: Adaptation,
-    params: tuple[RotationParams, MassParams],
-) -> tuple[RotationCycle, MassCycle, Array]:
-    """Runs the second half of both filters' cycle, one package each; also returns 1-sigma of the rotation estimate.
-
-    Args:
-        known: before it.
-        measured: what `measured` gave, without what is told.
-        interval: whether it is usable, and firing.
-        adaptation: see `estimation.adaptation`.
-        params: of both.
-    """
-    turned, turning, moved, moving = measured
-    learning = interval[0] and interval[1]
-    rotation = rotation_filter.finish_one(known[0], (turned, turning), learning, adaptation, params[0])
-    mass = mass_filter.finish_one(known[1], (moved, moving), interval, adaptation, params[1])
-    return rotation, mass, deviations(rotation.state.covariance)
+        move = mass_interval(interval, linear_errors(errors))
+        moving = mass_filter.measure(state.mass, state.velocities, velocities, move, rotation_of(told), params.mass)
+    return ThesisMeasurement(turning, told, moving, rates, velocities)
 
 
 def evidence(state: ThesisState, measurement: ThesisMeasurement, interval: Interval) -> Joint:
     """Returns the evidence for the detector; `NOT_MEASURED` where it would not test."""
     if not interval.impulses.usable or measurement.moving is None or state.mass is None:
         return NOT_MEASURED
-    told = measurement.told
-    if told is None:
-        told = turning_of(state.rotation, measurement.turning)
-    return joint(told, measurement.moving, state.mass)
+    moving = measurement.moving
+    return joint_of(measurement.told, moving.sample, moving.innovation, state.mass)
 
 
 def finish(
@@ -558,11 +478,9 @@ def finish(
 ) -> FilterStep:
     """Runs the second half of both filters' cycle."""
     impulses, learning = interval.impulses, is_learning(interval)
-    if params.alone:
-        return _finished(state, measurement, impulses, adaptation, params)
     turned = rotation_filter.finish(state.rotation, measurement.turning, learning, adaptation, params.rotation)
     memory = rotation_memory(measurement.turning, measurement.rates)
-    report = rotation_report(measurement.turning, turned)
+    report = report_of_rotation(measurement.turning.innovation, turned)
     moving = measurement.moving
     if moving is None or state.mass is None or params.mass is None:
         return FilterStep(ThesisState(turned.state, memory, None, state.velocities), report, None)
@@ -570,29 +488,8 @@ def finish(
     return FilterStep(
         ThesisState(turned.state, memory, weighed.state, measurement.velocities),
         report,
-        mass_report(moving, weighed),
+        report_of_mass(moving.innovation, weighed),
     )
-
-
-def _finished(
-    state: ThesisState, measurement: ThesisMeasurement, impulses: Impulses, adaptation: Adaptation, params: ThesisParams
-) -> FilterStep:
-    """Runs `finish` where each filter uses one package."""
-    turning, moving = measurement.turning, measurement.moving
-    assert moving is not None
-    assert state.mass is not None
-    assert params.mass is not None
-    turned, weighed, deviation = finished(
-        (state.rotation, state.mass),
-        (turning.sample, turning.innovation, moving.sample, moving.innovation),
-        (impulses.usable, impulses.firing),
-        adaptation,
-        (params.rotation, params.mass),
-    )
-    memory = rotation_memory(turning, measurement.rates)
-    known = ThesisState(turned.state, memory, weighed.state, measurement.velocities)
-    report = report_of_rotation(turning.innovation, turned, deviation)
-    return FilterStep(known, report, report_of_mass(moving.innovation, weighed))
 
 
 def covariance(state: ThesisState) -> Array:

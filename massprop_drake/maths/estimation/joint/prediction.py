@@ -60,7 +60,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.filters.rotation_filter import angular_block, second_order_terms
+from massprop_drake.maths.estimation.filters.rate_increments import angular_block, second_order_terms
 from massprop_drake.maths.estimation.joint.burns import Burn, EngineImpulse, idle, push
 from massprop_drake.maths.estimation.joint.burns import believed as believed_of_engines
 from massprop_drake.maths.estimation.joint.covariance import semidefinite_root

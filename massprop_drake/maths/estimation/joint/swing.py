@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.filters.rotation_filter import angular_block
+from massprop_drake.maths.estimation.filters.rate_increments import angular_block
 from massprop_drake.maths.estimation.joint.layout import CENTER, INERTIA, MASS, N_PROPERTIES, RATE
 from massprop_drake.maths.estimation.joint.modes import (
     DAMPING,

@@ -10,8 +10,8 @@ from pose_probe import JETS, MASS, Sensors, small_params
 
 from massprop_drake.maths.estimation.pose import pose_hindsight
 from massprop_drake.maths.estimation.pose.pose_hindsight import Assumed, PoseRecord
-from massprop_drake.maths.estimation.pose.pose_layout import PoseBank, PoseParams, PoseReadings
-from massprop_drake.maths.estimation.pose.pose_measurement import compared, expected
+from massprop_drake.maths.estimation.pose.pose_layout import PoseBank, PoseParams
+from massprop_drake.maths.estimation.pose.pose_measurement import expected
 from massprop_drake.maths.estimation.pose.pose_prediction import predicted
 from massprop_drake.maths.linear_algebra import Array
 
@@ -62,19 +62,6 @@ def places(made: PoseParams) -> np.ndarray:
     return np.flatnonzero(pose_hindsight.unknown(made.parts))
 
 
-def test_unknowns_and_states_are_the_same_said_twice() -> None:
-    made = make()
-    at = body(made)
-    state = pose_hindsight.state_of(at, made)
-    np.testing.assert_allclose(state[made.parts.thrust], at[made.parts.thrust])  # of the nominal mass
-    np.testing.assert_allclose(pose_hindsight.vehicle_of(state, at[made.parts.common][0], made), at, rtol=1e-12)
-    heavier = at.copy()
-    heavier[made.parts.common] = 0.5 / MASS
-    state = pose_hindsight.state_of(heavier, made)
-    np.testing.assert_allclose(state[made.parts.thrust], 0.5 * at[made.parts.thrust])
-    np.testing.assert_allclose(state[made.parts.spin], 2.0 * MASS * at[made.parts.spin])
-
-
 def test_derivatives_of_the_state() -> None:
     made = make()
     at = body(made)
@@ -84,22 +71,6 @@ def test_derivatives_of_the_state() -> None:
         step[place] = 1e-6 * max(abs(at[place]), 0.01)
         change = pose_hindsight.state_of(at + step, made) - pose_hindsight.state_of(at - step, made)
         np.testing.assert_allclose(by[:, place], change / (2.0 * step[place]), rtol=1e-6, atol=1e-8)
-
-
-def test_what_ideal_sensors_read_is_what_is_expected_of_them() -> None:
-    made = make()
-    record = flown(body(made), made)
-    known = pose_hindsight.taken_as_known(Assumed(body(made)), np.arange(made.parts.size), made)
-    mean = known.start.copy()
-    mean[made.parts.rate], mean[made.parts.velocity] = [0.05, -0.02, 0.03], [0.1, 0.0, -0.05]
-    n = made.parts.size
-    rate = mean[None, made.parts.rate]
-    bank = PoseBank(mean[None], np.zeros((1, n, n)), np.eye(3)[None], np.array([-1]), rate, np.zeros((1, 3, 3)))
-    bank = bank._replace(reference=rate - 0.01, turned=np.array([0.01 * np.arange(9.0).reshape(3, 3)]))
-    beside = compared(bank, expected(bank, known), known)
-    assert beside is not None
-    np.testing.assert_allclose(beside.innovation, 0.0, atol=1e-15)
-    assert len(record.readings) == ROWS
 
 
 def test_a_vehicles_own_record_has_no_misfit_and_no_score() -> None:
@@ -150,21 +121,3 @@ def test_one_pass_finds_what_is_a_little_other_than_thought() -> None:
     found = pose_hindsight.equations(record, Assumed(wrong), movable, made)
     move = np.linalg.solve(found.information[np.ix_(chosen, chosen)], found.score[chosen])
     np.testing.assert_allclose(move, truth[chosen] - wrong[chosen], rtol=0.05)
-
-
-def test_what_no_body_can_be() -> None:
-    made = make()
-    at = body(made)
-    assert pose_hindsight.possible(at, made.parts)
-    for part, value in ((made.parts.common, -0.1), (made.parts.lag, -0.01), (made.parts.spin, -1.0)):
-        wrong = at.copy()
-        wrong[part] = value
-        assert not pose_hindsight.possible(wrong, made.parts)
-
-
-def test_nothing_read_says_nothing() -> None:
-    made = make()
-    nothing = PoseReadings(*(np.full_like(part, np.nan) for part in flown(body(made), made).readings[0]))
-    record = PoseRecord(PERIOD_S * np.arange(3), np.zeros((3, JETS)), [nothing] * 3)
-    found = pose_hindsight.equations(record, Assumed(body(made)), np.arange(made.parts.size), made)
-    assert (found.readings, found.misfit) == (0.0, 0.0)

@@ -50,7 +50,6 @@ def test_all_of_it_comes_back_to_the_bit() -> None:
     ("change", "message"),
     [
         (lambda vector: vector[:-1], "hypotheses are cut short"),
-        (lambda vector: np.append(vector, 0.0), "hypotheses are of another number"),
         (lambda vector: np.append(-1.0, vector[1:]), "hypotheses must be counted by whole numbers"),
         (lambda vector: np.concatenate((vector[:1], [0.0], vector[2:12])), "hypotheses are of another number"),
         (lambda vector: np.concatenate((vector[:2], [0.9, 0.7], vector[4:])), "commands must be in order of time"),

@@ -9,11 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from massprop_drake.maths.estimation.pose.pose_layout import PoseBank, PoseParams, PoseReadings, Poses
 from massprop_drake.maths.estimation.pose.pose_measurement import Compared, compared
-from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.estimation.pose.turning import rotation_vectors, rotations
 
 ALL = Sensors(poses=2, velocities=2, gyros=2, accelerometers=2)
-# rows of each kind, in order: position and attitude of each pose, velocities, rates, gathered velocities
-KINDS = ["position", "attitude"] * 2 + ["velocity"] * 2 + ["rate"] * 2 + ["gathered"] * 2
 
 
 def seen(bank: PoseBank, params: PoseParams, row: int = 0) -> PoseReadings:
@@ -72,31 +70,9 @@ def test_every_row_is_a_difference_of_the_innovation(planar: bool) -> None:
     for column, place in enumerate(params.free):
         ahead, behind = (beside(moved(bank, params, place, by), readings, params).innovation for by in (step, -step))
         expected = (behind - ahead) / (2.0 * step)  # the innovation is the reading less what is expected
-        # an attitude's innovation is of first order in itself: a thousandth of a radian
-        row = 0
         attitude = params.parts.attitude.start <= place < params.parts.attitude.stop
-        tolerance = 2e-3 if attitude else 1e-8
-        np.testing.assert_allclose(found.jacobian[row, :, column], expected[row], atol=tolerance, err_msg=str(place))
-
-
-def _columns(block: Array, params: PoseParams, part: slice) -> Array:
-    return block[..., (params.free >= part.start) & (params.free < part.stop)]
-
-
-def test_of_a_plane_x_and_y_of_places_and_the_heading_are_compared() -> None:
-    params = small_params(ALL, planar=True)
-    bank = some_bank(params)
-    readings = off(seen(bank, params))
-    found = beside(bank, readings, params)
-    sizes = [2 if kind in ("position", "velocity", "gathered") else 1 for kind in KINDS]
-    assert found.innovation.shape == (2, sum(sizes))
-    turning = np.repeat([kind in ("attitude", "rate") for kind in KINDS], sizes)
-    np.testing.assert_array_equal(found.turning, turning)
-    np.testing.assert_array_equal(found.poses, np.repeat([kind in ("position", "attitude") for kind in KINDS], sizes))
-    expected = seen(bank, params)
-    np.testing.assert_allclose(found.innovation[0, :2], (readings.positions - expected.positions)[0, :2], atol=1e-14)
-    bearing = Rotation.from_matrix(bank.rotation[0].T @ readings.rotations[0]).as_rotvec()[2]
-    assert float(found.innovation[0, 2]) == pytest.approx(bearing, abs=1e-14)
+        tolerance = 2e-3 if attitude else 1e-8  # an attitude's innovation is of first order in itself
+        np.testing.assert_allclose(found.jacobian[0, :, column], expected[0], atol=tolerance, err_msg=str(place))
 
 
 def test_what_is_missing_has_no_row_and_a_component_alone_has_one() -> None:
@@ -112,25 +88,6 @@ def test_what_is_missing_has_no_row_and_a_component_alone_has_one() -> None:
     expected = seen(bank, params)
     rates = (readings.rates[0] - expected.rates[0])[[0, 2]]
     np.testing.assert_allclose(found.innovation[0], [0.3 - expected.positions[1, 1], *rates])
-
-
-def test_a_pose_without_attitude_or_position_gives_the_other_alone() -> None:
-    for variances, kept in (((np.inf, 1e-6), True), ((1e-6, np.inf), False)):
-        poses = Poses(np.array([variances[0]]), np.array([variances[1]]), np.zeros(1))
-        params = small_params(pose=poses)
-        bank = some_bank(params)
-        found = beside(bank, seen(bank, params), params)
-        assert found.innovation.shape == (2, 3)
-        assert found.turning.all() == kept
-        assert np.isfinite(found.variance).all()
-
-
-def test_noise_of_each_sensor_stands_in_its_rows() -> None:
-    params = small_params(ALL)
-    bank = some_bank(params)
-    found = beside(bank, seen(bank, params), params)
-    expected = np.repeat([1e-6, 1e-6, 2e-6, 2e-6, *[1e-6] * 6], 3)
-    np.testing.assert_allclose(found.variance, np.diag(expected) + np.zeros((2, 1, 1)), atol=1e-18)
 
 
 def test_a_stamps_jitter_shifts_a_position_by_the_points_velocity_and_an_attitude_by_the_rate() -> None:
@@ -154,3 +111,15 @@ def test_a_stamps_jitter_shifts_a_position_by_the_points_velocity_and_an_attitud
     for block in (slice(0, 3), slice(3, 6)):
         np.testing.assert_allclose(own[block, block], sampled[block, block], atol=0.2 * own[block, block].max())
     assert np.abs(own[:3, :3] - np.diag(np.diag(own[:3, :3]))).max() > 0.1 * own[:3, :3].max()
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-7, 9.9e-5, 1.01e-4, 1.0, np.pi - 1e-9, np.pi])
+def test_rotations_are_those_of_scipy_and_come_back_up_to_half_a_turn(angle: float) -> None:
+    axes = np.random.default_rng(11).standard_normal((50, 3))
+    vectors = angle * axes / np.linalg.norm(axes, axis=1, keepdims=True)
+    found = rotations(vectors)
+    np.testing.assert_allclose(found, Rotation.from_rotvec(vectors).as_matrix(), atol=2e-15)
+    back = rotation_vectors(found)
+    if angle == np.pi:  # about either side of the axis
+        back *= np.sign(np.sum(back * vectors, axis=1))[:, None]
+    np.testing.assert_allclose(back, vectors, atol=1e-12, rtol=1e-9)

@@ -88,25 +88,12 @@ def test_derivatives_are_central_differences(commands: Commands, place: int) -> 
     np.testing.assert_allclose(found.twice_by[place], twice, atol=1e-9)
 
 
-def test_without_lag_a_pulse_is_a_rectangle() -> None:
-    found = opened(one_jet((1.02, 1.0), (1.06, 0.0)), BEGIN_S, END_S, timing(0.01, 0.0))
-    assert float(found.once[0, 0]) == pytest.approx(0.04, abs=1e-8)
-    assert float(found.twice[0, 0]) == pytest.approx(0.04 * (1.1 - 1.05), abs=1e-8)
-    assert float(found.once_by[1, 0, 0]) == pytest.approx(0.0, abs=1e-8)
-
-
 def test_an_opening_later_than_the_pulse_is_long_leaves_it_out_and_moves_nothing() -> None:
     found = opened(one_jet((1.02, 1.0), (1.04, 0.0)), BEGIN_S, END_S, timing(0.01, 0.02, 0.03))
     assert float(found.once[0, 0]) == pytest.approx(0.0, abs=1e-15)
     assert float(found.twice[0, 0]) == pytest.approx(0.0, abs=1e-15)
     np.testing.assert_array_equal(found.once_by[2], 0.0)
     np.testing.assert_allclose(found.once_by[0], 0.0, atol=1e-15)
-
-
-def test_a_jet_that_goes_on_from_a_fraction_does_not_open_again() -> None:
-    commands = one_jet((0.9, 0.3), (1.02, 0.7))
-    late, prompt = (opened(commands, BEGIN_S, END_S, timing(0.0, 1e-3, late)) for late in (0.02, 0.0))
-    np.testing.assert_allclose(late.once, prompt.once, atol=1e-12)  # it opened at .9 + .02 s, before the interval
 
 
 def test_an_unknown_command_is_half_open_with_the_variance_of_anything_between() -> None:
@@ -117,22 +104,6 @@ def test_an_unknown_command_is_half_open_with_the_variance_of_anything_between()
     np.testing.assert_allclose(found.twice, 0.5 * whole.twice, rtol=1e-12)
     drawn = np.random.default_rng(2).uniform(size=20_000) * float(whole.once[0, 0])
     assert float(found.variance[0, 0]) == pytest.approx(drawn.var(), rel=0.03)
-
-
-def test_before_the_first_command_nothing_acts() -> None:
-    nothing = opened(Commands(np.zeros(0), np.zeros((0, 1))), BEGIN_S, END_S, timing())
-    assert all(not np.any(part) for part in nothing)
-    later = opened(one_jet((1.05, 1.0)), BEGIN_S, END_S, timing(0.0, 1e-6))
-    assert float(later.once[0, 0]) == pytest.approx(0.05, abs=1e-5)
-
-
-def test_intervals_that_follow_one_another_add_up() -> None:
-    commands, valve = CASES["fractions one after the other"], timing(0.013, 0.02, 0.004)
-    whole = opened(commands, 0.9, 1.2, valve)
-    first, second = opened(commands, 0.9, 1.03, valve), opened(commands, 1.03, 1.2, valve)
-    np.testing.assert_allclose(first.once + second.once, whole.once, rtol=1e-12)
-    # what the first gave acts on for the length of the second
-    np.testing.assert_allclose(first.twice + 0.17 * first.once + second.twice, whole.twice, rtol=1e-12)
 
 
 def test_jets_and_filters_side_by_side_are_as_each_alone() -> None:
@@ -167,34 +138,6 @@ def test_a_delay_that_is_not_known_is_taken_on_average(std_s: float) -> None:
         assert getattr(found, f"{own}_by")[0, 0, 0] == pytest.approx(slope, abs=0.1 * size / std_s)
     left = every.once[:, 0].var() - (std_s * found.once_by[0, 0, 0]) ** 2
     assert 0.5 * left - 1e-7 < np.sum(found.unsure**2) < 2.0 * left + 1e-7
-
-
-def test_a_delay_that_is_known_is_taken_as_it_is() -> None:
-    commands, valve = one_jet((0.93, 1.0), (1.02, 0.0)), timing(0.04)
-    found = opened_on_average(commands, (BEGIN_S, END_S), valve, np.zeros((1, 1)))
-    for own, other in zip(found, opened(commands, BEGIN_S, END_S, valve), strict=True):
-        np.testing.assert_array_equal(own, other)
-    assert found.unsure.size == 0
-
-
-def test_of_two_jets_one_alone_may_have_a_delay_that_is_not_known() -> None:
-    commands = Commands(np.array([0.93, 1.02]), np.array([[1.0, 1.0], [0.0, 0.0]]))
-    valves = OpeningTimes(*(np.repeat(part, 2, 1) for part in timing(0.04)))
-    found = opened_on_average(commands, (BEGIN_S, END_S), valves, np.array([[0.05, 0.0]]))
-    plain = opened(commands, BEGIN_S, END_S, valves)
-    assert found.once[0, 1] == pytest.approx(plain.once[0, 1], rel=1e-12)
-    assert found.once_by[0, 0, 1] == pytest.approx(plain.once_by[0, 0, 1], rel=1e-12)
-    assert np.abs(found.unsure[:, 0, 1]).max() < 1e-12 < np.abs(found.unsure[:, 0, 0]).max()
-
-
-def test_commands_long_past_are_left_out_and_change_nothing() -> None:
-    past = [(0.01 * index, float(index % 2)) for index in range(80)]
-    whole = one_jet(*past, (0.93, 1.0), (1.02, 0.0))
-    valve = timing(0.01, lag_s=0.002)
-    found = opened_on_average(whole, (BEGIN_S, END_S), valve, np.full((1, 1), 0.004))
-    short = opened_on_average(one_jet((0.93, 1.0), (1.02, 0.0)), (BEGIN_S, END_S), valve, np.full((1, 1), 0.004))
-    for own, other in zip(found, short, strict=True):
-        np.testing.assert_allclose(own, other, atol=1e-11)
 
 
 @pytest.mark.parametrize(("opens_s", "begins"), [(0.97, False), (0.99, True), (1.05, True), (1.08, False)])

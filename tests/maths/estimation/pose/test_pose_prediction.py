@@ -91,21 +91,6 @@ def test_every_derivative_is_a_difference_of_the_mean(planar: bool, outside: boo
     assert checked >= 60  # blocks that are not zero
 
 
-def test_a_jet_that_follows_no_command_in_part_does_so_later_by_as_much_less() -> None:
-    params = small_params()
-    bank = some_bank(params, opens=(2, -1))
-    wide = bank._replace(mean=np.repeat(bank.mean[:1], 2, 0), rotation=np.repeat(bank.rotation[:1], 2, 0))
-    shut = wide.mean.copy()
-    shut[0, params.parts.thrust.start + 2] /= 0.6  # of filter 0, whose jet 2 stands .4 open
-    own = jacobian(wide._replace(mean=shut), params)[:, :, params.parts.delay.start + 1]
-    # jets 2 and 3 are of that kind: a factor that is larger by 1/.6 makes up for what stands open
-    places = slice(params.parts.velocity.start, params.parts.velocity.stop)
-    np.testing.assert_allclose(own[0, places], own[1, places], rtol=1e-6, atol=1e-9)
-
-
-# --------------------------------------------------------------------------------------------- mean
-
-
 def _flown(params: PoseParams, bank: PoseBank, on: Array, outside: Array) -> tuple[Array, Array, Array, Array]:
     """Position, velocity, rotation and rate of a rigid body with jets that are on all the time, finely integrated."""
     parts, mean = params.parts, bank.mean[0]
@@ -211,34 +196,6 @@ def test_products_of_errors_have_the_moments_of_drawn_ones() -> None:
     assert np.abs(found - first_order).max() > 0.05 * deviation.max() ** 2  # without the products it is missed
 
 
-def test_products_of_errors_of_thrust_and_timing_are_those_of_a_gaussian() -> None:
-    """A jet that opens in the interval gives g (T - d - delta): the product's mean is a covariance."""
-    params = small_params()
-    parts = params.parts
-    bank = some_bank(params, opens=(-1,))
-    bank.mean[0, parts.rate] = 0.0
-    bank.mean[0, parts.lag] = np.log(1e-3)
-    own = np.array([[0.3**2, 0.9 * 0.3 * 0.002], [0.9 * 0.3 * 0.002, 0.002**2]])
-    spread = np.zeros((params.free.size, params.free.size))
-    spread[np.ix_([0, parts.opening.start], [0, parts.opening.start])] = own
-    opens = Commands(np.array([0.0, 1.01]), np.array([np.zeros(JETS), np.eye(JETS)[0]]))
-    done, still = (
-        predicted(bank._replace(covariance=part[None]), opens, BEGIN_S, END_S, params).bank
-        for part in (spread, 0.0 * spread)
-    )
-    push = bank.rotation[0] @ params.pushes[0]
-    gained = (done.mean - still.mean)[0]
-    np.testing.assert_allclose(gained[parts.velocity], -own[0, 1] * push, rtol=1e-6)
-    given_s = END_S - 1.01 - bank.mean[0, parts.delay.start] - 0.01 - 1e-3
-    by = np.array([given_s, -bank.mean[0, 0]])
-    variance = by @ own @ by + own[0, 0] * own[1, 1] + own[0, 1] ** 2
-    found = done.covariance[0][parts.velocity, parts.velocity]
-    np.testing.assert_allclose(found, variance * np.outer(push, push), rtol=1e-4, atol=1e-12)
-
-
-# -------------------------------------------------------------------------------------------- noise
-
-
 def _noisy(planar: bool = False, **more: Any) -> PoseParams:
     settings: dict[str, Any] = {
         "rate_noise": 0.01,
@@ -256,15 +213,6 @@ def _added(params: PoseParams, commands: Commands | None = None) -> Array:
     bank = some_bank(params, opens=(-1, 2))
     bank = bank._replace(covariance=np.zeros_like(bank.covariance))
     return predicted(bank, pulses() if commands is None else commands, BEGIN_S, END_S, params).bank.covariance
-
-
-def test_noise_is_symmetric_and_no_variance_is_negative() -> None:
-    for planar in (False, True):
-        unknown = Commands(np.array([0.9, 1.03]), np.array([[1.0, np.nan, 0, 0], [np.nan, 0, 1, 0]]))
-        for commands in (pulses(), unknown, Commands(np.zeros(0), np.zeros((0, JETS)))):
-            found = _added(_noisy(planar=planar), commands)
-            np.testing.assert_allclose(found, np.swapaxes(found, 1, 2), rtol=1e-12)
-            assert np.linalg.eigvalsh(found).min() > -1e-12 * np.abs(found).max()
 
 
 def test_white_accelerations_are_those_of_a_wiener_process_and_its_integral() -> None:
@@ -292,26 +240,6 @@ def test_an_accelerometer_feels_what_changes_the_velocity() -> None:
             turn @ found[first, parts.velocity], found[parts.velocity, parts.velocity], rtol=1e-9, atol=1e-12
         )
         np.testing.assert_allclose(found[first, second], found[first, first], atol=1e-12)
-
-
-def test_openings_scatter_in_proportion_to_what_they_give_and_all_at_once() -> None:
-    quiet: dict[str, Any] = {
-        "rate_noise": 0.0,
-        "velocity_noise": 0.0,
-        "push_walk": 0.0,
-        "turn_walk": 0.0,
-        "common_walk": 0.0,
-    }
-    quiet |= {"scatter": np.zeros(JETS)}
-    params = _noisy(**quiet | {"scatter": np.array([0.3, 0.0, 0.0, 0.0])})
-    bank, parts = some_bank(params, opens=(-1,)), params.parts
-    bank = bank._replace(covariance=np.zeros_like(bank.covariance))
-    found = predicted(bank, pulses(), BEGIN_S, END_S, params).bank.covariance[0]
-    column = jacobian(bank, _noisy(**quiet))[0][:, 0] * 0.3 * bank.mean[0, 0]  # of g_0: what jet 0 gave
-    column[0] = 0.0
-    once = slice(parts.velocity.start, parts.velocity.stop)
-    np.testing.assert_allclose(found[once, once], np.outer(column, column)[once, once], rtol=1e-6)
-    assert np.linalg.matrix_rank(found, tol=1e-9 * np.abs(found).max()) == 1
 
 
 def test_a_pulse_scatters_as_a_whole_until_the_next_one_opens() -> None:

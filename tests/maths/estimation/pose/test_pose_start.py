@@ -8,7 +8,7 @@ from pose_probe import JETS, MASS, SPIN, Sensors, nothing_read, small_params
 from scipy.spatial.transform import Rotation
 
 from massprop_drake.maths.estimation.pose.outcome import outcome
-from massprop_drake.maths.estimation.pose.pose_layout import Parts, PoseParams, Poses, make_parts
+from massprop_drake.maths.estimation.pose.pose_layout import Parts, PoseParams, make_parts
 from massprop_drake.maths.estimation.pose.pose_start import Beforehand, begun, prior
 from massprop_drake.maths.linear_algebra import Array
 
@@ -101,25 +101,6 @@ def test_the_first_reading_places_the_center_of_mass_with_its_correlations() -> 
     np.testing.assert_allclose(attitude, 2e-6 * np.eye(3), rtol=1e-12)
 
 
-def test_where_there_are_poor_readings_the_first_counts_as_one() -> None:
-    for outliers, times in ((0.0, 1.0), (0.02, 100.0)):
-        params = _at_the_start(Sensors(), pose=Poses(np.array([1e-6]), np.array([4e-6]), np.zeros(1), outliers))
-        read = nothing_read(params)
-        read.rotations[0], read.positions[0] = np.eye(3), 0.0
-        found = begun(read, params).covariance[0][params.parts.attitude, params.parts.attitude]
-        np.testing.assert_allclose(found, 4e-6 * times * np.eye(3), rtol=1e-12)
-
-
-def test_accelerometers_begin_at_what_they_read() -> None:
-    params = _at_the_start(Sensors(accelerometers=2))
-    read = nothing_read(params)
-    read.rotations[0], read.positions[0] = np.eye(3), 0.0
-    read.gathered[0] = 0.1, 0.2, 0.3
-    bank = begun(read, params)
-    np.testing.assert_array_equal(bank.mean[0, params.parts.gathered], [0.1, 0.2, 0.3, 0.0, 0.0, 0.0])
-    np.testing.assert_array_equal(bank.turned, 0.0)
-
-
 # ------------------------------------------------------------------------------------------ outcome
 
 
@@ -158,18 +139,6 @@ def test_the_mass_is_what_the_exact_gaussian_says_of_it() -> None:
     assert variance < 0.98 * 0.01**2  # of what the inertia is known by, K says something of the mass
 
 
-def test_thrusts_that_are_known_exactly_say_all_of_the_mass() -> None:
-    parts = make_parts(JETS, 2, 1, 0, 0)
-    exact = known(parts, common_std=0.0)._replace(thrust_std=np.zeros(JETS))
-    mean, covariance, free = prior(exact, np.zeros(parts.size, dtype=bool), parts)
-    params = small_params(start=mean, covariance=covariance, free=free, mass_std=0.01, thrust_std=np.zeros(JETS))
-    mean = mean.copy()
-    mean[:JETS] = 1.02
-    values, found = outcome(mean, np.zeros_like(covariance), np.ones(JETS, dtype=bool), params)
-    assert values[9] * MASS == pytest.approx(1.02, rel=1e-9)
-    assert found[9, 9] * MASS**2 == pytest.approx(0.0, abs=1e-12)
-
-
 def test_jets_that_have_failed_say_nothing_of_the_mass() -> None:
     params = _at_the_start(Sensors())
     params = params._replace(mass_std=0.01, thrust_std=THRUST_STD)
@@ -184,17 +153,6 @@ def test_jets_that_have_failed_say_nothing_of_the_mass() -> None:
     assert covariance[9, 9] == pytest.approx((0.01 / MASS) ** 2, rel=1e-9)
     root = _inverse_root()
     np.testing.assert_allclose(covariance[:6, :6], root @ root.T, rtol=1e-6, atol=1e-12 * np.abs(covariance).max())
-
-
-def test_a_mass_that_is_known_is_what_it_is_whatever_the_factors_say() -> None:
-    parts = make_parts(JETS, 2, 1, 0, 0)
-    mean, covariance, free = prior(known(parts, mass_std=0.0), np.zeros(parts.size, dtype=bool), parts)
-    params = small_params(start=mean, covariance=covariance, free=free, mass_std=0.0, thrust_std=THRUST_STD)
-    mean[:JETS] = 1.1
-    values, found = outcome(mean, covariance, np.ones(JETS, dtype=bool), params)
-    assert values[9] == 1.0 / MASS
-    np.testing.assert_array_equal(found[9], 0.0)
-    np.testing.assert_allclose(values[:6], ELEMENTS / MASS, rtol=1e-12)
 
 
 def test_the_parameters_vary_as_the_state_does() -> None:

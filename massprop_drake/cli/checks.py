@@ -1,0 +1,135 @@
+"""Checks of vehicle, scenario, campaign, map and telemetry files, and the keys that they may have."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from massprop_drake.cli import show
+from massprop_drake.cli.options import Schema
+from massprop_drake.errors import InputError
+from massprop_drake.inputs.campaign_file import (
+    CampaignSpec,
+    bundled_campaigns,
+    campaign_from,
+    campaign_keys,
+    load_campaign,
+)
+from massprop_drake.inputs.kinds import kind_of
+from massprop_drake.inputs.model import Key, keys, validated
+from massprop_drake.inputs.record_map import RecordMap, map_keys
+from massprop_drake.inputs.scenario import Scenario, bundled_scenarios, load_scenario, resolved
+from massprop_drake.inputs.vehicle_file import Vehicle, bundled_vehicles, load_vehicle
+from massprop_drake.inputs.yaml import Document, read_text
+from massprop_drake.records.reader import check as check_telemetry
+from massprop_drake.records.recording import require_table
+from massprop_drake.records.tables import require_file
+
+_TELEMETRY = (".csv", ".tsv", ".parquet", ".pq")  # endings of telemetry files
+
+
+KEYS: Mapping[Schema, Callable[[], list[Key]]] = {
+    Schema.vehicle: partial(keys, Vehicle),
+    Schema.scenario: partial(keys, Scenario),
+    Schema.campaign: campaign_keys,
+    Schema.map: map_keys,
+}
+
+
+def keys_of(schema: Schema) -> list[Key]:
+    """Lists the keys of a kind of file; those of a whole vehicle in a scenario are the other schema's."""
+    return [key for key in KEYS[schema]() if not key.name.startswith("vehicle.")]
+
+
+class Checked(NamedTuple):
+    """What is said of files.
+
+    Attributes:
+        findings: of each file, as JSON has it.
+        lines: the same in words.
+        problems: those of the lines that say what is wrong.
+    """
+
+    findings: list[dict[str, Any]]
+    lines: list[str]
+    problems: list[str]
+
+
+def check(names: Iterable[str], whose: Vehicle | None, pairs: int, *, report: bool) -> Checked:
+    """Checks files.
+
+    Args:
+        names: of files, or bundled ones.
+        whose: the vehicle of telemetry.
+        pairs: of jets that look alike, in the report on a vehicle.
+        report: whether a vehicle is reported on.
+    """
+    said = Checked([], [], [])
+    for name in names:
+        try:
+            good = checked(name, whose)
+        except InputError as error:
+            said.findings.append({"file": name, "ok": False, "findings": list(error.problems)})
+            said.problems.extend(error.problems)
+            said.lines.extend(error.problems)
+            continue
+        about = good.words if isinstance(good, Described) else show.about(good)
+        doubts = list(map(str, good.doubts))
+        said.findings.append({"file": name, "ok": True, "findings": [about], "warnings": doubts})
+        said.lines.extend([f"{name}: ok: {about}", *(f"{name}: warning: {doubt}" for doubt in doubts)])
+        if isinstance(good, Vehicle) and report:
+            from massprop_drake.studies.vehicle_report import vehicle_report  # noqa: PLC0415 (slow to load)
+
+            found = said.findings[-1]["report"] = vehicle_report(good, pairs)
+            said.lines.extend(show.vehicle_lines(found, good.unit_names))
+    return said
+
+
+class Described(NamedTuple):
+    """The content of a file in words.
+
+    Attributes:
+        words: a line.
+        doubts: on what may be meant otherwise, a sentence each.
+    """
+
+    words: str
+    doubts: Sequence[str] = ()
+
+
+def checked(name: str, whose: Vehicle | None) -> Vehicle | Scenario | CampaignSpec | Described:
+    """Reads a file and returns its content, telemetry and maps in words; raises InputError for a bad one."""
+    require_file(Path(name))
+    if Path(name).suffix.lower() in _TELEMETRY:
+        found = check_telemetry(Path(name), whose)
+        return Described(show.about_telemetry(found, whose), found["notes"])
+    if name in bundled_vehicles():
+        return load_vehicle(name)
+    if name in bundled_scenarios():
+        return _with_model(load_scenario(name), name)
+    if name in bundled_campaigns():
+        return load_campaign(name)
+    require_table(name)
+    document = Document(read_text(Path(name)), name)
+    kind = kind_of(document.data)
+    if kind == "vehicle":
+        return validated(Vehicle, document.data, document)
+    if "commands" in document.data and "sensors" in document.data:
+        return Described(show.about_map(validated(RecordMap, document.data, document)))
+    if kind == "campaign":
+        return campaign_from(document, Path(name).parent)
+    return _with_model(resolved(document.data, document, Path(name).parent), name)
+
+
+def _with_model(scenario: Scenario, name: str) -> Scenario:
+    """Returns a scenario whose multibody model, if any, Drake can fly; raises InputError for a bad one."""
+    if scenario.plant.kind == "multibody":
+        from massprop_drake.diagrams.multibody import require_model  # noqa: PLC0415 (loads Drake's multibody library)
+
+        try:
+            require_model(scenario)
+        except InputError as error:
+            raise InputError(*(f"{name}: {one.removeprefix('scenario: ')}" for one in error.problems)) from None
+    return scenario

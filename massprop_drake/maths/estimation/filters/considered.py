@@ -1,0 +1,42 @@
+r"""Considered thrust errors: what both filters' Schmidt-Kalman updates share.
+
+No jet gives exactly its thrust: jet j is off by the constant fraction sigma_j beta_j, with beta unknown and of unit
+variance, never estimated. The error of the state x is Psi beta and a part independent of beta, of covariance S_0. With
+G what one sigma of each thrust error does to the measurement directly,
+
+    L = H Psi + G,    Y = H S_0 H^T + L L^T + noise,    K = (S_0 H^T + Psi L^T) Y^-1,    Psi <- Psi - K L
+
+L is what one sigma of each thrust error does to the innovation. Products of both errors are part of the prediction and
+of the noise, see the filters. The update is made twice, the second time with G at the estimate that the first one gave.
+
+Source: own, on the filters of D. R. Levy, MIT S.M. thesis, 1983.
+"""
+
+from __future__ import annotations
+
+from massprop_drake.maths.kernels import kernel
+from massprop_drake.maths.linear_algebra import Array
+
+
+@kernel
+def plus(noise: Array, extra: Array | None) -> Array:
+    """Adds further noise, where there is any."""
+    if extra is None:
+        return noise
+    return noise + extra
+
+
+@kernel
+def with_effects(covariance: Array, effects: Array | None) -> Array:
+    """Adds L L^T, where thrust errors are considered."""
+    if effects is None:
+        return covariance
+    return covariance + effects @ effects.T
+
+
+@kernel
+def less_sensitive(sensitivity: Array | None, gain: Array, effects: Array | None) -> Array | None:
+    """Computes Psi - K L, where thrust errors are considered."""
+    if effects is None or sensitivity is None:
+        return sensitivity
+    return sensitivity - gain @ effects

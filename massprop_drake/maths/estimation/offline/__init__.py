@@ -1,0 +1,1 @@
+"""Analyses of a whole flight at once: batch regression, bound, guaranteed intervals, and what they tell."""

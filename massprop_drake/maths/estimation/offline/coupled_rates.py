@@ -1,0 +1,227 @@
+r"""Rate that impulses and dynamic coupling give, with the rates in coupling taken as known, and its derivatives."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.joint.layout import CENTER
+from massprop_drake.maths.estimation.joint.prediction import PARABOLA
+from massprop_drake.maths.estimation.offline.thrust_course import Lengths, common_length
+from massprop_drake.maths.linear_algebra import Array, crosses
+from massprop_drake.maths.mass_properties import ELEMENT
+
+CROSS = np.zeros((3, 3, 3))  # component i of a cross b is CROSS[i, j, k] a_j b_k
+CROSS[[0, 1, 2], [1, 2, 0], [2, 0, 1]], CROSS[[0, 1, 2], [2, 0, 1], [1, 2, 0]] = 1.0, -1.0
+_ELEMENTS = np.array([1.0 * (element == ELEMENT) for element in range(6)])  # (6, 3, 3)
+
+
+def outer_products(left: Array, right: Array) -> Array:
+    """Computes the products of each component with each, shape (3, 3, n), of vectors in columns, shape (3, n) each."""
+    return np.asarray(left[:, None] * right)
+
+
+class MeanRates(NamedTuple):
+    """Rates over intervals, at their middles, and their gain, shape (3, m - 1) each, and the mean of w w^T."""
+
+    middle: Array
+    gained: Array
+    square: Array  # (3, 3, m - 1)
+
+
+def mean_rates(rate: Array) -> MeanRates:
+    """Computes middles, gains and mean products of rates at the rows, shape (3, m), that are linear in between."""
+    middle, squares = 0.5 * (rate[:, :-1] + rate[:, 1:]), outer_products(rate, rate)
+    mean = (squares[..., :-1] + squares[..., 1:] + 4.0 * outer_products(middle, middle)) / 6.0
+    return MeanRates(middle, np.diff(rate), mean)
+
+
+class ImpulseSums(NamedTuple):
+    """Impulses over the intervals of a stretch, about the vehicle origin."""
+
+    impulse: Array  # (6, m - 1)
+    bow: Array  # (3, 6, m - 1)
+    late: Array | None  # at each stamp besides, (6, m), where one is late
+    acting: Array | None  # what jets give at each stamp, (6, m), where one is late
+
+
+def moments_about(wrenches: Array, center: Array) -> Array:
+    """Computes torques about a center of mass, shape (..., 3, n), of wrenches about the origin, shape (..., 6, n)."""
+    moments: Array = wrenches[..., :3, :] + np.tensordot(center, CROSS, 1) @ wrenches[..., 3:, :]
+    return moments
+
+
+def bows_of(sums: ImpulseSums, rate: Array, held: Array, period_s: Lengths, at: Array) -> Array:
+    """Computes angular impulses of the bows of a rate, that by its own coupling included, see `joint.prediction`.
+
+    Args:
+        sums: see `ImpulseSums`.
+        rate: at the rows, shape (3, m).
+        held: angular momentum of the wheels, likewise.
+        period_s: length of an interval.
+        at: all unknowns, shape (n,).
+
+    Returns:
+        Of shape (3, 3, m - 1).
+    """
+    momentum = np.linalg.inv(at[:6][ELEMENT]) @ rate + held
+    own = np.diff(crosses(rate.T, momentum.T).T) * (period_s / 12.0)
+    bows = moments_about(sums.bow, at[CENTER])
+    bows[0] += own
+    bows[2] += PARABOLA * own
+    return bows
+
+
+class _Coupling(NamedTuple):
+    """Dynamic coupling, by inverse inertias, as it multiplies products of rates and bows, see `GainedRate`.
+
+    Attributes:
+        straight: of the rates by themselves, shape (..., 3, 3, 3).
+        bent: of the rates with the bows.
+        bowed: of the bows by themselves.
+    """
+
+    straight: Array
+    bent: Array
+    bowed: Array
+
+
+def _coupling(inverse: Array) -> _Coupling:
+    straight = CROSS @ np.linalg.inv(inverse)
+    return _Coupling(straight, CROSS + straight.transpose(0, 2, 1) @ inverse, inverse @ CROSS)
+
+
+def _coupling_by(elements: Array, inverse: Array, coupling: _Coupling) -> _Coupling:
+    """Computes derivatives of the coupling by the inverse inertia in some directions, shape (e, 3, 3)."""
+    inertia = np.linalg.inv(inverse)
+    straight = CROSS @ (-inertia @ elements @ inertia)[:, None]
+    ways = elements[:, None]
+    bent = straight.transpose(0, 1, 3, 2) @ inverse + coupling.straight.transpose(0, 2, 1) @ ways
+    return _Coupling(straight, bent, ways @ CROSS)
+
+
+# Sums since the beginning, of which the rate and its derivatives are made: the angular impulse, less coupling; products
+# of rates, of rates and bows, of bows; forces, and products of rates or bows and the bows of forces; rates and bows.
+_PULLED, _PRODUCTS, _SHIFTING, _BIASING = slice(0, 3), slice(3, 30), slice(30, 51), slice(51, 57)
+
+
+class GainedRate(NamedTuple):
+    """Terms of the rate gained since the beginning; the rates and bows in its coupling are taken as known.
+
+    Attributes:
+        sums: see above, shape (57, m).
+        coupling: see `_Coupling`.
+        rate: shape (3, m).
+    """
+
+    sums: Array
+    coupling: _Coupling
+    rate: Array
+
+
+def gained_rate(sums: ImpulseSums, moving: MeanRates, bows: Array, period_s: Lengths, at: Array) -> GainedRate:
+    """Computes the rate gained over a stretch, with the coupling of given rates and bows."""
+    inverse, n = at[:6][ELEMENT], moving.middle.shape[1]
+    coupling = _coupling(inverse)
+    result = np.zeros((_BIASING.stop, n + 1))
+    each = result[:, 1:]
+    each[_PULLED] = moments_about(sums.impulse, at[CENTER])
+    products = each[_PRODUCTS].reshape(3, 3, 3, n)
+    products[0] = moving.square
+    products[1] = outer_products(moving.middle, bows[0]) + outer_products(moving.gained, bows[1])
+    products[2] = outer_products(bows[2], bows[2])
+    force, by_force = each[_SHIFTING][:3], each[_SHIFTING][3:].reshape(2, 3, 3, n)
+    force[:] = sums.impulse[3:]
+    by_force[0] = outer_products(moving.middle, sums.bow[0, 3:]) + outer_products(moving.gained, sums.bow[1, 3:])
+    by_force[1] = outer_products(bows[2], sums.bow[2, 3:])
+    each[_BIASING][:3], each[_BIASING][3:] = moving.middle, bows[0]
+    if isinstance(period_s, np.ndarray):
+        for part in (each[_PRODUCTS], each[_SHIFTING][3:], each[_BIASING]):
+            part[:] = part * period_s
+    np.cumsum(result, axis=-1, out=result)
+    if sums.late is not None:
+        result[_PULLED] += moments_about(sums.late, at[CENTER])
+        result[_SHIFTING][:3] += sums.late[3:]
+    result[_PULLED] -= common_length(period_s) * (_flat(coupling) @ result[_PRODUCTS])
+    return GainedRate(result, coupling, inverse @ result[_PULLED])
+
+
+def _flat(coupling: _Coupling) -> Array:
+    """Arranges a coupling as it multiplies all products, shape (..., 3, 27)."""
+    return np.concatenate([part.reshape(*part.shape[:-2], 9) for part in coupling], axis=-1)
+
+
+def rate_derivatives(gained: GainedRate, period_s: Lengths, at: Array) -> tuple[Array, Array]:
+    """Computes derivatives of the rate gained by the unknowns that it is not linear in.
+
+    What the bow that coupling itself gives changes by is left out: it is a small part of a small part.
+
+    Returns:
+        By elements 0 to 8, shape (9, 3, m), and by gyro biases, shape (3, 3, m).
+    """
+    inverse, (straight, bent, bowed), sums = at[:6][ELEMENT], gained.coupling, gained.sums
+    coupled = -common_length(period_s) * inverse
+    of_element = _flat(_coupling_by(_ELEMENTS, inverse, gained.coupling))
+    by_elements = np.concatenate((_ELEMENTS, coupled @ of_element), axis=-1)
+    both, ways = bowed + bowed.transpose(0, 2, 1), CROSS[:, None]
+    by_bows = [(part @ ways).reshape(3, 3, 9) for part in (bent, both)]
+    by_center = np.concatenate((inverse @ CROSS, *(coupled @ part for part in by_bows)), axis=-1)
+    of_rate = straight.transpose(1, 0, 2) + straight.transpose(2, 0, 1)
+    by_bias = -coupled @ np.concatenate((of_rate, bent.transpose(1, 0, 2)), axis=-1)
+    m = sums.shape[1]
+    moved = np.empty((9, 3, m))
+    np.matmul(by_elements.reshape(18, 30), sums[:30], out=moved[:6].reshape(18, m))
+    np.matmul(by_center.reshape(9, 21), sums[_SHIFTING], out=moved[6:].reshape(9, m))
+    return moved, (by_bias.reshape(9, 6) @ sums[_BIASING]).reshape(3, 3, m)
+
+
+def turning_products(whole: Array, moving: MeanRates, bowed: Array, period_s: Lengths) -> Array:
+    """Computes O = [(w - w_0) x] + the integral of [w x]^2, of rates at the rows, shape (3, m), and their bows between.
+
+    Returns:
+        Of each row, shape (3, 3, m).
+    """
+    crossed = outer_products(moving.middle, bowed[0]) + outer_products(moving.gained, bowed[1])
+    square = np.zeros((3, 3, whole.shape[1]))
+    each = moving.square + crossed + crossed.transpose(1, 0, 2) + outer_products(bowed[2], bowed[2])
+    np.cumsum(each * period_s, axis=-1, out=square[..., 1:])
+    turning = square - (CROSS.reshape(9, 3) @ (whole - whole[:, :1])).reshape(square.shape)
+    turning[range(3), range(3)] -= np.trace(square)
+    return np.asarray(turning)
+
+
+def accumulated(gained: Array) -> Array:
+    """Sums gains over intervals, shape (..., m - 1), from the beginning to each row, shape (..., m)."""
+    sums = np.zeros((*gained.shape[:-1], gained.shape[-1] + 1))
+    np.cumsum(gained, axis=-1, out=sums[..., 1:])
+    return sums
+
+
+def crossing(vectors: Array) -> Array:
+    """Computes matrices of the cross products of vectors, shape (3, 3, m) of (3, m)."""
+    return np.asarray(np.tensordot(CROSS, vectors, ((1,), (0,))))
+
+
+def coupled(straight: Array, rate: Array, held: Array, lengths_s: Array, at: Array) -> Array:
+    """Adds the coupling of a rate's changes: D = G + integral of I^-1 ([(I w + h) x] - [w x] I) D.
+
+    Args:
+        straight: G, the changes with the rates in coupling held, shape (3, c, m).
+        rate: w, shape (3, m).
+        held: h, angular momentum of the wheels, shape (3, m).
+        lengths_s: of the intervals, shape (m - 1,).
+        at: all unknowns, for the inverse inertia.
+    """
+    inverse = at[:6][ELEMENT]
+    inertia, half = np.linalg.inv(inverse), 0.5 * lengths_s[:, None, None]
+    crossed = crossing(inertia @ rate + held) - np.einsum("ijm,jk->ikm", crossing(rate), inertia)
+    coupling = np.einsum("ij,jkm->mik", inverse, crossed)
+    onward = np.linalg.inv(np.eye(3) - half * coupling[1:])  # by trapezoids
+    before, gained = onward @ (np.eye(3) + half * coupling[:-1]), onward @ np.moveaxis(np.diff(straight), -1, 0)
+    result, now = np.empty((straight.shape[2], *straight.shape[:2])), straight[:, :, 0]
+    result[0] = now
+    for row in range(straight.shape[2] - 1):
+        now = before[row] @ now + gained[row]
+        result[row + 1] = now
+    return np.ascontiguousarray(np.moveaxis(result, 0, -1))

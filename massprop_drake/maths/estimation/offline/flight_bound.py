@@ -1,0 +1,205 @@
+"""Cramer-Rao bound of a flight, for rounding taken as noise, with what drifts as propellant is used."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES
+from massprop_drake.maths.estimation.offline.depletion_course import about_middle
+from massprop_drake.maths.estimation.offline.expected_motion import expected_motion, turning_effects
+from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch, reckoned
+from massprop_drake.maths.estimation.offline.motion_derivatives import motion_derivatives
+from massprop_drake.maths.estimation.offline.normal_equations import (
+    batches_of,
+    components_of,
+    normal,
+    reading_derivatives,
+    summed_equations,
+)
+from massprop_drake.maths.estimation.offline.thrust_course import recorded, thrust_course
+from massprop_drake.maths.linear_algebra import Array
+
+_ROWS = (32, 16, 8, 4, 2)  # on average of a part of a stretch where inertia and center of mass drift, ever fewer
+_ALIKE = 0.03  # by which a bound may change with shorter parts
+
+
+class _Shown(NamedTuple):
+    """Information of parts of a stretch on the u estimated unknowns, on ticks, and on initial values of components.
+
+    Each of c components reads what the unknowns have made it gain since its first reading, and what it was then.
+
+    Attributes:
+        information: of each part, shape (p, s, s), with s = u + ticks + c.
+        gained: derivatives of what each component has gained up to each cut, by the ten parameters, shape
+            (p + 1, c, 10).
+        variances: of ticks, and of what the first readings tell, shape (s - u,).
+    """
+
+    information: Array
+    gained: Array
+    variances: Array
+
+
+def _shown(stretch: Stretch, cuts: NDArray[np.int_], at: Array, model: FlightModel) -> _Shown:
+    """Computes the information of parts of a stretch between some rows, shape (p + 1,), about a point; unit noise."""
+    course, at = about_middle(thrust_course(recorded(stretch, model), at, model), at, model)
+    expected, wanted = expected_motion(at, course, model), reckoned(model)
+    fixed, design = turning_effects(expected, at, model), motion_derivatives(expected, at, model, wanted)
+    components = list(components_of(expected, fixed, at, model))
+    known = np.flatnonzero(wanted[design.kept])
+    taken = np.concatenate((known, np.arange(design.kept.size, design.by_rate.shape[0])))
+    u, n_ticks = int(wanted.sum()), design.by_rate.shape[0] - design.kept.size
+    places = np.concatenate((np.cumsum(wanted)[design.kept[known]] - 1, np.arange(u, u + n_ticks)))
+    information = np.zeros((cuts.size - 1, *2 * (u + n_ticks + len(components),)))
+    gained, number = np.zeros((cuts.size, len(components), N_PROPERTIES)), 0
+    with_cuts = (one._replace(rows=np.concatenate((one.rows, cuts))) for one in components)
+    for batch in batches_of(with_cuts, model.gyros):
+        derivatives = reading_derivatives(design, batch, fixed, at, model)[taken]
+        for one, begin in zip(batch.parts, batch.begins.tolist(), strict=True):
+            x = derivatives[:, begin : begin + one.rows.size] / math.sqrt(model.variances[one.package])
+            x -= x[:, :1]
+            own = u + n_ticks + number
+            rows, of_rows, of_cuts = one.rows[1 : -cuts.size], x[:, 1 : -cuts.size], x[:, -cuts.size :]
+            gained[:, number] = np.where(cuts > one.rows[0], of_cuts[:N_PROPERTIES], 0.0).T
+            ends = np.searchsorted(rows, cuts, side="right").tolist()
+            for part, (first, last) in zip(information, pairwise(ends), strict=True):
+                within = of_rows[:, first:last]
+                part[np.ix_(places, places)] += within @ within.T
+                part[places, own] = part[own, places] = within.sum(axis=1)
+                part[own, own] = last - first
+            number += 1
+    return _Shown(information, gained, np.concatenate((design.own, np.ones(len(components)))))
+
+
+def _cuts(used: Array, rows: int) -> NDArray[np.int_]:
+    """Returns rows that cut a stretch into parts of similar propellant use and duration.
+
+    Args:
+        used: propellant since its beginning, shape (m,).
+        rows: of a part, on average.
+    """
+    last = used.shape[0] - 1
+    if used[-1] <= 0.0 or rows >= last:
+        return np.array([0, last])
+    share = used / used[-1] + np.arange(last + 1) / last
+    inner = np.searchsorted(share, np.linspace(0.0, 2.0, -(-last // rows) + 1)[1:-1])
+    return np.unique(np.concatenate(([0], inner, [last])))
+
+
+def least_deviation(
+    stretches: Sequence[Stretch],
+    at: Array,
+    start: Array,
+    drift: Array,
+    model: FlightModel,
+    information: Array | None = None,
+) -> Array:
+    """Computes least 1-sigmas of the ten parameters, rounding taken as noise, NaN where unknown, shape (10,).
+
+    What changes with propellant that is used does so half before and half after what each part of a stretch shows, and
+    parts are made shorter until it makes no difference.
+
+    Args:
+        stretches: of the flight, in order.
+        at: all unknowns, about which it is taken, shape (n,); see `possible`.
+        start: covariance of the ten at the start, shape (10, 10).
+        drift: variances that are added to the ten for each unit of propellant, shape (10,).
+        model: for what else is reckoned with.
+        information: A of all stretches together, where it is known, shape (n, n); else it is found.
+    """
+    wanted = reckoned(model)
+    root = np.diag(model.sigma[wanted])
+    root[:N_PROPERTIES, :N_PROPERTIES] = _root(start)
+    if not drift.any():
+        if information is None:
+            information = summed_equations([normal(one, at, model, wanted) for one in stretches], model).information
+        return _deviation(_informed(root, information[np.ix_(wanted, wanted)]))
+    before = np.zeros(N_PROPERTIES)
+    for rows in _ROWS:
+        found = _deviation(_drifting(root, stretches, at, drift, model, rows))
+        if not (np.abs(found - before) > _ALIKE * found).any():  # NaN stays so
+            break
+        before = found
+    return found
+
+
+def _deviation(root: Array) -> Array:
+    """Computes the 1-sigma of the ten parameters, shape (10,)."""
+    result: Array = np.sqrt(np.sum(root[:N_PROPERTIES] ** 2, axis=1))
+    return result
+
+
+def _drifting(
+    root: Array, stretches: Sequence[Stretch], at: Array, drift: Array, model: FlightModel, rows: int
+) -> Array:
+    """Computes a root of the unknowns' covariance after a flight from one before it, by parts of so many rows."""
+    used_after = stretches[0].used_after[0] if stretches else 0.0
+    for stretch in stretches:
+        used = stretch.used_after[0] - stretch.used_after
+        cuts = _cuts(used, rows)
+        root = _drifted(root, drift * (used_after - stretch.used_after[0]))
+        root = _learned(root, _shown(stretch, cuts, at, model), drift, np.diff(used[cuts]))
+        used_after = stretch.used_after[-1]
+    return root
+
+
+def _informed(root: Array, information: Array) -> Array:
+    """Computes a root of a covariance with further information, NaN where that is not finite."""
+    inner = root.T @ information @ root
+    if not np.isfinite(inner).all():
+        return np.full_like(root, np.nan)
+    values, vectors = np.linalg.eigh(inner)
+    informed: Array = root @ (vectors / np.sqrt(1.0 + np.maximum(values, 0.0)))
+    return informed
+
+
+def _learned(before: Array, shown: _Shown, drift: Array, used: Array) -> Array:
+    """Computes a root of the unknowns' covariance after a stretch from one before it.
+
+    Args:
+        before: shape (u, u).
+        shown: see `_Shown`.
+        drift: see `least_deviation`.
+        used: propellant in each part, shape (p,).
+    """
+    u, size = before.shape[0], shown.information.shape[1]
+    root = np.zeros((size, size))
+    root[:u, :u], root[range(u, size), range(u, size)] = before, np.sqrt(shown.variances)
+    halves = 0.5 * np.concatenate(([0.0], used, [0.0]))
+    for part, gained, more in zip(shown.information, shown.gained, halves[:-2] + halves[1:-1], strict=False):
+        root = _informed(_drifted(root, drift * more, gained), part)
+    return _drifted(root[:u], drift * halves[-2])
+
+
+def _drifted(root: Array, drift: Array, gained: Array | None = None) -> Array:
+    """Returns a root with drift of the ten parameters added, square.
+
+    What a component has gained is as it was: from now on it is told from what it would have gained with the parameters
+    as they have become.
+
+    Args:
+        root: of shape (k, l).
+        drift: variances, shape (10,).
+        gained: of the components, the last rows, shape (c, 10).
+    """
+    ways = np.zeros((root.shape[0], N_PROPERTIES))
+    ways[:N_PROPERTIES] = np.diag(np.sqrt(drift))
+    if gained is not None:
+        ways[root.shape[0] - gained.shape[0] :] = -gained * np.sqrt(drift)
+    together = np.hstack((root, ways[:, drift > 0.0]))
+    if together.shape[0] == together.shape[1]:
+        return together
+    return np.asarray(np.linalg.qr(together.T, mode="r")).T
+
+
+def _root(matrix: Array) -> Array:
+    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    root: Array = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+    return root

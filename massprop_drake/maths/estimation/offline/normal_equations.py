@@ -1,0 +1,401 @@
+"""Normal equations of a stretch: residuals of every component of a sensor, made white, and their derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import reduce
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.maths.estimation.joint.layout import CENTER
+from massprop_drake.maths.estimation.offline.coupled_rates import CROSS
+from massprop_drake.maths.estimation.offline.depletion_course import about_middle
+from massprop_drake.maths.estimation.offline.expected_motion import (
+    ExpectedMotion,
+    TurningEffects,
+    expected_motion,
+    turning_effects,
+    with_own_coupling,
+)
+from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch, columns, gathers, reckoned
+from massprop_drake.maths.estimation.offline.motion_derivatives import (
+    MotionDerivatives,
+    centripetal_derivatives,
+    motion_derivatives,
+    with_coupled_derivatives,
+)
+from massprop_drake.maths.estimation.offline.thrust_course import ThrustCourse, recorded, thrust_course
+from massprop_drake.maths.estimation.whitening import Gathering, Whitener, whitener
+from massprop_drake.maths.linear_algebra import Array
+
+_QUICK = (
+    0.01  # of a sample period: a stamp that is so much off moves a reading by its noise where the rate changes fast
+)
+_TOGETHER = 4096  # readings whose derivatives are made at once, but for those of one component
+_TOLD = 10.0  # times the stated torque that accelerometers are taken to feel: as good as unknown, a hundredth is left
+
+
+class NormalEquations(NamedTuple):
+    """The normal equations of some readings about a point.
+
+    Attributes:
+        information: A, shape (n, n).
+        score: h, shape (n,).
+        misfit: sum of the squared residuals over R.
+        readings: how many, less the initial values.
+        by_package: misfit and count of each package, and the sum of its residuals times the next, shape
+            (n_packages, 3).
+        quick, quiet: misfit and count of gyro readings where the rate changes fast, and where it does not, shape (2,).
+    """
+
+    information: Array
+    score: Array
+    misfit: float
+    readings: float
+    by_package: Array
+    quick: Array
+    quiet: Array
+
+    @property
+    def is_finite(self) -> bool:
+        """True if the equations could be computed at the point."""
+        return bool(np.isfinite(self.information).all() and np.isfinite(self.score).all())
+
+    @property
+    def per_reading(self) -> float:
+        """Unexplained rest per reading, in units of its variance."""
+        return self.misfit / max(self.readings, 1.0)
+
+    def plus(self, other: NormalEquations) -> NormalEquations:
+        """Adds the equations of other readings."""
+        return NormalEquations(
+            self.information + other.information,
+            self.score + other.score,
+            self.misfit + other.misfit,
+            self.readings + other.readings,
+            self.by_package + other.by_package,
+            self.quick + other.quick,
+            self.quiet + other.quiet,
+        )
+
+
+class ReadComponent(NamedTuple):
+    """Component of a sensor in the r rows that carry new information."""
+
+    package: int
+    axis: int
+    rows: NDArray[np.int_]  # (r,)
+    shown: Array  # at every row, without what is wrong with the sensor, (m,)
+    left: Array  # what is read less what is expected, (r,)
+
+
+HeldRows = dict[tuple[int, int], NDArray[np.int_]]  # rows of each component, by package and axis
+
+
+def _own(package: int, model: FlightModel) -> tuple[slice, slice]:
+    """Returns the places of a package's gains, and of its biases; a gyro has none of its own."""
+    places, number = columns(model), package - model.gyros
+    if number < 0:
+        return slice(places.gyro_gain.start + 3 * package, places.gyro_gain.start + 3 * package + 3), slice(0)
+    gains, biases = (begin + 3 * number for begin in (places.accelerometer_gain.start, places.acceleration_bias.start))
+    return slice(gains, gains + 3), slice(biases, biases + 3)
+
+
+def components_of(
+    expected: ExpectedMotion, fixed: TurningEffects, at: Array, model: FlightModel, held: HeldRows | None = None
+) -> Iterator[ReadComponent]:
+    """Yields every component of which there are two rows, gyros first; rows that are held are taken, others noted."""
+    read, held = expected.course.read, {} if held is None else held
+    for package in range(read.readings.shape[0]):
+        (gains, biases), number = _own(package, model), package - model.gyros
+        shown = expected.rate
+        if number >= 0:
+            shown = expected.velocity + (model.positions[number] - at[CENTER]) @ fixed.turn
+            if fixed.later is not None:
+                shown = shown - at[columns(model).shift][CENTER] @ fixed.later
+            if fixed.drawn is not None:
+                shown = shown - fixed.drawn
+        wanted = shown * (1.0 + at[gains])[:, None]
+        if number >= 0:
+            wanted += at[biases][:, None] * fixed.since_s
+        for axis in range(3):
+            readings = read.readings[package, axis]
+            rows = held.get((package, axis))
+            if rows is None:
+                rows = held[package, axis] = model.compute.used(wanted[axis], readings, float(model.quanta[package]))
+            if rows.shape[0] >= 2:
+                left = readings[rows] - wanted[axis, rows]
+                yield ReadComponent(package, axis, rows, shown[axis], left)
+
+
+class ComponentBatch(NamedTuple):
+    """Components of gyros, or of accelerometers, one after the other, of r rows in all."""
+
+    parts: Sequence[ReadComponent]
+    counts: NDArray[np.int_]  # of rows of each
+    begins: NDArray[np.int_]  # where each begins
+    rows: NDArray[np.int_]  # (r,)
+
+    def each(self, values: Sequence[float] | Array) -> Array:
+        """Repeats a value of each component, shape (..., c), for all of its rows, shape (..., r)."""
+        return np.repeat(values, self.counts, axis=-1)
+
+    def without_means(self, x: Array) -> Array:
+        """Subtracts the mean over each component, shape (..., r)."""
+        x -= self.each(np.add.reduceat(x, self.begins, axis=-1) / self.counts)
+        return x
+
+    def whitened(self, x: Array, whiteners: Sequence[Whitener]) -> Array:
+        """Whitens each component's readings, or anything linear in them, initial values eliminated, shape (..., r)."""
+        for begin, count, one in zip(self.begins.tolist(), self.counts.tolist(), whiteners, strict=True):
+            x[..., begin : begin + count] = one(x[..., begin : begin + count])
+        return x
+
+
+def _batch(parts: Sequence[ReadComponent]) -> ComponentBatch:
+    counts = np.array([part.rows.size for part in parts])
+    return ComponentBatch(parts, counts, np.cumsum(counts) - counts, np.concatenate([part.rows for part in parts]))
+
+
+def batches_of(parts: Iterator[ReadComponent], gyros: int) -> Iterator[ComponentBatch]:
+    """Yields components that are processed at once."""
+    waiting: list[ReadComponent] = []
+    for part in parts:
+        count = sum(other.rows.size for other in waiting) + part.rows.size
+        if waiting and (count > _TOGETHER or (waiting[0].package < gyros) != (part.package < gyros)):
+            yield _batch(waiting)
+            waiting = []
+        waiting.append(part)
+    if waiting:
+        yield _batch(waiting)
+
+
+def reading_derivatives(
+    design: MotionDerivatives, batch: ComponentBatch, fixed: TurningEffects, at: Array, model: FlightModel
+) -> Array:
+    """Computes derivatives of the expected components, shape (n, r); those by ticks that are late are the last."""
+    places, place = columns(model), design.place
+    x = np.empty((design.by_rate.shape[0], batch.rows.size))
+    turns, package = design.by_rate, -1
+    for part, begin in zip(batch.parts, batch.begins.tolist(), strict=True):
+        rows = slice(begin, begin + part.rows.size)
+        if part.package >= model.gyros and part.package != package:
+            package, arm = part.package, model.positions[part.package - model.gyros] - at[CENTER]
+            turns = design.by_velocity + centripetal_derivatives(design, fixed.rate, arm, fixed.period_s)
+            turns += np.tensordot(design.by_rate, CROSS @ arm, (1, 1)).swapaxes(1, 2)  # the rate crossed with the arm
+        x[:, rows] = turns[:, part.axis].take(part.rows, axis=1)
+        if part.package >= model.gyros:
+            turned = fixed.turn[part.axis][:, part.rows]
+            if design.by_center is None:
+                x[CENTER, rows] -= turned
+            else:
+                x[: design.kept.size, rows] -= design.by_center @ turned
+            if fixed.later is not None:
+                x[place[places.shift][CENTER], rows] -= fixed.later[part.axis][:, part.rows]
+    _add_own(x, place, batch, fixed, at, model)
+    return x
+
+
+def _add_own(
+    x: Array, place: NDArray[np.int_], batch: ComponentBatch, fixed: TurningEffects, at: Array, model: FlightModel
+) -> None:
+    """Applies the gain of each component, and fills in the derivatives by it and by its bias."""
+    of_gains, of_biases = zip(*(_own(part.package, model) for part in batch.parts), strict=True)
+    gains = [gain.start + part.axis for gain, part in zip(of_gains, batch.parts, strict=True)]
+    if at[gains].any():
+        x *= batch.each(1.0 + at[gains])
+    for part, begin, gain, bias in zip(batch.parts, batch.begins.tolist(), gains, of_biases, strict=True):
+        rows = slice(begin, begin + part.rows.size)
+        if place[gain] >= 0:
+            x[place[gain], rows] = part.shown[part.rows]
+        if part.package >= model.gyros and place[bias.start] >= 0:
+            x[place[bias.start + part.axis], rows] = fixed.since_s[part.rows]
+
+
+def normal(stretch: Stretch, at: Array, model: FlightModel, wanted: NDArray[np.bool_] | None = None) -> NormalEquations:
+    """Computes the normal equations of a stretch about a point.
+
+    Args:
+        stretch: of at least two rows.
+        at: all unknowns, shape (n,); the inverse inertia positive definite.
+        model: see `FlightModel`.
+        wanted: unknowns of which they are to be, shape (n,); None: all. Of others they may be zero.
+    """
+    return equations_about(at, thrust_course(recorded(stretch, model), at, model), model, wanted)
+
+
+def equations_about(
+    at: Array,
+    course: ThrustCourse,
+    model: FlightModel,
+    wanted: NDArray[np.bool_] | None = None,
+    held: HeldRows | None = None,
+) -> NormalEquations:
+    """Computes `normal` from the course of the thrust; rows that are held count, others are noted there."""
+    course, at = about_middle(course, at, model)
+    expected, followed = expected_motion(at, course, model), model.followed and bool(course.read.known.all())
+    if followed:
+        expected = with_own_coupling(expected, at, model)
+    fixed, every = turning_effects(expected, at, model), np.ones(at.shape[0], dtype=np.bool_)
+    design = motion_derivatives(expected, at, model, every if wanted is None else wanted)
+    own = design.own
+    if followed:
+        design = with_coupled_derivatives(design, fixed, at, model)
+    kept, size = design.kept, design.by_rate.shape[0]
+    information, vector = np.zeros((size, size)), np.zeros(size)
+    parts: list[tuple[ComponentBatch, Array, Array]] = []
+    for batch in batches_of(components_of(expected, fixed, at, model, held), model.gyros):
+        scale = batch.each(1.0 / np.sqrt(model.variances[[part.package for part in batch.parts]]))
+        left = np.concatenate([part.left for part in batch.parts]) * scale
+        x = reading_derivatives(design, batch, fixed, at, model) * scale
+        if gathers(model):
+            whiteners = [_whitener(part, fixed, at, model) for part in batch.parts]
+            left, x = batch.whitened(left, whiteners), batch.whitened(x, whiteners)
+        else:
+            left, x = batch.without_means(left), batch.without_means(x)
+        information += x @ x.T
+        vector += x @ left
+        parts.append((batch, left, x[kept.shape[0] :]))
+    if followed:
+        told = np.zeros(3)
+        for one in (one for batch, _, _ in parts for one in batch.parts if one.package < model.gyros):
+            told[one.axis] += one.rows.size / model.variances[one.package]
+        own = np.append(own, 1.0 / np.maximum(told, 1e-300))
+    shift = np.zeros(0)
+    if size > kept.shape[0]:
+        information, vector, shift = _without_own(information, vector, own)
+    total = empty(model)
+    fast = _fast(expected, model)
+    for batch, difference, by_own in parts:
+        _tally(total, batch, difference - shift @ by_own if shift.size else difference, fast, model)
+    total.information[np.ix_(kept, kept)] = information
+    total.score[kept] = vector
+    misfit, count, _ = total.by_package.sum(axis=0).tolist()
+    return total._replace(misfit=misfit + float(shift @ (shift / own)) if shift.size else misfit, readings=count)
+
+
+def gathering(package: int, axis: int, at: Array, model: FlightModel) -> Gathering:
+    """Returns the noise that accumulates in a component of a sensor, by the stated walks and disturbance.
+
+    Components are made white each by itself. The torque that a disturbance gives is in gyros and accelerometers alike:
+    as evidence of a torque it must not count twice, and gyros tell it better.
+
+    Args:
+        package, axis: of the component.
+        at: all unknowns, for the center of mass, shape (n,).
+        model: see `FlightModel`.
+    """
+    turning, pushing = model.disturbance.accelerations[:3], model.disturbance.accelerations[3:]
+    (of_rate, of_velocity), number = model.walks, package - model.gyros
+    walk, acting = of_rate**2, turning[axis]
+    if number >= 0:
+        by_rate = (CROSS @ (model.positions[number] - at[CENTER]))[axis]  # derivative of the velocity by the rate
+        walk, acting = (
+            of_velocity**2 + of_rate**2 * float(by_rate @ by_rate),
+            pushing[axis] + _TOLD * (by_rate @ turning),
+        )
+    variance = float(model.variances[package])
+    return Gathering(walk / variance, float(acting @ acting) / variance, model.disturbance.time_constant_s)
+
+
+def _whitener(one: ReadComponent, fixed: TurningEffects, at: Array, model: FlightModel) -> Whitener:
+    """Makes the whitener of a component; noise common to n packages counts n times for each."""
+    noise = gathering(one.package, one.axis, at, model)
+    packages = model.gyros if one.package < model.gyros else model.positions.shape[0]
+    common = noise._replace(walk=packages * noise.walk, acting=packages * noise.acting)
+    return whitener(fixed.since_s[one.rows], common)
+
+
+class Residuals(NamedTuple):
+    """Residuals of one component of a sensor over a stretch, in units of a reading's 1-sigma.
+
+    Attributes:
+        package, axis: of the component.
+        rows: that say something new, shape (r,).
+        left: reading less what is expected, mean taken off, shape (r,).
+        derivatives: of what is expected by all unknowns, likewise, shape (n, r).
+        scale: 1-sigma of a reading, rad/s, ft/s or m/s.
+    """
+
+    package: int
+    axis: int
+    rows: NDArray[np.int_]
+    left: Array
+    derivatives: Array
+    scale: float
+
+
+def residuals(stretch: Stretch, at: Array, model: FlightModel) -> tuple[list[Residuals], Array]:
+    """Computes residuals about a point, and the motion that is expected there.
+
+    Args:
+        stretch: of at least two rows.
+        at: all unknowns, shape (n,); see `possible`.
+        model: see `FlightModel`.
+
+    Returns:
+        Of every component with two rows at least; then rate and velocity that jets and coupling have given since the
+        beginning, shape (6, m).
+    """
+    course, at = about_middle(thrust_course(recorded(stretch, model), at, model), at, model)
+    expected = expected_motion(at, course, model)
+    fixed, design = turning_effects(expected, at, model), motion_derivatives(expected, at, model, reckoned(model))
+    found = []
+    for part in components_of(expected, fixed, at, model):
+        batch, scale = _batch([part]), float(np.sqrt(model.variances[part.package]))
+        x = np.zeros((at.shape[0], part.rows.size))
+        x[design.kept] = batch.without_means(reading_derivatives(design, batch, fixed, at, model))[: design.kept.size]
+        left = batch.without_means(part.left.copy())
+        found.append(Residuals(part.package, part.axis, part.rows, left / scale, x / scale, scale))
+    return found, np.concatenate((expected.rate, expected.velocity))
+
+
+def _fast(expected: ExpectedMotion, model: FlightModel) -> Array:
+    """Computes the variance of the rate at each row by the error of its stamp, shape (m,)."""
+    squares = np.zeros(expected.rate.shape[1] + 1)
+    length_s = expected.course.read.period_s if model.own_times else model.period_s
+    squares[1:-1] = np.sum((np.diff(expected.rate) / length_s) ** 2, axis=0)
+    variance: Array = 0.5 * (squares[:-1] + squares[1:]) * (_QUICK * model.period_s) ** 2
+    return variance
+
+
+def _tally(total: NormalEquations, batch: ComponentBatch, left: Array, fast: Array, model: FlightModel) -> None:
+    """Adds up the residuals of components, shape (r,), by packages, and of gyros by how fast the rate changes."""
+    squares, serial = left * left, np.zeros_like(left)
+    serial[:-1] = left[:-1] * left[1:]
+    serial[batch.begins + batch.counts - 1] = 0.0
+    misfits, along = (np.add.reduceat(each, batch.begins) for each in (squares, serial))
+    packages = [part.package for part in batch.parts]
+    np.add.at(total.by_package, packages, np.column_stack((misfits, batch.counts - 1.0, along)))
+    if packages[0] < model.gyros:
+        quick = fast[batch.rows] > batch.each(model.variances[packages])
+        total.quick[:] += squares[quick].sum(), quick.sum()
+        total.quiet[:] += squares[~quick].sum(), (~quick).sum()
+
+
+def _without_own(information: Array, score: Array, variances: Array) -> tuple[Array, Array, Array]:
+    """Eliminates the unknowns of the stretch alone from the normal equations, and estimates these.
+
+    Args:
+        information, score: these unknowns last, shapes (k + o, k + o) and (k + o,).
+        variances: of them before the flight, shape (o,).
+    """
+    n = variances.size
+    own, cross = information[-n:, -n:] + np.diag(1.0 / variances), information[:-n, -n:]
+    solved = np.linalg.solve(own, np.column_stack((cross.T, score[-n:])))
+    left = information[:-n, :-n] - cross @ solved[:, :-1]
+    return left, score[:-n] - cross @ solved[:, -1], np.asarray(solved[:, -1])
+
+
+def empty(model: FlightModel) -> NormalEquations:
+    """Returns the normal equations of no readings."""
+    n = model.prior.shape[0]
+    packages = model.variances.shape[0]
+    return NormalEquations(np.zeros((n, n)), np.zeros(n), 0.0, 0.0, np.zeros((packages, 3)), np.zeros(2), np.zeros(2))
+
+
+def summed_equations(parts: Sequence[NormalEquations], model: FlightModel) -> NormalEquations:
+    """Adds the equations of stretches up."""
+    return reduce(NormalEquations.plus, parts) if parts else empty(model)

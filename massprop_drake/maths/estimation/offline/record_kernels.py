@@ -1,0 +1,95 @@
+"""Functions of the batch regression that go through a record row by row; they compile."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.maths.estimation.joint.swing import swung
+from massprop_drake.maths.estimation.offline.swings import Step
+from massprop_drake.maths.kernels import chosen, idiom, kernel, listed
+from massprop_drake.maths.linear_algebra import Array
+
+_MOVED = 2.0  # quanta that a reading moves before it counts although none was expected
+_NOTHING = 1e-20  # of a level
+
+
+@kernel
+def used(expected: Array, read: Array, quantum: float) -> NDArray[np.int_]:
+    """Selects the readings of a component that carry new information: those expected to move, or moved, by a quantum.
+
+    Args:
+        expected: outputs, shape (m,).
+        read: readings, NaN where missing, shape (m,).
+        quantum: zero: all that are not missing.
+    """
+    there = np.flatnonzero(~np.isnan(read))
+    if quantum == 0.0 or there.size == 0:
+        return there
+    found, least = [there[0]], _MOVED * quantum
+    forward, back = expected[there[0]], read[there[0]]
+    for row, one, other in zip(listed(there), listed(expected[there]), listed(read[there])):  # noqa: B905 (for numba)
+        ahead, off = one - forward, other - back
+        if ahead >= quantum or ahead <= -quantum or off >= least or off <= -least:
+            found.append(row)
+            forward, back = one, other
+    return np.array(found)
+
+
+def _lagged(level, slope, remaining, by_logarithm):  # type: ignore[no-untyped-def] # compiled alone
+    for k in range(level.shape[0] - 1):
+        for jet in range(level.shape[1]):
+            off = level[k, jet] - level[k + 1, jet]
+            level[k + 1, jet] = level[k + 1, jet] + off * remaining[jet]
+            slope[k + 1, jet] = slope[k, jet] * remaining[jet] + off * by_logarithm[jet]
+
+
+@idiom(_lagged)
+def lagged(level: Array, slope: Array, remaining: Array, by_logarithm: Array) -> None:
+    """Applies the jets' first-order lag to the levels that they tend to.
+
+    In numpy all rows are gone through at once: to what a row adds itself comes what is left of the rows before, of
+    one, then of two, then of four, until nothing is.
+
+    Args:
+        level: at the beginning, then what each tends to over each interval, which the levels at its end replace, shape
+            (m, n_jets).
+        slope: their derivatives by the logarithm of the time constant, zero at the beginning, likewise filled in.
+        remaining: share of an initial difference that is left at the end, shape (n_jets,).
+        by_logarithm: its derivative, shape (n_jets,).
+    """
+    told = level[1:].copy()
+    level[1:] *= 1.0 - remaining
+    decayed_sums(level, remaining)
+    slope[1:] = (level[:-1] - told) * by_logarithm
+    decayed_sums(slope, remaining)
+
+
+def decayed_sums(rows: Array, remaining: Array) -> None:
+    """Adds to each row the decayed sum of the rows before; the share that remains per row has shape (n_jets,)."""
+    back, left = 1, remaining
+    while back < rows.shape[0] and left.max(initial=0.0) > _NOTHING:
+        rows[back:] += left * rows[:-back]
+        back, left = 2 * back, left * left
+
+
+@kernel
+def lag(level: Array, slope: Array, remaining: Array, by_logarithm: Array) -> None:
+    """Applies the lag, see `lagged`."""
+    lagged(level, slope, remaining, by_logarithm)
+
+
+class Compute(NamedTuple):
+    """Functions that go through a record row by row, or their compiled forms."""
+
+    used: Callable[[Array, Array, float], NDArray[np.int_]] = used
+    lag: Callable[[Array, Array, Array, Array], None] = lag
+    swing: Step = swung
+
+
+def compute(*, compiled: bool) -> Compute:
+    """Returns the row-by-row functions, compiled or not."""
+    return Compute(chosen(used, compiled), chosen(lag, compiled), chosen(swung, compiled)) if compiled else Compute()

@@ -1,0 +1,277 @@
+"""Course of the jets' thrust over a stretch of a record, and what of a stretch depends on no unknown."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.maths.estimation.joint.lagged_impulses import LEAST_LAG, Lingering, fire, lingering
+from massprop_drake.maths.estimation.joint.layout import MASS
+from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch, columns
+from massprop_drake.maths.estimation.offline.record_kernels import decayed_sums
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.vehicle.on_times import pieces, within
+
+_EXACT = 1e-6  # of the period: less is rounding of a stamp
+Lengths = float | Array  # of all intervals, or of each, s
+
+
+def weighed_by_length(each: Array, lengths_s: Lengths) -> Array:
+    """Multiplies the terms of a sum over intervals by their lengths where these differ; else the sum is multiplied."""
+    return each * lengths_s if isinstance(lengths_s, np.ndarray) else each
+
+
+def common_length(lengths_s: Lengths) -> float:
+    """Returns the factor of sums of `weighed_by_length`."""
+    return 1.0 if isinstance(lengths_s, np.ndarray) else lengths_s
+
+
+class RecordedStretch(NamedTuple):
+    """Data of a stretch that do not depend on the unknowns."""
+
+    stretch: Stretch
+    period_s: Lengths  # of the ticks; of rows at times of their own lengths of the intervals, (m - 1,)
+    late_s: Array  # of each stamp after its tick, (m,)
+    lengths_s: Array  # from each switching to the next, (m - 1,)
+    on: NDArray[np.int_]  # the jets that acted, (j,)
+    commands: Array  # of these, (m - 1, j)
+    rate: Array  # (3, m), straight where none is read; zero about an axis of which none ever is
+    there: NDArray[np.bool_]  # whether it is read, or zero, (3, m)
+    known: NDArray[np.bool_]  # whether any gyro has read the axis, (3,)
+    to_use: Array  # propellant from no tank that is still to be used, in the middle of each interval, (m - 1,)
+    readings: Array  # (n_packages, 3, m)
+    momenta: Array  # of each wheel, by its speeds as read and its inertia as stated, straight where none is, (w, 3, m)
+    to_draw: Array  # from each tank, beyond the middle of the stretch, in the middle of each interval, (n, m - 1)
+    by_draw: Array  # derivatives of elements 0 to 8 by that, about the middle, (n, 9)
+    shifts: Array  # of elements 0 to 8 by what is drawn, from those of the middle, (9, m - 1)
+    through: MiddleDerivatives | None = None  # None: without tanks
+
+
+def recorded(stretch: Stretch, model: FlightModel) -> RecordedStretch:
+    """Collects what of a stretch depends on no unknown."""
+    told = (stretch.commands[:-1] != 0.0).any(axis=0)
+    on = np.flatnonzero(told | (stretch.before != 0.0).any(axis=0))
+    rates = _by_columns(stretch.readings[:, : model.gyros].swapaxes(0, 1))
+    there = np.asarray(~np.isnan(rates).all(axis=0))
+    known = np.asarray(there.any(axis=1))
+    there[~known] = True
+    rate = interpolated(_mean(rates), there, row_places(stretch, model))
+    readings = np.ascontiguousarray(stretch.readings.transpose(1, 2, 0))
+    period, late = _ticks(stretch.time_s, model.period_s)
+    lengths = np.full(late.shape[0] - 1, period)
+    if model.at_stamps:
+        lengths, late = np.diff(stretch.time_s), np.zeros_like(late)
+    drawn, momenta = drawn_from_tanks(stretch, model), _momenta(stretch, model)
+    left = stretch.used_after - drawn.sum(axis=0)
+    to_use, to_draw = 0.5 * (left[:-1] + left[1:]), 0.5 * (drawn[:, :-1] + drawn[:, 1:])
+    none = np.zeros((drawn.shape[0], MASS)), np.zeros((MASS, to_use.size))
+    of_tanks = to_draw - drawn[:, drawn.shape[1] // 2, None], *none
+    commands, each = stretch.commands[:-1, on], lengths if model.own_times else period
+    seen = stretch, each, late, lengths, on, commands, rate, there, known, to_use, readings, momenta
+    return RecordedStretch(*seen, *of_tanks)
+
+
+def drawn_from_tanks(stretch: Stretch, model: FlightModel) -> Array:
+    """Computes the propellant drawn from each tank from each row to the end of the flight, as stated, shape (n, m)."""
+    if stretch.seconds is None or not model.tanks.fill.size:
+        return np.zeros((0, stretch.time_s.size))
+    return np.asarray((model.tanks.feeds * model.flows) @ stretch.seconds[:, 1].T)
+
+
+class MiddleDerivatives(NamedTuple):
+    """Derivatives of the parameters in the middle of a stretch by the unknowns.
+
+    Attributes:
+        by: derivative of the ten parameters there by all unknowns, shape (10, n).
+        slopes: derivatives of `_Read.by_draw` by these, shape (n_tanks, 9, n).
+        by_jets: derivative of `_Read.to_draw` by the thrust error of each jet, shape (n_tanks, n_jets, m - 1).
+    """
+
+    by: Array
+    slopes: Array
+    by_jets: Array
+
+
+def row_places(stretch: Stretch, model: FlightModel) -> Array:
+    """Returns the places of the rows along a straight line, shape (m,)."""
+    return stretch.time_s if model.own_times else np.arange(stretch.time_s.size, dtype=np.float64)
+
+
+def _momenta(stretch: Stretch, model: FlightModel) -> Array:
+    """Computes J_k W_k a_k of each wheel at the rows, shape (w, 3, m); zero for wheels that are never read."""
+    wheels = model.wheels
+    if stretch.speeds is None:
+        return np.zeros((0, 3, stretch.time_s.size))
+    read = np.asarray(~np.isnan(stretch.speeds.T))
+    read[~read.any(axis=1)] = True
+    speeds = np.nan_to_num(interpolated(stretch.speeds.T, read, row_places(stretch, model)))
+    return np.asarray((wheels.inertias[:, None] * wheels.axes)[:, :, None] * speeds[:, None])
+
+
+class ThrustCourse(NamedTuple):
+    """Course of the jets' thrust over a stretch, by rows; jets that are not listed gave none."""
+
+    read: RecordedStretch
+    amount: Array  # seconds of full thrust, (m - 1, j)
+    by_lag: Array  # its derivative by the time constant
+    lacking: Array  # how far each level is off at the beginning, (m - 1, j): times
+    shape: Array  # it is the bow, see `Firing`, s, (3, j), or by interval (3, m - 1, j)
+    level: Array  # at each stamp, (m, j), where one is late
+    bent: Array | None  # bow besides, of jets that open or close within a sample, s, (3, m - 1, j)
+
+
+def _course(read: RecordedStretch, lag_error: Array, model: FlightModel) -> ThrustCourse:
+    on, commands, period, late = read.on, read.commands, read.period_s, read.late_s
+    m = late.shape[0]
+    given, lag_error = model.time_constants_s[on], lag_error[on]
+    constants = np.where(given > 0.0, np.maximum(given + lag_error, LEAST_LAG * given), 0.0)
+    each = period[:, None] if isinstance(period, np.ndarray) else period
+    lagged, left = constants > 0.0, lingering(constants / each)
+    before = read.stretch.before[:, on]
+    level = np.concatenate((before, commands))
+    slope, pulses = np.zeros_like(level), _pulses(read, constants, left, model.period_s if model.own_times else period)
+    if pulses is not None:
+        level = level + pulses.tends
+    if lagged.any() and isinstance(period, np.ndarray):
+        _lag_by_each(level, slope, left)
+    elif lagged.any():
+        model.compute.lag(level, slope, left.remaining, left.by_logarithm)
+    if pulses is not None:
+        slope += pulses.slope
+    level, slope = level[-m:], slope[-m:]
+    off = level[:-1] - commands
+    amount = read.lengths_s[:, None] * commands + off * (each * left.mean)
+    share = each / np.where(lagged, constants, 1.0)
+    by_lag = off * (share * (left.mean - left.remaining)) + slope[:-1] * (share * left.mean)
+    if pulses is not None:
+        amount = amount + pulses.amount
+        by_lag = by_lag + pulses.by_logarithm / np.where(lagged, constants, 1.0)
+    if not lagged.all():
+        lost = level[:-1] - level[1:]
+        by_lag = np.where(lagged, by_lag, lost)
+        amount = amount + np.where(lagged, 0.0, lost * lag_error)
+    if late.any():
+        told = read.stretch.commands[:, on]
+        sided = np.where((late > 0.0)[:, None] & (np.arange(m) < m - 1)[:, None], told, level)
+        level = np.where(lagged, level, np.nan_to_num(sided))
+    bent = None if pulses is None else pulses.bow
+    return ThrustCourse(read, amount, by_lag, off, each * left.bow, level, bent)
+
+
+def _lag_by_each(level: Array, slope: Array, left: Lingering) -> None:
+    """Applies `lagged` over intervals of different lengths; before the stretch they are as long as its first.
+
+    Args:
+        level, slope: see there, shape (b + m - 1, j).
+        left: shares by interval, shape (m - 1, j) each.
+    """
+    since = level.shape[0] - left.remaining.shape[0]
+    for row in range(1, level.shape[0]):
+        of = max(row - since, 0)
+        off = level[row - 1] - level[row]
+        level[row] += off * left.remaining[of]
+        slope[row] = slope[row - 1] * left.remaining[of] + off * left.by_logarithm[of]
+
+
+class _Pulses(NamedTuple):
+    """Corrections for jets that open or close within samples, to commands that are levels.
+
+    The lag is linear: what a sample begins with dies away beside what its command does to jets that were shut. So
+    impulses and bows differ by those of shut jets, and levels go on as if another level had been commanded.
+    """
+
+    tends: Array  # what that level is above the command, (b + m - 1, j)
+    slope: Array  # what derivatives of levels by ln tau are besides, likewise
+    amount: Array  # of impulses, s, (m - 1, j)
+    by_logarithm: Array  # derivative of these by ln tau
+    bow: Array  # see `Firing`, s, (3, m - 1, j)
+
+
+def _pulses(read: RecordedStretch, constants: Array, left: Lingering, period_s: Lengths) -> _Pulses | None:
+    """Computes the corrections of a stretch, see `_Pulses`; None: all jets switch with samples.
+
+    Args:
+        read: what the stretch shows.
+        constants: time constant of each jet, s, shape (j,).
+        left: what these leave over an interval.
+        period_s: of control.
+    """
+    stretch, on = read.stretch, read.on
+    if stretch.onsets_s is None or stretch.before_onsets_s is None:
+        return None
+    commands = np.concatenate((stretch.before[:, on], read.commands))
+    onsets_s = np.concatenate((stretch.before_onsets_s[:, on], stretch.onsets_s[:-1, on]))
+    rows = np.flatnonzero(within(commands, onsets_s).any(axis=1)).tolist()
+    if not rows:
+        return None
+    tends, late, amount, by_logarithm = (np.zeros_like(commands) for _ in range(4))
+    bow, shut, no_ticks = np.zeros((3, *commands.shape)), np.zeros((3, on.size)), np.zeros((0, 2))
+    since, alike = stretch.before.shape[0], not isinstance(read.period_s, np.ndarray)
+    remaining, by_tau = (each if alike else each[np.maximum(np.arange(-since, len(each)), 0)] for each in left[:2])
+    for row in rows:
+        length_s = float(period_s if alike else read.lengths_s[max(row - since, 0)])
+        own = pieces(commands[row], onsets_s[row], float(period_s), (0.0, length_s))
+        pulse = fire((shut[0], shut[1], shut[2]), constants, *own, no_ticks)
+        whole = np.array([length_s]), commands[row : row + 1]
+        kept, slower = (remaining, by_tau) if alike else (remaining[row], by_tau[row])
+        level = fire((shut[0], shut[1], shut[2]), constants, *whole, no_ticks)
+        tends[row] = (pulse.level - level.level) / (1.0 - kept)
+        late[row] = pulse.slope - level.slope + tends[row] * slower
+        amount[row] = pulse.amount - level.amount
+        by_logarithm[row] = pulse.amount_slope - level.amount_slope
+        bow[:, row] = pulse.bow - level.bow
+    late[0] = 0.0
+    if alike:
+        decayed_sums(late, left.remaining)
+    else:
+        for row in range(1, late.shape[0]):
+            late[row] += late[row - 1] * remaining[row]
+    return _Pulses(tends, late, amount[since:], by_logarithm[since:], bow[:, since:])
+
+
+def _ticks(time_s: Array, period_s: float) -> tuple[float, Array]:
+    """Computes the period at which commands switch, and each stamp's lateness: both from a line through the stamps."""
+    counts = centered_counts(time_s.shape[0])
+    since = time_s - time_s.mean()
+    period = float(counts @ since) / float(counts @ counts)
+    if abs(period - period_s) < _EXACT * period_s:
+        period = period_s
+    late = since - counts * period
+    return period, np.where(np.abs(late) < _EXACT * period, 0.0, late)
+
+
+def off_ticks(stretch: Stretch, model: FlightModel) -> bool:
+    """Tests whether stamps of a stretch are off their ticks."""
+    return not model.own_times and bool(_ticks(stretch.time_s, model.period_s)[1].any())
+
+
+def _mean(rates: Array) -> Array:
+    """Computes the mean of the gyros that read, shape (3, m), of shape (n_gyros, 3, m); zero where none does."""
+    known = ~np.isnan(rates)
+    mean: Array = np.where(known, rates, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+    return mean
+
+
+def interpolated(rate: Array, there: NDArray[np.bool_], rows: Array) -> Array:
+    """Interpolates rates, shape (k, m), linearly over the places of rows where none is read."""
+    rate = rate.copy()
+    for axis in np.flatnonzero(~there.all(axis=1)).tolist():
+        rate[axis] = np.interp(rows, rows[there[axis]], rate[axis, there[axis]])
+    return rate
+
+
+def _by_columns(rows: Array) -> Array:
+    """Puts the rows of a stretch side by side."""
+    return np.ascontiguousarray(np.swapaxes(rows, -1, -2))
+
+
+def centered_counts(number: int) -> Array:
+    """Numbers the rows from the middle on."""
+    return np.arange(0.5 * (1.0 - number), 0.5 * number)
+
+
+def thrust_course(read: RecordedStretch, at: Array, model: FlightModel) -> ThrustCourse:
+    """Computes the course of the jets' thrust over a stretch, which depends on the lag alone."""
+    return _course(read, at[columns(model).lag][model.kinds], model)

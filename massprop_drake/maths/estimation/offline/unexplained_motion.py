@@ -1,0 +1,150 @@
+"""Motion that no jet explains, and readings off by a common factor: both without a fit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from massprop_drake.maths.estimation.joint.layout import CENTER, MASS
+from massprop_drake.maths.estimation.offline.coupled_rates import (
+    MeanRates,
+    accumulated,
+    mean_rates,
+    moments_about,
+    turning_products,
+)
+from massprop_drake.maths.estimation.offline.depletion_course import about_middle
+from massprop_drake.maths.estimation.offline.expected_motion import ExpectedMotion, engine_impulses, expected_motion
+from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch
+from massprop_drake.maths.estimation.offline.motion_derivatives import wheel_derivatives
+from massprop_drake.maths.estimation.offline.thrust_course import recorded, thrust_course
+from massprop_drake.maths.linear_algebra import Array, crosses
+from massprop_drake.maths.mass_properties import ELEMENT
+
+
+def unexplained(stretches: Sequence[Stretch], model: FlightModel) -> tuple[float, float]:
+    """Computes the largest angular momentum and impulse that no jets explain, whatever their thrusts and the inertia.
+
+    Args:
+        stretches: of the flight, of at least two rows.
+        model: see `FlightModel`; momentum and impulse are by its mass properties.
+
+    Returns:
+        In ft-lbf-s or N-m-s, and in lbf-s or N-s; zero where nothing is read.
+    """
+    turned, pushed = list[Array](), list[Array]()
+    for stretch in stretches:
+        course = thrust_course(recorded(stretch, model), model.prior, model)
+        course, at = about_middle(course, model.prior, model)
+        expected, read = expected_motion(at, course, model), course.read
+        moving, n_jets = mean_rates(read.rate), model.flows.size
+        by_jets = np.zeros((n_jets, read.late_s.size))
+        by_jets[read.on] = accumulated(expected.course.amount.T)
+        products = accumulated(moving.square[np.triu_indices(3)])
+        wheels = wheel_derivatives(expected, at, model)[0].sum(axis=0)
+        engines = accumulated(engine_impulses(read, at, model)[0].T) if model.engines.thrusts.size else by_jets[:0]
+        turned.append(_without_mean(np.vstack((by_jets, engines, products, read.rate - wheels))).T)
+        pushed += _pushed(expected, moving, model)
+    inertia, mass = np.linalg.inv(model.prior[:6][ELEMENT]), 1.0 / model.prior[MASS]
+    rates = _left_over(turned, 3)
+    momentum = float(np.linalg.norm(rates @ inertia, axis=1).max(initial=0.0))
+    return momentum, mass * float(np.abs(_left_over(pushed, 1)).max(initial=0.0))
+
+
+def _pushed(expected: ExpectedMotion, moving: MeanRates, model: FlightModel) -> list[Array]:
+    """Returns accelerometer velocities by component, freed of the turning that gyros read, and their possible causes.
+
+    Returns:
+        For each component with two readings at least, means taken off: derivatives by the center of mass, by the thrust
+        of each jet, and by each bias, and what is read; shape (r, k + 1).
+    """
+    read, n_jets = expected.course.read, model.flows.size
+    turn = turning_products(read.rate, moving, np.zeros_like(moving.square), read.period_s)
+    given = accumulated((expected.course.amount * expected.lightness[:, None]).T)
+    since_s, found = read.stretch.time_s - read.stretch.time_s[0], []
+    impulses, _ = engine_impulses(read, model.prior, model)
+    burnt = accumulated((impulses[:, 3:] * expected.lightness[:, None]).T)
+    for package in range(model.gyros, read.readings.shape[0]):
+        arm, number = model.positions[package - model.gyros] - model.prior[CENTER], package - model.gyros
+        for axis in range(3):
+            there = np.flatnonzero(~np.isnan(read.readings[package, axis]))
+            if there.size < 2:
+                continue
+            own = np.zeros((3 + n_jets + 3 * model.positions.shape[0] + 2, there.size))
+            own[:3] = -turn[:, axis, there]
+            own[3 + read.on] = model.wrenches[read.on, 3 + axis, None] * given[:, there]
+            own[3 + n_jets + 3 * number + axis] = since_s[there]
+            own[-2] = burnt[axis, there]
+            own[-1] = read.readings[package, axis, there] - arm @ turn[:, axis, there]
+            found.append(_without_mean(own).T)
+    return found
+
+
+def _without_mean(rows: Array) -> Array:
+    """Subtracts the mean of each row, shape (k, n)."""
+    result: Array = rows - rows.mean(axis=1, keepdims=True)
+    return result
+
+
+def _left_over(parts: Sequence[Array], outputs: int) -> Array:
+    """Computes residuals of the last columns once the others are fitted to them, shape (n, outputs)."""
+    if not parts:
+        return np.zeros((0, outputs))
+    together = np.vstack(parts)
+    design, wanted = together[:, :-outputs], together[:, -outputs:]
+    size = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
+    result: Array = wanted - design / size @ np.linalg.lstsq(design / size, wanted, rcond=None)[0]
+    return result
+
+
+_SPANS = (1, 4, 16, 64)  # rows over which gains are compared: the shortest over which enough of them are clear
+_CLEAR = 7.0  # 1-sigma of a reading, two quanta and more, that jets must give over a span
+_FEWEST = 10  # spans whose median is told
+
+
+def gain_ratios(stretches: Sequence[Stretch], at: Array, model: FlightModel) -> Array:
+    """Computes medians of what each package's readings gained, over what jets alone would have given them.
+
+    Args:
+        stretches: of the flight.
+        at: all unknowns, shape (n,); see `possible`.
+        model: see `FlightModel`.
+
+    Returns:
+        NaN where readings tell too little, shape (n_packages,).
+    """
+    pairs = [list(_gains(stretch, at, model)) for stretch in stretches]
+    found = np.full(model.variances.shape[0], np.nan)
+    for package, variance in enumerate(model.variances.tolist()):
+        for span in _SPANS:
+            gained = [_over(*own[package], span) for own in pairs]
+            read, given = (
+                (np.concatenate(part) for part in zip(*gained, strict=True)) if gained else np.zeros((2, 0, 3))
+            )
+            size = np.sum(given**2, axis=1)
+            clear = size > _CLEAR**2 * variance
+            if clear.sum() >= _FEWEST:
+                found[package] = np.median(np.sum(read[clear] * given[clear], axis=1) / size[clear])
+                break
+    return found
+
+
+def _gains(stretch: Stretch, at: Array, model: FlightModel) -> Iterator[tuple[Array, Array]]:
+    """Yields each package's readings, and the part that jets alone explain, where it reads, shape (m, 3) each."""
+    course, at = about_middle(thrust_course(recorded(stretch, model), at, model), at, model)
+    expected, read = expected_motion(at, course, model), course.read
+    impulse = expected.sums.impulse
+    turned = at[:6][ELEMENT] @ moments_about(impulse, at[CENTER])
+    for package, readings in enumerate(read.readings):
+        given = turned
+        if package >= model.gyros:
+            arm = model.positions[package - model.gyros] - at[CENTER]
+            given = impulse[3:] * expected.lightness + crosses(turned.T, np.broadcast_to(arm, turned.T.shape)).T
+        there = ~np.isnan(readings).any(axis=0)
+        yield readings[:, there].T, accumulated(given)[:, there].T
+
+
+def _over(read: Array, given: Array, span: int) -> tuple[Array, Array]:
+    """Computes gains over spans of so many rows, by both, shape (s, 3) each."""
+    return np.diff(read[::span], axis=0), np.diff(given[::span], axis=0)

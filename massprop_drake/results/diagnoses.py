@@ -1,0 +1,437 @@
+"""Diagnoses of a run: the assumptions that its readings contradict, one after the other, in words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.maths.estimation.filters.joint import chi_square_limit
+from massprop_drake.maths.estimation.offline import flight_model, oscillation, regression, unexplained_motion
+from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch
+from massprop_drake.maths.estimation.offline.regression import FlightFit, Reckoned, ScoreTest
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.vehicle.engine_thrust import N_ERRORS
+from massprop_drake.results.consistency import Diagnosis
+from massprop_drake.results.record_stretches import off_ticks_of, preceded, rows_of
+from massprop_drake.results.regression_model import Names
+
+_OFF = 3.0  # 1-sigma from the widest start, beyond which the vehicle's file is not held against the readings
+RATE = 2e-4  # at which a test is failed by chance
+_MOST = 3  # causes that are looked for one after the other
+_OUTSIDE = 5.0  # times the reach of the jets, at which no force of the vehicle acts
+_TRIED = 5  # suspects with which all is fitted anew: compute budget
+_CLEAR = 0.01  # 1-sigma of a combination of thrust errors that is tested
+EXPLAINED = 0.9  # of the misfit beyond what is stated, that a cause must explain
+_HOPELESS = 1e4  # times the stated variance: a sign may be wrong
+_SMOOTH = 0.5  # serial correlation, from which on residuals drift rather than scatter
+_SHARE = 0.9  # of what a group explains: one of it that explains as much is named alone
+_REVERSED = (-2.6, -1.4)  # error of a gain that reverses a sign
+_DEAD = (-1.2, -0.8)
+_WIDE = 0.99  # 1-sigma from which on something is no longer tested: it has been found
+FEWEST = 100  # readings, below which nothing is tested
+SCATTER = 1.3  # times the stated variance: less may be rounding that is not white
+_CONFIDENT = 5.0  # sigma of a ratio of variances
+
+
+class _Suspect(NamedTuple):
+    kind: str
+    group: NDArray[np.int_]
+    score: ScoreTest
+    statistic: float
+    threshold: float
+
+
+def diagnosed(
+    parts: Sequence[Stretch], begin: Array, made: FlightModel, names: Names
+) -> tuple[list[Diagnosis], FlightFit]:
+    """Diagnoses what the readings contradict, the clearest first.
+
+    Args:
+        parts: of the record.
+        begin: the ten parameters to begin with, shape (10,).
+        made: see `model`.
+        names: of jets, kinds and sensors.
+    """
+    found: list[Diagnosis] = []
+    fit = first = regression.fitted(parts, start_from(begin, made), made)
+    if fit.normal.is_finite and (wider := _reaching(fit.at[:10], made)) is not made:
+        made = wider
+        fit = first = regression.fitted(parts, fit.at, made)
+    if fit.normal.readings < FEWEST or not fit.normal.is_finite:
+        return found, first
+    fit, reckoned, found = switched(parts, fit, made)
+    while len(found) < _MOST:
+        best = min(_explanations(parts, fit, reckoned, names), key=lambda one: one.cost, default=None)
+        if best is None:
+            break
+        found.append(best.diagnosis)
+        parts, fit, reckoned = best.parts, best.fit, best.made
+    if not found and fit.normal.per_reading > _HOPELESS:
+        fit, found = _turned_right(parts, fit, made, names)
+    if not any(one.kind == "jet" for one in found):  # what a failed jet leaves is no fault of sensors
+        found += oscillating(parts, fit, reckoned, names) or _scattered(parts, fit, reckoned, names)
+    return found, first
+
+
+class _Explanation(NamedTuple):
+    """Cause that explains the readings.
+
+    Attributes:
+        diagnosis: the cause in words.
+        cost: objective of the fit, with the Bayesian information criterion's cost of what is free.
+        parts: of the record, as the cause has them.
+        fit: of the parts.
+        made: model with what may be wrong by the cause.
+    """
+
+    diagnosis: Diagnosis
+    cost: float
+    parts: Sequence[Stretch]
+    fit: FlightFit
+    made: FlightModel
+
+
+def _explanations(parts: Sequence[Stretch], fit: FlightFit, made: FlightModel, names: Names) -> Iterator[_Explanation]:
+    """Yields causes that explain the readings once all is fitted again with them."""
+    suspects = [one for one in _suspects(fit, made) if one.statistic > one.threshold]
+    per_unknown = math.log(max(fit.normal.readings, 1.0))
+    for one in sorted(suspects, key=lambda one: -one.statistic / one.threshold)[:_TRIED]:
+        cause = _named(one, fit, made, names)
+        wider = made._replace(sigma=made.sigma.copy())
+        wider.sigma[cause.group] = cause.sigma
+        after = regression.fitted(parts, fit.at, wider)
+        if _explains(after, fit):
+            reason = _late_thrust(cause, after, made, names) if cause.kind == "lag" else cause.reason
+            found = Diagnosis(cause.kind, reason, one.statistic, one.threshold)
+            yield _Explanation(found, cost_of(after, wider) + per_unknown * one.score.degrees, parts, after, wider)
+    for rows in (1, -1) if excess(fit) > 0.0 and not made.own_times else ():
+        moved = [_commanded_later(part, rows) for part in parts]
+        after = regression.fitted(moved, made.prior, made)
+        if not _explains(after, fit):
+            continue
+        same = regression.fitted([rows_of(part, _kept_of(part, rows)) for part in parts], fit.at, made)
+        if excess(same) > 0.0 and _explains(after, same):  # else the row that is left out is all that contradicts
+            words = f"delay wrong: commands act {1e3 * made.period_s:.3g} ms {'later' if rows > 0 else 'earlier'}"
+            reason = f"{words} than they are logged, one sample period"
+            found = Diagnosis("delay", reason, fit.normal.per_reading, after.normal.per_reading)
+            yield _Explanation(found, cost_of(after, made) + per_unknown, moved, after, made)
+
+
+def _explains(after: FlightFit, before: FlightFit) -> bool:
+    """Tests whether a fit leaves next to nothing of another fit's misfit beyond rounding."""
+    return after.normal.is_finite and excess(after) <= (1.0 - EXPLAINED) * excess(before)
+
+
+def _commanded_later(part: Stretch, rows: int) -> Stretch:
+    """Returns a stretch whose commands act one row later (1), or earlier (-1), than its record says."""
+    cut, told = rows_of(part, _kept_of(part, rows)), slice(0, -1) if rows > 0 else slice(1, None)
+    opening = None if part.onsets_s is None else part.onsets_s[told]
+    return preceded(cut._replace(commands=part.commands[told], onsets_s=opening), part, slice(0 if rows > 0 else 1))
+
+
+def _kept_of(part: Stretch, rows: int) -> slice:
+    """Returns rows of a stretch that are left when its commands act one row later (1), or earlier (-1)."""
+    return slice(1, part.time_s.size) if rows > 0 else slice(0, part.time_s.size - 1)
+
+
+def _late_thrust(cause: _Cause, after: FlightFit, made: FlightModel, names: Names) -> str:
+    """Describes the lags with which the thrust of each kind of jet builds up, by a fit in which they are free."""
+    places, words = flight_model.columns(made), []
+    for place in cause.group.tolist():
+        index, off = place - places.lag.start, 1e3 * float(after.at[place])
+        told = 1e3 * float(made.time_constants_s[made.kinds == index].max(initial=0.0))
+        if told > 0.0:
+            words.append(f"{names.kinds[index]} jets build up with {max(told + off, 0.0):.3g} ms, told {told:.3g} ms")
+        elif off != 0.0:
+            when = "late" if off > 0.0 else "early"
+            words.append(f"{names.kinds[index]} jets act {abs(off):.3g} ms {when}, told none")
+    return f"lag wrong: {'; '.join(words)}"
+
+
+def oscillating(parts: Sequence[Stretch], fit: FlightFit, made: FlightModel, names: Names) -> list[Diagnosis]:
+    """Looks for a mode inside the vehicle, such as slosh or a panel, that explains drifting residuals.
+
+    Where walks or a disturbance are stated, whatever exceeds them is told, a mode or not.
+    """
+    stated = flight_model.gathers(made)
+    if not flight_model.possible(fit.at):
+        return []
+    if oscillation.is_covered(parts, fit, made) if stated else excess(fit) == 0.0:
+        return []
+    misfit, readings = oscillation.misfit_of(parts, fit, made) if stated else (fit.normal.misfit, fit.normal.readings)
+    mode = oscillation.strongest_mode(parts, fit, made)
+    left = (1.0 - EXPLAINED) * max(misfit - SCATTER * readings, 0.0)
+    if mode is None or mode.misfit - SCATTER * mode.readings > left:
+        if not stated:
+            return []
+        rate, velocity = oscillation.covering_walk(parts, fit, made, np.zeros_like(fit.at))
+        words = f"readings wander more than is stated; {_covering(rate, velocity)}"
+        return [Diagnosis("drift", words, misfit / max(readings, 1.0), 1.0)]
+    rate, velocity = oscillation.covering_walk(parts, fit, made, mode.change)
+    words = (
+        f"something inside moves at {mode.frequency_hz:.2g} Hz, such as slosh or a panel; {_covering(rate, velocity)}"
+    )
+    return [Diagnosis("oscillation", words, fit.normal.per_reading, mode.misfit / mode.readings)]
+
+
+def _covering(rate: float, velocity: float) -> str:
+    return f"joint.rate_walk={rate:.2g} and joint.velocity_walk={velocity:.2g} would cover it"
+
+
+def start_from(begin: Array, made: FlightModel) -> Array:
+    """Returns the start of a fit: these ten parameters, if they are a body's."""
+    start = made.prior.copy()
+    if flight_model.possible(begin):  # NaN is not
+        start[:10] = begin
+    return start
+
+
+def _reaching(found: Array, made: FlightModel) -> FlightModel:
+    """Returns the model with a prior of the ten parameters as wide as their deviation from it turned out to be."""
+    off = np.abs(found - made.prior[:10])
+    far = off > _OFF * made.sigma[:10]
+    if not far.any():
+        return made
+    sigma = made.sigma.copy()
+    sigma[:10] = np.where(far, off, sigma[:10])
+    return made._replace(sigma=sigma)
+
+
+def switched(
+    parts: Sequence[Stretch], fit: FlightFit, made: FlightModel
+) -> tuple[FlightFit, FlightModel, list[Diagnosis]]:
+    """Tries commands that switch at stamps instead of regular ticks, or the reverse; takes what explains the readings.
+
+    Args:
+        parts: of the record.
+        fit: of them as it is stated.
+        made: see `model`.
+
+    Returns:
+        The fit, what it was made with, and what there is to say.
+    """
+    if made.at_stamps is None or excess(fit) == 0.0 or not off_ticks_of(parts, made):
+        return fit, made, []
+    other = made._replace(at_stamps=not made.at_stamps)
+    after = regression.fitted(parts, fit.at if flight_model.possible(fit.at) else made.prior, other)
+    if not after.normal.is_finite or excess(after) > (1.0 - EXPLAINED) * excess(fit):
+        return fit, made, []
+    where = "the stamps of their rows" if other.at_stamps else "regular ticks"
+    words = f"clock jitter: commands switch at {where}: joint.switching={'stamps' if other.at_stamps else 'ticks'}"
+    return after, other, [Diagnosis("jitter", words, fit.normal.misfit, after.normal.misfit)]
+
+
+def excess(fit: FlightFit) -> float:
+    """Computes the misfit beyond the possible effect of rounding."""
+    return max(fit.normal.misfit - SCATTER * fit.normal.readings, 0.0)
+
+
+def _turned_right(
+    parts: Sequence[Stretch], fit: FlightFit, made: FlightModel, names: Names
+) -> tuple[FlightFit, list[Diagnosis]]:
+    """Tries each axis of the gyros with the other sign; takes one that explains the readings."""
+    for package in range(made.gyros):
+        for axis in range(3):
+            signs = np.ones((made.variances.shape[0], 3))
+            signs[package, axis] = -1.0
+            turned = [part._replace(readings=part.readings * signs) for part in parts]
+            after = regression.fitted(turned, made.prior, made)
+            if after.normal.per_reading < _HOPELESS and excess(after) < (1.0 - EXPLAINED) * excess(fit):
+                reason = f"axis {names.gyros[package]} {'xyz'[axis]} has the wrong sign"
+                return after, [Diagnosis("gyro_sign", reason, fit.normal.per_reading, _HOPELESS)]
+    return fit, []
+
+
+def cost_of(fit: FlightFit, made: FlightModel) -> float:
+    """Computes the objective of a fit: the misfit, and the distance of the unknowns from their prior."""
+    free = made.sigma > 0.0
+    return fit.normal.misfit + float(np.sum(((fit.at - made.prior)[free] / made.sigma[free]) ** 2))
+
+
+def _groups(made: FlightModel) -> dict[str, NDArray[np.int_]]:
+    places = flight_model.columns(made)
+    every = {
+        "thrust": places.thrust,
+        "torque": places.torque,
+        "drag": places.drag,
+        "momentum": places.momentum,
+        "gyro_bias": places.gyro_bias,
+        "acceleration_bias": places.acceleration_bias,
+        "gyro_scale": places.gyro_gain,
+        "accelerometer_scale": places.accelerometer_gain,
+        "wheel": places.wheel,
+        "engine": places.engine,
+        "mounting": places.mount,
+    }
+    return {kind: np.arange(part.start, part.stop) for kind, part in every.items()}
+
+
+def _scaled(score: ScoreTest, fit: FlightFit, stated: float) -> float:
+    """Scales a statistic to the variance of the readings as it is, where that is larger than stated."""
+    left = fit.normal.misfit if stated > 0.0 else score.least
+    return score.statistic / max(1.0, left / max(fit.normal.readings, 1.0))
+
+
+def _tested(
+    kind: str,
+    group: NDArray[np.int_],
+    fit: FlightFit,
+    made: FlightModel,
+    clear: float = np.inf,
+    common: Reckoned | None = None,
+) -> _Suspect:
+    stated = float(made.sigma[group].max())
+    score = regression.score(fit, group, made, stated, clear, common)
+    threshold = chi_square_limit(RATE, score.degrees) if score.degrees else np.inf
+    alike = 1.0  # packages of a kind, side by side, may round alike: then they say no more than one
+    if kind.startswith("gyro"):
+        alike = float(made.gyros)
+    elif kind.startswith("accel"):
+        alike = float(made.positions.shape[0])
+    return _Suspect(kind, group, score, _scaled(score, fit, stated) / alike, threshold)
+
+
+def _suspects(fit: FlightFit, made: FlightModel) -> Iterator[_Suspect]:
+    places, common = flight_model.columns(made), regression.reckoned_in(fit, made)
+    for kind, group in _groups(made).items():
+        if group.size and made.sigma[group].max() < _WIDE:
+            yield _tested(kind, group, fit, made, _CLEAR if kind == "thrust" else np.inf, common)
+    lags = [
+        place
+        for place in range(places.lag.start, places.lag.stop)
+        if made.sigma[place] < _WIDE and fit.normal.information[place, place] > 0.0
+    ]
+    for place in lags:
+        yield _tested("lag", np.array([place]), fit, made, common=common)
+    if len(lags) > 1:
+        yield _tested("lag", np.array(lags), fit, made, common=common)
+
+
+class _Cause(NamedTuple):
+    """Cause, and the unknowns of the model that it makes wrong."""
+
+    kind: str
+    reason: str
+    group: NDArray[np.int_]
+    sigma: float
+
+
+def _named(worst: _Suspect, fit: FlightFit, made: FlightModel, names: Names) -> _Cause:
+    """Describes a failed test as a cause."""
+    kind, group, size = worst.kind, worst.group, worst.score.size
+    if kind in ("thrust", "gyro_scale", "accelerometer_scale", "wheel", "engine"):
+        return _of_many(worst, fit, made, names)
+    if kind == "lag":
+        return _Cause(kind, "lag wrong", group, 1.0)  # by how much, the fit with it says
+    largest = float(np.abs(size).max())
+    words = {
+        "torque": f"a torque that nobody commands: {largest:.3g} {names.torque}",
+        "drag": "a torque that opposes or follows the rate, such as drag",
+        "momentum": f"wheels that turn: an angular momentum of {largest:.3g} {names.torque}-s, untold",
+        "mounting": "jets are mounted, or point, farther off than is stated",
+        "gyro_bias": f"gyro bias of {largest:.3g} rad/s, beyond what is stated",
+        "acceleration_bias": f"a steady force or an accelerometer bias of {largest:.3g} {names.acceleration}",
+    }[kind]
+    return _Cause(kind, words, group, 1.0 if kind in ("gyro_bias", "mounting") else 1e6)
+
+
+def _of_many(worst: _Suspect, fit: FlightFit, made: FlightModel, names: Names) -> _Cause:
+    """Finds the cause among jets or axes: the one that explains all of it, else all of them."""
+    kind, group, size = worst.kind, worst.group, worst.score.size
+    common = regression.reckoned_in(fit, made)
+    each = [_tested(kind, np.array([place]), fit, made, common=common) for place in group.tolist()]
+    best = max(range(len(each)), key=lambda index: each[index].score.statistic)
+    gain, alone = float(each[best].score.size[0]), each[best].score.statistic >= _SHARE * worst.score.statistic
+    turned = alone and _REVERSED[0] < gain < _REVERSED[1]
+    if kind == "thrust":
+        if not alone:
+            spread = 100.0 * math.sqrt(float(np.sum(size**2)) / worst.score.degrees)
+            stated = 100.0 * float(made.sigma[group].max())
+            words = f"thrust mismatch: jets are off by {spread:.2g} %, {stated:.2g} % is stated"
+            return _Cause(kind, words, group, 1.0)
+        given = "nothing" if _DEAD[0] < gain < _DEAD[1] else f"{100.0 * (1.0 + gain):.3g} % of its thrust"
+        words = "pushes the other way: its direction is reversed" if turned else f"gives {given} when told to fire"
+        return _Cause("jet", f"jet {names.jets[best]} {words}", each[best].group, 3.0)
+    if kind == "wheel":
+        if not alone:
+            return _Cause(kind, "inertias of wheels are off by more than is stated", group, 1.0)
+        gain_of = f"its inertia is {1.0 + gain:.3g} times the stated one"
+        words = "turns the other way: its axis, or its speed, is reversed" if turned else gain_of
+        return _Cause(kind, f"wheel {names.wheels[best]}: {words}", each[best].group, 3.0)
+    if kind == "engine":
+        return _of_engines(gain, each[best], names, best, alone=alone)
+    sensors = names.gyros if kind == "gyro_scale" else names.accelerometers
+    axis = f"axis {sensors[best // 3]} {'xyz'[best % 3]}"
+    if turned:
+        return _Cause(kind.replace("scale", "sign"), f"{axis} has the wrong sign", each[best].group, 3.0)
+    what = axis if alone else sensors[best // 3]
+    return _Cause(kind, f"{what}: scale factor off by {100.0 * gain:.3g} %", group, 3.0)
+
+
+def _of_engines(gain: float, suspect: _Suspect, names: Names, place: int, *, alone: bool) -> _Cause:
+    """Describes a cause by an error of an engine: by how much, or that there are several."""
+    if not alone:
+        return _Cause("engine", "engines are off by more than is stated", suspect.group, 1.0)
+    engine, error = divmod(place, N_ERRORS)
+    what = (
+        f"its thrust is {1.0 + gain:.3g} times the stated one",
+        f"its force points {gain:.2g} rad beside the stated direction",
+        f"its force acts {gain:.2g} {names.length} beside the stated place",
+    )[error // 2]
+    return _Cause("engine", f"engine {names.engines[engine]}: {what}", suspect.group, 1.0)
+
+
+def _scattered(parts: Sequence[Stretch], fit: FlightFit, made: FlightModel, names: Names) -> list[Diagnosis]:
+    """Finds readings with larger residuals than stated: drifting, while the rate changes fast, or all of a package.
+
+    Args:
+        parts: of the record.
+        fit: of them.
+        made: see `model`.
+        names: of sensors, and units.
+    """
+    quick, quiet = fit.normal.quick, fit.normal.quiet
+    sensors = (*names.gyros, *names.accelerometers)
+    found: list[Diagnosis] = []
+    for package, (misfit, count, serial) in enumerate(fit.normal.by_package.tolist()):
+        gyro = package < len(names.gyros)
+        if count < FEWEST / 4 or (found and not gyro):  # accelerometers turn with what gyros show
+            continue
+        ratio, allowed = misfit / count, _allowed(count)
+        if ratio <= allowed:
+            continue
+        times = f"{math.sqrt(ratio):.3g} times what is stated"
+        if serial > _SMOOTH * misfit:
+            cause = _of_torques(parts, made, names) if gyro else "unmodeled forces"
+            found.append(Diagnosis("drift", f"{sensors[package]}: readings drift {times}: {cause}", ratio, allowed))
+        elif gyro and quick[1] >= FEWEST / 4 and quick[0] / quick[1] > SCATTER * _per_reading(quiet) * 2.0:
+            words = f"clock jitter: {sensors[package]} readings scatter {times} while the rate changes"
+            found.append(Diagnosis("jitter", words, ratio, allowed))
+        else:
+            found.append(Diagnosis("noise", f"{sensors[package]}: readings scatter {times}", ratio, allowed))
+    return found
+
+
+def _of_torques(parts: Sequence[Stretch], made: FlightModel, names: Names) -> str:
+    """Describes what turns the vehicle beyond the fit: wheels, where the equivalent force would act far outside."""
+    momentum, impulse = unexplained_motion.unexplained(parts, made)
+    torques, forces = made.wrenches[:, :3], made.wrenches[:, 3:]
+    reach = float((np.linalg.norm(torques, axis=1) / np.linalg.norm(forces, axis=1)).max())
+    if not made.positions.size or momentum < _OUTSIDE * reach * impulse:
+        return "unmodeled torques"
+    size = f"angular momentum of up to {momentum:.2g} {names.torque}-s"
+    return f"unmodeled torques without a force, such as wheels whose speed changes: {size}"
+
+
+def _allowed(count: float) -> float:
+    """Computes the largest ratio of variances that may be chance."""
+    return SCATTER * (1.0 + _CONFIDENT * math.sqrt(2.0 / count))
+
+
+def _per_reading(part: Array) -> float:
+    """Computes the misfit for each reading, at least the stated one."""
+    return max(float(part[0] / part[1]), 1.0) if part[1] >= FEWEST / 4 else 1.0

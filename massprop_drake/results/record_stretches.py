@@ -1,0 +1,303 @@
+"""Parts of a run's record without gaps, as the batch regression takes them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.inputs import params
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.maths.estimation.joint.burns import EngineSettings, at_rest, burnt, push
+from massprop_drake.maths.estimation.offline import thrust_course
+from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS, channels
+from massprop_drake.maths.vehicle.on_times import levels_alone
+from massprop_drake.results.events import EventRecord
+from massprop_drake.results.regression_model import Names, moved_by_noise, names_of
+from massprop_drake.results.spool import Spool
+
+_ROWS = 1024  # of a stretch
+_ADDED = 0.3  # of a reading's noise: what coupling may add to it over a stretch
+_BEFORE = ("before", "before_onsets_s")  # of a stretch, what is of rows before it
+_SHORTEST = 16  # rows of a stretch
+_STRETCHES = 32  # of so many rows, at the most, evenly spread
+_LINGERS = 1e-4  # of full thrust: less is not felt
+_HOLE = 2  # rows without a gyro's axis over which the rate is taken to be what jets make of it
+_LIES_ON_S = 2.0  # after a reading was said to be false it is not believed again
+
+
+# The C library keeps what is freed up to twice the largest block that it has been given back: without this the system
+# would be given the memory of each look back, and would clear it anew for the next, which takes a fifth of its time.
+np.empty(1 << 21)
+
+
+def stretches(scenario: Scenario, signals: Spool) -> Iterator[Stretch]:
+    """Returns the parts of a run's record for regression, in order; propellant is counted from the beginning.
+
+    Args:
+        scenario: as run.
+        signals: with `time_s`, commands and readings.
+    """
+    packages = (*params.gyros(scenario), *params.accelerometers(scenario))
+    optional = ("gap", "outside_wrench", "command_onset")
+    wanted = ["time_s", "command", *(name for name in optional if name in signals)]
+    flows, lengths_s = scenario.vehicle_data.mass_flows, _lengths(scenario)
+    felt = _felt(scenario)
+    before, used, since = np.zeros((felt, flows.size)), 0.0, -1 if "gap" in signals else -1 - felt
+    fired_s, has_tanks = np.zeros(flows.size), bool(scenario.vehicle_data.tanks)
+    opened = levels_alone((felt, flows.size))  # onsets of these
+    wheels = [wheel.name for wheel in scenario.vehicle_data.wheels]
+    engines = [engine.name for engine in scenario.vehicle_data.engines if engine.name in signals]
+    setting: EngineSettings | None = None
+    for block in _windows(signals, *wanted, *(package.name for package in packages), *wheels, *engines):
+        time_s, commands = block["time_s"], block["command"]
+        known = np.nan_to_num(commands)
+        burns = _burns(scenario, block, setting)
+        setting = burns.setting
+        spent = used + np.concatenate(([0.0], np.cumsum(known[:-1] @ flows * lengths_s(time_s) + burns.used)))
+        used = float(spent[-1])
+        readings = np.stack([block[package.name] for package in packages], axis=1)
+        for number, package in enumerate(packages):
+            saturated = ~(np.abs(readings[:, number]) < package.limit).all(axis=1)
+            readings[saturated, number] = np.nan
+        outside = block["outside_wrench"] if "outside_wrench" in block else np.zeros((time_s.size, 6))
+        onsets_s = block.get("command_onset")
+        opening: tuple[Array | None, Array | None] = (None, None) if onsets_s is None else (onsets_s, opened)
+        speeds = np.hstack([block[name] for name in wheels]) if wheels else None
+        if speeds is not None:  # without them a gyro does not show what has acted on the vehicle
+            readings[np.isnan(speeds).any(axis=1), : len(params.gyros(scenario))] = np.nan
+        whole = Stretch(time_s, readings, known, before, outside, -spent, *opening, speeds, burns.points)
+        if has_tanks:
+            lasted_s = np.reshape(lengths_s(time_s), (-1, 1))
+            gone_s = fired_s + np.vstack((np.zeros(flows.size), np.cumsum(known[:-1] * lasted_s, axis=0)))
+            whole, fired_s = whole._replace(seconds=np.stack((gone_s, -gone_s), axis=1)), gone_s[-1]
+        unknown = np.asarray(np.isnan(commands[:-1]).any(axis=1)) | burns.loose
+        if "gap" in block:
+            gap = block["gap"][:, 0] != 0.0
+            unknown |= gap[:-1] | gap[1:]
+        counts = np.arange(unknown.size)
+        last_unknown = np.maximum.accumulate(np.where(unknown, counts, since))
+        since = int(last_unknown[-1]) - unknown.size
+        for first, last in _runs(counts - last_unknown > felt):
+            if last - first > 1:
+                yield rows_of(whole, slice(first, last + 1))
+        before = _with_rows(before, known[:-1])
+        opened = opened if onsets_s is None else _with_rows(opened, onsets_s[:-1])
+
+
+class _Burns(NamedTuple):
+    """Engines in rows of a record, of which the first was the last of those before."""
+
+    points: Array | None  # see `Stretch.burns`; None: there are no engines
+    used: Array  # propellant of each interval, (m - 1,)
+    loose: NDArray[np.bool_]  # intervals whose impulse is known less well than a reading shows it, (m - 1,)
+    setting: EngineSettings | None  # after the last row
+
+
+def _burns(scenario: Scenario, block: dict[str, Array], before: EngineSettings | None) -> _Burns:
+    """Computes the state of the engines in some rows.
+
+    Args:
+        scenario: as run.
+        block: the rows.
+        before: setting of the engines at the first row; None: it is that of the record.
+    """
+    vehicle, rows = scenario.vehicle_data, block["time_s"].size
+    used, loose = np.zeros(rows - 1), np.zeros(rows - 1, dtype=np.bool_)
+    if not any(engine.name in block for engine in vehicle.engines):
+        return _Burns(None, used, loose, before)
+    setup = params.setup(scenario)
+    made, has, period_s = setup.engines, channels(setup.engines), setup.period_s
+    least = np.sqrt([each.min(initial=np.inf) for each in (setup.gyro_variances, setup.accelerometer_variances)])
+    read, nothing = np.zeros((rows, *has.shape)), np.zeros(setup.engine_sigmas.size)
+    each = (block.get(one.name, np.full((rows, len(one.columns)), np.nan)) for one in vehicle.engines)
+    read[:, has] = np.hstack(list(each))
+    points = np.zeros((rows, len(has), 3, N_CHANNELS))
+    if before is None:
+        _, before = burnt(at_rest(len(has)), read[0], period_s, made)
+    lengths_s = np.broadcast_to(_lengths(scenario)(block["time_s"]), rows - 1)
+    for row in range(1, rows):
+        length_s = float(lengths_s[row - 1])
+        burn, before = burnt(before, read[row], length_s, made)
+        if burn.points.any():
+            given = push(burn, nothing, length_s, made)
+            points[row - 1], used[row - 1] = burn.points, given.used
+            loose[row - 1] = (moved_by_noise(given.noise, vehicle.nominal) > least).any()
+    return _Burns(points, used, loose, before)
+
+
+def _felt(scenario: Scenario) -> int:
+    """Returns for how many intervals unknown impulses act on: after a gap, and before a record."""
+    vehicle = scenario.vehicle_data
+    longest = float(vehicle.time_constants_s.max(initial=0.0)) / vehicle.sample_period_s
+    return max(1, math.ceil(longest * params.rates(scenario).steps * math.log(1.0 / _LINGERS)))
+
+
+def _lengths(scenario: Scenario) -> Callable[[Array], Array | float]:
+    """Returns lengths of the intervals between rows, s: the sample period, or by their times."""
+    if params.steps_by_readings(scenario):
+        return np.diff
+    return lambda _: scenario.vehicle_data.sample_period_s
+
+
+def _runs(there: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Returns where runs begin, and one past their ends."""
+    edges = np.flatnonzero(np.diff(there, prepend=False, append=False))
+    return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
+
+
+def _windows(signals: Spool, *names: str) -> Iterator[dict[str, Array]]:
+    """Yields the signals by so many intervals, independent of the spool's pieces: a last row is the next's first."""
+    waiting = {name: np.empty((0,)) for name in names}
+    for block in signals.blocks(*names):
+        for name, rows in block.items():
+            waiting[name] = np.concatenate((waiting[name], rows)) if waiting[name].size else rows
+        while waiting["time_s"].shape[0] > _ROWS:
+            yield {name: rows[: _ROWS + 1] for name, rows in waiting.items()}
+            waiting = {name: rows[_ROWS:] for name, rows in waiting.items()}
+    if waiting["time_s"].shape[0] > 1:
+        yield waiting
+
+
+def whole_record(scenario: Scenario, signals: Spool) -> list[Stretch]:
+    """Returns all stretches, with the propellant counted to the end of the last."""
+    parts = list(stretches(scenario, signals))
+    used = max((-float(part.used_after[-1]) for part in parts), default=0.0)
+    return _ended(parts, used)
+
+
+def _ended(parts: Sequence[Stretch], used: float) -> list[Stretch]:
+    """Returns stretches with all used propellant counted to another end.
+
+    Args:
+        parts: in order.
+        used: propellant from the end up to which it was counted to that one, slug or kg; negative: it is earlier.
+    """
+    found = [part._replace(used_after=part.used_after + used) for part in parts]
+    if not parts or parts[-1].seconds is None:
+        return found
+    later = np.stack((np.zeros_like(parts[-1].seconds[-1, 1]), parts[-1].seconds[-1, 1]))
+    return [one._replace(seconds=one.seconds - later) for one in found if one.seconds is not None]
+
+
+def without_false_readings(parts: Sequence[Stretch], events: Sequence[EventRecord], names: Names) -> list[Stretch]:
+    """Removes readings that were declared false, from their onset on until a while after the declaration."""
+    sensors = [*names.gyros, *names.accelerometers]
+    false = [each for each in events if each.kind == "false_reading"]
+    lies, found = [each for each in false if each.sensor in sensors], list(parts)
+    ends = [each.onset_s for each in false if each.sensor in names.wheels]
+    unheard_s = min([*ends, *(each.onset_s for each in events if each.kind == "engine_failed")], default=math.inf)
+    if unheard_s < math.inf:  # then gyros do not show what has acted on the vehicle, and it may be so from there on
+        found = [cut for part in parts if (cut := cut_at(part, unheard_s)).time_s.size > 2]
+    for number, part in enumerate(found if lies else ()):
+        readings = part.readings.copy()
+        for lie in lies:
+            rows = (part.time_s > lie.onset_s) & (part.time_s <= lie.time_s + _LIES_ON_S)
+            readings[rows, sensors.index(str(lie.sensor)), "xyz".index(str(lie.axis))] = np.nan
+        found[number] = part._replace(readings=readings)
+    return found
+
+
+def short_enough(parts: Sequence[Stretch], until_s: float, made: FlightModel) -> list[Stretch]:
+    """Selects pieces of stretches up to a time that are short enough to be regressed, evenly spread if many."""
+    seen = (piece for part in parts for piece in _seen(cut_at(part, until_s), made))
+    every = [piece for part in seen for piece in _slow_enough(part, made)]
+    rows = sum(piece.time_s.size for piece in every)
+    return every[:: max(-(-rows // (_STRETCHES * (_ROWS + 1))), 1)]
+
+
+def pieces(scenario: Scenario, signals: Spool, until_s: float, made: FlightModel) -> list[Stretch]:
+    """Returns the parts of a record up to a time for regression.
+
+    Args:
+        scenario: as run.
+        signals: with `time_s`, commands and readings.
+        until_s: up to when, s; infinity: all of it.
+        made: see `model`.
+    """
+    return short_enough(whole_record(scenario, signals), until_s, made)
+
+
+def believed(
+    scenario: Scenario, signals: Spool, until_s: float, events: Iterable[EventRecord], made: FlightModel
+) -> tuple[list[Stretch], bool]:
+    """Returns stretches of a record up to a time, without readings declared false; 1/m is that of then.
+
+    Args:
+        scenario: as run.
+        signals: with `time_s`, commands and readings.
+        until_s: up to when, s; infinity: all of it.
+        events: what was said of the run.
+        made: see `model`.
+
+    Returns:
+        Stretches, and whether their stamps lie on the ticks at which commands switch.
+    """
+    parts = without_false_readings(whole_record(scenario, signals), list(events), names_of(scenario))
+    found = [cut for part in parts if (cut := cut_at(part, until_s)).time_s.size > 2]
+    found = _ended(found, -found[-1].used_after[-1] if found else 0.0)
+    return found, bool(made.at_stamps) or not off_ticks_of(found, made)
+
+
+def cut_at(part: Stretch, time_s: float) -> Stretch:
+    """Returns the rows of a stretch before a time, s."""
+    return rows_of(part, slice(0, int(np.searchsorted(part.time_s, time_s))))
+
+
+def rows_of(part: Stretch, rows: slice) -> Stretch:
+    """Returns some rows of a stretch; those before them are felt."""
+    own = {name: value for name, value in part._asdict().items() if name not in _BEFORE and value is not None}
+    return preceded(part._replace(**{name: value[rows] for name, value in own.items()}), part, slice(rows.start))
+
+
+def preceded(cut: Stretch, part: Stretch, rows: slice) -> Stretch:
+    """Returns a cut stretch with further rows of its original before it."""
+    cut = cut._replace(before=_with_rows(part.before, part.commands[rows]))
+    if part.onsets_s is None or part.before_onsets_s is None:
+        return cut
+    return cut._replace(before_onsets_s=_with_rows(part.before_onsets_s, part.onsets_s[rows]))
+
+
+def _with_rows(before: Array, later: Array) -> Array:
+    """Appends rows to the commands before a stretch; the oldest go, and as many stay."""
+    rows = before.shape[0]
+    return np.concatenate((before, later[-rows:]))[-rows:]
+
+
+def _seen(part: Stretch, made: FlightModel) -> Iterator[Stretch]:
+    """Yields a stretch in pieces over which the rate is known, which coupling takes as it is read."""
+    unread = np.asarray(np.isnan(part.readings[:, : made.gyros]).all(axis=1))
+    lost, hole = np.asarray(unread.any(axis=1)), _HOLE
+    if made.own_times:  # rows of other sensors have no rate
+        hole = max(
+            _HOLE, math.ceil(_HOLE * made.period_s / float(np.median(np.diff(part.time_s)))) if lost.size > 1 else 0
+        )
+    for first, last in _runs(lost):
+        if last - first <= hole:
+            lost[first:last] = False
+    for first, last in _runs(~lost):
+        yield rows_of(part, slice(first, last))
+
+
+def _slow_enough(part: Stretch, made: FlightModel) -> Iterator[Stretch]:
+    """Yields a stretch in pieces over which noise of the rates that enters by coupling does not add up."""
+    n = part.time_s.size
+    if n <= 2:
+        return
+    rates = part.readings[:, : made.gyros]
+    length_s = float(part.time_s[-1] - part.time_s[0]) / (n - 1) if made.own_times else made.period_s
+    fastest = float(np.nanmax(np.abs(rates), initial=0.0)) * length_s
+    rows = n if fastest * math.sqrt(n) <= _ADDED else int((_ADDED / fastest) ** 2)
+    if rows >= _SHORTEST:
+        for first in range(0, n - 2, rows):
+            yield rows_of(part, slice(first, min(first + rows + 1, n)))
+
+
+def off_ticks_of(parts: Sequence[Stretch], made: FlightModel) -> bool:
+    """Tests whether stamps are off their ticks."""
+    return any(thrust_course.off_ticks(part, made) for part in parts)

@@ -1,0 +1,174 @@
+"""Model of a scenario's vehicle for the batch regression, and the names in its words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.inputs import params
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.maths.estimation.filter import Instruments, Setup
+from massprop_drake.maths.estimation.joint.burns import Burn, push
+from massprop_drake.maths.estimation.joint.disturbance_states import NO_DISTURBANCE
+from massprop_drake.maths.estimation.joint.prediction import propellant_drift
+from massprop_drake.maths.estimation.offline import flight_model, record_kernels
+from massprop_drake.maths.estimation.offline.flight_model import FlightModel
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.mass_properties import MassProperties
+from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS
+from massprop_drake.maths.vehicle.mounting import EXACT
+
+_DRIFTED = 0.01  # of the mass, used: inertia and center of mass then have a walk's 1-sigma, of one that is stated by it
+_GATHERS_S = 60.0  # seconds: noise that gathers to less than a reading's 1-sigma by then is left out
+_PRIOR = 0.3  # of the widest start: nothing known of a vehicle is more wrong
+_OPEN_LAG_S = 0.05  # 1-sigma of a lag that the filters do not reckon with
+
+
+class Names(NamedTuple):
+    """Names of jets, sensors and units in words."""
+
+    jets: Sequence[str]
+    kinds: Sequence[str]
+    gyros: Sequence[str]
+    accelerometers: Sequence[str]
+    torque: str
+    acceleration: str
+    wheels: Sequence[str] = ()
+    engines: Sequence[str] = ()
+    length: str = ""
+
+
+def names_of(scenario: Scenario) -> Names:
+    """Returns the names of a scenario's vehicle."""
+    vehicle = scenario.vehicle_data
+    units = vehicle.unit_names
+    return Names(
+        vehicle.designations,
+        list(vehicle.jet_kinds),
+        [package.name for package in params.gyros(scenario)],
+        [package.name for package in params.accelerometers(scenario)],
+        f"{units['length']}-{units['force']}",
+        f"{units['length']}/s^2",
+        [wheel.name for wheel in vehicle.wheels],
+        [engine.name for engine in vehicle.engines],
+        units["length"],
+    )
+
+
+def model(scenario: Scenario) -> FlightModel:
+    """Makes the model of the vehicle that a scenario's filter has."""
+    setup, vehicle = params.setup(scenario), scenario.vehicle_data
+    thrust, gyros, accelerometers = setup.thrust, setup.gyros, setup.accelerometers
+    joint = scenario.estimation.filter == "joint"
+    n_jets, n_kinds, n_accelerometers = len(vehicle.jets), thrust.lag_uncertainty.shape[0], accelerometers.quanta.size
+    mounting = thrust.mounting if joint else EXACT
+    of_others = setup.engine_sigmas.size, mounting.jets.size, setup.modes.sigmas.size, 2 * len(vehicle.tanks), 9
+    n_others = 12 + 3 * gyros.quanta.size + 6 * n_accelerometers + len(vehicle.wheels) + sum(of_others)
+    of_kinds = np.array([thrust.time_constants_s[thrust.kinds == kind].max(initial=0.0) for kind in range(n_kinds)])
+    if joint:
+        block = scenario.joint
+        of_thrust = thrust.uncertainty if block.thrust_uncertainty is None else block.thrust_uncertainty
+        of_lag = of_kinds * (thrust.lag_uncertainty if block.lag_uncertainty is None else block.lag_uncertainty)
+    else:
+        of_thrust = scenario.estimation.thrust_uncertainty
+        gated = scenario.estimation.thrust_transient == "gate"
+        of_lag = np.full(n_kinds, _OPEN_LAG_S) if gated else of_kinds * thrust.lag_uncertainty
+    prior = np.concatenate((setup.nominal, np.zeros(n_jets + n_kinds + n_others)))
+    sigma = np.zeros_like(prior)
+    misread = setup.wheels.inertias * setup.wheels.speed_std  # moves the rate that is compared with a gyro's
+    turned = (misread * (np.linalg.inv(vehicle.nominal.inertia) @ setup.wheels.axes.T)) ** 2
+    of_wheels = float(turned.sum(axis=1).max())
+    variances = np.concatenate((setup.gyro_variances + of_wheels, setup.accelerometer_variances))
+    made = FlightModel(
+        period_s=setup.period_s,
+        wrenches=thrust.wrenches,
+        flows=thrust.flows,
+        time_constants_s=thrust.time_constants_s,
+        kinds=thrust.kinds,
+        positions=setup.accelerometer_positions,
+        variances=variances,
+        quanta=np.concatenate((_steps(gyros), _steps(accelerometers))),
+        gyros=gyros.quanta.size,
+        prior=prior,
+        sigma=sigma,
+        compute=record_kernels.compute(compiled=scenario.execution.compiled),
+        at_stamps=(scenario.joint.switching == "stamps" or params.steps_by_readings(scenario)) if joint else None,
+        walks=_walks(scenario, setup) if joint else (0.0, 0.0),
+        disturbance=setup.disturbance if joint else NO_DISTURBANCE,
+        wheels=setup.wheels,
+        engines=setup.engines,
+        own_times=params.steps_by_readings(scenario),
+        tanks=setup.tanks,
+        mounting=mounting,
+        modes=setup.modes,
+    )
+    places = flight_model.columns(made)
+    sigma[places.properties] = _PRIOR * setup.widest
+    sigma[places.thrust] = of_thrust
+    sigma[places.lag] = of_lag
+    sigma[places.gyro_bias] = gyros.bias_std.max(initial=0.0)
+    sigma[places.acceleration_bias] = np.repeat(accelerometers.bias_std, 3)
+    sigma[places.wheel] = setup.wheel_uncertainty
+    sigma[places.engine] = setup.engine_sigmas
+    sigma[places.mount] = 1.0
+    sigma[places.moving] = (setup.modes.sigmas > 0.0).astype(np.float64).ravel()
+    sigma[places.fill], sigma[places.flow] = setup.tanks.fill_sigma, setup.tanks.flow_sigma
+    fed = setup.tanks.feeds.sum(axis=0)  # of each jet 1 or 0
+    if (thrust.flows * (1.0 - fed)).any():  # one way, by as much as what drifts has become once so much has been used
+        share = setup.nominal[9] / _DRIFTED
+        sigma[places.shift] = np.sqrt(drift_of(scenario, setup.nominal)[:9] * share)
+    return made
+
+
+def _walks(scenario: Scenario, setup: Setup) -> tuple[float, float]:
+    """Computes walks of rate and velocity: those stated, and those by reading errors of engines at full thrust.
+
+    By so much a flight with engines may drift all through, though it does so as long as they burn alone.
+    """
+    at = np.zeros((setup.engines.thrusts.size, 3, N_CHANNELS))
+    at[:, :, 0] = 1.0
+    full = push(Burn(at, setup.engines.read_std), np.zeros(setup.engine_sigmas.size), setup.period_s, setup.engines)
+    gathered = moved_by_noise(full.noise, scenario.vehicle_data.nominal) / math.sqrt(setup.period_s)
+    least = (setup.gyro_variances, setup.accelerometer_variances)
+    for place, variances in enumerate(least):
+        if gathered[place] * math.sqrt(_GATHERS_S) < math.sqrt(variances.min(initial=math.inf)):
+            gathered[place] = 0.0
+    rate, velocity = np.hypot((scenario.joint.rate_walk, scenario.joint.velocity_walk), gathered).tolist()
+    return rate, velocity
+
+
+def moved_by_noise(noise: Array, body: MassProperties) -> Array:
+    """Computes 1-sigma of a body's rate and velocity by independent impulses, shape (2,).
+
+    Args:
+        noise: impulses about the vehicle origin, angular and linear, 1-sigma, shape (k, 6).
+        body: its mass properties.
+    """
+    moments = noise[:, :3] + np.cross(noise[:, 3:], body.center_of_mass)
+    rates = np.linalg.solve(np.asarray(body.inertia), moments.T).T
+    return np.array([math.sqrt((each**2).sum(axis=0).max()) for each in (rates, noise[:, 3:] / body.mass)])
+
+
+def steady(made: FlightModel) -> FlightModel:
+    """Returns the model without shifts of inertia and center of mass in one direction by used propellant."""
+    sigma = made.sigma.copy()
+    sigma[flight_model.columns(made).shift] = 0.0
+    return made._replace(sigma=sigma)
+
+
+def _steps(packages: Instruments) -> Array:
+    """Returns quanta, zero where noise dithers a reading."""
+    return np.where(packages.noise_std >= 0.25 * packages.quanta, 0.0, packages.quanta)
+
+
+def drift_of(scenario: Scenario, at: Array) -> Array:
+    """Computes variances that each unit of propellant adds, as in the joint filter, shape (10,)."""
+    joint, vehicle = scenario.joint, scenario.vehicle_data
+    fed = any(vehicle.jets_of(tank).any() for tank in vehicle.tanks)
+    if scenario.estimation.filter != "joint" or (fed and vehicle.tank_geometry.feeds.sum(axis=0).all()):
+        return np.zeros(10)
+    fraction = vehicle.tank_fraction if joint.tank_fraction is None else joint.tank_fraction
+    return propellant_drift(at, 1.0, fraction, vehicle.rms_arm)

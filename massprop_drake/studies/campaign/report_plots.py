@@ -1,0 +1,141 @@
+"""Plots of a campaign's report, section by section."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from massprop_drake.maths.mass_properties import N_ROTATION, NAMES
+from massprop_drake.studies.campaign import charts, merit, statistics
+from massprop_drake.studies.campaign.counts import Row, flown
+from massprop_drake.studies.campaign.merit import InjectedEvent
+from massprop_drake.studies.campaign.reading import Cell, Study
+from massprop_drake.studies.campaign.statistics import Figure
+
+
+def delay_plots(study: Study, acted: Sequence[InjectedEvent]) -> list[charts.Json]:
+    """Draws the curves of delays, by kind and by cell of a sweep, and the operating curve."""
+    cell = study.cells[study.reference]
+    plots = []
+    if acted:
+        curves = {kind.replace("_", " "): merit.detection_curve(group) for kind, group in merit.by_kind(acted).items()}
+        if len(curves) > 1:
+            curves["all"] = merit.detection_curve(acted)
+        plots.append(charts.delays(curves))
+        swept = len(study.cells) > 1
+        if swept:
+            cells = {one.label: merit.detection_curve(merit.events(one.rows)) for one in study.cells}
+            plots.append(charts.delays(cells, "delays-cells", "by setting of the sweep"))
+        points = [merit.operating_point(one.rows, _values(one)) for one in study.cells] if swept else []
+        own = merit.operating_point(cell.rows, cell.label)
+        plots.append(charts.operating(merit.operating_curve(cell.rows), points, own, ", ".join(_names(study))))
+    return plots
+
+
+def _names(study: Study) -> list[str]:
+    """Returns the names of swept keys, in short."""
+    return [key.rpartition(".")[2] for key in study.spec.file.sweep]
+
+
+def _values(cell: Cell) -> str:
+    return ", ".join(str(value) for value in cell.settings.values())
+
+
+def confusion_plots(study: Study, acted: Sequence[InjectedEvent], moved: Sequence[InjectedEvent]) -> list[charts.Json]:
+    """Draws what failed against what was declared, jet by jet and by cluster."""
+    if not acted and not moved:
+        return []
+    vehicle = study.spec.base.vehicle_data
+    clusters = {jet.designation: jet.cluster for jet in vehicle.jets}
+    counts = merit.confusion([*acted, *moved])
+    special = [merit.OWN_CLUSTER, merit.JUMP_COLUMN, merit.NOT_FOUND, merit.NOT_TESTED]
+    numbers = sorted(set(clusters.values()))
+    by_jet = [*clusters, *(f"cluster {number}" for number in numbers), *special]
+    return [
+        charts.confusion(counts, by_jet, "confusion", "What failed, and what was declared: jets"),
+        charts.confusion(
+            merit.by_cluster(counts, clusters),
+            [*(f"cluster {number}" for number in numbers), *special],
+            "confusion-clusters",
+            "The same by cluster",
+        ),
+    ]
+
+
+def size_plots(sized: Mapping[str, Sequence[InjectedEvent]], force: str) -> list[charts.Json]:
+    """Draws the probability of detection over the size of failures, kind by kind."""
+    plots = []
+    for kind, group in sized.items():
+        sizes, right = [merit.size_of(event) for event in group], [event.right for event in group]
+        curve, bins = statistics.size_curve(sizes, right), statistics.binned(sizes, right)
+        plots.append(charts.sizes(kind, group, curve, bins, force))
+    return plots
+
+
+def magnitude_plots(acted: Sequence[InjectedEvent], force: str) -> list[charts.Json]:
+    """Draws the magnitudes that were estimated, and their errors over the claimed sigma."""
+    errors = [z for _, z in merit.magnitude_errors(acted)]
+    if not errors:
+        return []
+    groups = {kind.replace("_", " "): group for kind, group in merit.by_kind(acted).items()}
+    title = "Magnitude, error over claimed sigma"
+    return [
+        charts.magnitudes(groups, force),
+        charts.normal_histogram(errors, "magnitude-errors", title, "error / claimed 1-sigma"),
+    ]
+
+
+def consistency_plots(cell: Cell, times_s: Sequence[float]) -> list[charts.Json]:
+    """Draws NEES, NIS, coverage and errors over sigma of a cell."""
+    rows, good = cell.rows, flown(cell.rows)
+    plots: list[charts.Json] = []
+    nees, mass = merit.known(good, "nees.rotation"), merit.known(good, "nees.mass")
+    if nees:
+        what = ("nees", "NEES of the nine rotational parameters", "NEES at the end")
+        plots.append(charts.chi_square(nees, N_ROTATION, what))
+    if mass:
+        plots.append(charts.chi_square(mass, 1, ("nees-mass", "NEES of 1/m", "NEES at the end")))
+    samples = sorted(row["samples"] for row in good if row["samples"])
+    for which, filter_name in (("rotation", "rotation"), ("translation", "mass")):
+        nis = merit.known(good, f"nis.{which}")
+        if nis and samples:
+            label = f"mean NIS over a flight (median {samples[len(samples) // 2]} samples)"
+            what = (f"nis-{which}", f"NIS of the {filter_name} filter", label)
+            plots.append(charts.chi_square(nis, 3, what, samples[len(samples) // 2]))
+    sigmas = {name: merit.sigmas(rows, name) for name in NAMES}
+    if any(sigmas.values()):
+        plots.append(charts.coverage({name: covered(rows, name) for name in NAMES}))
+        plots.append(charts.parameter_histograms(sigmas))
+    if times_s and any(sigmas.values()):
+        over = {
+            time: {
+                label: merit.coverage(rows, names, suffix=suffix)
+                for label, names in (("rotational parameters", NAMES[:N_ROTATION]), ("1/m", NAMES[N_ROTATION:]))
+            }
+            for time, suffix in [*((time, f"@{time:g}") for time in sorted(times_s)), (rows[0]["duration_s"], "")]
+        }
+        plots.append(charts.coverage_over_time(over))
+    return plots
+
+
+def covered(rows: Sequence[Row], name: str) -> dict[float, Figure]:
+    """Computes the coverage of a parameter within one, two and three sigma."""
+    return {sigma: merit.coverage(rows, (name,), sigma) for sigma in (1.0, 2.0, 3.0)}
+
+
+def sensitivity_plots(study: Study, cell: Cell) -> list[charts.Json]:
+    """Draws rank correlations of errors with draws, and Sobol indices where they were drawn for."""
+    plots = []
+    for size, name, title in (
+        (False, "sensitivity", "Rank correlation of each error with each draw"),
+        (True, "sensitivity-size", "Rank correlation of each error's size with each draw"),
+    ):
+        found = merit.sensitivity(cell.rows, study.labels, size=size)
+        if found:
+            plots.append(charts.correlations(found, name, title))
+    if study.spec.file.method == "saltelli" and len(cell.rows) == cell.planned:
+        indices = merit.sobol(cell.rows, len(study.labels))
+        if indices is not None:
+            names, (first, total) = indices
+            plots.append(charts.sobol(first, names, study.labels, "alone"))
+            plots.append(charts.sobol(total, names, study.labels, "alone and together with others"))
+    return plots

@@ -1,0 +1,274 @@
+"""Tables of a campaign's report, as plain values."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from massprop_drake.maths.mass_properties import N_ROTATION, NAMES
+from massprop_drake.results.detections import JUMP
+from massprop_drake.studies.campaign import charts, merit, statistics
+from massprop_drake.studies.campaign.counts import Row, flown, judgeable
+from massprop_drake.studies.campaign.merit import CAUSES, DELAYS_S, MEANINGS, OUTCOMES, InjectedEvent
+from massprop_drake.studies.campaign.plan import case_name
+from massprop_drake.studies.campaign.reading import Study
+from massprop_drake.studies.campaign.report_plots import covered
+from massprop_drake.studies.campaign.report_words import between, row_of, shown
+from massprop_drake.studies.campaign.statistics import SizeCurve
+
+_MAIN = (  # of a cell, side by side
+    "false_declarations_per_hour", "false_declarations_in_case", "healthy_jets_out", "ended_wrong", "failing",
+    "isolated", "named", *(f"found_within_{delay:g}_s" for delay in DELAYS_S), "delay_50_percent_s", "coverage_3_sigma",
+    "nees_in_band",
+)  # fmt: skip
+
+
+def sweep(study: Study) -> dict[str, Any] | None:
+    """Returns the main figures of each cell, side by side."""
+    if len(study.cells) < 2:
+        return None
+    found = [merit.figures(cell.rows) for cell in study.cells]
+    names = [name for name in _MAIN if any(figures[name].n for figures in found)]
+    return {
+        "cells": [cell.label for cell in study.cells],
+        "reference": study.reference,
+        "cases": [len(flown(cell.rows)) for cell in study.cells],
+        "rows": [
+            {
+                "words": MEANINGS[name].words,
+                "values": [shown(figures[name], MEANINGS[name].unit, interval=False) for figures in found],
+                "intervals": [row_of(name, figures[name])["interval"] for figures in found],
+            }
+            for name in names
+        ],
+    }
+
+
+def falsely(rows: Sequence[Row]) -> list[dict[str, str]]:
+    """Returns counts and rates of false declarations by their cause."""
+    table = []
+    for cause in (*CAUSES, None):
+        found = merit.false_declarations(rows, cause)
+        hours = merit.hours(judgeable(rows), cause)
+        if not hours:
+            continue
+        figure = merit.false_rate(rows, cause)
+        table.append(
+            {
+                "cause": "all" if cause is None else MEANINGS[f"false_declarations_per_hour_{cause}"].words,
+                "count": str(len(found)),
+                "withdrawn": str(sum(entry["withdrawn_s"] is not None for entry in found)),
+                "hours": f"{hours:.3g}",
+                "rate": shown(figure, "", interval=False),
+                "interval": between(figure, ""),
+            }
+        )
+    return table
+
+
+def false_by_jet(rows: Sequence[Row]) -> list[tuple[str, int]]:
+    """Counts false declarations by jet, the most frequent first."""
+    names = (
+        entry["jet"] or ("a jump of the mass properties" if entry["cluster"] is None else f"cluster {entry['cluster']}")
+        for entry in merit.false_declarations(rows)
+    )
+    return Counter(names).most_common(15)
+
+
+def healthy_out(rows: Sequence[Row], clusters: Mapping[str, int]) -> dict[str, Any]:
+    """Counts healthy jets out of use at the end: beside a jet that failed, in its cluster, or elsewhere.
+
+    Args:
+        rows: of a cell.
+        clusters: number of each jet's cluster, by designation.
+    """
+    beside: Counter[str] = Counter()
+    elsewhere: Counter[str] = Counter()
+    cases = 0
+    good = judgeable(rows)
+    for row in good:
+        failed = {clusters.get(one["jet"]) for one in row["injected"] if one["first_acted_s"] is not None}
+        alone = [jet for jet in row["healthy_jets_out"] if clusters.get(jet) not in failed]
+        elsewhere.update(alone)
+        beside.update(jet for jet in row["healthy_jets_out"] if jet not in alone)
+        cases += bool(alone)
+    return {
+        "share": shown(statistics.share(cases, len(good)), "%"),
+        "jets": [(jet, elsewhere[jet], beside[jet]) for jet, _ in (elsewhere + beside).most_common(15)],
+    }
+
+
+def outcomes(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Counts failures by kind and outcome."""
+    table: list[dict[str, Any]] = []
+    for kind, counts in merit.outcomes(rows).items():
+        acted = sum(counts.values()) - counts["never_acted"]
+        table.append({"kind": kind.replace("_", " "), "acted": acted, **{name: counts[name] for name in OUTCOMES}})
+    if len(table) > 1:
+        table.append({"kind": "all", **{name: sum(row[name] for row in table) for name in ("acted", *OUTCOMES)}})
+    return table
+
+
+def delays(acted: Sequence[InjectedEvent]) -> list[dict[str, Any]]:
+    """Returns shares found and delays by kind of failure."""
+    table = []
+    groups = merit.by_kind(acted)
+    for kind, group in [*groups.items(), *([("all", list(acted))] if len(groups) > 1 else [])]:
+        curve = merit.detection_curve(group)
+        tested = [event for event in group if event.injected["outcome"] != "not_tested"]
+        table.append(
+            {
+                "kind": kind.replace("_", " "),
+                "n": len(group),
+                "found": shown(merit.found_share(group, lambda event: event.right), "%"),
+                "of_tested": shown(merit.found_share(tested, lambda event: event.right), "%"),
+                "within": [shown(curve.at(delay), "%") for delay in DELAYS_S],
+                "median": shown(curve.quantile(0.5), "s"),
+            }
+        )
+    return table
+
+
+def jumps(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Counts failed jets and payloads that moved, by the declaration of each."""
+    table = []
+    for payloads, what in ((False, "a failed jet"), (True, "a payload that moved")):
+        found = merit.events(rows, payloads=payloads)
+        if not found:
+            continue
+        taken = Counter(_declared_as(event) for event in found)
+        table.append({"what": what, "n": len(found), "counts": [taken[column] for column in _DECLARED_AS]})
+    return table
+
+
+_DECLARED_AS = ("the jet or its cluster", "another jet", "a jump", "nothing")
+
+
+def _declared_as(event: InjectedEvent) -> str:
+    jet, a_jump = event.injected["jet"], event.injected["taken_for"] == JUMP
+    if event.right:
+        return "a jump" if jet is None else "the jet or its cluster"
+    if event.injected["outcome"] != "wrong":
+        return "nothing"
+    return "a jump" if a_jump else "another jet"
+
+
+def smallest(found: Sequence[InjectedEvent], force: str) -> list[dict[str, str]]:
+    """Returns, by jet, failures found and missed, and the size found with a probability of 0.9."""
+    table = []
+    for jet, group in merit.by_jet(found).items():
+        right = [merit.size_of(event) for event in group if event.right]
+        left = [merit.size_of(event) for event in group if not event.right]
+        curve = statistics.size_curve([merit.size_of(event) for event in group], [event.right for event in group])
+        table.append(
+            {
+                "jet": jet,
+                "found": f"{len(right)} of {len(group)}",
+                "smallest": f"{min(right):.3g} {force}" if right else "-",
+                "largest_left": f"{max(left):.3g} {force}" if left else "-",
+                "size_90": _size_90(curve, force),
+            }
+        )
+    return sorted(table, key=lambda row: row["jet"])
+
+
+def _size_90(curve: SizeCurve | None, force: str) -> str:
+    if curve is None:
+        return "-"
+    return f"below {curve.smallest:.3g} {force}" if curve.finds_all else shown(curve.size_90, force)
+
+
+def magnitudes(acted: Sequence[InjectedEvent], force: str) -> list[dict[str, Any]]:
+    """Returns bias, RMS and coverage of magnitudes by kind of failure."""
+    table = []
+    for kind, group in merit.by_kind(acted).items():
+        pairs = merit.magnitude_errors(group)
+        if not pairs:
+            continue
+        sigmas = [abs(z) for _, z in pairs]
+        table.append(
+            {
+                "kind": kind.replace("_", " "),
+                "n": str(len(pairs)),
+                "bias": shown(statistics.mean([error for error, _ in pairs]), force),
+                "rms": f"{math.sqrt(sum(error**2 for error, _ in pairs) / len(pairs)):.3g} {force}",
+                "within": [
+                    shown(statistics.share(sum(z <= bound for z in sigmas), len(sigmas)), "%") for bound in (1, 2, 3)
+                ],
+            }
+        )
+    return table
+
+
+def by_what_happened(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Returns consistency by the kind of events in a case."""
+    groups: dict[str, list[Row]] = {"nothing failed": [], "all failures found": [], "a failure not found": []}
+    for row in flown(rows):
+        happened = [one["outcome"] for one in row["injected"] if one["outcome"] != "never_acted"]
+        right = all(outcome in ("named", "group") for outcome in happened)
+        groups["nothing failed" if not happened else "all failures found" if right else "a failure not found"].append(
+            row
+        )
+    return [
+        {
+            "group": name,
+            "n": str(len(group)),
+            "wrong": shown(merit.ended_wrong(group), "%"),
+            "covered": shown(merit.coverage(group), "%"),
+            "nees": shown(statistics.in_band(merit.known(group, "nees.rotation"), N_ROTATION), "%"),
+            "nees_mass": shown(statistics.in_band(merit.known(group, "nees.mass"), 1), "%"),
+        }
+        for name, group in groups.items()
+        if group
+    ]
+
+
+def coverage(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Returns coverage and mean error of each parameter."""
+    table = []
+    for name in NAMES:
+        sigmas = merit.sigmas(rows, name)
+        if sigmas:
+            table.append(
+                {
+                    "parameter": charts.PARAMETERS[name],
+                    "within": [shown(figure, "%") for figure in covered(rows, name).values()],
+                    "mean": shown(statistics.mean(sigmas), ""),
+                    "n": str(len(sigmas)),
+                }
+            )
+    return table
+
+
+def worst(study: Study) -> list[dict[str, str]]:
+    """Returns the worst cases of all cells, with commands to fly them again."""
+    cell_of = {row["case_id"]: f", {cell.label}" for cell in study.cells for row in cell.rows if len(study.cells) > 1}
+    folder = shlex.quote(str(study.folder))
+    table = []
+    for row in merit.worst(study.rows):
+        number = row["case_id"]
+        place = shlex.quote(str(study.folder / "cases" / case_name(number)))
+        table.append(
+            {
+                "case": case_name(number),
+                "cell": cell_of.get(number, ""),
+                "link": study.kept.get(number, ""),
+                "why": "; ".join(row["failing"]),
+                "rerun": f"massprop campaign run {folder} --only {number}",
+                "view": f"massprop run {place} --view",
+            }
+        )
+    return table
+
+
+def execution(study: Study) -> list[tuple[str, str]]:
+    """Returns how cases were executed, and the processor time they took."""
+    rows = study.rows
+    spent = sorted(merit.known(rows, "cpu_s"))
+    lines = list(study.execution.items())
+    if spent:
+        lines.append(("processor time", f"{sum(spent) / 3600.0:.3g} h, median {spent[len(spent) // 2]:.3g} s a case"))
+    return lines
