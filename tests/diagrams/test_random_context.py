@@ -88,7 +88,9 @@ def test_a_copy_of_a_context_has_its_seed_and_the_default_context_the_scenarios_
 
 
 def test_unless_drawn_it_is_what_the_scenario_s_seed_draws() -> None:
-    scenario = flown("plant.thrust_dispersion=0.02", "seed=5", "failures=[{kind: leak, jet: F1L, force: 10, start_s: 0}]")
+    scenario = flown(
+        "plant.thrust_dispersion=0.02", "seed=5", "failures=[{kind: leak, jet: F1L, force: 10, start_s: 0}]"
+    )
     diagram, (leak,) = vehicle.build(scenario), true_params.jet_failures(scenario)
     context: Any = diagram.CreateDefaultContext()
     for jet in range(0, 44, 5):
