@@ -21,6 +21,7 @@ from telemetry_probe import Log
 from massprop_drake import load_scenario
 from massprop_drake.display import write_replay, write_report
 from massprop_drake.display.page import summary_html
+from massprop_drake.display.run import Run
 from massprop_drake.display.stage import MeshcatStage
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.model import Model, validated
@@ -28,7 +29,6 @@ from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.scheduled import StuckOn
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.results.detections import DetectionRecord
-from massprop_drake.results.run import Run
 from massprop_drake.runners.recorded import estimate
 from reproduction import report as reproduction
 from reproduction.claims import AtMost, Claim, Outcome, Verdict

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from massprop_drake.display import interactive, plots
+from massprop_drake.display.run import Run
 from massprop_drake.display.spec import (
     Band,
     Bars,
@@ -25,7 +26,6 @@ from massprop_drake.display.spec import (
     Whiskers,
     Zone,
 )
-from massprop_drake.results.run import Run
 
 TIME = np.linspace(0.0, 10.0, 11)
 BLUE = "#0072B2"

@@ -16,12 +16,12 @@ from massprop_drake import load_scenario, simulate
 from massprop_drake.cli import show
 from massprop_drake.display import interactive, plots, write_report
 from massprop_drake.display.page import report_html, summary_html
+from massprop_drake.display.run import Run
+from massprop_drake.maths.signals import SYMBOLS
 from massprop_drake.results import table
 from massprop_drake.results.allowed import Intervals
 from massprop_drake.results.detections import size
 from massprop_drake.results.fault_probabilities import FaultProbabilities, JetProbability
-from massprop_drake.results.run import Run
-from massprop_drake.signals import SYMBOLS
 
 FAILURE = '<th scope="row">R4R stuck on</th>'
 

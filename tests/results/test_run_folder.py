@@ -205,8 +205,8 @@ def test_the_history_describes_itself(short_run: Run, folder: Path) -> None:
 
 BROKEN = {
     "telemetry.csv": "records.reader.write_csv",
-    "history.npz": "results.run.write_npz",
-    "scenario.yaml": "results.run.yaml_text",
+    "history.npz": "results.run_content.write_npz",
+    "scenario.yaml": "display.run.yaml_text",
     "figures": "display.figures.Plots.save",
     "replay.html": "display.flight3d.replay_html",
     "report.html": "display.page.report_html",
