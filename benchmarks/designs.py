@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from massprop_drake import Scenario, design, load_vehicle
-from massprop_drake.inputs.scenario import Dispersion, PlantBlock
+from massprop_drake.inputs.true_blocks import Dispersion, PlantBlock
 
 VEHICLES = ("small_satellite", "servicer", "servicer_on_wheels", "lander", "orbiter")
 TARGETS = ({"mass": "1%"}, {"inertia": "1%"}, {"mass": "1%", "inertia": "0.5%"})

@@ -7,7 +7,7 @@ from collections.abc import Container, Iterable
 from pydrake.systems import framework
 from pydrake.systems.framework import DiagramBuilder, System
 
-from massprop_drake.inputs import params
+from massprop_drake.inputs import params, pilot_params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.systems.autopilot.engine_commands import EngineCommands
 from massprop_drake.systems.autopilot.wheel_schedule import WheelSchedule
@@ -61,7 +61,7 @@ def connect_wheels(
         for wheel in scenario.vehicle_data.wheels:
             builder.Connect(vehicle.GetOutputPort(wheel.name), commander.GetInputPort(wheel.name))
         return []
-    torques, period_s = params.wheel_torques(scenario), scenario.vehicle_data.sample_period_s
+    torques, period_s = pilot_params.wheel_torques(scenario), scenario.vehicle_data.sample_period_s
     schedule = builder.AddSystem(WheelSchedule(torques, period_s=period_s))
     builder.Connect(schedule.get_output_port(), vehicle.GetInputPort("wheel_torque"))
     return [schedule]
@@ -71,8 +71,8 @@ def connect_engine_commands(builder: DiagramBuilder, vehicle: framework.Diagram,
     """Connects a vehicle's engines to their commands; returns the commanding systems, none where no engine burns."""
     if not scenario.engine_schedule:
         return []
-    control = params.gimbal_control(scenario)
-    commands = builder.AddSystem(EngineCommands(params.engine_commands(scenario), control))
+    control = pilot_params.gimbal_control(scenario)
+    commands = builder.AddSystem(EngineCommands(pilot_params.engine_commands(scenario), control))
     builder.Connect(commands.get_output_port(), vehicle.GetInputPort("engine_command"))
     if control.bandwidth > 0.0:
         builder.Connect(vehicle.GetOutputPort(params.gyro(scenario).name), commands.GetInputPort("gyro"))

@@ -12,7 +12,7 @@ from __future__ import annotations
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from massprop_drake.diagrams._wiring import ONSETS, built
-from massprop_drake.inputs import params
+from massprop_drake.inputs import pilot_params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.systems.autopilot.attitude_reference import AttitudeReference
 from massprop_drake.systems.autopilot.hand_controllers import HandControllers
@@ -38,17 +38,17 @@ def build(scenario: Scenario) -> Diagram:
     """
     vehicle = scenario.vehicle_data
     period = vehicle.sample_period_s
-    control, compiled = params.phase_space_params(scenario), scenario.execution.compiled
+    control, compiled = pilot_params.phase_space_params(scenario), scenario.execution.compiled
     builder = DiagramBuilder()
 
-    controllers = builder.AddNamedSystem("hand_controllers", HandControllers(params.windows(scenario)))
+    controllers = builder.AddNamedSystem("hand_controllers", HandControllers(pilot_params.windows(scenario)))
     reference = builder.AddNamedSystem(
         "attitude_reference", AttitudeReference(period_s=period, capture_rate=control.capture_rate, compiled=compiled)
     )
     controller = builder.AddNamedSystem("phase_space_controller", PhaseSpaceController(control, compiled=compiled))
     selection = builder.AddNamedSystem(
         "jet_selection",
-        JetSelection(**params.selection(scenario), compiled=compiled),
+        JetSelection(**pilot_params.selection(scenario), compiled=compiled),
     )
 
     for system in (reference, controller):
@@ -58,7 +58,7 @@ def build(scenario: Scenario) -> Diagram:
     builder.Connect(selection.GetOutputPort("delivered"), controller.GetInputPort("delivered"))
 
     gyro = builder.ExportInput(reference.GetInputPort("gyro"), "gyro")
-    law = params.wheel_control(scenario)
+    law = pilot_params.wheel_control(scenario)
     if law is None:
         builder.ConnectInput(gyro, controller.GetInputPort("gyro"))
     else:

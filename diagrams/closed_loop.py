@@ -20,7 +20,7 @@ from massprop_drake.diagrams._wiring import (
     connect_wheels,
     export_outputs,
 )
-from massprop_drake.inputs import crafts, params
+from massprop_drake.inputs import crafts, params, pilot_params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.systems.autopilot.firing_test import FiringTestSystem
 from massprop_drake.systems.autopilot.jet_schedule import JetSchedule
@@ -51,7 +51,7 @@ def build(scenario: Scenario, *, findings: bool = False) -> Diagram:
     connect_estimation(builder, body, pilot, estimators, scenario)
     if estimators.HasOutputPort("reconfiguration"):
         builder.Connect(estimators.GetOutputPort("reconfiguration"), pilot.GetInputPort("reconfiguration"))
-    if params.closes_manifolds(scenario) and estimators.HasOutputPort("closed"):
+    if pilot_params.closes_manifolds(scenario) and estimators.HasOutputPort("closed"):
         for name in ("closed", "held_closed"):
             builder.Connect(estimators.GetOutputPort(name), body.GetInputPort(name))
     if scenario.autopilot.mass_properties == "estimated":

@@ -29,7 +29,8 @@ from pydrake.systems.framework import DiagramBuilder, InputPortIndex, LeafSystem
 from massprop_drake.diagrams._wiring import Diagram, export_outputs
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario, resolved
-from massprop_drake.inputs.vehicle_file import SensorPackage, Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.inputs.vehicle_sensors import SensorPackage
 from massprop_drake.maths.estimation.detector import Detector
 from massprop_drake.maths.mass_properties import N_ROTATION
 from massprop_drake.results.monitoring import FlightMonitor
@@ -136,7 +137,7 @@ def _add_cycle(builder: DiagramBuilder, scenario: Scenario) -> None:
             weighs=params.weighs(scenario),
             known=params.known_parameters(scenario),
             within=scenario.vehicle_data.has_on_times,
-        ),
+        )
     )
     for index in map(InputPortIndex, range(estimator.num_input_ports())):
         port = estimator.get_input_port(index)
@@ -242,10 +243,7 @@ def _add_detector(
     detector = builder.AddNamedSystem(
         "failure_detector",
         FailureDetector(
-            method,
-            params.detector_params(scenario),
-            jets=params.jets(scenario),
-            compiled=scenario.execution.compiled,
+            method, params.detector_params(scenario), jets=params.jets(scenario), compiled=scenario.execution.compiled
         ),
     )
     builder.ConnectInput(commands, detector.GetInputPort("jet_commands"))

@@ -14,9 +14,10 @@ from pydrake.multibody.tree import BodyIndex, RigidBody
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from massprop_drake.diagrams import vehicle as vehicle_diagram
-from massprop_drake.inputs import params
+from massprop_drake.inputs import true_params
 from massprop_drake.inputs.model_file import blamed, model_joints, model_kind
-from massprop_drake.inputs.scenario import JointMove, JointStart, MultibodyBlock, PlantBlock, Scenario
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.true_blocks import JointMove, JointStart, MultibodyBlock, PlantBlock
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.systems.multibody.body_motion import FROM_PLANT
 from massprop_drake.systems.multibody.multibody_vehicle import TRUTH, BodyBridge, MultibodyVehicle
@@ -49,7 +50,7 @@ def body(block: MultibodyBlock, *, wheels: bool = False) -> MultibodyVehicle:
             positions={joint.joint: joint.position for joint in block.joints},
             rates={joint.joint: joint.rate for joint in block.joints},
             rate=np.array(block.initial_rate),
-            moves=params.joint_moves(block),
+            moves=true_params.joint_moves(block),
             drive_frequency_hz=block.drive_frequency_hz,
             shown=[joint.name for joint in model_joints(block.model)],
             wheels=wheels,

@@ -23,9 +23,10 @@ import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from massprop_drake.diagrams._wiring import ONSETS, built, export_outputs
-from massprop_drake.inputs import params
-from massprop_drake.inputs.scenario import PlantBlock, Scenario
-from massprop_drake.inputs.vehicle_file import Accelerometer, PoseSensor, SensorPackage, VelocitySensor
+from massprop_drake.inputs import params, pilot_params, true_params
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.true_blocks import PlantBlock
+from massprop_drake.inputs.vehicle_sensors import Accelerometer, PoseSensor, SensorPackage, VelocitySensor
 from massprop_drake.systems.vehicle.disturbance_source import Disturbance
 from massprop_drake.systems.vehicle.engines import Engines
 from massprop_drake.systems.vehicle.integrating_accelerometer import IntegratingAccelerometer
@@ -61,18 +62,18 @@ def build(scenario: Scenario, body: System | None = None, trackers: Sequence[Sys
         thrust (out, n_jets): mean force over the coming sample, see `ReactionJets`.
         joint_positions (out, n): of a multibody plant that has joints, see `MultibodyVehicle`.
     """
-    vehicle, pieces, tanks = scenario.vehicle_data, params.pieces(scenario), params.true_tanks(scenario)
+    vehicle, pieces, tanks = scenario.vehicle_data, pilot_params.pieces(scenario), true_params.true_tanks(scenario)
     period = vehicle.sample_period_s
     builder = DiagramBuilder()
 
     jets = builder.AddNamedSystem(
         "reaction_jets",
         ReactionJets(
-            wrenches=params.mounted_wrenches(scenario),
+            wrenches=true_params.mounted_wrenches(scenario),
             time_constants_s=params.plant_time_constants(scenario),
             period_s=period,
             dispersion=scenario.plant.thrust_dispersion,
-            failures=params.stated_failures(scenario),
+            failures=true_params.stated_failures(scenario),
             thrusts=np.array([jet.thrust for jet in vehicle.jets]),
             planar=vehicle.motion == "planar",
             pieces=pieces,
@@ -82,7 +83,7 @@ def build(scenario: Scenario, body: System | None = None, trackers: Sequence[Sys
         ),
     )
     body = builder.AddSystem(_body(scenario, jets.lag_time_constants_s, pieces) if body is None else body)
-    stepped = params.time_step(scenario) != 0.0
+    stepped = true_params.time_step(scenario) != 0.0
     wrench = "wrench_profile" if stepped else "wrench"
     pushed = _with_others(builder, scenario, jets, body, pieces if stepped else 1)
     if jets.HasOutputPort("drained") and body.HasInputPort("drained"):
@@ -100,7 +101,7 @@ def build(scenario: Scenario, body: System | None = None, trackers: Sequence[Sys
         sensors.append(sensor)
 
     if vehicle.wheels:
-        model, names = params.wheels_model(scenario), tuple(wheel.name for wheel in vehicle.wheels)
+        model, names = true_params.wheels_model(scenario), tuple(wheel.name for wheel in vehicle.wheels)
         wheels = ReactionWheels(model, names, period_s=period, stepped=stepped, seed=scenario.seed)
         builder.AddSystem(wheels)
         builder.Connect(wheels.GetOutputPort("wheels"), body.GetInputPort("wheels"))
@@ -136,7 +137,7 @@ def _with_others(builder: DiagramBuilder, scenario: Scenario, jets: System, body
         body: see `build`.
         pieces: of the jets' profile that the body gets.
     """
-    vehicle, stepped = scenario.vehicle_data, params.time_step(scenario) != 0.0
+    vehicle, stepped = scenario.vehicle_data, true_params.time_step(scenario) != 0.0
     wrench = "wrench_profile" if stepped else "wrench"
     how: dict[str, Any] = {
         "period_s": vehicle.sample_period_s,
@@ -148,12 +149,12 @@ def _with_others(builder: DiagramBuilder, scenario: Scenario, jets: System, body
     pushed, acting = list[System](), jets.GetOutputPort(wrench)
     if scenario.engine_schedule:  # a vehicle whose engines never burn flies without them
         names = tuple(engine.name for engine in vehicle.engines)
-        engines = builder.AddSystem(Engines(params.true_engines(scenario), names, **how))
+        engines = builder.AddSystem(Engines(true_params.true_engines(scenario), names, **how))
         builder.ExportInput(engines.GetInputPort("engine_command"), "engine_command")
         for name in ("engine_state", *names):
             builder.ExportOutput(engines.GetOutputPort(name), name)
         pushed.append(engines)
-    model = params.disturbance(scenario)
+    model = true_params.disturbance(scenario)
     if model is not None:
         disturbance = builder.AddSystem(Disturbance(model, **how))
         builder.Connect(body.GetOutputPort("structure"), disturbance.GetInputPort("structure"))
@@ -167,7 +168,7 @@ def _with_others(builder: DiagramBuilder, scenario: Scenario, jets: System, body
 
 def _connect_chance(builder: DiagramBuilder, scenario: Scenario, jets: System, others: list[System]) -> None:
     """Connects noise to the systems that are noisy, and the seed to those that draw."""
-    quiet = {one.name for one in scenario.vehicle_data.sensors if not params.undrawn_model(scenario, one).noisy}
+    quiet = {one.name for one in scenario.vehicle_data.sensors if not true_params.undrawn_model(scenario, one).noisy}
     noisy = [system for system in others if system.get_name() not in quiet and system.HasInputPort("noise")]
     drawn = [system for system in others if system.HasInputPort("seed")]
     if scenario.plant.thrust_dispersion or any(failure.kind == "intermittent" for failure in scenario.failures):
@@ -192,29 +193,29 @@ def _body(scenario: Scenario, lag_time_constants_s: tuple[float, ...], pieces: i
 
         return multibody.body(scenario.plant, wheels=bool(scenario.vehicle_data.wheels))
     return RigidBodyPlant(
-        params.undrawn_properties(scenario),
-        time_step=params.time_step(scenario),
+        true_params.undrawn_properties(scenario),
+        time_step=true_params.time_step(scenario),
         lag_time_constants_s=lag_time_constants_s,
         pieces=pieces,
         initial_rate=np.array(scenario.plant.initial_rate),
-        jumps=params.mass_jumps(scenario),
+        jumps=true_params.mass_jumps(scenario),
         period_s=scenario.vehicle_data.sample_period_s,
-        spread=params.mass_spread(scenario),
+        spread=true_params.mass_spread(scenario),
         seed=scenario.seed,
         wheels=bool(scenario.vehicle_data.wheels),
-        tanks=params.true_tanks(scenario),
+        tanks=true_params.true_tanks(scenario),
         compiled=scenario.execution.compiled,
     )
 
 
 def _tracker(sensor: PoseSensor | VelocitySensor, scenario: Scenario) -> System:
     if isinstance(sensor, PoseSensor):
-        return PoseTracker(sensor.name, params.pose_model(scenario, sensor))
+        return PoseTracker(sensor.name, true_params.pose_model(scenario, sensor))
     return VelocityTracker(sensor.name, position=np.array(sensor.position), noise_std=sensor.noise_std)
 
 
 def _sensor(package: SensorPackage, scenario: Scenario) -> System:
-    model, draws = params.undrawn_model(scenario, package), params.sensor_draws(scenario, package)
+    model, draws = true_params.undrawn_model(scenario, package), true_params.sensor_draws(scenario, package)
     chance: dict[str, Any] = {"seed": scenario.seed, "compiled": scenario.execution.compiled}
     if draws.marks or draws.tones:
         chance["draws"] = draws

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.inputs.scenario import HandControllerWindow, load_scenario
+from massprop_drake.inputs.scenario import load_scenario
+from massprop_drake.inputs.scheduled import HandControllerWindow
 from massprop_drake.inputs.vehicle_file import Vehicle, load_vehicle
 from reproduction.claims import Array, Measure, Phase, Pooled, Signals
 

@@ -14,15 +14,12 @@ import shutil
 import signal
 import sys
 import warnings
-import zipfile
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 from conftest import cube_data
 from ruamel.yaml import YAML
 from telemetry_probe import Log
@@ -63,10 +60,6 @@ CELLS = [
     *('"a', "1,1", "\0", "0x1", " 1 ", "1 1", "NULL", ".5", "+1", "1e", "\u22121", "9" * 5000),
 ]
 HEADINGS = ["time_s", "gyro_x", "jet_J1", "jet_", "", " ", "known_force_x", "acc_accel_x", "GYRO_X", "é", "\x1b[31m"]
-KEYS = [
-    *("", ".", "a..b", "[0]", "failures[-1]", "failures[" + "9" * 5000 + "]", "maneuver[0][0]", "vehicle", "name"),
-    *("maneuver.", "rotation[0]", "\x00", "[", "a[", "a[0", "=", " seed"),
-]
 
 Place = tuple[str | int, ...]
 
@@ -246,17 +239,6 @@ def campaign_case(rng: random.Random, sound: Sound, here: Path) -> Case:
     return Case(rng.choice([["check", "campaign.yaml"], ["campaign", "plan", "campaign.yaml", "--out", "out"]]))
 
 
-def set_case(rng: random.Random, sound: Sound, here: Path) -> Case:
-    path = picked(sound.scenarios[2], rng)
-    key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path).lstrip(".")
-    value = nasty(rng, at(sound.scenarios[2], path))
-    text = value if isinstance(value, str) else json.dumps(value).replace("NaN", ".nan").replace("Infinity", ".inf")
-    text = f"{rng.choice(KEYS) if rng.random() < 0.25 else key}={rng.choice(TOKENS) if rng.random() < 0.3 else text}"
-    base = rng.choice(["run", "sound.yaml", "scheduled.yaml"])
-    command = ["estimate", "log.csv", "--like", base] if rng.random() < 0.2 else ["run", base]
-    return Case([*command, "--out", "out", *QUIET, "--set", text])
-
-
 def read_by(name: str, rng: random.Random) -> list[str]:
     how = (
         ["--vehicle", "vehicle.yaml"],
@@ -306,36 +288,6 @@ def spoil_table(log: Log, rng: random.Random) -> None:
             rows.reverse()
 
 
-def parquet_case(rng: random.Random, sound: Sound, here: Path) -> Case:
-    columns: dict[str, Any] = {
-        name: [float(row[i]) for row in sound.log.rows] for i, name in enumerate(sound.log.header)
-    }
-    for _ in range(rng.choice([0, 1, 1, 2])):
-        name = rng.choice(list(columns))
-        values = columns.pop(name)
-        match rng.randrange(7):
-            case 0:
-                columns[rng.choice(HEADINGS)] = values
-            case 1:
-                columns[name] = pa.nulls(len(values))
-            case 2:
-                columns[name] = [rng.choice([str, bool, lambda x: [x], lambda x: {"a": x}])(x) for x in values]
-            case 3:
-                columns[name] = pa.array([2**63 + 1] * len(values), pa.uint64())
-            case 4:
-                columns[name] = [rng.choice([1e308, float("nan"), float("inf"), None]), *values[1:]]
-            case 5:
-                columns[name] = values[::-1]
-    path = here / "log.parquet"
-    try:
-        pq.write_table(pa.table(columns), path, row_group_size=rng.choice([1, 7, 1000]))
-    except pa.ArrowException:  # of types that no column has together
-        path.write_bytes(sound.log.text().encode())
-    if rng.random() < 0.3:
-        path.write_bytes(spoil_bytes(path.read_bytes(), rng))
-    return Case(read_by(path.name, rng))
-
-
 def folder_case(rng: random.Random, sound: Sound, here: Path) -> Case:
     folder = rng.choice(["run", "estimated"])
     path = here / folder / rng.choice(["scenario.yaml", "summary.json", "history.npz", "filter_state.json"])
@@ -361,39 +313,27 @@ def spoil_archive(path: Path, rng: random.Random) -> None:
     with np.load(path) as archive:
         members: dict[str, Any] = dict(archive)
     name = rng.choice([*members, "time_s", "estimate"])
-    array, odd = members[name], rng.choice(["../x", "/x", "é", "[/red]"])
-    match rng.randrange(7):
-        case 0:
-            del members[name]
-        case 1:
-            members[odd] = array
-        case 2:
-            members[name] = array[:-1] if array.ndim else array
-        case 3:
-            members[name] = array[..., None]
-        case 4:
-            members[name] = np.full(array.shape, rng.choice([np.nan, np.inf, 1e308, 5e-324, -1.0]))
-        case 5:
-            members[name] = np.zeros(
-                array.shape, dtype=rng.choice(["<U5", "complex128", "bool", "S3", ">f8", "object"])
-            )
-        case _:  # promises more than there is, or than there can be
-            stream, shape = io.BytesIO(), rng.choice([(10**12,), (2**62, 2**62), (-1,), (0, 3)])
-            header = {"descr": "<f8", "fortran_order": False, "shape": shape}
-            np.lib.format.write_array_header_1_0(stream, header)  # type: ignore[arg-type]
-            members[name] = stream.getvalue() + bytes(80)
-    with zipfile.ZipFile(path, "w") as archive:
-        for member, content in members.items():
-            stream = io.BytesIO()
-            if not isinstance(content, bytes):
-                np.lib.format.write_array(stream, content, allow_pickle=True)
-            archive.writestr(f"{member}.npy", content if isinstance(content, bytes) else stream.getvalue())
+    array = members.pop(name)
+    changed = {
+        "shorter": array[:-1] if array.ndim else array,
+        "an axis more": array[..., None],
+        "extreme": np.full(array.shape, rng.choice([np.nan, np.inf, 1e308, -1.0])),
+        "of another type": np.zeros(array.shape, dtype=rng.choice(["<U5", "complex128", "bool", "S3", ">f8"])),
+    }
+    if what := rng.choice(["", *changed]):
+        members[rng.choice([name, name, "../x", "[/red]"])] = changed[what]
+    np.savez(path, **members)
 
 
 Maker = Callable[[random.Random, Sound, Path], Case]
 KINDS: dict[str, Maker] = {
-    **{"vehicle": vehicle_case, "scenario": scenario_case, "campaign": campaign_case, "set": set_case},
-    **{"csv": csv_case, "parquet": parquet_case, "folder": folder_case},
+    **{
+        "vehicle": vehicle_case,
+        "scenario": scenario_case,
+        "campaign": campaign_case,
+        "csv": csv_case,
+        "folder": folder_case,
+    }
 }
 
 

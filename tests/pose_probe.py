@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from massprop_drake.inputs.params import estimation_params
 from massprop_drake.inputs.scenario import resolved
-from massprop_drake.inputs.vehicle_file import Surroundings, Vehicle, load_vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle, load_vehicle
+from massprop_drake.inputs.vehicle_parts import Surroundings
 from massprop_drake.maths.estimation.pose import delays, pose_hypotheses
 from massprop_drake.maths.estimation.pose.pose_hypotheses import PoseOutcome, PoseRules, Tried
 from massprop_drake.maths.estimation.pose.pose_layout import (

@@ -19,7 +19,8 @@ from massprop_drake.inputs.model import validated
 from massprop_drake.inputs.record_map import RecordMap
 from massprop_drake.inputs.vehicle_file import Vehicle, load_vehicle
 from massprop_drake.inputs.yaml import Document
-from massprop_drake.records.mapping import MappedTable, mapped, table
+from massprop_drake.records.mapped_rows import MappedTable, table
+from massprop_drake.records.mapping import mapped
 from massprop_drake.records.recording import open_recording
 
 Array = NDArray[np.float64]
@@ -58,6 +59,29 @@ def refused(action: Callable[[], object]) -> str:
     with pytest.raises(InputError) as told:
         action()
     return str(told.value)
+
+
+def flown(vehicle: Vehicle, seed: int, rows: int = 400, longest: int = 6) -> Flight:
+    """A flight that follows its commands, pulses of random lengths of samples, with a little noise."""
+    random = np.random.default_rng(seed)
+    commands = np.zeros((rows, len(vehicle.jets)))
+    for jet in range(len(vehicle.jets)):
+        row = int(random.integers(3, 30))
+        while row < rows:
+            length = int(random.integers(1, longest + 1))
+            commands[row : row + length, jet] = 1.0
+            row += length + int(random.integers(5, 40))
+    nominal, wrenches = vehicle.nominal, vehicle.wrenches
+    torques = wrenches[:, :3] - np.cross(nominal.center_of_mass, wrenches[:, 3:])
+    turning = torques @ np.linalg.inv(1.1 * nominal.inertia).T
+    arm = np.subtract(vehicle.accelerometers[0].position, nominal.center_of_mass)
+    pushing = wrenches[:, 3:] / (0.9 * nominal.mass) + np.cross(turning, arm)
+    steps = vehicle.sample_period_s * np.vstack([np.zeros((1, len(vehicle.jets))), commands[:-1]])
+    rates = np.cumsum(steps @ turning, axis=0)
+    velocities = np.cumsum(steps @ pushing, axis=0)
+    rates += random.normal(0.0, 0.02 * np.abs(np.diff(rates, axis=0)).max(), rates.shape)
+    velocities += random.normal(0.0, 0.02 * np.abs(np.diff(velocities, axis=0)).max(), velocities.shape)
+    return Flight(vehicle, vehicle.sample_period_s * np.arange(rows), rates, velocities, commands)
 
 
 def as_map(text: str) -> RecordMap:

@@ -9,7 +9,7 @@ import numpy as np
 
 from massprop_drake.inputs.model import validated
 from massprop_drake.inputs.vehicle_file import Vehicle
-from massprop_drake.records.reader import columns
+from massprop_drake.records.rows import columns
 
 PERIOD_S = 0.1  # of the toy vehicle
 

@@ -15,7 +15,7 @@ from pydrake.systems.primitives import LogVectorOutput
 from massprop_drake import load_scenario
 from massprop_drake.diagrams import autopilot, estimation, vehicle
 from massprop_drake.display.graphs import dot_text
-from massprop_drake.inputs.vehicle_file import Gyro
+from massprop_drake.inputs.vehicle_sensors import Gyro
 from massprop_drake.maths.noise import normal_sample, uniform_sample
 from massprop_drake.maths.vehicle.rigid_body import N_STATE, RATE
 

@@ -10,7 +10,7 @@ from pydrake.systems.framework import DiagramBuilder
 from massprop_drake import load_scenario
 from massprop_drake.diagrams import autopilot, estimation, vehicle
 from massprop_drake.display.graphs import dot_text
-from massprop_drake.inputs.vehicle_file import Gyro
+from massprop_drake.inputs.vehicle_sensors import Gyro
 
 # the orbiter with a second gyro package; the filters average the two
 scenario = load_scenario("sample_maneuver", ["sensors.combine.gyros=weighted_average"])

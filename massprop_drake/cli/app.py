@@ -299,7 +299,7 @@ def estimate(
     from massprop_drake.cli import show, sources
     from massprop_drake.cli.progress import Progress
     from massprop_drake.inputs.yaml import files_read
-    from massprop_drake.records.reader import scenario_name
+    from massprop_drake.records.rows import scenario_name
     from massprop_drake.results.folder import reserved
     from massprop_drake.results.run import read_summary
     from massprop_drake.runners.simulated_beside import beside, require_comparable

@@ -23,8 +23,8 @@ from massprop_drake.inputs.record_map import RecordMap, map_keys
 from massprop_drake.inputs.scenario import Scenario, bundled_scenarios, load_scenario, resolved
 from massprop_drake.inputs.vehicle_file import Vehicle, bundled_vehicles, load_vehicle
 from massprop_drake.inputs.yaml import Document, read_text
-from massprop_drake.records.reader import check as check_telemetry
 from massprop_drake.records.recording import require_table
+from massprop_drake.records.structure_check import check as check_telemetry
 from massprop_drake.records.tables import require_file
 
 _TELEMETRY = (".csv", ".tsv", ".parquet", ".pq")  # endings of telemetry files

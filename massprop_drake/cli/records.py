@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 from pathlib import Path
+from textwrap import wrap
 from typing import Any, NamedTuple
 
 from rich.table import Table
 
 from massprop_drake.cli import show
 from massprop_drake.cli.streams import note, say
+from massprop_drake.cli.terminal import Terminal
 from massprop_drake.errors import InputError, moment
 from massprop_drake.inputs.model import validated
 from massprop_drake.inputs.record_map import RecordMap, load_map
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.yaml import Document, to_yaml
-from massprop_drake.records import mapping
+from massprop_drake.records import channels, mapped_rows, mapping
 from massprop_drake.records.proposal import ROWS, Proposal, propose
 from massprop_drake.records.px4 import vehicle_of
 from massprop_drake.records.reader import Reader
-from massprop_drake.records.recording import Recording, open_recording
+from massprop_drake.records.recording import open_recording
+from massprop_drake.records.topics import Recording
 from massprop_drake.results.folder import require_file, write_file
 
 _WIDTH = 96  # of the comments in a file
@@ -126,18 +129,21 @@ def _map_text(found: Proposal, record: str, vehicle: Vehicle) -> str:
 
 def _comment(text: str) -> list[str]:
     """Formats a sentence as lines of a comment."""
-    lines, line = [], "# -"
-    for word in "".join(one if one.isprintable() else " " for one in text).split():
-        if len(line) + len(word) >= _WIDTH:
-            lines.append(line)
-            line = "#  "
-        line += f" {word}"
-    return [*lines, line]
+    printable = "".join(one if one.isprintable() else " " for one in text)
+    first, others = "# - ", "#   "
+    return wrap(
+        printable,
+        _WIDTH,
+        initial_indent=first,
+        subsequent_indent=others,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
 
 
-def _shown(found: Proposal, understood: mapping.Mapped | None, how: How, recording: Recording) -> None:
+def _shown(found: Proposal, understood: channels.Mapped | None, how: How, recording: Recording) -> None:
     """Prints a map's first rows, or all of it as JSON, and notes on the record."""
-    rows = [] if understood is None else mapping.preview(understood)
+    rows = [] if understood is None else mapped_rows.preview(understood)
     of_rows = () if understood is None else (*understood.notes, *_refusals(understood))
     losses = [f"{one.kind}: {one.text}" for one in recording.losses]
     notes = list(dict.fromkeys([*losses, *recording.notes, *found.warnings, *of_rows]))
@@ -146,18 +152,20 @@ def _shown(found: Proposal, understood: mapping.Mapped | None, how: How, recordi
         show.as_json({"map": found.data, **said, "rows": rows, "notes": notes})
     elif not how.quiet:
         if understood is not None:
-            show.Terminal(120).print(_table(understood, rows))
+            Terminal(120).print(_table(understood, rows))
         for sentence in notes:
             note(f"warning: {sentence}")
 
 
-def _refusals(understood: mapping.Mapped) -> list[str]:
+def _refusals(understood: channels.Mapped) -> list[str]:
     """Lists reasons for which the estimators would not take the record as mapped; none where they would."""
     vehicle = understood.vehicle
     gyro = None if vehicle.needs_pose_filter or not vehicle.gyros else vehicle.gyros[0].name
     try:
-        reader = Reader(mapping.table(understood, gyro, own_times=mapping.comes_faster(understood)), vehicle, gyro=gyro)
-        reader.own_times = mapping.comes_faster(understood)
+        reader = Reader(
+            mapped_rows.table(understood, gyro, own_times=mapped_rows.comes_faster(understood)), vehicle, gyro=gyro
+        )
+        reader.own_times = mapped_rows.comes_faster(understood)
         for _ in reader:
             pass
     except InputError as error:
@@ -165,13 +173,13 @@ def _refusals(understood: mapping.Mapped) -> list[str]:
     return []
 
 
-def _table(understood: mapping.Mapped, rows: list[dict[str, Any]]) -> Table:
+def _table(understood: channels.Mapped, rows: list[dict[str, Any]]) -> Table:
     table = Table(title="the first rows as they are understood", title_justify="left", header_style="bold")
     table.add_column("")
     for row in rows:
         table.add_column(f"{moment(row['time_s'])} s", justify="right")
     for name, channel in understood.channels.items():
-        for component in mapping.COMPONENTS[channel.kind][: channel.values.shape[1]]:
+        for component in channels.COMPONENTS[channel.kind][: channel.values.shape[1]]:
             values = [row["sensors"][name][component] for row in rows]
             if any(value is not None for value in values):
                 unit = _unit(understood, channel, component)
@@ -180,7 +188,7 @@ def _table(understood: mapping.Mapped, rows: list[dict[str, Any]]) -> Table:
     return table
 
 
-def _unit(understood: mapping.Mapped, channel: mapping.Channel, component: str) -> str:
+def _unit(understood: channels.Mapped, channel: channels.Channel, component: str) -> str:
     """Returns the unit of a channel's component, after a blank."""
     if component.startswith("q_") or component == "level":
         return ""

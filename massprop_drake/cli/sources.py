@@ -16,7 +16,7 @@ from massprop_drake.inputs.scenario import Scenario, bundled_scenarios, load_sce
 from massprop_drake.inputs.vehicle_file import Vehicle, bundled_vehicles, load_vehicle
 from massprop_drake.inputs.yaml import Document, exists, read_text
 from massprop_drake.maths.kernels import compiler
-from massprop_drake.records.reader import vehicle_scenario
+from massprop_drake.records.rows import vehicle_scenario
 from massprop_drake.results.exchange import recover
 from massprop_drake.results.folder import Place
 from massprop_drake.results.run import Run

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.display import motion
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.inputs.vehicle_file import SensorPackage
+from massprop_drake.inputs.vehicle_sensors import SensorPackage
 
 if TYPE_CHECKING:
     from massprop_drake.results.run import Run

@@ -13,7 +13,7 @@ from pydrake.multibody.tree import BodyIndex
 
 from massprop_drake.errors import logged_by_drake
 from massprop_drake.inputs.model_file import model_joints, model_kind
-from massprop_drake.inputs.scenario import MultibodyBlock
+from massprop_drake.inputs.true_blocks import MultibodyBlock
 
 Array = NDArray[np.float64]
 

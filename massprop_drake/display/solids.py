@@ -7,15 +7,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.inputs.vehicle_file import (
-    BoxSolid,
-    ConeSolid,
-    CylinderSolid,
-    EllipsoidSolid,
-    PlateSolid,
-    Solid,
-    Vehicle,
-)
+from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.inputs.vehicle_parts import BoxSolid, ConeSolid, CylinderSolid, EllipsoidSolid, PlateSolid, Solid
 
 Array = NDArray[np.float64]
 
@@ -63,6 +56,17 @@ def plume_lengths(vehicle: Vehicle, thrust: Array) -> Array:
     """
     strongest = max(jet.thrust for jet in vehicle.jets)
     return np.asarray((0.05 + 0.11 * np.sqrt(thrust / strongest)) * extent(vehicle))
+
+
+def plume_scales(vehicle: Vehicle, levels: Array) -> Array:
+    """Returns lengths of plumes over those at full thrust.
+
+    Args:
+        vehicle: whose jets they are of.
+        levels: thrust over full thrust, shape (..., n_jets).
+    """
+    full = np.array([jet.thrust for jet in vehicle.jets])
+    return plume_lengths(vehicle, np.maximum(levels, 0.0) * full) / plume_lengths(vehicle, full)
 
 
 def round_length(length: float) -> float:

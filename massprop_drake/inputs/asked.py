@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError, suggestion
 from massprop_drake.inputs import units
+from massprop_drake.inputs.estimation_blocks import FaultsBlock
 from massprop_drake.inputs.plausible import FOOT, SLUG
-from massprop_drake.inputs.scenario import FaultsBlock
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.estimation.faults.priors import Priors, log_jump, log_surprise
 from massprop_drake.maths.estimation.joint.hypotheses import jump_variances

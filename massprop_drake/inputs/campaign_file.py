@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from massprop_drake.errors import InputError, dotted, suggestion
-from massprop_drake.inputs import params
+from massprop_drake.inputs import true_params
 from massprop_drake.inputs.distributions import KINDS, Choice, Distribution, Normal, distribution_in
 from massprop_drake.inputs.kinds import bundled, require_kind, require_named
-from massprop_drake.inputs.model import Flag, Key, Model, Real, Text, Whole, described, keys, validated
-from massprop_drake.inputs.scenario import Dispersion, Scenario, load_scenario, parsed_key, replace_at, resolved, set_at
+from massprop_drake.inputs.model import Flag, Key, Model, Positive, Real, Text, Whole, described, keys, validated
+from massprop_drake.inputs.overrides import parsed_key, set_at
+from massprop_drake.inputs.scenario import Scenario, load_scenario, replace_at, resolved
+from massprop_drake.inputs.true_blocks import Dispersion
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.yaml import Document, FieldPath, exists, read_text
 from massprop_drake.maths.mass_properties import drawn_body
@@ -30,7 +32,7 @@ MOST_CASES = 1_000_000
 class Limits(Model):
     """Limits of one case, beyond which it counts as failed to run."""
 
-    time_s: Real = described(600.0, "of wall time", "s", gt=0.0)
+    time_s: Positive = described(600.0, "of wall time", "s")
     memory_mb: Real = described(4000.0, "of resident memory; compiling kernels takes 2200", "MB", ge=200.0)
 
 
@@ -219,7 +221,7 @@ def campaign_from(document: Document, folder: Path) -> CampaignSpec:
         raise InputError(*(f"{document.where(('base',))}: {problem}" for problem in error.problems)) from None
     for key, value in file.set.items():
         base = _with(base, {key: value}, document.where(("set", key)))
-    engine = file.execution.engine or ("diagram" if params.time_step(base) == 0.0 else "loop")
+    engine = file.execution.engine or ("diagram" if true_params.time_step(base) == 0.0 else "loop")
     execution = {"engine": engine, "compiled": file.execution.compiled}
     base = _with(base, {"execution": execution}, document.where(("execution", "engine")))
     quantities = tuple(
@@ -325,7 +327,7 @@ def settings_of(campaign: CampaignSpec, drawn: Mapping[str, Any]) -> dict[str, A
     for key, value in campaign.file.draw.items():
         if key == MASS_PROPERTIES and _is_dispersion(value):
             z = np.array([number for label, number in drawn.items() if label.startswith(f"{key}.")], dtype=float)
-            body = drawn_body(params.undrawn_properties(campaign.base), Dispersion(**value).spread, z)
+            body = drawn_body(true_params.undrawn_properties(campaign.base), Dispersion(**value).spread, z)
             settings[key] = {name: np.asarray(part).tolist() for name, part in body._asdict().items()}
         else:
             settings[key] = _filled(value, (key,), drawn)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from massprop_drake.errors import suggestion
-from massprop_drake.inputs.model import Model, Real, Whole, described
+from massprop_drake.inputs.model import Model, Positive, Real, Whole, described
 
 Array = NDArray[np.float64]
 
@@ -86,7 +86,7 @@ class Uniform(_Between):
 class LogUniform(_Between):
     """Every order of magnitude between two positive bounds alike."""
 
-    low: Real = described(..., "lower bound, above zero", gt=0.0)
+    low: Positive = described(..., "lower bound, above zero")
 
     def _at(self, u: Array) -> list[Any]:
         return self._inside(np.exp(math.log(self.low) * (1.0 - u) + math.log(self.high) * u))
@@ -136,7 +136,7 @@ class Normal(Distribution):
     """The normal distribution, cut off at bounds where there are any."""
 
     mean: Real = described(0.0, "mean, before anything is cut off")
-    std: Real = described(..., "1-sigma, before anything is cut off", gt=0.0)
+    std: Positive = described(..., "1-sigma, before anything is cut off")
     low: Real | None = described(None, "no value beyond this; null: any")
     high: Real | None = described(None, "no value beyond this; null: any")
 
@@ -169,7 +169,7 @@ class Normal(Distribution):
 class LogNormal(Distribution):
     """A positive quantity whose logarithm is normal."""
 
-    median: Real = described(..., "median", gt=0.0)
+    median: Positive = described(..., "median")
     factor: Real = described(..., "1-sigma as a factor: 1.1 for 10 % more or less", gt=1.0)
 
     def _at(self, u: Array) -> list[Any]:

@@ -29,6 +29,10 @@ Flag = Annotated[bool, Field(strict=True)]
 Text = Annotated[str, Field(strict=True)]
 Count = Annotated[Whole, Field(ge=0, lt=2**63)]
 NotNegative = Annotated[Real, Field(ge=0.0)]
+Positive = Annotated[Real, Field(gt=0.0)]
+Share = Annotated[Real, Field(ge=0.0, le=1.0)]
+Probability = Annotated[Real, Field(gt=0.0, lt=1.0)]
+RelativeSigma = Annotated[Real, Field(ge=0.0, le=0.3)]
 
 
 def _plain_name(value: str) -> str:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
 from massprop_drake.inputs import plausible
-from massprop_drake.inputs.model import Model, Name, Real, Vector3, described
+from massprop_drake.inputs.model import Model, Name, Positive, Real, RelativeSigma, Share, Vector3, described
 from massprop_drake.maths.estimation.joint.modes import ERRORS, ModeParams
 
 Array = NDArray[np.float64]
@@ -37,14 +37,12 @@ class _MovingPart(Model):
     """The fields common to all parts that move."""
 
     name: Name = described(..., "unique name")
-    frequency_hz: Real = described(
-        ..., "natural frequency with the vehicle held still", "Hz", gt=0.0, span=plausible.FREQUENCY
+    frequency_hz: Positive = described(
+        ..., "natural frequency with the vehicle held still", "Hz", span=plausible.FREQUENCY
     )
     damping: Real = described(..., "ratio to critical damping", ge=0.0, lt=1.0)
-    frequency_uncertainty: Real = described(
-        0.05, "1-sigma of the frequency, relative, estimated; 0: known", ge=0.0, le=0.3
-    )
-    damping_uncertainty: Real = described(0.5, "1-sigma of the damping, relative, likewise", ge=0.0, le=1.0)
+    frequency_uncertainty: RelativeSigma = described(0.05, "1-sigma of the frequency, relative, estimated; 0: known")
+    damping_uncertainty: Share = described(0.5, "1-sigma of the damping, relative, likewise")
     position_std: Real | None = described(
         None,
         "1-sigma of each coordinate of its place, likewise; null: 5 % of the jets' RMS arm",
@@ -58,7 +56,7 @@ class Slosh(_MovingPart):
     """Propellant, or any mass, that moves on springs."""
 
     kind: Literal["slosh"] = described(..., "kind of part")
-    mass: Real = described(..., "moving mass", "slug | kg", gt=0.0, span=plausible.MASS)
+    mass: Positive = described(..., "moving mass", "slug | kg", span=plausible.MASS)
     position: Vector3 = described(..., "its place at rest, vehicle frame", "ft | m", span=plausible.POSITION)
     axes: tuple[Literal["x", "y", "z"] | Vector3, ...] = described(
         ...,
@@ -73,7 +71,7 @@ class Slosh(_MovingPart):
         "ft | m",
         span=plausible.POSITION,
     )
-    mass_uncertainty: Real = described(0.05, "1-sigma of the mass, relative, likewise", ge=0.0, le=1.0)
+    mass_uncertainty: Share = described(0.05, "1-sigma of the mass, relative, likewise")
     start_std: Real | None = described(
         None,
         "1-sigma of its displacement at the start, each axis; null: as the weakest jet's thrust holds it",
@@ -139,10 +137,10 @@ class HingedPanel(_MovingPart):
     kind: Literal["panel"] = described(..., "kind of part")
     hinge: Vector3 = described(..., "point of the hinge line, vehicle frame", "ft | m", span=plausible.POSITION)
     axis: Vector3 = described(..., "direction of the hinge, body axes, length 1")
-    mass: Real = described(..., "mass of the panel", "slug | kg", gt=0.0, span=plausible.MASS)
+    mass: Positive = described(..., "mass of the panel", "slug | kg", span=plausible.MASS)
     center_of_mass: Vector3 = described(..., "its center of mass, vehicle frame", "ft | m", span=plausible.POSITION)
-    inertia: Real = described(..., "inertia about its hinge", "slug-ft^2 | kg-m^2", gt=0.0, span=plausible.INERTIA)
-    inertia_uncertainty: Real = described(0.05, "1-sigma of the inertia, relative, likewise", ge=0.0, le=1.0)
+    inertia: Positive = described(..., "inertia about its hinge", "slug-ft^2 | kg-m^2", span=plausible.INERTIA)
+    inertia_uncertainty: Share = described(0.05, "1-sigma of the inertia, relative, likewise")
     start_std: Real | None = described(None, "1-sigma of its angle at the start; null: likewise", "rad", ge=0.0, le=1.0)
 
     @field_validator("axis")
@@ -200,9 +198,7 @@ class StatedMode(_MovingPart):
     rotation: Vector3 = described(
         (0.0, 0.0, 0.0), "participation in rotation about the vehicle origin", "slug^1/2-ft | kg^1/2-m"
     )
-    participation_uncertainty: Real = described(
-        0.05, "1-sigma of the participation, relative, likewise", ge=0.0, le=1.0
-    )
+    participation_uncertainty: Share = described(0.05, "1-sigma of the participation, relative, likewise")
     start_std: Real | None = described(
         None, "1-sigma of its coordinate at the start; null: likewise", "slug^1/2-ft | kg^1/2-m", ge=0.0
     )

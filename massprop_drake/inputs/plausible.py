@@ -23,7 +23,8 @@ from massprop_drake.maths.mass_properties import MassProperties, initial_standar
 
 if TYPE_CHECKING:
     from massprop_drake.inputs.scenario import Scenario
-    from massprop_drake.inputs.vehicle_file import SensorPackage, Vehicle
+    from massprop_drake.inputs.vehicle_file import Vehicle
+    from massprop_drake.inputs.vehicle_sensors import SensorPackage
 
 Array = NDArray[np.float64]
 

@@ -20,6 +20,7 @@ from massprop_drake.inputs.model import (
     Matrix3,
     Model,
     Name,
+    Positive,
     Real,
     Text,
     Vector3,
@@ -282,7 +283,7 @@ class EngineMap(_Read):
 
     kind: Literal["engine"] = described(..., "level and gimbal angles of an engine")
     level: Column = described(..., "column of the level")
-    full: Real = described(1.0, "number at full thrust, such as 100", gt=0.0)
+    full: Positive = described(1.0, "number at full thrust, such as 100")
     gimbal: tuple[Column, Column] | None = described(None, "columns of its two angles; null: fixed")
     unit: Annotated[Text, _unit("angle")] = described("rad", "of the angles, such as deg")
 

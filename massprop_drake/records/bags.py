@@ -16,18 +16,9 @@ from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError, counted
 from massprop_drake.inputs.record_map import RecordMap
-from massprop_drake.records.recording import (
-    MOST_ELEMENTS,
-    Column,
-    Recording,
-    Topic,
-    digest,
-    missing_topic,
-    needs,
-    spread,
-)
+from massprop_drake.records.completeness import Loss
 from massprop_drake.records.storage import Message, Storage, StoredTopic, unpack_file, zstd
-from massprop_drake.records.tables import Loss
+from massprop_drake.records.topics import MOST_ELEMENTS, Column, Recording, Topic, digest, missing_topic, needs, spread
 
 _NANO = 1e-9
 _HEAVY = (

@@ -14,7 +14,8 @@ from massprop_drake.errors import InputError
 from massprop_drake.inputs.units import factor
 from massprop_drake.records.names import ColumnName, factor_or_none
 from massprop_drake.records.reader import JITTER
-from massprop_drake.records.recording import Topic, stamp_of
+from massprop_drake.records.stamps import stamp_of
+from massprop_drake.records.topics import Topic
 
 Array = NDArray[np.float64]
 

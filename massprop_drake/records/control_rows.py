@@ -8,7 +8,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.records.reader import JITTER, Rows
+from massprop_drake.records.reader import JITTER
+from massprop_drake.records.rows import Rows
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.inputs.vehicle_file import Vehicle
-from massprop_drake.records.mapping import Channel, Mapped, mean_over
+from massprop_drake.records.channels import Channel, Mapped
+from massprop_drake.records.mapped_rows import mean_over
 
 Array = NDArray[np.float64]
 

@@ -7,9 +7,8 @@ as rates. `table` makes of them the rows that the estimators read.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,22 +30,14 @@ from massprop_drake.inputs.record_map import (
 )
 from massprop_drake.inputs.units import factor, is_of
 from massprop_drake.inputs.vehicle_file import Vehicle
-from massprop_drake.maths.attitude import propagated
-from massprop_drake.maths.vehicle.on_times import onsets
-from massprop_drake.records.reader import JITTER, WRENCH, onset_columns
-from massprop_drake.records.recording import Recording, Topic
-from massprop_drake.records.tables import LARGEST, Block, Loss, Ragged, require_meaningful
-from massprop_drake.signals import AXES
-
-Array = NDArray[np.float64]
-Places = NDArray[np.int64]
+from massprop_drake.records.blocks import LARGEST
+from massprop_drake.records.channels import HOLE, SAME_S, TOLERANCE, Array, Channel, HeldValues, Mapped, Places
+from massprop_drake.records.reader import JITTER
+from massprop_drake.records.topics import Recording, Topic
 
 _EPOCH_S = 1e8  # stamps beyond this count from a day in history, and are made to count from their first
 _FASTEST = 100.0  # rad/s, beyond which no gyro of a vehicle measures
 _SHARE = 0.01  # of the samples that must be impossible before the unit is
-_HOLE = 2.5  # intervals, in medians of them: a longer one is a hole in the data
-FEWEST_INSTANTS = 4  # samples of an acceleration a row from which its integral can be told
-_SLOWER = 1.5  # times the rates' interval, above which PX4 is taken to have left out commands
 _SPIKES = 2  # that there may be, however few samples
 _UNIT_NORM = 0.02  # by which a quaternion's length may differ from 1
 _UNSURE = 0.02  # of a step that is taken from differences, above which the median step is better
@@ -54,19 +45,8 @@ _MOST_UNSURE = 0.5  # share of steps that may be so
 AGREE = 2e-3  # of steps by several pairs, relative: rounding leaves less
 MOVING = 0.05  # of its largest, below which a rate tells no step by itself
 SCATTER = 0.3  # of steps from differences, relative, beyond which they are none
-_TOLERANCE = 1e-6  # of a commanded fraction
 _NEAR_A_TURN = 15.0  # of 360, by which an angle in degrees jumps where it is wrapped
 _DECIMALS = 12  # to which logs are rounded at the most
-_SAME_S = 1e-9  # stamps closer than this are of one time
-
-# components of a channel's values, by kind
-COMPONENTS: Mapping[str, tuple[str, ...]] = {
-    **dict.fromkeys(("gyro", "accelerometer", "velocity"), AXES),
-    "attitude": ("q_w", "q_x", "q_y", "q_z"),
-    "pose": (*AXES, "q_w", "q_x", "q_y", "q_z"),
-    "wheel": ("speed",),
-    "engine": ("level", "gimbal_1", "gimbal_2"),
-}
 _KINDS = {
     **{"gyros": "gyro", "accelerometers": "accelerometer", "velocities": "velocity"},
     "poses": "pose",
@@ -74,78 +54,6 @@ _KINDS = {
     "engines": "engine",
 }  # of a map, by what the vehicle calls them; an attitude is a pose without position
 _ESTIMATED_FROM = ("gyro", "accelerometer", "wheel", "engine")  # kinds that are of no use but for that
-
-
-class Channel(NamedTuple):
-    """Measurements of one sensor of a map.
-
-    Attributes:
-        name: of the sensor.
-        kind: "gyro", "accelerometer", "velocity", "attitude", "pose", "wheel" or "engine".
-        time_s: of each sample, in the clock of the rows, strictly increasing, shape (n,).
-        values: as COMPONENTS names them, in the vehicle's units and axes, NaN where missing, shape (n, m): rates,
-            rad/s; accelerations or their integrals as `gives` says; velocities; positions; attitudes as quaternions
-            that turn body to world, scalar first; speeds of wheels, rad/s; of engines the level and, with a gimbal, its
-            angles, rad.
-        places: row of each sample in its topic, shape (n,).
-        gives: of an accelerometer "integral", "increment", "mean" or "instant"; else "".
-    """
-
-    name: str
-    kind: str
-    time_s: Array
-    values: Array
-    places: Places
-    gives: str = ""
-
-    @property
-    def interval_s(self) -> float:
-        """Median interval between samples, s; NaN with fewer than two."""
-        return float(np.median(np.diff(self.time_s))) if self.time_s.size > 1 else math.nan
-
-
-class HeldValues(NamedTuple):
-    """Values that each hold for a while: commands, or a known outside wrench.
-
-    Attributes:
-        begin_s, end_s: of each, s, shape (n,).
-        values: NaN where unknown, shape (n, m).
-    """
-
-    begin_s: Array
-    end_s: Array
-    values: Array
-
-
-@dataclass(frozen=True)
-class Mapped:
-    """Record as a map understands it.
-
-    Attributes:
-        recording: what was read.
-        by: the map.
-        source: the map's name in messages.
-        vehicle: whose sensors and jets they are.
-        channels: by the sensor's name.
-        commands: of the jets, fractions of 0 to 1, shape (n, n_jets).
-        known_force, known_torque: known outside force and torque, in the vehicle's units; None: none.
-        notes: what is to be known, a sentence each.
-    """
-
-    recording: Recording
-    by: RecordMap
-    source: str
-    vehicle: Vehicle
-    channels: Mapping[str, Channel]
-    commands: HeldValues
-    known_force: HeldValues | None
-    known_torque: HeldValues | None
-    notes: tuple[str, ...]
-
-    @property
-    def rows(self) -> Channel:
-        """Channel whose samples are the rows."""
-        return self.channels[self.by.row_sensor]
 
 
 def mapped(recording: Recording, by: RecordMap, vehicle: Vehicle, source: str = "map") -> Mapped:
@@ -237,14 +145,14 @@ class _Mapping:
             raise InputError(
                 f"{topic.where(int(places[at]))}: its time, {found[at]:g} s, is too large to mean anything"
             )
-        backward = np.flatnonzero(np.diff(found) < -_SAME_S)
+        backward = np.flatnonzero(np.diff(found) < -SAME_S)
         if backward.size:
             at = int(backward[0])
             raise InputError(
                 f"{topic.where(int(places[at + 1]))}: time goes back, from {found[at]:.9g} to {found[at + 1]:.9g} s; "
                 "has the clock been set? Give the parts one by one"
             )
-        fresh = np.concatenate([[True], np.diff(found) > _SAME_S])
+        fresh = np.concatenate([[True], np.diff(found) > SAME_S])
         if fresh.sum() < 0.5 * fresh.size:
             what = "" if time.column is None else f"; does {time.column} hold the time, in {time.unit}?"
             raise InputError(f"{topic.source}: most rows have the time of the row before{what}")
@@ -510,7 +418,7 @@ class _Mapping:
             return np.where(np.isnan(values), np.nan, np.where(values >= part.threshold, 1.0, 0.0))
         least = 0.0 if off == 0.0 else -math.inf  # a level may be undershot, an amount is not negative
         most = 1.0 + (JITTER if timed else 0.0)  # the interval of an on-time may be longer by so much
-        wrong = (values < least - _TOLERANCE) | (values > most + _TOLERANCE)
+        wrong = (values < least - TOLERANCE) | (values > most + TOLERANCE)
         if wrong.any():
             row, jet = np.argwhere(wrong)[0]
             meant = f"open for {on:g} s at the most" if timed else f"{off / size:g} closed and {on / size:g} open"
@@ -610,445 +518,8 @@ def _held(time_s: Array, values: Array, *, until: bool = False, on_change: bool 
     if time_s.size < 2:
         return HeldValues(time_s[:0], time_s[:0], values[:0])
     steps = np.diff(time_s)
-    longest = math.inf if on_change else _HOLE * float(np.median(steps))
+    longest = math.inf if on_change else HOLE * float(np.median(steps))
     if until:
         return HeldValues(np.maximum(time_s[:-1], time_s[1:] - longest), time_s[1:], values[1:])
     end = np.append(time_s[1:], time_s[-1] + (math.inf if on_change else float(np.median(steps))))
     return HeldValues(time_s, np.minimum(end, time_s + longest), values)
-
-
-# ------------------------------------------------------------------------------------------- rows
-
-
-class MappedTable:
-    """Rows of telemetry made by a map, as `telemetry.reader.Reader` takes them.
-
-    Attributes:
-        source: name of the record.
-        header: names of the columns, as telemetry has them.
-        place: what rows are counted in.
-        ragged: rows that were left out.
-        notes: what is to be known, a sentence each.
-        losses: what could not be read of the record.
-        own_times: see `Table`.
-    """
-
-    own_times = False
-
-    def __init__(self, header: list[str], values: Array, lines: Places, record: Mapped, notes: list[str]):
-        self.source = record.recording.source
-        self.header, self.notes = header, notes
-        self._values, self._lines, self._recording = values, lines, record.recording
-        self.place = record.recording.topic(record.by.topic_of(record.by.sensors[record.by.row_sensor])).place
-        self.ragged: Ragged = record.recording.ragged
-        self.losses: Sequence[Loss] = record.recording.losses
-        self._read = 0
-
-    def where(self, line: int, _column: str) -> str:
-        """Returns the place of a row."""
-        return f"{self.source}, {self.place} {line}"
-
-    @property
-    def done(self) -> float:
-        """Fraction of the rows read so far."""
-        return self._read / max(len(self._lines), 1)
-
-    def blocks(self, wanted: list[int]) -> Iterator[Block]:
-        """Yields the values of the chosen columns, block by block."""
-        for start in range(0, len(self._lines), 1024):
-            part = slice(start, start + 1024)
-            self._read = min(start + 1024, len(self._lines))
-            block = Block(self._lines[part], self._values[part][:, wanted])
-            require_meaningful(block, [self.header[column] for column in wanted], self.source, self.place)
-            yield block
-
-    def sha256(self) -> str:
-        """Returns SHA-256 of the file, hexadecimal."""
-        return self._recording.sha256
-
-    def close(self) -> None:
-        """Does nothing: all has been read."""
-
-
-def row_places(record: Mapped) -> Places:
-    """Selects the samples that are rows: all, or of a faster channel those a sample period apart.
-
-    Raises:
-        InputError: when the sample period is no multiple of the channel's.
-    """
-    time_s, period_s = record.rows.time_s, record.vehicle.sample_period_s
-    every = record.rows.interval_s
-    if record.recording.kind == "ulog" and every > period_s * (1.0 + JITTER):
-        raise InputError(
-            f"{record.recording.source}: '{record.rows.name}' is logged every {every:.4g} s, too slowly for the sample "
-            f"period of {period_s:g} s of vehicle '{record.vehicle.name}'; ask for more by SDLOG_PROFILE, or set "
-            "sample_period_s"
-        )
-    if not every < period_s * (1.0 - JITTER):
-        return np.arange(time_s.size)
-    count = round(period_s / every)
-    if count < 2 or abs(count * every - period_s) > JITTER * period_s:
-        lower = max(math.floor(period_s / every), 1) * every
-        raise InputError(
-            f"{record.recording.source}: samples of '{record.rows.name}' are {every:.6g} s apart, and the sample "
-            f"period of vehicle '{record.vehicle.name}' is {period_s:g} s, no multiple of it; set sample_period_s to "
-            f"{lower:.6g} or {lower + every:.6g}"
-        )
-    places = [0]
-    while True:
-        target = time_s[places[-1]] + count * every
-        at = int(np.searchsorted(time_s, target))
-        if at >= time_s.size:
-            rest = [at - 1] if at - 1 > places[-1] and target - time_s[-1] < 0.5 * every else []
-            return np.array([*places, *rest])
-        before = at - 1 > places[-1] and target - time_s[at - 1] < time_s[at] - target
-        places.append(at - 1 if before else at)
-
-
-def comes_faster(record: Mapped) -> bool:
-    """Tests whether the channel of the rows has several samples in a sample period."""
-    return bool(record.rows.interval_s < record.vehicle.sample_period_s * (1.0 - JITTER))
-
-
-def table(record: Mapped, gyro: str | None, *, own_times: bool = False) -> MappedTable:
-    """Makes rows of telemetry of a record, for the estimators.
-
-    Of a vehicle that is followed in a fixed frame, or with times of their own, there is a row whenever anything was
-    read or commanded, and every reading stands at its own time. Of others:
-
-    A reading that was not taken at the time of a row, within 5 % of the sample period, is missing in it. An attitude
-    goes to the row that is nearest in time, turned there by the rate. Accelerations and increments are added up from
-    row to row. Commands are the share of a row's interval for which a jet was open.
-
-    Args:
-        record: mapped.
-        gyro: name of the package that the estimators need; None: of a vehicle that is followed in a fixed frame.
-        own_times: whether every reading is wanted at its own time, also where rows are no samples.
-
-    Raises:
-        InputError: when the record has not what the estimators need.
-    """
-    if gyro is None:
-        return _at_any_time(record)
-    _require_usable(record, gyro)
-    if own_times:
-        return _at_any_time(record)
-    places = row_places(record)
-    time_s = record.rows.time_s[places]
-    vehicle, notes = record.vehicle, list(record.notes)
-    names, parts = ["time_s"], [time_s[:, None]]
-    trackers = {tracker.name for tracker in vehicle.poses}
-    for name, channel in record.channels.items():
-        if channel.kind in ("wheel", "engine"):
-            names += [f"{name}_{part}" for part in COMPONENTS[channel.kind][: channel.values.shape[1]]]
-            parts.append(_at(channel, time_s, vehicle.sample_period_s))
-            continue
-        if name in trackers and channel.time_s.size:
-            rates = _at(record.channels[gyro], time_s, vehicle.sample_period_s)
-            names += [f"{name}_{part.replace('_', '')}" for part in COMPONENTS["attitude"]]
-            parts.append(_attitudes(channel, rates, time_s, vehicle.sample_period_s))
-            continue
-        if channel.kind not in ("gyro", "accelerometer"):
-            notes.append(
-                f"{channel.kind} '{name}' of the map is not estimated from: vehicle '{vehicle.name}' has no such sensor"
-            )
-            continue
-        if channel.gives in ("", "integral"):
-            values, suffix = _at(channel, time_s, vehicle.sample_period_s), ""
-        else:
-            values, suffix = _mean_acceleration(channel, time_s, vehicle, notes), "_accel"
-        if not np.isfinite(values).all(axis=1).any():
-            raise InputError(
-                f"{record.recording.source}: no sample of '{name}' was taken within {100.0 * JITTER:g} % of a sample "
-                f"period of a row, which is a sample of '{record.rows.name}'; name another in `rows`, or log faster"
-            )
-        names += [f"{name}{suffix}_{axis}" for axis in AXES]
-        parts.append(values)
-    fractions = _fractions(record, time_s)
-    told = _told(record, time_s, fractions)
-    names += told
-    parts += told.values()
-    notes += _about_commands(record, time_s, fractions)
-    _add_known(record, time_s, names, parts)
-    values = np.hstack(parts)
-    topic = record.recording.topic(record.by.topic_of(record.by.sensors[record.by.row_sensor]))
-    rows = record.rows.places[places]
-    lines = rows + 1 if topic.lines is None else topic.lines[rows]
-    return MappedTable(names, values, lines, record, list(dict.fromkeys(notes)))
-
-
-def _add_known(record: Mapped, time_s: Array, names: list[str], parts: list[Array]) -> None:
-    """Appends the record's known outside force and torque, averaged over each sample, to names and parts."""
-    for what, held in (("force", record.known_force), ("torque", record.known_torque)):
-        if held is not None:
-            names += [name for name in WRENCH if name.startswith(f"known_{what}")]
-            parts.append(mean_over(held, time_s))
-
-
-def _at_any_time(record: Mapped) -> MappedTable:
-    """Makes a row whenever anything was read or commanded."""
-    vehicle, held = record.vehicle, record.commands
-    channels = {name: channel for name, channel in record.channels.items() if channel.time_s.size}
-    if not channels:
-        raise InputError(f"{record.recording.source}: no sensor of the map has a sample")
-    times = [*(channel.time_s for channel in channels.values()), held.begin_s, held.end_s]
-    first = min(float(channel.time_s[0]) for channel in channels.values())
-    last = max(float(channel.time_s[-1]) for channel in channels.values())
-    every = np.unique(np.concatenate(times))
-    every = every[(every >= first) & (every <= last)]
-    time_s = every[np.append(True, np.diff(every) > _SAME_S)]
-    names, parts, notes = ["time_s"], [time_s[:, None]], list(record.notes)
-    for name, channel in channels.items():
-        values = np.full((time_s.size, channel.values.shape[1]), np.nan)
-        values[np.searchsorted(time_s, channel.time_s - _SAME_S)] = channel.values
-        if channel.kind == "accelerometer" and channel.gives != "integral":
-            values = _integral(channel, values, notes)
-        names += [f"{name}_{part.replace('_', '')}" for part in COMPONENTS[channel.kind]]
-        parts.append(values)
-    names += [f"jet_{jet}" for jet in vehicle.designations]
-    place = np.searchsorted(held.begin_s, time_s + _SAME_S, side="right") - 1
-    known = (place >= 0) & (time_s < held.end_s[np.maximum(place, 0)] - _SAME_S)
-    if record.by.commands.is_timed:  # an on-time is of the interval that begins with it
-        known &= np.append(True, np.diff(place) > 0)
-    told = np.where(known[:, None], held.values[np.maximum(place, 0)], np.nan)
-    parts.append(told)
-    if record.by.commands.is_timed:
-        names += onset_columns(vehicle)
-        parts.append(onsets(told, record.by.commands.at or vehicle.jet_commands.at, vehicle.sample_period_s))
-    _add_known(record, time_s, names, parts)
-    rows = np.clip(np.searchsorted(record.rows.time_s, time_s + _SAME_S, side="right") - 1, 0, None)
-    topic = record.recording.topic(record.by.topic_of(record.by.sensors[record.by.row_sensor]))
-    places = record.rows.places[rows]
-    lines = places + 1 if topic.lines is None else topic.lines[places]
-    made = MappedTable(names, np.hstack(parts), lines, record, list(dict.fromkeys(notes)))
-    made.own_times = True
-    return made
-
-
-def _integral(channel: Channel, values: Array, notes: list[str]) -> Array:
-    """Integrates accelerations or sums increments, where there are samples, shape (n, 3)."""
-    there = np.isfinite(values).all(axis=1)
-    added = values[there]
-    if channel.gives != "increment":
-        steps = np.diff(channel.time_s, prepend=channel.time_s[0] - channel.interval_s)
-        steps = steps[np.isfinite(channel.values).all(axis=1)]
-        if channel.gives == "instant":
-            added = 0.5 * (added + np.vstack([added[:1], added[:-1]]))
-            notes.append(f"'{channel.name}' is integrated from instants: approximate while jets switch")
-        added = added * steps[:, None]
-    result = np.full_like(values, np.nan)
-    result[there] = np.cumsum(added, axis=0)
-    return result
-
-
-def _require_usable(record: Mapped, gyro: str) -> None:
-    channel = record.channels.get(gyro)
-    if channel is None:
-        there = ", ".join(f"{one.kind} '{name}'" for name, one in record.channels.items())
-        raise InputError(
-            f"{record.source}: names {there}, and no gyro '{gyro}'; the estimators take rates from a gyro and "
-            "velocities from integrating accelerometers; poses, attitudes and velocities are estimated from where the "
-            "vehicle's file names their sensors, under `poses` and `velocities`"
-        )
-    for name, one in record.channels.items():
-        lacking = [axis for axis, values in zip(AXES, one.values.T, strict=False) if not np.isfinite(values).any()]
-        if one.kind in ("gyro", "accelerometer") and lacking:
-            raise InputError(
-                f"{record.source}: sensors.{name}: has no {', '.join(lacking)}; the estimators take a package of three "
-                "axes, and cannot hold one still yet"
-            )
-
-
-def _at(channel: Channel, time_s: Array, period_s: float) -> Array:
-    """Returns the readings taken at times, NaN where none was, shape (n, m)."""
-    nearest = np.clip(np.searchsorted(channel.time_s, time_s), 0, channel.time_s.size - 1)
-    before = np.maximum(nearest - 1, 0)
-    closer = np.abs(channel.time_s[before] - time_s) < np.abs(channel.time_s[nearest] - time_s)
-    nearest = np.where(closer, before, nearest)
-    there = np.abs(channel.time_s[nearest] - time_s) <= JITTER * period_s
-    return np.where(there[:, None], channel.values[nearest], np.nan)
-
-
-def _attitudes(channel: Channel, rates: Array, time_s: Array, period_s: float) -> Array:
-    """Returns attitudes at rows, each from the reading nearest to it, NaN where none was near, shape (n, 4).
-
-    Args:
-        channel: of a tracker.
-        rates: that gyros read at the rows, NaN where missing, rad/s, shape (n, 3).
-        time_s: of the rows, shape (n,).
-        period_s: sample period; half of it is near.
-    """
-    read, found = channel.values[:, -4:], np.full((time_s.size, 4), np.nan)
-    after = np.clip(np.searchsorted(time_s, channel.time_s), 1, max(time_s.size - 1, 1))
-    rows = np.where(channel.time_s - time_s[after - 1] < time_s[after] - channel.time_s, after - 1, after)
-    off_s = time_s[rows] - channel.time_s
-    for place in np.argsort(-np.abs(off_s), kind="stable").tolist():
-        row, away_s = rows[place], float(off_s[place])
-        if abs(away_s) <= _SAME_S:
-            found[row] = read[place]
-        elif abs(away_s) <= 0.5 * period_s * (1.0 + JITTER):
-            found[row] = propagated(read[place], rates[row], away_s)
-    return found
-
-
-def _mean_acceleration(channel: Channel, time_s: Array, vehicle: Vehicle, notes: list[str]) -> Array:
-    """Computes mean acceleration over the row that ended, NaN where a sample in it is missing, shape (n, 3)."""
-    period_s = vehicle.sample_period_s
-    every, steps = channel.interval_s, np.diff(channel.time_s, prepend=np.nan)
-    if math.isnan(every):
-        return np.full((time_s.size, 3), np.nan)
-    count = round(period_s / every)
-    steps[0] = every
-    steps = steps[:, None]
-    if channel.gives == "instant":
-        if count < FEWEST_INSTANTS:
-            raise InputError(
-                f"sensor '{channel.name}': an acceleration taken at an instant, {count or 'less than one'} times a "
-                f"sample period of {period_s:g} s, does not tell what the jets gave in between; log it "
-                f"{FEWEST_INSTANTS} times a period at least, or log increments, or say `gives: mean` if it averages"
-            )
-        before = np.vstack([np.full((1, 3), np.nan), channel.values[:-1]])
-        added = 0.5 * (before + channel.values) * steps
-        notes.append(
-            f"'{channel.name}' is integrated from {count} instants a row: approximate while jets switch, and late by "
-            "what the recorder's filter delays"
-        )
-    else:
-        added = channel.values * (steps if channel.gives == "mean" else 1.0)
-    hole = np.isnan(added) | (steps > _HOLE * every)
-    integral = np.cumsum(np.where(hole, 0.0, added), axis=0)
-    holes = np.cumsum(hole, axis=0)
-    there = _at(channel._replace(values=np.hstack([integral, holes])), time_s, period_s)
-    change = np.diff(there, axis=0, prepend=np.full((1, 6), np.nan))
-    mean = np.where(change[:, 3:] == 0.0, change[:, :3], np.nan) / period_s
-    if count <= 1 and not hole[0].any():  # what the first sample gives is of the time before it
-        mean[0] = added[0] / period_s
-    return mean
-
-
-def mean_over(held: HeldValues, time_s: Array) -> Array:
-    """Computes the mean over the interval that starts at each row, NaN where part is unknown, shape (n, m)."""
-    count, width = time_s.size, held.values.shape[1]
-    if not held.begin_s.size or count < 2:
-        return np.full((count, width), np.nan)
-    typical = float(np.median(np.diff(time_s)))
-    ends = np.minimum(np.append(time_s[1:], time_s[-1] + typical), time_s + _HOLE * typical)
-    known = np.isfinite(held.values)
-    edges = np.stack([held.begin_s, held.end_s], axis=1).ravel()
-    edges = np.where(np.isfinite(edges), edges, max(float(ends[-1]), float(held.begin_s[-1])) + typical)
-    lengths = np.diff(edges)[::2, None]
-
-    def integral(density: Array) -> Array:
-        """Integrates from the beginning to each edge; zero between one value's end and the next one's beginning."""
-        grown = np.cumsum(density * lengths, axis=0)
-        return np.repeat(np.vstack([np.zeros((1, width)), grown]), 2, axis=0)[1:-1]
-
-    amounts, covers = integral(np.where(known, held.values, 0.0)), integral(known.astype(float))
-    result = np.full((count, width), np.nan)
-    for column in range(width):
-        amount, cover = (
-            np.interp(ends, edges, total[:, column]) - np.interp(time_s, edges, total[:, column])
-            for total in (amounts, covers)
-        )
-        whole = cover >= (ends - time_s) * (1.0 - 1e-3)
-        result[whole, column] = amount[whole] / cover[whole]
-    return result
-
-
-def _fractions(record: Mapped, time_s: Array) -> Array:
-    """Computes the share of the interval from each row for which each jet was open, shape (n, n_jets)."""
-    shares = mean_over(record.commands, time_s)
-    whole = np.round(shares)  # what is exact stays exact
-    return np.where(np.abs(shares - whole) < _TOLERANCE, whole, shares)
-
-
-def _told(record: Mapped, time_s: Array, fractions: Array) -> dict[str, Array]:
-    """Makes columns of commands by name, shape (n, 1) each: fractions, and onsets of jets that switch within rows."""
-    vehicle, part = record.vehicle, record.by.commands
-    period_s, opening = vehicle.sample_period_s, None
-    told = {f"jet_{jet}": share for jet, share in zip(vehicle.designations, fractions.T, strict=True)}
-    if part.is_timed and _partial(fractions).any():
-        opening = onsets(fractions, part.at or vehicle.jet_commands.at, period_s)
-    elif _switches_within(record, fractions):
-        opening = _onsets(record.commands, time_s, fractions, period_s)
-    if opening is not None:
-        told |= dict(zip(onset_columns(vehicle), opening.T, strict=True))
-    return {name: values[:, None] for name, values in told.items()}
-
-
-def _partial(fractions: Array) -> NDArray[np.bool_]:
-    """Tests whether jets are open for a part of a row, in the shape given."""
-    return (fractions > 0.0) & (fractions < 1.0)
-
-
-def _switches_within(record: Mapped, fractions: Array) -> bool:
-    """Tests whether valves that are logged as open or closed switch within rows."""
-    values = record.commands.values
-    whole = np.isin(values, (0.0, 1.0)) | np.isnan(values)
-    return bool(whole.all() and _partial(fractions).any())
-
-
-def _onsets(held: HeldValues, time_s: Array, fractions: Array, period_s: float) -> Array:
-    """Onsets by which each jet is open about the middle of all its time in a row, s, shape (n, n_jets)."""
-    ends_s = np.append(time_s[1:], time_s[-1] + period_s)
-    found = np.full_like(fractions, np.nan)
-    for row, jet in np.argwhere(_partial(fractions)).tolist():
-        begin_s, end_s = np.clip((held.begin_s, held.end_s), time_s[row], ends_s[row])
-        on_s = (end_s - begin_s) * (held.values[:, jet] > 0.0)
-        middle_s = float(on_s @ (0.5 * (begin_s + end_s))) / float(on_s.sum()) - time_s[row]
-        length_s = fractions[row, jet] * period_s
-        found[row, jet] = min(max(middle_s - 0.5 * length_s, 0.0), period_s - length_s)
-    return found
-
-
-def _about_commands(record: Mapped, time_s: Array, fractions: Array) -> list[str]:
-    """Describes gaps and ambiguities of the commands."""
-    found = []
-    held, period_s = record.commands, record.vehicle.sample_period_s
-    every = float(np.median(np.diff(held.begin_s))) if held.begin_s.size > 1 else math.nan
-    if every > period_s * (1.0 + JITTER) and not record.by.commands.on_change:
-        found.append(
-            f"commands are logged every {every:.4g} s, and a sample is {period_s:g} s: firings in between are lost"
-        )
-    elif record.recording.kind == "ulog" and every > _SLOWER * record.rows.interval_s:  # PX4 logs what it likes of them
-        found.append(
-            f"commands are logged every {every:.4g} s, and '{record.rows.name}' every {record.rows.interval_s:.4g} s: "
-            "what happened in between is not in the log; ask for more by SDLOG_PROFILE"
-        )
-    if _switches_within(record, fractions):
-        rows = int(_partial(fractions).any(axis=1).sum())
-        found.append(
-            f"in {rows} of {time_s.size} rows a jet switches within the row: one that opens more than once there is "
-            "taken to be open for as long in one piece"
-        )
-    unknown = np.isnan(fractions[:-1]).any(axis=1) if len(fractions) > 1 else np.zeros(0, dtype=bool)
-    if unknown.any():
-        found.append(f"in {int(unknown.sum())} of {time_s.size} rows a command is not known")
-    return found
-
-
-# ---------------------------------------------------------------------------------------- preview
-
-
-def preview(record: Mapped, most: int = 5) -> list[dict[str, Any]]:
-    """Formats the first rows as they are understood.
-
-    Returns:
-        For each `time_s`, `sensors` (values by component, by name; None where missing), and `jets` (fraction by
-        designation, of those that are open; None where not known).
-    """
-    at_any_time = record.vehicle.needs_pose_filter or comes_faster(record)  # each sample is a row then
-    time_s = record.rows.time_s if at_any_time else record.rows.time_s[row_places(record)]
-    shown = time_s[:most]
-    fractions = _fractions(record, time_s)[:most]
-    at = {name: _at(channel, shown, record.vehicle.sample_period_s) for name, channel in record.channels.items()}
-    rows = []
-    for index, time in enumerate(shown.tolist()):
-        sensors = {}
-        for name, channel in record.channels.items():
-            values = [None if math.isnan(one) else one for one in at[name][index].tolist()]
-            sensors[name] = dict(zip(COMPONENTS[channel.kind], values, strict=False))  # an engine may have no angles
-        told = dict(zip(record.vehicle.designations, fractions[index].tolist(), strict=True))
-        jets = {jet: None if math.isnan(share) else share for jet, share in told.items() if share != 0.0}
-        rows.append({"time_s": time, "sensors": sensors, "jets": jets})
-    return rows

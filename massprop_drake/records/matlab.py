@@ -13,8 +13,8 @@ import numpy as np
 
 from massprop_drake.errors import InputError, counted
 from massprop_drake.inputs.record_map import RecordMap
-from massprop_drake.records.recording import MOST_ELEMENTS, Column, Recording, Topic, digest, needs, plainly
-from massprop_drake.records.tables import Loss
+from massprop_drake.records.completeness import Loss
+from massprop_drake.records.topics import MOST_ELEMENTS, Column, Recording, Topic, digest, needs, plainly
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _HEADER, _MATRIX, _COMPRESSED = 128, 14, 15  # length of the header, and types of variables, to version 7

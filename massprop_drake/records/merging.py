@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError, counted, moment
 from massprop_drake.inputs import factors
-from massprop_drake.records.tables import Block, Loss, Ragged, open_table
+from massprop_drake.records.blocks import Block
+from massprop_drake.records.completeness import Loss, Ragged
+from massprop_drake.records.tables import open_table
 
 Array = NDArray[np.float64]
 
@@ -118,14 +120,7 @@ class MergedTable:
             yield Block(numbers[rows], values[rows])
 
     def _take(self, number: int, part: _SourceFile, wanted: dict[str, int], values: Array) -> None:
-        """Puts columns of a part in.
-
-        Args:
-            number: of the part.
-            part: the file.
-            wanted: places of its columns among the values, by name.
-            values: of all rows, NaN until they are put in.
-        """
+        """Puts columns of a part in."""
         names, places = list(wanted), list(wanted.values())
         table = open_table(part.path)
         try:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.units import factor
-from massprop_drake.records.recording import unit_in
+from massprop_drake.records.text_files import unit_in
 
 # units as the last word of a name has them, besides those that `inputs.units` knows
 _UNITS = {

@@ -10,7 +10,7 @@ import numpy as np
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.model import validated
 from massprop_drake.inputs.vehicle_file import Vehicle
-from massprop_drake.records.recording import Recording
+from massprop_drake.records.topics import Recording
 
 _COUNT, _JET = "CA_THRUSTER_CNT", "CA_THRUSTER{index}_{what}"
 _DEFAULTS = {

@@ -3,42 +3,49 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.errors import moment
-from massprop_drake.inputs import factors, params
+from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.inputs.vehicle_file import Accelerometer, SensorPackage
-from massprop_drake.maths.mass_properties import CENTER_OF_MASS, ELEMENT, MASS_RECIPROCAL
-from massprop_drake.records.reader import Record, Rows
+from massprop_drake.inputs.vehicle_sensors import Accelerometer, SensorPackage
+from massprop_drake.records.quality_measures import (
+    ANSWERED,
+    FEWEST,
+    STUCK,
+    UNIT_LIMIT,
+    Answer,
+    Array,
+    Package,
+    Ratio,
+    Repeats,
+    Standing,
+    Stuck,
+    could_be_off_nominal,
+    exceeds_doubt,
+    impulses_at_extremes,
+    jets_to_blame,
+    rigid_body,
+)
+from massprop_drake.records.quality_warnings import LISTED, KnownOfRecord, warnings_of
+from massprop_drake.records.rows import Record, Rows
 from massprop_drake.records.unknown_commands import UnknownCommands
-from massprop_drake.signals import AXES, SYMBOLS, in_units
+from massprop_drake.signals import AXES
 
-Array = NDArray[np.float64]
-
-_STUCK = 10.0  # quanta or 1-sigma that a reading must be predicted to change by before standing still counts
 _STUCK_SAMPLES = 5  # for which a reading must not change at all
 _JUMP_FACTOR, _JUMP_SIGMAS = 3.0, 10.0  # beyond what all jets together, and the vehicle's rate, cause in a sample
 _TURNED = 0.1  # of a predicted increment: what a turn may change a reading by, where that tells a wrong unit
 _CLEAR = 5.0  # 1-sigma of an increment that a predicted one must exceed to tell the unit
-_FEWEST = 10  # samples that tell the unit
 _MOST = 4000  # samples whose slopes are kept, from the beginning: enough for their median
-_UNIT_LIMIT = 2.5  # factor between measured and predicted that is called wrong; feet to meters is 3.28
-_LISTED, _MOST_STUCK = 5, 100  # in warnings, and at all
+_MOST_STUCK = 100  # stretches that are kept
 _STANDS = 5.0  # of these by what has been learned of the vehicle by the end: a jet may turn out to move it hardly
 _TAUGHT_S = 5.0  # a reading that stands still for longer may have taught the filter that nothing moves it
-_NET = 0.25  # of the sum of what each jet alone should change it by: less cancels where thrusts are a quarter off
-_AGAINST_S = 5.0  # for which jets may fire against one that has failed, and nothing changes
-_ANSWERED = 0.5  # share of what is predicted that the other readings must show, or the jets have not fired
 _HEARD = 25.0  # sum of squares of what is predicted of them, in 1-sigma of an increment, that says whether they do
-_MOST_JETS = 2  # that are blamed for readings that do not follow; more, and the readings are wrong
-_PERIOD_DIFFERS = 0.005  # of the sample period
 _NOTHING = (-math.inf, math.inf)  # most and least change before the first sample of a stretch
-
 # why a sample was not used, by the filter: the joint one takes what the jets do as it comes
 _REASONS = (
     "first_after_start_or_gap",
@@ -63,200 +70,6 @@ _JOINT_REASONS = (
 )
 
 
-class _Package(NamedTuple):
-    """A sensor package, and the readings expected of it on the nominal vehicle.
-
-    Attributes:
-        package: as the vehicle file has it.
-        scale: quantum or 1-sigma of a reading, whichever is larger.
-        increment_std: 1-sigma of an increment.
-        each: size of the increments that each jet could cause in one sample, shape (n_jets, 3).
-        by_turning: size of what the vehicle's own rate could change a component by in one sample, over its square, s or
-            ft s or m s: dynamic coupling, and what turns the place of an accelerometer about the center of mass.
-    """
-
-    package: SensorPackage
-    scale: float
-    increment_std: float
-    each: Array
-    by_turning: float
-
-
-class _Body(NamedTuple):
-    """Mass properties by which predicted readings change.
-
-    Attributes:
-        inverse: inverse inertia, shape (3, 3).
-        center: of mass, shape (3,).
-        lightness: mass reciprocal.
-    """
-
-    inverse: Array
-    center: Array
-    lightness: float
-
-    def changed(self, impulses: Array, package: SensorPackage) -> Array:
-        """Computes increments of a package's readings, shape (n, 3), by impulses about the origin, shape (n, 6)."""
-        turned: Array = (impulses[:, :3] - np.cross(self.center, impulses[:, 3:])) @ self.inverse
-        if not isinstance(package, Accelerometer):
-            return turned
-        return impulses[:, 3:] * self.lightness + np.cross(turned, np.array(package.position) - self.center)
-
-
-def _body(parameters: Array) -> _Body:
-    """Makes a body of the ten parameters, shape (10,)."""
-    return _Body(parameters[ELEMENT], parameters[CENTER_OF_MASS], float(parameters[MASS_RECIPROCAL]))
-
-
-class _Stuck(NamedTuple):
-    """Stretch in which a reading stood still.
-
-    Attributes:
-        entry: as the summary has it.
-        package: it is of.
-        axis: of it.
-        impulse: between where the predicted change was least and where it was most, torque about the origin first,
-            shape (6,).
-    """
-
-    entry: dict[str, Any]
-    package: _Package
-    axis: int
-    impulse: Array
-
-    @property
-    def lasted_s(self) -> float:
-        """Duration of the stretch, s."""
-        return float(self.entry["to_s"] - self.entry["from_s"])
-
-    def lasts(self, failed_s: float) -> bool:
-        """Tests whether the stretch is real, not one of jets that fire against a failed one."""
-        return bool(self.entry["to_s"] <= failed_s or self.lasted_s > _AGAINST_S)
-
-
-class _Ratio(NamedTuple):
-    """Ratio of a reading's change in a sample over the predicted change.
-
-    Attributes:
-        ratio: of both.
-        time_s: of the sample.
-        fired: jets that were told to fire, shape (n_jets,).
-        turned: what the vehicle's turn may have changed the reading by, in what was predicted.
-    """
-
-    ratio: float
-    time_s: float
-    fired: Array
-    turned: float
-
-
-class _Standing:
-    """Constancy of each component of a package: since when, and the change predicted meanwhile."""
-
-    def __init__(self) -> None:
-        self.value = np.full(3, np.nan)
-        self.since_s = np.full(3, np.nan)
-        self.until_s = np.full(3, np.nan)
-        self.sum = np.zeros(3)
-        self.least = np.zeros(3)
-        self.most = np.zeros(3)
-        self.at = np.zeros((3, 2, 6))  # impulses gathered since the beginning where that change was least and most
-        self.sure = [False] * 3  # whether that change could not be what jets against each other leave
-        self.gross = np.zeros(3)  # of what each jet alone should change it by, gathered since the beginning
-        self.gross_since = np.zeros(3)  # at its first sample
-        self.answer = np.zeros((3, 2))  # of the other readings, gathered since the beginning, see `_Answer`
-        self.answer_since = np.zeros((3, 2))  # at its first sample
-        self.fired_since = np.zeros((3, 1))  # samples with each jet told to fire and nothing shown, likewise
-
-
-class _Repeats:
-    """Repeats of a package's reading, all three components, where the jets should have changed it."""
-
-    def __init__(self) -> None:
-        self.count = self.of = 0
-        self.times = 0  # that it began to
-        self.changed = False  # whether the newest reading was another one than that before
-
-    def add(self, increments: Array, meant: NDArray[np.bool_]) -> None:
-        """Takes in a block.
-
-        Args:
-            increments: of the reading, NaN where one is missing, shape (n, 3).
-            meant: whether it should have changed by much, shape (n,).
-        """
-        same = (increments == 0.0).all(axis=1)
-        changed = ~same & ~np.isnan(increments).any(axis=1)
-        before = np.concatenate([[self.changed], changed[:-1]])
-        self.count += int((meant & same).sum())
-        self.of += int((meant & (same | changed)).sum())
-        self.times += int((meant & same & before).sum())
-        self.changed = bool(changed[-1])
-
-
-class _Answer(NamedTuple):
-    """Answer of all readings to their predictions, sample by sample, in 1-sigma of an increment.
-
-    Attributes:
-        own: increment times predicted, and the square of the latter, of each component of each package, by its name,
-            shape (n, 3, 2).
-        fired: jets told to fire, where they count, shape (n, n_jets).
-    """
-
-    own: Mapping[str, Array]
-    fired: Array
-
-    @property
-    def total(self) -> Array:
-        """Sums over all components, shape (n, 2)."""
-        nothing = np.zeros((self.fired.shape[0], 2))  # a vehicle may have no package in body axes
-        result: Array = sum((part.sum(axis=1) for part in self.own.values()), start=nothing)
-        return result
-
-    @property
-    def silent(self) -> Array:
-        """Commanded jets of which the readings show little, sample by sample, shape (n, n_jets)."""
-        shown, meant = self.total.T
-        result: Array = self.fired * (shown < _ANSWERED * meant)[:, None]
-        return result
-
-    def beside(self, name: str, axis: int) -> Array:
-        """Computes sums over all components but one, each sample weighted by its share in that one's prediction."""
-        total, own = self.total, self.own[name][:, axis]
-        share = np.divide(own[:, 1], total[:, 1], out=np.zeros(len(own)), where=total[:, 1] > 0.0)
-        result: Array = share[:, None] * (total - own)
-        return result
-
-
-def _is_sure(total: Array, alone: Array, before: tuple[float, float], entry: _Package) -> bool:
-    """Tests whether a predicted change counts, and exceeds at some sample what jets against each other leave.
-
-    Args:
-        total: change since the beginning, shape (n,).
-        alone: what each jet alone should have changed the reading by, gathered, shape (n,).
-        before: most and least change before these samples, see `_NOTHING`.
-        entry: whose reading it is.
-    """
-    highest, lowest = np.maximum.accumulate(total), np.minimum.accumulate(total)
-    change = np.maximum(highest, before[0]) - np.minimum(lowest, before[1])
-    return bool(((change >= _STUCK * entry.scale) & (change >= _NET * alone)).any())
-
-
-def _reached(total: Array, gathered: Array, before: tuple[float, float], held: Array) -> Array:
-    """Returns impulses where the predicted change of a stretch was least and where it was most, shape (2, 6).
-
-    Args:
-        total: change since the beginning, shape (n,).
-        gathered: impulses likewise, shape (n, 6).
-        before: most and least change before these samples, see `_NOTHING`.
-        held: the impulses there, least first, shape (2, 6).
-    """
-    at: Array = gathered[[int(total.argmin()), int(total.argmax())]]
-    most, least = before
-    at[0] = held[0] if least < total.min() else at[0]
-    at[1] = held[1] if most > total.max() else at[1]
-    return at
-
-
 class QualityReport:
     """Accumulates the summary's `data_quality`, block by block.
 
@@ -266,7 +79,7 @@ class QualityReport:
 
     def __init__(self, scenario: Scenario):
         vehicle = self._vehicle = scenario.vehicle_data
-        self._nominal = _body(vehicle.nominal.vector())
+        self._nominal = rigid_body(vehicle.nominal.vector())
         self._gyros = [package.name for package in params.gyros(scenario)]
         self._accelerometers = [package.name for package in params.accelerometers(scenario)]
         wrenches = vehicle.wrenches * vehicle.sample_period_s
@@ -279,23 +92,23 @@ class QualityReport:
                 arm = np.array(package.position) - self._nominal.center
                 by_turning = (vehicle.sample_period_s + coupling) * float(np.linalg.norm(arm))
             std = math.sqrt(package.variance)
-            self._packages.append(_Package(package, max(package.quantum, std), math.sqrt(2.0) * std, each, by_turning))
+            self._packages.append(Package(package, max(package.quantum, std), math.sqrt(2.0) * std, each, by_turning))
         names = vehicle.sensor_names()
         self._last = {name: np.full((1, 3), np.nan) for name in names}
-        self._followed = {name: np.zeros((3, 2)) for name in names}  # sums of `_Answer.own`
+        self._followed = {name: np.zeros((3, 2)) for name in names}  # sums of `Answer.own`
         self._gathered = np.zeros(6)  # impulses of all samples that count
         self._last_gap = True  # nothing before the first row
         self._commands = np.zeros((1, len(vehicle.jets)))
         self._rows, self._unknown = 0, UnknownCommands(vehicle)
-        self._standing = {name: _Standing() for name in names}
-        self._stuck: list[_Stuck] = []
+        self._standing = {name: Standing() for name in names}
+        self._stuck: list[Stuck] = []
         self._n_stuck = 0
         self._unanswered: list[dict[str, Any]] = []
         self._fired = np.zeros(len(vehicle.jets))  # samples in which each jet was told to fire and nothing showed it
-        self._repeats = {name: _Repeats() for name in names}
+        self._repeats = {name: Repeats() for name in names}
         self._saturated = dict.fromkeys(names, 0)
         self._jumps: dict[str, dict[str, Any]] = {}
-        self._ratios: dict[str, list[_Ratio]] = {name: [] for name in names}
+        self._ratios: dict[str, list[Ratio]] = {name: [] for name in names}
         self._weighs = params.weighs(scenario)
         filters = ["rotation", *(["mass"] if self._weighs else [])]
         self._filter, self._at_stamps = scenario.estimation.filter, scenario.joint.switching == "stamps"
@@ -353,17 +166,17 @@ class QualityReport:
             )
             own[name] = np.stack([seen * meant, meant**2], axis=-1)
             self._last[name] = readings[-1:]
-        answer = _Answer(own, told)
+        answer = Answer(own, told)
         gathered = self._gathered + np.cumsum(np.where(steady[:, None], impulses, 0.0), axis=0)
         slower = np.fmin(speed[:-1], speed[1:])  # at either end of an interval: a spike is at one
         slower[~np.isfinite(slower)] = 0.0
         for entry in self._packages:
             name = entry.package.name
             # where the jets have just changed, how fast thrust builds up decides: not counted
-            counted = np.where(steady[:, None], predicted[name], 0.0)
-            self._watch_standing(entry, (rows.time_s, gathered), rows.readings[name], counted, answer)
+            expected = np.where(steady[:, None], predicted[name], 0.0)
+            self._watch_standing(entry, (rows.time_s, gathered), rows.readings[name], expected, answer)
             self._followed[name] = self._followed[name] + own[name].sum(axis=0)
-            self._repeats[name].add(increments[name], np.asarray((np.abs(counted) >= _STUCK * entry.scale).any(axis=1)))
+            self._repeats[name].add(increments[name], np.asarray((np.abs(expected) >= STUCK * entry.scale).any(axis=1)))
             self._watch_jumps(entry, rows.time_s, increments[name], slower)
             good = steady & ~missing[name] & ~saturated[name]
             self._watch_units(entry, (rows.time_s, told, slower), increments[name], predicted[name], good)
@@ -377,7 +190,7 @@ class QualityReport:
         self._last_gap = bool(gap[-1])
 
     def _watch_standing(
-        self, entry: _Package, when: tuple[Array, Array], readings: Array, predicted: Array, answer: _Answer
+        self, entry: Package, when: tuple[Array, Array], readings: Array, predicted: Array, answer: Answer
     ) -> None:
         standing, (time_s, gathered) = self._standing[entry.package.name], when
         fired = self._fired + np.cumsum(answer.silent, axis=0)
@@ -406,10 +219,12 @@ class QualityReport:
             was_sure, sure = standing.sure[axis] and goes_on, np.zeros(edges.size, dtype=bool)
             before = (standing.most[axis], standing.least[axis]) if goes_on else _NOTHING
             held = standing.at[axis].copy()
-            for index in np.flatnonzero(most - least >= _STUCK * entry.scale):
+            for index in np.flatnonzero(most - least >= STUCK * entry.scale):
                 rows = slice(edges[index], lasts[index] + 1)
                 alone, first = gross[rows, axis] - weight[index], index == 0
-                sure[index] = _is_sure(total[rows], alone, before if first else _NOTHING, entry) or (first and was_sure)
+                sure[index] = exceeds_doubt(total[rows], alone, before if first else _NOTHING, entry) or (
+                    first and was_sure
+                )
             for index in np.flatnonzero(sure[:-1]):
                 standing.sure[axis] = True
                 standing.since_s[axis], standing.until_s[axis] = since[index], time_s[lasts[index]]
@@ -419,7 +234,7 @@ class QualityReport:
                 standing.fired_since[axis] = firing[index]
                 stretch = slice(edges[index], lasts[index] + 1)
                 until_now = before if index == 0 else _NOTHING
-                standing.at[axis] = _reached(total[stretch], gathered[stretch], until_now, held)
+                standing.at[axis] = impulses_at_extremes(total[stretch], gathered[stretch], until_now, held)
                 self._note_standing(entry, axis, standing, fired[lasts[index]])
             standing.value[axis], standing.since_s[axis] = values[-1], since[-1]
             standing.until_s[axis], standing.sum[axis] = time_s[-1], total[-1]
@@ -428,19 +243,12 @@ class QualityReport:
             standing.fired_since[axis] = firing[-1]
             stretch = slice(edges[-1], None)
             until_now = before if edges.size == 1 else _NOTHING
-            standing.at[axis] = _reached(total[stretch], gathered[stretch], until_now, held)
+            standing.at[axis] = impulses_at_extremes(total[stretch], gathered[stretch], until_now, held)
             standing.gross_since[axis], standing.sure[axis] = weight[-1], bool(sure[-1])
         standing.gross = gross[-1]
 
-    def _note_standing(self, entry: _Package, axis: int, standing: _Standing, fired: Array) -> None:
-        """Notes a reading that stood still though it should have changed: its own fault if the others did change.
-
-        Args:
-            entry: its package.
-            axis: of it.
-            standing: of the stretch at its end.
-            fired: samples in which each jet was told to fire and nothing showed it until then, shape (n_jets,).
-        """
+    def _note_standing(self, entry: Package, axis: int, standing: Standing, fired: Array) -> None:
+        """Notes a reading that stood still though it should have changed: its own fault if the others did change."""
         change = float(standing.most[axis] - standing.least[axis])
         lasted_s = float(standing.until_s[axis] - standing.since_s[axis])
         brief = lasted_s < (_STUCK_SAMPLES - 0.5) * self._vehicle.sample_period_s  # a jet that does not fire at once
@@ -448,7 +256,7 @@ class QualityReport:
             return
         stretch = {"from_s": float(standing.since_s[axis]), "to_s": float(standing.until_s[axis])}
         shown, meant = (standing.answer[axis] - standing.answer_since[axis]).tolist()
-        if meant > _HEARD and shown < _ANSWERED * meant:
+        if meant > _HEARD and shown < ANSWERED * meant:
             told = np.flatnonzero(fired > standing.fired_since[axis])
             jets = [self._vehicle.designations[jet] for jet in told]
             same = [one for one in self._unanswered if one["jets"] == jets and one["to_s"] >= stretch["from_s"]]
@@ -462,9 +270,9 @@ class QualityReport:
             return
         sensor = {"sensor": entry.package.name, "axis": AXES[axis]}
         gathered = standing.at[axis, 1] - standing.at[axis, 0]
-        self._stuck.append(_Stuck({**sensor, **stretch, "predicted_change": change}, entry, axis, gathered))
+        self._stuck.append(Stuck({**sensor, **stretch, "predicted_change": change}, entry, axis, gathered))
 
-    def _watch_jumps(self, entry: _Package, time_s: Array, increments: Array, speed: Array) -> None:
+    def _watch_jumps(self, entry: Package, time_s: Array, increments: Array, speed: Array) -> None:
         caused = entry.each.sum(axis=0) + entry.by_turning * speed[:, None] ** 2
         limit = _JUMP_FACTOR * caused + _JUMP_SIGMAS * entry.increment_std
         beyond = np.abs(increments) > limit  # NaN is not
@@ -478,7 +286,7 @@ class QualityReport:
 
     def _watch_units(
         self,
-        entry: _Package,
+        entry: Package,
         when: tuple[Array, NDArray[np.bool_], Array],
         increments: Array,
         predicted: Array,
@@ -490,7 +298,7 @@ class QualityReport:
         if clear.any() and len(kept) < _MOST:
             ratios = (increments[clear] * predicted[clear]).sum(axis=1) / size[clear]
             turned = entry.by_turning * when[2][clear] ** 2 / np.sqrt(size[clear])
-            found = map(_Ratio, ratios.tolist(), when[0][clear].tolist(), when[1][clear], turned.tolist())
+            found = map(Ratio, ratios.tolist(), when[0][clear].tolist(), when[1][clear], turned.tolist())
             kept.extend(list(found)[: _MOST - len(kept)])
 
     def _about_commands(self) -> list[str]:
@@ -501,9 +309,9 @@ class QualityReport:
         jets = [name for name in self._vehicle.designations if any(name in one["jets"] for one in stretches)]
         every = len(jets) == len(self._vehicle.jets)
         who = "" if every else f" of jet{'s' * (len(jets) > 1)} {', '.join(jets)}"
-        when = ", ".join(map(self._when, stretches[:_LISTED]))
-        if self._unknown.count > _LISTED:
-            when += f" and {self._unknown.count - _LISTED} more times"
+        when = ", ".join(map(self._when, stretches[:LISTED]))
+        if self._unknown.count > LISTED:
+            when += f" and {self._unknown.count - LISTED} more times"
         taught = "nothing is learned there" if every else "what they may have given teaches nothing"
         then = {
             "thesis": "not tested for failures there, and these samples are not used",
@@ -562,23 +370,18 @@ class QualityReport:
 
     # --------------------------------------------------------------------------------- finishing
 
-    def _telling(self, package: SensorPackage, units: Mapping[str, Mapping[str, Any]]) -> list[_Ratio]:
-        """Selects the ratios that tell a package's unit: if it seems wrong, samples where a turn changes little.
-
-        Args:
-            package: a gyro, or an accelerometer after those.
-            units: of the gyros: how fast it turns is read in the unit that they seem to have.
-        """
+    def _telling(self, package: SensorPackage, units: Mapping[str, Mapping[str, Any]]) -> list[Ratio]:
+        """Selects the ratios that tell a package's unit: if it seems wrong, samples where a turn changes little."""
         kept = self._ratios[package.name]
-        if not kept or _plausible(own := float(np.median([each.ratio for each in kept]))):
+        if not kept or could_be_off_nominal(own := float(np.median([each.ratio for each in kept]))):
             return kept
         slopes = (
             [own] if package.name in self._gyros else [units[name]["slope"] for name in self._gyros if name in units]
         )
-        larger = max((slope for slope in slopes if slope > _UNIT_LIMIT), default=1.0)  # than it is in its unit
+        larger = max((slope for slope in slopes if slope > UNIT_LIMIT), default=1.0)  # than it is in its unit
         return [each for each in kept if each.turned <= _TURNED * larger**2]
 
-    def _stands(self, stuck: _Stuck) -> bool:
+    def _stands(self, stuck: Stuck) -> bool:
         """Tests whether a reading should have changed by the mass properties learned by the end, too.
 
         A jet turns the vehicle about an axis through a product of inertia, or moves the place of an accelerometer one
@@ -586,9 +389,9 @@ class QualityReport:
         stands still for long, or does not follow the jets at all, says nothing.
         """
         shown, meant = self._followed[stuck.package.package.name][stuck.axis].tolist()
-        if stuck.lasted_s > _TAUGHT_S or shown < _ANSWERED * meant or not np.isfinite(self._estimate).all():
+        if stuck.lasted_s > _TAUGHT_S or shown < ANSWERED * meant or not np.isfinite(self._estimate).all():
             return True
-        body = _body(self._estimate)
+        body = rigid_body(self._estimate)
         change = float(body.changed(stuck.impulse[None], stuck.package.package)[0, stuck.axis])
         return abs(change) >= _STANDS * stuck.package.scale
 
@@ -611,15 +414,19 @@ class QualityReport:
         units: dict[str, dict[str, Any]] = {}
         for entry in self._packages:
             kept = self._telling(entry.package, units)
-            if len(kept) < _FEWEST:
+            if len(kept) < FEWEST:
                 continue
             ratios, times = np.array([each.ratio for each in kept]), np.array([each.time_s for each in kept])
             slope = units[entry.package.name] = {"slope": float(np.median(ratios)), "samples": len(kept)}
             before = ratios[times < failed_s]
-            if not _plausible(slope["slope"]) and before.size >= _FEWEST and _plausible(float(np.median(before))):
+            if (
+                not could_be_off_nominal(slope["slope"])
+                and before.size >= FEWEST
+                and could_be_off_nominal(float(np.median(before)))
+            ):
                 slope |= {"slope_before_failure": float(np.median(before))}
-            elif not _plausible(slope["slope"]):
-                jets = _to_blame(ratios, np.array([each.fired for each in kept]))
+            elif not could_be_off_nominal(slope["slope"]):
+                jets = jets_to_blame(ratios, np.array([each.fired for each in kept]))
                 slope |= {"jets": [self._vehicle.designations[jet] for jet in jets]} if jets else {}
         quality: dict[str, Any] = {
             "rows": record.rows,
@@ -646,7 +453,7 @@ class QualityReport:
             "repeated": {
                 name: {"count": found.count, "of": found.of}
                 for name, found in self._repeats.items()
-                if found.times >= _FEWEST
+                if found.times >= FEWEST
             },
             "saturated": self._saturated,
             "jumps": self._jumps,
@@ -654,202 +461,22 @@ class QualityReport:
             "samples": self._samples,
             "unknown_commands": self._unknown.found(),
         }
-        return {**quality, "warnings": [*record.notes, *self._warnings(quality)]}
+        return {**quality, "warnings": [*record.notes, *warnings_of(quality, self._known())]}
 
-    def _warnings(self, quality: dict[str, Any]) -> list[str]:
-        return [
-            *self._about_units(quality),
-            *self._about_rows(quality),
-            *self._about_sensors(quality),
-            *self._about_samples(quality),
-            *self._about_commands(),
-            *self._about_tests(),
-        ]
-
-    def _about_tests(self) -> list[str]:
-        """Explains why no sample was tested for failed jets, if none was."""
-        if self._tested or not self._detects:
-            return []
-        diagonal, center, reciprocal = self._limits.tolist()
-        relative = np.append(np.full(3, diagonal), reciprocal)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            share = self._deviation / np.abs(self._estimate)
-        wide = [
-            f"{SYMBOLS[element]} is known to {100.0 * share[element]:.2g} % ({100.0 * limit:.2g} % is asked)"
-            for element, limit in zip((0, 1, 2, 9), relative, strict=True)
-            if not share[element] < limit
-        ]
-        length = self._vehicle.unit_names["length"]
-        wide += [
-            f"{SYMBOLS[element]} to {self._deviation[element]:.2g} {length} ({center:.2g} {length})"
-            for element in (6, 7, 8)
-            if not self._deviation[element] < center
-        ]
-        why = f": {'; '.join(wide)}" if wide else ""
-        return [
-            f"no sample was tested for failed jets, since the estimates did not converge{why}; it takes a "
-            "record that excites them, or wider limits in estimation.convergence"
-        ]
-
-    def _about_units(self, quality: dict[str, Any]) -> list[str]:
-        found = []
-        blamed: dict[tuple[str, ...], list[str]] = {}
-        for entry in self._packages:
-            name = entry.package.name
-            if name not in quality["units"]:
-                continue
-            slope, jets = quality["units"][name]["slope"], quality["units"][name].get("jets")
-            if _plausible(slope) or "slope_before_failure" in quality["units"][name]:
-                continue
-            if jets:
-                blamed.setdefault(tuple(jets), []).append(name)
-                continue
-            unit, known = "rad/s", factors.of_rates(self._vehicle.sample_period_s)
-            if isinstance(entry.package, Accelerometer):
-                unit = in_units("{length}/s", self._vehicle.unit_names)
-                known = factors.of_velocities(self._vehicle.units, self._vehicle.sample_period_s)
-            found.append(
-                f"{name} changes by {slope:.3g} times what the nominal mass properties predict; it must be in {unit}, "
-                f"body axes{_looks_like(slope, known)}"
-            )
-        found += [
-            f"{', '.join(names)} {'follow' if len(names) > 1 else 'follows'} what is predicted but while "
-            f"{' or '.join(jets)} {'is' if len(jets) == 1 else 'are'} told to fire: look there for a failure"
-            for jets, names in blamed.items()
-        ]
-        return found
-
-    def _about_rows(self, quality: dict[str, Any]) -> list[str]:
-        found = []
-        gaps = quality["gaps"]
-        if gaps["count"]:
-            first = gaps["first"][0]
-            found.append(
-                f"{_times(gaps['count'], 'gap')} in time, {gaps['longest_s']:.6g} s the longest, the first after "
-                f"{moment(first['time_s'])} s; estimates are kept over it"
-            )
-        period, nominal = quality["sample_period_s"], self._vehicle.sample_period_s
-        if self._filter == "joint" and quality["jitter"]["count"] and not self._own_times:
-            regular = "at regular ticks, found from the stamps; where they do at these, set joint.switching=stamps"
-            taken = f"commands are taken to switch {'at the stamps' if self._at_stamps else regular}"
-            found.append(
-                f"{_times(quality['jitter']['count'], 'interval')} between rows off the sample period, by "
-                f"{quality['jitter']['largest_s']:.2g} s at the most: {taken}"
-            )
-        if self._filter == "thesis" and period is not None and abs(period - nominal) > _PERIOD_DIFFERS * nominal:
-            found.append(f"rows are {period:.6g} s apart on average, not {nominal:g} s: forces seem off by as much")
-        late = quality["duplicates"] + quality["backward"]
-        if late:
-            found.append(f"{_times(late, 'row')} left out whose time does not go on")
-        if quality["without_time"]:
-            found.append(f"{_times(quality['without_time'], 'row')} left out that have no time")
-        for name, meant in quality["unknown_columns"].items():
-            if meant is not None:
-                found.append(f"column '{name}' is not used; is '{meant}' meant?")
-        return found
-
-    def _about_actuators(self, quality: dict[str, Any]) -> list[str]:
-        """Warns of engines and wheels that a record does not cover."""
-        found, absent = list[str](), quality["absent_sensors"]
-        for engine in self._vehicle.engines:
-            if engine.name in absent:
-                found.append(f"the record has no {engine.columns[0]}: engine {engine.name} counts as shut")
-        unread = [column for wheel in self._vehicle.wheels if wheel.name in absent for column in wheel.columns]
-        if unread:
-            found.append(
-                f"the record has no {', '.join(unread)}: what these wheels do turns the vehicle untold, and hides the "
-                "rest"
-            )
-        return found
-
-    def _about_sensors(self, quality: dict[str, Any]) -> list[str]:
-        found = []
-        for name, count in quality["missing"].items():
-            if count:
-                found.append(f"{name} is missing in {_times(count, 'row')}")
-        if not self._weighs:
-            found.append("the vehicle has no accelerometer: its mass is not observable")
-        elif self._accelerometers and set(self._accelerometers) <= set(quality["absent_sensors"]):
-            found.append("the record has no accelerometer: the mass is not observable in it")
-        found += self._about_actuators(quality)
-        for entry in quality["unanswered"][:_LISTED]:
-            found.append(
-                f"{', '.join(entry['jets'])} told to fire {_during(entry)}, but no "
-                f"sensor shows it: jets that did not fire, not sensors that stood still"
-            )
-        for entry in quality["stuck"][:_LISTED]:
-            found.append(
-                f"{entry['sensor']}_{entry['axis']} stands still {_during(entry)} "
-                f"while the jets commanded should change it by {entry['predicted_change']:.3g}"
-            )
-        if self._n_stuck > _LISTED:
-            found.append(f"and {self._n_stuck - _LISTED} more times a sensor stands still")
-        for name, repeated in quality["repeated"].items():
-            found.append(
-                f"{name} repeats its reading in {repeated['count']} of {repeated['of']} samples in which the jets "
-                "commanded should have changed it: what has not been read anew tells nothing new, but counts as if it "
-                "did; leave such cells empty, or say `every` of it in a map"
-            )
-        for name, count in quality["saturated"].items():
-            if count:
-                found.append(f"{name} is at the end of its range in {_times(count, 'row')}")
-        for name, jump in quality["jumps"].items():
-            found.append(
-                f"{name} jumps {_times(jump['count'], 'time')} by more than all jets could cause in a sample, first at "
-                f"{moment(jump['first_s'])} s, the most {jump['largest']:.3g}"
-            )
-        return found
-
-    def _about_samples(self, quality: dict[str, Any]) -> list[str]:
-        names = {"rotation": "inverse inertia and center of mass", "mass": "mass"}
-        found = []
-        for name, counts in quality["samples"].items():
-            if counts["used"]:
-                continue
-            worst = max(list(counts)[1:], key=lambda reason: counts[reason])
-            found.append(
-                f"no sample could be used for {names[name]}: they are as they were at the start; most often "
-                f"({counts[worst]} times) the reason was: {worst.replace('_', ' ')}"
-            )
-        return found
-
-
-def _plausible(slope: float) -> bool:
-    """Tests whether mass properties may be so far from nominal that readings change by so much more or less."""
-    return 1.0 / _UNIT_LIMIT <= slope <= _UNIT_LIMIT
-
-
-def _to_blame(ratios: Array, fired: NDArray[np.bool_]) -> list[int]:
-    """Finds the fewest jets without which readings change as predicted; none: jets are not the cause.
-
-    Wrong units are wrong whichever jets fire; a jet that fails is so only while it is told to.
-
-    Args:
-        ratios: of measured and predicted, by sample, shape (n,).
-        fired: jets told to fire, shape (n, n_jets).
-    """
-    left, blamed = np.ones(ratios.size, dtype=bool), []
-    for _ in range(_MOST_JETS):
-        wrong = ~((ratios >= 1.0 / _UNIT_LIMIT) & (ratios <= _UNIT_LIMIT))
-        share = [int((left & wrong & jet).sum()) - int((left & ~wrong & jet).sum()) for jet in fired.T]
-        blamed.append(int(np.argmax(share)))
-        left &= ~fired[:, blamed[-1]]
-        if left.sum() >= _FEWEST and _plausible(float(np.median(ratios[left]))):
-            return blamed
-    return []
-
-
-def _looks_like(slope: float, known: Sequence[factors.Factor]) -> str:
-    """Names the likely cause of a scale factor."""
-    if slope <= 0.0:
-        return "; it looks like a wrong sign or wrong axes"
-    found = factors.near(slope, known)
-    return f"; it looks like {found[0].name}" if found else ""
-
-
-def _during(entry: dict[str, Any]) -> str:
-    return f"from {moment(entry['from_s'])} to {moment(entry['to_s'])} s"
-
-
-def _times(count: int, noun: str) -> str:
-    return f"{count} {noun}{'' if count == 1 else 's'}"
+    def _known(self) -> KnownOfRecord:
+        return KnownOfRecord(
+            vehicle=self._vehicle,
+            filter=self._filter,
+            packages=self._packages,
+            accelerometers=self._accelerometers,
+            at_stamps=self._at_stamps,
+            own_times=self._own_times,
+            weighs=self._weighs,
+            detects=self._detects,
+            tested=self._tested,
+            n_stuck=self._n_stuck,
+            limits=self._limits,
+            estimate=self._estimate,
+            deviation=self._deviation,
+            about_commands=self._about_commands(),
+        )

@@ -13,8 +13,8 @@ import numpy as np
 
 from massprop_drake.errors import InputError, counted
 from massprop_drake.inputs.record_map import RecordMap
-from massprop_drake.records.recording import Column, Recording, Topic, digest, missing_topic, needs
-from massprop_drake.records.tables import Loss
+from massprop_drake.records.completeness import Loss
+from massprop_drake.records.topics import Column, Recording, Topic, digest, missing_topic, needs
 
 _MAGIC, _HEADER = b"ULog\x01\x12\x35", 16  # first bytes, and length of the file's header
 _DAMAGED = (ValueError, KeyError, IndexError, TypeError, OverflowError, MemoryError, RecursionError, OSError)
@@ -87,11 +87,7 @@ def _losses(path: Path, log: Any, cut: tuple[int, int]) -> Iterator[Loss]:
 
 
 def _cut_off(path: Path) -> tuple[int, int]:
-    """Finds the place of a file's last message, and how many bytes it lacks; 0: it is whole.
-
-    Raises:
-        InputError: when it does not begin as a ULog does.
-    """
+    """Finds the place of a file's last message, and how many bytes it lacks; 0: it is whole."""
     try:
         content = path.read_bytes()
     except OSError as error:

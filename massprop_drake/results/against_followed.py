@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.inputs.vehicle_file import PoseSensor, VelocitySensor
+from massprop_drake.inputs.vehicle_sensors import PoseSensor, VelocitySensor
 from massprop_drake.maths import attitude
 from massprop_drake.maths.estimation.pose import pose_hindsight, setting
 from massprop_drake.maths.estimation.pose.pose_hindsight import Assumed, PoseRecord

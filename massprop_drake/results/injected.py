@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.inputs import params
+from massprop_drake.inputs import params, true_params
 from massprop_drake.inputs.model import Real, Text
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle_file import Vehicle
@@ -219,7 +219,7 @@ def _followed(scenario: Scenario) -> list[_Followed]:
     thrusts = params.thrust_factors(scenario) * np.linalg.norm(vehicle.thrusts, axis=1)
     lag = lag_factors(params.plant_time_constants(scenario), vehicle.sample_period_s)
     followed = []
-    for failure in params.jet_failures(scenario):
+    for failure in true_params.jet_failures(scenario):
         kind, jet = failure.kind.name.lower(), failure.jet
         record = _unknown(kind, vehicle.designations[jet], failure.start_s)
         response = float(lag.remaining[jet]), float(lag.mean[jet])

@@ -17,15 +17,17 @@ from massprop_drake.errors import InputError, in_words, suggestion
 from massprop_drake.inputs import params
 from massprop_drake.inputs.kinds import about_folder, bundled
 from massprop_drake.inputs.model import validated, yaml_text
-from massprop_drake.inputs.scenario import MultibodyBlock, Scenario, load_scenario
+from massprop_drake.inputs.scenario import Scenario, load_scenario
+from massprop_drake.inputs.true_blocks import MultibodyBlock
 from massprop_drake.inputs.yaml import exists, read_text
-from massprop_drake.records import reader as telemetry
+from massprop_drake.records import rows
 from massprop_drake.results.exchange import recover
 from massprop_drake.results.folder import Place, require_writable, whole_folder, write_file
+from massprop_drake.results.json_arrays import null_for_nan
 from massprop_drake.results.parts import Ended, PartsMade
 from massprop_drake.results.spool import Signals, Spool, blocks, write_npz
 from massprop_drake.results.stored import STATE_FILE, FilterState, read_history, read_json, storable
-from massprop_drake.results.summary import Summary, SummaryFile, null_for_nan
+from massprop_drake.results.summary import Summary, SummaryFile
 from massprop_drake.results.thinning import outstanding_rows, picked
 from massprop_drake.signals import (
     JOINTS,
@@ -187,7 +189,7 @@ class Run:
     def plot(self) -> Plots:
         """Plots of the run: `run.plot.rates()` and the others return matplotlib figures."""
         from massprop_drake.display.figures import Plots  # noqa: PLC0415 (matplotlib is slow to load)
-        from massprop_drake.display.plots import source  # noqa: PLC0415
+        from massprop_drake.display.plot_source import source  # noqa: PLC0415
 
         return Plots(source(self.shown()))
 
@@ -400,9 +402,9 @@ class Run:
         return Run(scenario, results, time_s, signals, state)
 
     def _write_telemetry(self, path: Path) -> None:
-        telemetry.write_csv(path, self.scenario.vehicle_data, self._telemetry())
+        rows.write_csv(path, self.scenario.vehicle_data, self._telemetry())
 
-    def _telemetry(self) -> Iterator[telemetry.Rows]:
+    def _telemetry(self) -> Iterator[rows.Rows]:
         """Yields the readings and commands, block by block."""
         sensors = self.scenario.vehicle_data.sensor_names()
         tracked = self.scenario.vehicle_data.tracked
@@ -420,7 +422,7 @@ class Run:
             read = [block.get(one.name, none) for one, none in zip(tracked, unread, strict=True)]
             followed = np.hstack(read) if read else None
             more = block.get("outside_wrench"), there, followed, block.get("command_onset")
-            yield telemetry.Rows(block["time_s"], readings, commands, *more)
+            yield rows.Rows(block["time_s"], readings, commands, *more)
 
     def _write_history(self, path: Path) -> None:
         described = {name: {"unit": self.units[name], "components": self.components[name]} for name in self.units}

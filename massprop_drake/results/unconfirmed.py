@@ -22,8 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.inputs import params
+from massprop_drake.inputs.estimation_blocks import CglrBlock, CusumBlock, HypothesesBlock, ThrustFactorsBlock
 from massprop_drake.inputs.model import Count, Real, Text
-from massprop_drake.inputs.scenario import CglrBlock, CusumBlock, HypothesesBlock, Scenario, ThrustFactorsBlock
+from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.results.events import EventRecord
 
 Array = NDArray[np.float64]

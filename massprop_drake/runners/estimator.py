@@ -13,8 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from massprop_drake.errors import InputError, dotted, moment
 from massprop_drake.inputs import params
 from massprop_drake.inputs.model import validated
-from massprop_drake.inputs.scenario import Scenario, check_against_vehicle
-from massprop_drake.inputs.vehicle_file import SensorPackage, Vehicle
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.scenario_checks import check_against_vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.inputs.vehicle_sensors import SensorPackage
 from massprop_drake.maths.estimation import cycle, whole
 from massprop_drake.maths.estimation.detector import Verdict
 from massprop_drake.maths.estimation.faults.declarations import Word
@@ -26,11 +28,11 @@ from massprop_drake.maths.mass_properties import converged_rows
 from massprop_drake.maths.possible_inertia import nearest_possible
 from massprop_drake.maths.vehicle.on_times import continued, levels_alone, told_onsets
 from massprop_drake.maths.vehicle.sensing import unsaturated
-from massprop_drake.records.reader import HELD
-from massprop_drake.records.tables import LARGEST
+from massprop_drake.records.blocks import LARGEST
+from massprop_drake.records.cadence import HELD
 from massprop_drake.results.events import kind_of, reading_of
+from massprop_drake.results.json_arrays import kept_onsets, null_for_nan
 from massprop_drake.results.stored import FORMAT, EstimatorState, FilterState, made_with, require_made_with
-from massprop_drake.results.summary import kept_onsets, null_for_nan
 from massprop_drake.runners.cycles import RecordRows, Whole
 from massprop_drake.runners.logs import EstimationLog, kept, restored
 

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError
-from massprop_drake.inputs import params
+from massprop_drake.inputs import params, true_params
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.inputs.vehicle_file import SensorPackage
+from massprop_drake.inputs.vehicle_sensors import SensorPackage
 from massprop_drake.maths import attitude
 from massprop_drake.maths.estimation.filters.pose import PoseFilterParams, readings_of
 from massprop_drake.maths.estimation.pose import delays, pose_hindsight, setting
@@ -160,7 +160,7 @@ def _delivered(told: Array, opening_s: Array, time_s: Array, other: Run) -> tupl
     Returns:
         When levels change, s, and what they are from then on, shape (k,) and (k, n_jets).
     """
-    failures = params.vehicle_params(other.scenario).jets.failures if other.scenario.failures else ()
+    failures = true_params.vehicle_params(other.scenario).jets.failures if other.scenario.failures else ()
     table, period_s = true_failures.failure_table(failures), other.scenario.vehicle_data.sample_period_s
     times_s, levels = [], []
     for row, since_s in enumerate((time_s - time_s[0]).tolist()):

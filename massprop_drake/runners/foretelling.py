@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from massprop_drake.errors import InputError
 from massprop_drake.inputs import params
 from massprop_drake.inputs.asked import odds
-from massprop_drake.inputs.scenario import CglrBlock, Dispersion, DisturbanceBlock, PlantBlock, Scenario
+from massprop_drake.inputs.estimation_blocks import CglrBlock
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.true_blocks import Dispersion, DisturbanceBlock, PlantBlock
 from massprop_drake.maths.estimation import foretold
 from massprop_drake.maths.estimation.cycle import EstimationParams, initial_state, told_of
 from massprop_drake.maths.estimation.faults.priors import Priors, log_jump, log_surprise

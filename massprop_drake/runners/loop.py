@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.inputs import params
+from massprop_drake.inputs import params, pilot_params, true_params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths import flight
 from massprop_drake.maths.autopilot.phase_space import hand_controller_rows
@@ -61,7 +61,7 @@ class _Selection:
     """
 
     def __init__(self, scenario: Scenario, desk: Desk):
-        self.selector = Selector(**params.selection(scenario))
+        self.selector = Selector(**pilot_params.selection(scenario))
         self._desk = desk
         self._adapts = scenario.autopilot.mass_properties == "estimated"
         self._limits = params.convergence_limits(scenario)
@@ -101,13 +101,13 @@ class Loop:
     def __init__(self, scenario: Scenario, known: Cycles | None = None):
         vehicle, self._compiled = scenario.vehicle_data, scenario.execution.compiled
         self._scenario, self._period_s = scenario, vehicle.sample_period_s
-        self._true = params.vehicle_params(scenario)
+        self._true = true_params.vehicle_params(scenario)
         self._schedule: Array | None = None
         self._onsets_s: Array | None = None  # of the schedule, where jets open within samples
         if scenario.open_loop:
             self._schedule, self._onsets_s = params.commands(scenario)
-        self._windows = params.windows(scenario)
-        self._made = params.flight_params(scenario, self._true)
+        self._windows = pilot_params.windows(scenario)
+        self._made = pilot_params.flight_params(scenario, self._true)
         self._fly = chosen(flight.fly, self._compiled)
         start = vehicle_cycle.initial_state(self._true)
         self._holder = held(flight.initial_state(start), self._compiled)

@@ -17,40 +17,34 @@ from massprop_drake.errors import InputError
 from massprop_drake.inputs import params
 from massprop_drake.inputs.model import validated
 from massprop_drake.inputs.record_map import RecordMap, load_map
-from massprop_drake.inputs.scenario import PlantBlock, Scenario
-from massprop_drake.inputs.vehicle_file import SensorPackage, Vehicle
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.true_blocks import PlantBlock
+from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.inputs.vehicle_sensors import SensorPackage
 from massprop_drake.maths.estimation import cycle
 from massprop_drake.maths.estimation.whole import Samples
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.maths.vehicle.on_times import levels_alone
-from massprop_drake.records import mapping
+from massprop_drake.records import mapped_rows, mapping
+from massprop_drake.records.blocks import Table
 from massprop_drake.records.control_rows import Thinning
 from massprop_drake.records.merging import MergedTable
 from massprop_drake.records.quality import QualityReport
-from massprop_drake.records.reader import AT_STAMPS, Continuation, Reader, Rows
+from massprop_drake.records.reader import AT_STAMPS, Reader
 from massprop_drake.records.recording import open_recording, require_table
-from massprop_drake.records.tables import Table
+from massprop_drake.records.rows import Continuation, Rows
 from massprop_drake.results import followed
 from massprop_drake.results.consistency import TOO_LITTLE, Consistency, Tally, judged, used_nis
 from massprop_drake.results.detections import JUMP, DetectionRecord
 from massprop_drake.results.events import EventRecord
 from massprop_drake.results.exchange import recover
+from massprop_drake.results.json_arrays import kept_onsets, null_for_nan
 from massprop_drake.results.parts import PartsMade
 from massprop_drake.results.run import Run
 from massprop_drake.results.shown_in_hindsight import Hindsight, looked_back
 from massprop_drake.results.stored import STATE_FILE, FilterState, read_json, require_made_with
-from massprop_drake.results.summary import (
-    AutopilotSummary,
-    Findings,
-    RunTiming,
-    Summary,
-    composed,
-    explained,
-    firings,
-    kept_onsets,
-    not_summed_up,
-    null_for_nan,
-)
+from massprop_drake.results.summarize import composed, explained, firings, not_summed_up
+from massprop_drake.results.summary import AutopilotSummary, Findings, RunTiming, Summary
 from massprop_drake.runners.cycles import RecordRows, cycles
 from massprop_drake.runners.logs import EstimationLog, Intake, estimation_signals, kept, restored
 from massprop_drake.signals import SYMBOLS
@@ -175,8 +169,8 @@ def _source(
         name = "map" if isinstance(record_map, RecordMap) else str(record_map)
         (vehicle, gyro), (own_times, possible) = whose, steps
         record = mapping.mapped(open_recording(first, by), by, vehicle, name)
-        faster = possible and mapping.comes_faster(record)
-        return mapping.table(record, gyro, own_times=own_times or faster)
+        faster = possible and mapped_rows.comes_faster(record)
+        return mapped_rows.table(record, gyro, own_times=own_times or faster)
     for one in (first, *others):
         require_table(one)
     return MergedTable([first, *others]) if others else first
@@ -291,7 +285,7 @@ class _Estimation:
             signals["outside_wrench"] = rows.outside_wrench
         signals |= estimation_signals(self._scenario, logs)
         signals |= rows.readings
-        signals |= _by_sensor(rows, self._vehicle)
+        signals |= by_sensor(rows, self._vehicle)
         for name in {"onset", "verdict_onset", "unexplained_since", "history_since"} & set(signals):
             if not self._at_any_time:
                 signals[name] = self._record_time(signals[name], rows.time_s)
@@ -429,7 +423,7 @@ def _name_of(telemetry: str | Path | Sequence[str | Path]) -> str:
     return ", ".join(Path(one).name for one in telemetry)
 
 
-def _by_sensor(rows: Rows, vehicle: Vehicle) -> dict[str, Array]:
+def by_sensor(rows: Rows, vehicle: Vehicle) -> dict[str, Array]:
     """Splits readings by sensor in a fixed frame."""
     if rows.tracked is None:
         return {}

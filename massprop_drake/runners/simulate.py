@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError, moment
-from massprop_drake.inputs import params
-from massprop_drake.inputs.scenario import MultibodyBlock, Scenario
+from massprop_drake.inputs import params, true_params
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.true_blocks import MultibodyBlock
 from massprop_drake.maths.autopilot.jet_selection import activity_vectors
 from massprop_drake.maths.estimation.filter import Groups
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
@@ -34,7 +35,8 @@ from massprop_drake.maths.vehicle.rigid_body import (
 from massprop_drake.results.parts import PartsMade
 from massprop_drake.results.run import Run
 from massprop_drake.results.spool import Spool
-from massprop_drake.results.summary import Findings, RunTiming, looked_back_on, not_summed_up, summarize
+from massprop_drake.results.summarize import looked_back_on, not_summed_up, summarize
+from massprop_drake.results.summary import Findings, RunTiming
 from massprop_drake.runners.logs import Intake, estimation_signals, for_json
 from massprop_drake.runners.moment import Moment
 from massprop_drake.signals import JOINTS, PROPELLANT, is_own
@@ -277,7 +279,7 @@ def _signals(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
         if name in logs:
             signals[name] = logs[name]
     signals |= estimation_signals(scenario, logs)
-    seen = (sensor.name for sensor in params.simulated_besides(scenario))
+    seen = (sensor.name for sensor in true_params.simulated_besides(scenario))
     for name in (*vehicle.sensor_names(), *seen, *filter(is_own, logs)):
         signals[name] = logs[name]
     return signals

@@ -17,7 +17,7 @@ from pydrake.systems.primitives import LogVectorOutput, Multiplexer
 from massprop_drake.diagrams import closed_loop, open_loop
 from massprop_drake.diagrams.estimation import MassPropertyEstimator
 from massprop_drake.errors import InputError, moment, suggestion
-from massprop_drake.inputs import params
+from massprop_drake.inputs import true_params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.estimation.filter import Groups
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS
@@ -234,7 +234,7 @@ class Simulated:
 
     def _found(self, scenario: Scenario, feeding: Mapping[str, OutputPort]) -> dict[str, OutputPort]:
         """Returns the output ports that a run keeps, by name, but those of the truth."""
-        seen = [sensor.name for sensor in params.simulated_besides(scenario)]
+        seen = [sensor.name for sensor in true_params.simulated_besides(scenario)]
         wanted = (
             "command",
             "command_onset",

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError, moment
-from massprop_drake.inputs import params
+from massprop_drake.inputs import params, true_params
 from massprop_drake.inputs.scenario import Scenario, load_scenario
-from massprop_drake.inputs.vehicle_file import MassPropertiesModel, Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.inputs.vehicle_parts import MassPropertiesModel
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, all_ten
 from massprop_drake.maths.vehicle import vehicle_cycle
 from massprop_drake.maths.vehicle.depletion import OutOfPropellantError
@@ -171,7 +172,7 @@ class _Twin:
     """
 
     def __init__(self, record: Scenario, world: Scenario, source: str):
-        self._true = params.vehicle_params(world)
+        self._true = true_params.vehicle_params(world)
         self._names = [package.name for package in self._true.packages]
         self._gyros = [package.name for package in params.gyros(record)]
         self._rates = [package.name for package in record.vehicle_data.gyros]

@@ -7,9 +7,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.inputs import params
+from massprop_drake.inputs import true_params
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.inputs.vehicle_file import PoseSensor, VelocitySensor
+from massprop_drake.inputs.vehicle_sensors import PoseSensor, VelocitySensor
 from massprop_drake.maths.noise import normal_sample
 from massprop_drake.maths.vehicle.rigid_body import STRUCTURE
 from massprop_drake.maths.vehicle.tracking import N_NOISE, is_due, pose_read, velocity_read
@@ -31,11 +31,13 @@ class Trackers:
         sensors = scenario.vehicle_data.tracked
         ends = np.cumsum([0, *(len(sensor.columns) for sensor in sensors)]).tolist()
         parts = zip(sensors, pairwise(ends), strict=True)
-        there = params.simulated_besides(scenario)
+        there = true_params.simulated_besides(scenario)
         self._parts = {sensor.name: slice(*ends) for sensor, ends in parts if sensor in there}
         self.size: int = ends[-1]
         self._seed = scenario.seed
-        self._poses = {one.name: params.pose_model(scenario, one) for one in sensors if isinstance(one, PoseSensor)}
+        self._poses = {
+            one.name: true_params.pose_model(scenario, one) for one in sensors if isinstance(one, PoseSensor)
+        }
         self._points = {
             one.name: (np.array(one.position), one.noise_std) for one in sensors if isinstance(one, VelocitySensor)
         }

@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.inputs import params
-from massprop_drake.inputs.scenario import CglrBlock, MassBlock, Scenario, resolved
-from massprop_drake.inputs.vehicle_file import Accelerometer, Vehicle
+from massprop_drake.inputs.estimation_blocks import CglrBlock, MassBlock
+from massprop_drake.inputs.scenario import Scenario, resolved
+from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.inputs.vehicle_sensors import Accelerometer
 from massprop_drake.maths.autopilot.jet_selection import activity_vectors
 from massprop_drake.maths.estimation import observability
 from massprop_drake.maths.estimation.detectors.jet_tests import signatures

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from matplotlib.figure import Figure
 
-from massprop_drake.inputs.scenario import HandControllerWindow
+from massprop_drake.inputs.scheduled import HandControllerWindow
 from massprop_drake.signals import AXES
 from reproduction.claims import (
     Array,

@@ -14,7 +14,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from massprop_drake import InputError, load_scenario, simulate
 from massprop_drake.diagrams import closed_loop, vehicle
-from massprop_drake.inputs import params
+from massprop_drake.inputs import true_params
 from massprop_drake.inputs.scenario import Scenario
 
 
@@ -88,19 +88,23 @@ def test_a_copy_of_a_context_has_its_seed_and_the_default_context_the_scenarios_
 
 
 def test_unless_drawn_it_is_what_the_scenario_s_seed_draws() -> None:
-    scenario = flown("plant.thrust_dispersion=0.02", "seed=5", "failures=[{kind: leak, jet: F1L, force: 10, start_s: 0}]")
-    diagram, (leak,) = vehicle.build(scenario), params.jet_failures(scenario)
+    scenario = flown(
+        "plant.thrust_dispersion=0.02", "seed=5", "failures=[{kind: leak, jet: F1L, force: 10, start_s: 0}]"
+    )
+    diagram, (leak,) = vehicle.build(scenario), true_params.jet_failures(scenario)
     context: Any = diagram.CreateDefaultContext()
     for jet in range(0, 44, 5):
         command = np.eye(44)[jet]
         for name in ("command", "held_command"):
             diagram.GetInputPort(name).FixValue(context, command)
         expected = command + leak.amount * np.eye(44)[leak.jet]
-        expected = expected * np.linalg.norm(params.plant_wrenches(scenario)[:, 3:6], axis=1)
+        expected = expected * np.linalg.norm(true_params.plant_wrenches(scenario)[:, 3:6], axis=1)
         assert_array_equal(diagram.GetOutputPort("thrust").Eval(context), expected)
     quiet = vehicle.build(load_scenario("sample_maneuver", ["sensors.quantizer_phase=equal"]))
     assert not quiet.HasSubsystemNamed("noise_seed")  # where nothing is by chance
-    assert vehicle.build(flown()).CreateDefaultContext().num_discrete_state_groups() == 1  # the body's: chance adds none
+    assert (
+        vehicle.build(flown()).CreateDefaultContext().num_discrete_state_groups() == 1
+    )  # the body's: chance adds none
 
 
 def test_a_monte_carlo_simulation_over_one_diagram() -> None:
@@ -117,22 +121,10 @@ def test_a_monte_carlo_simulation_over_one_diagram() -> None:
     assert again == first
 
 
-def test_what_is_drawn_is_passed_on_to_another_scalar_type() -> None:
-    quiet = ", ".join(f"{{sensor: {name}, quantum: 0}}" for name in ("gyro", "acc1", "acc2", "acc3"))
-    diagram = own(load_scenario("sample_maneuver", [f"sensors.errors=[{quiet}]", "plant.thrust_dispersion=0.02"]))
-    context, converted = diagram.CreateDefaultContext(), diagram.ToAutoDiffXd()
-    other = converted.CreateDefaultContext()
-    for seed in (1, 2):
-        diagram.SetRandomContext(context, RandomGenerator(seed))
-        other.SetTimeStateAndParametersFrom(context)
-        found = [one.value() for one in converted.GetOutputPort("thrust").Eval(other)]
-        assert_allclose(found, diagram.GetOutputPort("thrust").Eval(context), rtol=1e-15)
-
-
 def test_drawn_mass_properties_are_the_seeds_alike_in_both_engines() -> None:
     scenario = flown(SPREAD, "duration_s=1", "seed=4")
     runs = [simulate(flown(SPREAD, "duration_s=1", "seed=4", f"execution.engine={how}")) for how in ("diagram", "loop")]
-    expected = params.true_properties(scenario).vector()
+    expected = true_params.true_properties(scenario).vector()
     assert_allclose(runs[0]["truth"][0], expected, rtol=1e-12)
     assert 0.001 < np.abs(expected / scenario.vehicle_data.nominal.vector() - 1.0)[:3].max() < 0.3
     for name in ("truth", "rate", "acc1", "estimate"):

@@ -29,7 +29,7 @@ from massprop_drake.display.spec import (
     Whiskers,
     Zone,
 )
-from massprop_drake.inputs.vehicle_file import PoseSensor
+from massprop_drake.inputs.vehicle_sensors import PoseSensor
 from massprop_drake.results.run import Run
 
 TIME = np.linspace(0.0, 10.0, 11)

@@ -24,7 +24,8 @@ from massprop_drake.display.page import summary_html
 from massprop_drake.display.stage import MeshcatStage
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.model import Model, validated
-from massprop_drake.inputs.scenario import Scenario, StuckOn
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.scheduled import StuckOn
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.run import Run

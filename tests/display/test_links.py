@@ -15,7 +15,7 @@ from massprop_drake.display import write_replay
 from massprop_drake.display.flight3d import replay_html
 from massprop_drake.display.links import Links
 from massprop_drake.display.live import Live
-from massprop_drake.inputs.scenario import MultibodyBlock
+from massprop_drake.inputs.true_blocks import MultibodyBlock
 from massprop_drake.results.run import Run
 
 

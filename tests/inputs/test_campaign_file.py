@@ -13,7 +13,7 @@ from hypothesis.extra import numpy as arrays
 
 from massprop_drake import InputError
 from massprop_drake.inputs.campaign_file import Dispersion, load_campaign, settings_of, with_settings
-from massprop_drake.inputs.params import true_properties
+from massprop_drake.inputs.true_params import true_properties
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.mass_properties import could_be_inertia, drawn_body
 from massprop_drake.studies.campaign.plan import planned

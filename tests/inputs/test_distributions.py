@@ -81,7 +81,7 @@ def test_nothing_is_drawn_beyond_the_bounds(kind: str, a: float, b: float, c: fl
     [
         ("uniform", {"low": 0.1, "high": 0.3, "points": 3}, [0.1, 0.2, 0.3]),
         ("loguniform", {"low": 1.0, "high": 100.0, "points": 3}, [1.0, 10.0, 100.0]),
-        ("integers", {"low": 1, "high": 3}, [1, 2, 3]),
+        ("integers", {"low": 1, "high": 3, "points": 3}, [1, 2, 3]),
         ("integers", {"low": 1, "high": 9, "points": 3}, [1, 5, 9]),
     ],
 )
@@ -99,6 +99,7 @@ def test_grids_take_points_with_their_bounds(tag: str, parameters: Any, expected
     ("tag", "parameters", "said"),
     [
         ("uniform", {"low": 1.0, "high": 1.0}, "high must be above low, got 1 to 1"),
+        ("normal", {"std": 1.0, "low": 1.0, "high": 1.0}, "high must be above low"),
         ("uniform", {"low": -1e308, "high": 1e308}, "too far apart"),
         ("integers", {"low": 0, "high": 2, "points": 4}, "there are no 4 whole numbers from 0 to 2"),
         ("integers", {"low": -(10**400), "high": 2}, "low"),

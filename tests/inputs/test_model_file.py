@@ -10,7 +10,8 @@ import pytest
 from massprop_drake import InputError, load_scenario
 from massprop_drake.inputs.model import yaml_text
 from massprop_drake.inputs.model_file import ModelJoint, bundled_models, model_joints, model_text
-from massprop_drake.inputs.scenario import MultibodyBlock, Scenario
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.true_blocks import MultibodyBlock
 
 INERTIAL = "<inertial><mass>180</mass><inertia><ixx>50</ixx><iyy>26</iyy><izz>55</izz></inertia></inertial>"
 ARM = f"<link name='arm'>{INERTIAL}</link>"

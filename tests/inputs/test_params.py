@@ -10,14 +10,14 @@ import pytest
 from scipy.stats import chi2
 
 from massprop_drake import Scenario, load_scenario, load_vehicle
-from massprop_drake.inputs import params
+from massprop_drake.inputs import params, true_params
+from massprop_drake.inputs.estimation_blocks import FaultMode, FaultsBlock
 from massprop_drake.inputs.model import keys
-from massprop_drake.inputs.scenario import FaultMode, FaultsBlock, resolved
+from massprop_drake.inputs.scenario import resolved
 from massprop_drake.maths.estimation import redundancy
 from massprop_drake.maths.estimation.faults.declarations import Mode
 from massprop_drake.maths.estimation.faults.hypothesis_filter import Params
 from massprop_drake.maths.estimation.faults.priors import Priors
-from massprop_drake.maths.estimation.filters import rotation_filter
 from massprop_drake.maths.estimation.joint.layout import JointParams
 from massprop_drake.maths.noise import uniform_phase
 
@@ -86,23 +86,6 @@ def test_limits_of_convergence() -> None:
     assert params.convergence_limits(sample("estimation.convergence.center_of_mass=1.5"))[1] == 1.5
 
 
-def test_settings_of_the_rotation_filter() -> None:
-    default = params.rotation_params(sample())
-    assert (default.second_order, default.coupling) == (True, rotation_filter.RotationCoupling.HYBRID)
-    assert (default.coupling_limit, default.jump_threshold) == (50.0, 25.0)
-    changed = params.rotation_params(
-        sample(
-            "rotation={filter: extended, coupling: ignore, jump: none, jump_std_fraction: 0.5, disturbance_std: 0.1}",
-            "rotation.process_noise_std=[0,0,0,0,0,0,2,0,0]",
-        )
-    )
-    assert (changed.second_order, changed.coupling) == (False, rotation_filter.RotationCoupling.IGNORE)
-    assert changed.jump_threshold == math.inf
-    np.testing.assert_allclose(changed.disturbance_covariance, 0.01 * np.eye(3), rtol=1e-15)
-    np.testing.assert_allclose(changed.process_noise, np.diag([0, 0, 0, 0, 0, 0, 4.0, 0, 0]), rtol=1e-15)
-    np.testing.assert_allclose(changed.jump_covariance, 0.25 * default.jump_covariance, rtol=1e-14)
-
-
 @pytest.mark.parametrize("window", [2, 40])
 def test_the_false_alarm_rate_of_a_mass_jump_is_shared_by_the_window(window: int) -> None:
     overrides = ["mass.jump=glr", f"mass.jump_window={window}", "mass.jump_false_alarm_rate=1e-3"]
@@ -132,7 +115,7 @@ def test_rules_and_packages_reach_the_filters_in_order_of_preference(toy_data: d
 def test_sensor_errors_are_those_of_the_vehicle_and_the_scenario() -> None:
     stated = "{sensor: acc1, bias: [1, 2, 3], bias_random_walk: 0.5, quantum: 0.25, delay_samples: 3}"
     scenario = sample("seed=4", f"sensors.errors=[{stated}]", "vehicle.gyros[0].range=0.5")
-    gyro, acc1, acc2, _ = (params.sensor_model(scenario, package) for package in scenario.vehicle_data.sensors)
+    gyro, acc1, acc2, _ = (true_params.sensor_model(scenario, package) for package in scenario.vehicle_data.sensors)
     assert (gyro.quantum, gyro.delay, gyro.integrates, gyro.remembers) == (1.52e-6, 0, False, False)
     assert (gyro.limit, acc1.limit) == (0.5, math.inf)
     np.testing.assert_array_equal(gyro.phase, uniform_phase(4, "gyro", 3))
@@ -141,20 +124,7 @@ def test_sensor_errors_are_those_of_the_vehicle_and_the_scenario() -> None:
     assert acc1.walk_std == pytest.approx(0.5 * math.sqrt(0.08))  # 1-sigma after one second
     assert (acc2.quantum, acc2.walk_std) == (0.0344, 0.0)
     equal = sample("sensors.quantizer_phase=equal")
-    assert not params.sensor_model(equal, equal.vehicle_data.gyros[0]).phase.any()
-
-
-def test_lags_are_used_where_they_are_asked_for() -> None:
-    lags = load_vehicle("orbiter").time_constants_s
-    for plant, estimator in (("none", "gate_lag"), ("vehicle", "gate")):
-        scenario = sample(f"plant.thrust_transient={plant}", f"estimation.thrust_transient={estimator}")
-        expected = lags if plant == "vehicle" else 0.0 * lags
-        np.testing.assert_array_equal(params.plant_time_constants(scenario), expected)
-        expected = lags if estimator == "gate_lag" else 0.0 * lags
-        np.testing.assert_array_equal(params.estimator_time_constants(scenario), expected)
-    slower = load_scenario("orbiter_maneuver", ["plant.lag_factor=1.5"])
-    np.testing.assert_allclose(params.plant_time_constants(slower), 0.0225)
-    np.testing.assert_allclose(params.estimator_time_constants(slower), 0.015)
+    assert not true_params.sensor_model(equal, equal.vehicle_data.gyros[0]).phase.any()
 
 
 def test_each_jet_is_off_by_its_own_fraction_drawn_from_the_seed() -> None:
@@ -170,26 +140,20 @@ def test_each_jet_is_off_by_its_own_fraction_drawn_from_the_seed() -> None:
     double = params.thrust_factors(sample("seed=7", "plant.thrust_dispersion=0.04"))
     np.testing.assert_allclose(double - 1.0, 2.0 * (factors[7] - 1.0), rtol=1e-12)
     # torque, force and flow go with the thrust; what the estimators take for true is not touched
-    nominal = params.plant_wrenches(sample())
-    np.testing.assert_allclose(params.plant_wrenches(scenario), nominal * factors[7][:, None], rtol=1e-15)
+    nominal = true_params.plant_wrenches(sample())
+    np.testing.assert_allclose(true_params.plant_wrenches(scenario), nominal * factors[7][:, None], rtol=1e-15)
     np.testing.assert_array_equal(nominal[:, 6], scenario.vehicle_data.mass_flows)
-    assert not params.plant_wrenches(sample("plant.depletion=false"))[:, 6].any()
+    assert not true_params.plant_wrenches(sample("plant.depletion=false"))[:, 6].any()
 
 
 # with the second seed the leaking jet's draw lies 3.6 sigma low: 1 - 3.6 x 0.3 is below zero
 @pytest.mark.parametrize(("seed", "dispersion"), [(0, 0.1), (1249, 0.3)])
 def test_a_leak_gives_the_force_it_states_whatever_the_jets_thrust(seed: int, dispersion: float) -> None:
     scenario = load_scenario("leak_24", [f"seed={seed}", f"plant.thrust_dispersion={dispersion}"])
-    (failure,) = params.jet_failures(scenario)
-    force = failure.amount * np.linalg.norm(params.plant_wrenches(scenario)[failure.jet, 3:6])
+    (failure,) = true_params.jet_failures(scenario)
+    force = failure.amount * np.linalg.norm(true_params.plant_wrenches(scenario)[failure.jet, 3:6])
     assert force == pytest.approx(scenario.failures[0].force, rel=1e-12)
     assert params.thrust_factors(scenario)[failure.jet] != 1.0
-
-
-def test_thrust_errors_are_those_of_one_sigma_at_full_level() -> None:
-    assert params.thrust_errors(sample()) is None
-    scenario = sample("estimation.thrust_uncertainty=0.02")
-    np.testing.assert_allclose(params.thrust_errors(scenario), 0.02 * 0.08 * scenario.vehicle_data.wrenches, rtol=1e-14)
 
 
 def joint(*overrides: str) -> JointParams:

@@ -9,7 +9,6 @@ import pytest
 from test_refused import LEAK, changed, diagonal
 
 from massprop_drake import InputError, load_scenario, load_vehicle, simulate
-from massprop_drake.inputs import plausible
 from massprop_drake.inputs.model import validated
 from massprop_drake.inputs.scenario import Scenario, resolved
 from massprop_drake.inputs.vehicle_file import Vehicle
@@ -57,23 +56,6 @@ def test_doubts_bear_on_what_is_done(toy_data: dict[str, Any]) -> None:
     assert case.simulation_doubts == case.doubts
     # a record ends where it ends: what a simulation does with failures does not bear on it
     assert [found.path for found in case.estimation_doubts] == [("vehicle", "jets", 1, "thrust")]
-
-
-def test_bounds_are_the_same_in_both_unit_systems(toy_data: dict[str, Any]) -> None:
-    def problem(units: str, position: float) -> str:
-        shape = [{"kind": "box", "size": [1.0, 1.0, 1.0], "position": [position, 0.0, 0.0]}]
-        try:
-            validated(Vehicle, {**toy_data, "units": units, "shape": shape})
-        except InputError as error:
-            return str(error)
-        return ""
-
-    assert not problem("si", 999.0)
-    assert "1001 m, is above 1000 m" in problem("si", 1001.0)
-    assert not problem("us", 3280.0)  # ft: 999.7 m
-    assert "3282, in SI units 1000 m, is above 1000 m" in problem("us", 3282.0)
-    # the pound is 0.45359237 kg, the foot 0.3048 m, both exactly; a slug is lbf s^2 / ft
-    np.testing.assert_allclose(plausible.SLUG, 14.593902937206364, rtol=1e-15)
 
 
 def scaled(vehicle: Vehicle, mass: float, length: float, thrust: float, **changes: Any) -> dict[str, Any]:

@@ -9,8 +9,9 @@ import pytest
 from command_probe import Massprop
 
 from massprop_drake import InputError, Scenario, load_scenario, load_vehicle
+from massprop_drake.inputs.estimation_blocks import HypothesesBlock
 from massprop_drake.inputs.renamed import RenamedWarning
-from massprop_drake.inputs.scenario import HypothesesBlock, resolved
+from massprop_drake.inputs.scenario import resolved
 from massprop_drake.inputs.yaml import Document
 
 LANDED = Path(__file__).parents[1] / "data" / "landed_0_1"
@@ -34,14 +35,6 @@ def test_old_keys_of_files_are_read_with_one_warning_each(massprop: Massprop) ->
     done = massprop("check", LANDED / "turned_cube.yaml", LANDED / "cube.yaml", "--json")
     assert done.status == 0
     assert [line.partition(": ")[0] for line in done.err.splitlines()] == ["massprop", "massprop"]
-
-
-@pytest.mark.parametrize("override", ["sensors.quantiser_phase=equal", "sensors={quantiser_phase: equal}"])
-def test_old_keys_in_an_override_are_taken_with_a_warning(override: str) -> None:
-    with pytest.warns(RenamedWarning, match=r"--set sensors.*: quantiser_phase is now quantizer_phase") as caught:
-        scenario = load_scenario("sample_maneuver", ["sensors.quantizer_phase=seeded", override])
-    assert scenario.sensors.quantizer_phase == "equal"
-    assert len(caught) == 1
 
 
 OLD = {"trigger_jet": 28.0, "trigger": 45.0, "lead": 6.0, "lead_nothing": 12.0, "jump": 100.0}

@@ -13,16 +13,10 @@ from ruamel.yaml import YAML
 from test_refused import refused, require
 
 from massprop_drake import InputError, Scenario, load_scenario, simulate
-from massprop_drake.inputs import params
+from massprop_drake.inputs import params, true_params
+from massprop_drake.inputs.estimation_blocks import FaultsBlock, JointBlock
 from massprop_drake.inputs.model import Model, digest, yaml_text
-from massprop_drake.inputs.scenario import (
-    FaultsBlock,
-    HypothesesBlock,
-    JointBlock,
-    bundled_scenarios,
-    resolved,
-    set_field,
-)
+from massprop_drake.inputs.scenario import bundled_scenarios, resolved, set_field
 from massprop_drake.inputs.yaml import to_yaml
 
 DATA = REPOSITORY / "tests" / "data"
@@ -49,28 +43,6 @@ def test_every_bundled_scenario_is_sound_and_reads_back_equal(tmp_path: Path, na
     again = load_scenario(written(tmp_path, yaml_text(scenario)))
     assert again == scenario
     assert (digest(again), yaml_text(again)) == (digest(scenario), yaml_text(scenario))
-
-
-@pytest.mark.parametrize(
-    "name", ["sample_maneuver", "servicer_arm", "air_bearing_pulses", "cubesat_leak", "lander_burn"]
-)
-def test_a_shortened_scenario_of_each_kind_runs(name: str) -> None:
-    scenario = load_scenario(name, ["duration_s=2"])
-    run = simulate(scenario)
-    period_s = scenario.vehicle_data.sample_period_s
-    assert run.summary["duration_s"] == pytest.approx(np.floor(2.0 / period_s + 1e-9) * period_s, rel=1e-12)
-    assert run.summary["autopilot"]["firings"] > 0
-    assert run["rotation_used"].sum() > 0
-    assert np.isfinite(run["truth"]).all()
-    known = np.isfinite(run["standard_deviation"][-1])
-    assert known.sum() == (4 if scenario.vehicle_data.motion == "planar" else 10 if params.weighs(scenario) else 9)
-
-
-def test_the_sample_maneuver_is_that_of_the_thesis(sample_maneuver: Scenario) -> None:
-    assert {"sample_maneuver", "jet_pulses"} <= set(bundled_scenarios())
-    assert (sample_maneuver.duration_s, sample_maneuver.vehicle_data.name) == (50.0, "orbiter")
-    assert (sample_maneuver.plant.thrust_transient, sample_maneuver.estimation.start) == ("none", "zero")
-    assert len(sample_maneuver.maneuver) == 13
 
 
 def unset(model: Model, prefix: str = "") -> list[str]:
@@ -114,7 +86,7 @@ def test_one_of_everything_runs(tmp_path: Path, toy_data: dict[str, Any]) -> Non
     assert run.time_s.size == 21
     # nothing is used up, the mass is the one drawn about 110 kg until 1 kg docks at 1 s, which the sample after shows;
     # thrust is instantaneous, and only the first six jets fail
-    mass = params.true_properties(scenario).mass
+    mass = true_params.true_properties(scenario).mass
     assert 100.0 < mass < 120.0
     assert mass != 110.0
     np.testing.assert_allclose(1.0 / run["truth"][:, 9], [mass] * 11 + [mass + 1.0] * 10, rtol=1e-14)
@@ -235,11 +207,3 @@ def test_a_vehicle_may_stand_in_the_scenario(tmp_path: Path, toy_data: dict[str,
     require(
         refused(lambda: load_scenario(path)), f"{path}*vehicle.jets[2].thrust: input should be greater than 0, got -1.0"
     )
-
-
-def test_a_scenario_of_a_program_has_its_vehicle_and_its_model() -> None:
-    plant = {"kind": "multibody", "model": "servicer_slosh.sdf", "body": "bus"}
-    made = Scenario(vehicle="servicer", duration_s=60.0, plant=plant)  # type: ignore[arg-type]
-    named = ["vehicle=servicer", "maneuver=[]", "autopilot={}"]
-    assert made == load_scenario("servicer_slosh", named).model_copy(update={"name": "scenario", "description": ""})
-    assert Scenario().detector == HypothesesBlock()

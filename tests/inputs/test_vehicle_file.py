@@ -15,13 +15,13 @@ from conftest import REPOSITORY
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
-from pose_probe import again
 from ruamel.yaml import YAML
 from scipy.stats import chi2
 
 from massprop_drake import load_scenario, load_vehicle, simulate
 from massprop_drake.inputs.model import yaml_text
-from massprop_drake.inputs.vehicle_file import MassPropertiesModel, Vehicle, bundled_vehicles, times_per_s
+from massprop_drake.inputs.vehicle_file import Vehicle, bundled_vehicles
+from massprop_drake.inputs.vehicle_parts import MassPropertiesModel
 from massprop_drake.inputs.yaml import Document, to_yaml
 from massprop_drake.maths.mass_properties import could_be_inertia, six_elements, symmetric
 
@@ -195,15 +195,6 @@ def test_what_follows_from_a_files_data(tmp_path: Path, toy_data: dict[str, Any]
 @pytest.mark.parametrize(("text", "value"), [("1e-6", 1e-6), ("2", 2.0), ("+.5", 0.5), ("1.", 1.0), ("3E+02", 300.0)])
 def test_numbers_are_read_as_people_write_them(text: str, value: float) -> None:
     assert Document(f"quantum: {text}\n", "toy.yaml").data == {"quantum": value}
-
-
-def test_times_of_several_rates_are_counted_once() -> None:
-    assert times_per_s([10.0, 50.0]) == 50.0
-    assert times_per_s([10.0, 50.0, 4.0]) == 52.0  # every other of the 4 falls between
-    servicer = load_vehicle("servicer")
-    assert not servicer.has_own_rates
-    sensors = tuple(one.model_copy(update={"rate_hz": 50.0}) for one in servicer.gyros)
-    assert again(servicer, gyros=sensors).readings_per_s == 50.0
 
 
 points = arrays.arrays(float, (20, 3), elements=st.floats(-3.0, 3.0).filter(lambda x: x == 0.0 or abs(x) > 1e-3))

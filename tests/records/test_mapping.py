@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -29,10 +28,11 @@ from record_probe import (
 from massprop_drake import estimate, load_vehicle
 from massprop_drake.inputs.record_map import load_map, rotation_of
 from massprop_drake.inputs.scenario import resolved
-from massprop_drake.inputs.units import factor, parsed
-from massprop_drake.inputs.vehicle_file import Gyro, PoseSensor, VelocitySensor
+from massprop_drake.inputs.vehicle_sensors import Gyro, PoseSensor, VelocitySensor
 from massprop_drake.maths.attitude import from_rotation_vector
-from massprop_drake.records.mapping import Mapped, MappedTable, comes_faster, mapped, table
+from massprop_drake.records.channels import Mapped
+from massprop_drake.records.mapped_rows import MappedTable, comes_faster, table
+from massprop_drake.records.mapping import mapped
 from massprop_drake.records.recording import open_recording
 
 GYRO = "{kind: gyro, columns: [wx, wy, wz]"
@@ -66,21 +66,6 @@ def columns_of(made: MappedTable) -> dict[str, np.ndarray]:
     return dict(zip(made.header, values.T, strict=True))
 
 
-@pytest.mark.parametrize(
-    ("text", "kind", "size"),
-    [
-        ("deg/s", "rate", math.pi / 180.0),
-        ("g", "acceleration", 9.80665),
-        ("m/s²", "acceleration", 1.0),
-        ("lbf*ft", "torque", 1.3558179483314004),
-        ("%", "number", 0.01),
-    ],
-)
-def test_units_in_si(text: str, kind: str, size: float) -> None:
-    assert factor(text, kind) == pytest.approx(size, rel=1e-12)
-    assert parsed("kg*m^2/s^2").dimension == parsed("N*m").dimension
-
-
 def test_units_and_axes(log: Callable[..., Path]) -> None:
     # recorder: forward, left, up; deg/s, mm/s, ms
     turn = np.array([1.0, -1.0, -1.0])
@@ -111,17 +96,6 @@ def test_a_vehicle_in_feet(tmp_path: Path) -> None:
     np.testing.assert_allclose(found["acc1_y"], orbiter.velocities[:, 1] / 0.3048, rtol=1e-12)
     np.testing.assert_allclose(found["known_force_x"], 100.0 / 4.4482216152605, rtol=1e-12)
     np.testing.assert_allclose(found["known_torque_z"], 100.0 / 1.3558179483314004, rtol=1e-9)
-
-
-def test_readings_that_rows_repeat_are_left_out(log: Callable[..., Path]) -> None:
-    last = (np.arange(N) + 1) // 3 * 3 - 1  # read anew in rows 2, 5, ...
-    held = {f"w{axis}": ONE.rates[np.maximum(last, 0), index] for index, axis in enumerate("xyz")}
-    text = usual_map(ONE, gyro=f"{GYRO}, every: 3}}")
-    found = found_in(log(**held), text)
-    np.testing.assert_array_equal(found["gyro_y"], np.where(np.arange(N) % 3 == 2, ONE.rates[:, 1], np.nan))
-    np.testing.assert_array_equal(found["acc_y"], ONE.velocities[:, 1])
-    wrong = refused(lambda: found_in(log(**held), text.replace("every: 3", "every: 2")))
-    assert "sensors.gyro.every: 2 does not fit" in wrong
 
 
 HALF = np.sqrt(0.5)
@@ -311,19 +285,6 @@ def test_commands_logged_when_they_change(tmp_path: Path) -> None:
     assert apart.notes[0].startswith("commands are logged every 0.5 s, and a sample is 0.05 s")
     never = refused(lambda: found_in(path, text.replace("accelerometer, ", "accelerometer, topic: dv, ")))
     assert "no sample of 'acc' was taken within 5 % of a sample period of a row" in never
-
-
-def test_on_times_lie_in_a_sample_where_map_or_vehicle_say(log: Callable[..., Path]) -> None:
-    on_ms = {f"u{index + 1}": 50.0 * ONE.commands[:, index] for index in range(len(ONE.jets))}
-    text = usual_map(ONE, commands=f"{COMMANDS}, unit: ms, at: end}}")
-    header = made_of(log(**on_ms), text, ONE.vehicle).header
-    assert not any(name.startswith("onset_") for name in header)  # all or none
-    on_ms["u1"] = np.full(N, 20.0)
-    found = found_in(log(**on_ms), text)
-    np.testing.assert_allclose(found["jet_T1"][:-1], 0.4, rtol=1e-12)
-    np.testing.assert_allclose(found["onset_T1_s"][:-1], 0.03, rtol=1e-12)
-    plain = found_in(log(**on_ms), text.replace(", at: end", ""))
-    np.testing.assert_array_equal(plain["onset_T1_s"][:-1], 0.0)
 
 
 GROWS = np.linspace(100.0, 300.0, N)

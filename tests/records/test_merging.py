@@ -46,18 +46,6 @@ def test_rows_are_those_of_all_files_by_time(tmp_path: Path) -> None:
         np.testing.assert_allclose(found[there, 0], found[there, column], rtol=0.0, atol=1e-6)
 
 
-def test_a_place_is_said_by_file_and_line(tmp_path: Path) -> None:
-    fast, slow = (
-        sensor(tmp_path, "fast", np.arange(0.0, 2.0, 0.02)),
-        sensor(tmp_path, "slow", np.arange(0.0, 2.0, 0.25)),
-    )
-    table = MergedTable([fast, slow])
-    found = values(table)
-    row = int(np.flatnonzero(np.isclose(found[:, 2], 0.75))[0])
-    assert table.where(row + 1, "slow") == f"{slow}, line 5"
-    assert table.where(row, "fast") == f"{fast}, line 39"  # 0.74 s
-
-
 def test_commands_that_are_written_when_they_change_hold(tmp_path: Path) -> None:
     fast = sensor(tmp_path, "fast", np.arange(0.0, 4.0, 0.1))
     changes = [(0.0, 0.0), (0.5, 1.0), (0.6, 0.0), (0.7, 1.0), (1.0, 0.0), (1.1, 1.0), (3.0, 0.0)]
@@ -66,14 +54,6 @@ def test_commands_that_are_written_when_they_change_hold(tmp_path: Path) -> None
     place = np.searchsorted([time for time, _ in changes], found[:, 0] + 1e-6) - 1
     np.testing.assert_array_equal(found[:, 2], np.array([level for _, level in changes])[place])
     assert any("whenever a command changes" in note for note in table.notes)
-
-
-def test_rows_that_do_not_go_on_are_left_out_and_said(tmp_path: Path) -> None:
-    fast = sensor(tmp_path, "fast", np.arange(0.0, 2.0, 0.1))
-    slow = sensor(tmp_path, "slow", np.array([0.0, 0.5, 0.25, 0.5, 1.0, 1.5]))
-    table = MergedTable([fast, slow])
-    assert int((~np.isnan(values(table)[:, 2])).sum()) == 4
-    assert any("2 rows left out" in note for note in table.notes)
 
 
 @pytest.mark.parametrize(
@@ -89,13 +69,6 @@ def test_clocks_that_disagree_are_refused(times: Array, says: str, tmp_path: Pat
     fast = sensor(tmp_path, "fast", np.arange(0.0, 12.0, 0.02))
     with pytest.raises(InputError, match=says):
         MergedTable([fast, sensor(tmp_path, "slow", times)])
-
-
-def test_a_file_without_times_is_refused(tmp_path: Path) -> None:
-    fast = sensor(tmp_path, "fast", np.arange(0.0, 2.0, 0.1))
-    bare = written(tmp_path / "bare.csv", ["t", "slow"], [(0.0, 1.0), (1.0, 1.0)])
-    with pytest.raises(InputError, match=r"bare\.csv: has no column time_s, but t, slow"):
-        MergedTable([fast, bare])
 
 
 def test_a_column_of_two_files_is_refused(tmp_path: Path) -> None:

@@ -31,11 +31,11 @@ from record_probe import (
     write_mat73,
     write_ulog,
 )
-from ruamel.yaml import YAML
 
-from massprop_drake.records.reader import check
-from massprop_drake.records.recording import Recording, open_recording
-from massprop_drake.records.tables import Loss, completeness
+from massprop_drake.records.completeness import Loss, completeness
+from massprop_drake.records.recording import open_recording
+from massprop_drake.records.structure_check import check
+from massprop_drake.records.topics import Recording
 
 ROWS = 60
 
@@ -293,54 +293,6 @@ def test_what_the_recorder_counted_is_compared(bags: dict[str, Path], tmp_path: 
     assert completeness(open_recording(folder).losses) == "damaged"  # its end is there
 
 
-def test_messages_that_wait_beside_a_database_are_read(bags: dict[str, Path], tmp_path: Path) -> None:
-    """The last messages are still in a file beside it, as after a recorder was killed."""
-    folder = Path(shutil.copytree(bags["sqlite3"].parent, tmp_path / "killed"))
-    file, work = folder / "lite.db3", tmp_path / "work.db3"
-    file.rename(work)
-    connection = sqlite3.connect(work, isolation_level=None)
-    connection.execute("PRAGMA journal_mode=wal")
-    connection.execute("PRAGMA wal_autocheckpoint=0")
-    rows = connection.execute("SELECT * FROM messages WHERE id > 80").fetchall()
-    connection.execute("DELETE FROM messages WHERE id > 80")
-    connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-    connection.executemany("INSERT INTO messages VALUES(?, ?, ?, ?)", rows)
-    shutil.copy(work, file)
-    shutil.copy(f"{work}-wal", f"{file}-wal")
-    connection.close()
-    before = {path.name: path.read_bytes() for path in folder.iterdir()}
-    assert len(before) == 3
-    assert completeness(open_recording(folder).losses) == "complete"
-    require_the_flight(telemetry(file, bag_map(ONE), ONE.vehicle), ONE)
-    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before  # nothing of it has changed
-
-
-def test_a_bag_in_several_files(bags: dict[str, Path], tmp_path: Path) -> None:
-    zstd = pytest.importorskip("backports.zstd")
-    folder = edited(bags["sqlite3"], tmp_path, "DELETE FROM messages WHERE id > 60")
-    shutil.copy(
-        edited(bags["sqlite3"], tmp_path / "second", "DELETE FROM messages WHERE id <= 60") / "lite.db3", folder / "b"
-    )
-    for name in ("lite.db3", "b"):
-        (folder / name).with_suffix(".db3.zst").write_bytes(zstd.compress((folder / name).read_bytes()))
-        (folder / name).unlink()
-    second, names, yaml = folder / "b.db3.zst", ["lite.db3.zst", "b.db3.zst"], YAML(typ="safe")
-    about = yaml.load(folder / "metadata.yaml")["rosbag2_bagfile_information"]
-    about |= {"compression_format": "zstd", "compression_mode": "FILE", "relative_file_paths": names}
-    about["files"] = [{"path": name, "message_count": 60} for name in names]
-    with (folder / "metadata.yaml").open("w", encoding="utf-8") as file:
-        yaml.dump({"rosbag2_bagfile_information": about}, file)
-    assert completeness(open_recording(folder).losses) == "complete"
-    require_the_flight(telemetry(folder, bag_map(ONE), ONE.vehicle), ONE)
-    second.write_bytes(second.read_bytes()[:-500])
-    assert f"truncated: {second}: is cut off: its compressed data do not end" in losses_of(open_recording(folder))
-    second.rename(folder / "stray.db3.zst")
-    found = open_recording(folder)
-    assert losses_of(found).startswith(f"damaged: {second}: is not there, of 60 messages | truncated: ")
-    assert found.notes[0] == f"{folder}/stray.db3.zst: is not read: metadata.yaml does not name it"
-    require_the_flight(telemetry(folder, bag_map(ONE), ONE.vehicle), ONE, rows=slice(30))
-
-
 OTHERS = {
     "/health": ("my_msgs/msg/Health", bytes(8)),
     "/nothing": ("sensor_msgs/msg/Imu", b""),
@@ -364,6 +316,21 @@ def test_topics_that_nobody_asked_for_are_named_and_refuse_nothing(bags: dict[st
     message = refused(lambda: telemetry(folder, bag_map(ONE).replace("/jets", "/health"), ONE.vehicle))
     why = "cannot be read: its type is not defined in the bag, and none of ROS 2's own"
     assert message == f"{folder}: topic /health, of type my_msgs/msg/Health, {why}"
+
+
+def test_an_mcap_file_without_message_index(bags: dict[str, Path], tmp_path: Path) -> None:
+    path = alone(bags["mcap"], tmp_path)
+    content = path.read_bytes()
+    place = int.from_bytes(content[-28:-20], "little")
+    while content[place] != 0x08:
+        place += 9 + int.from_bytes(content[place + 1 : place + 9], "little")
+    size = int.from_bytes(content[place + 1 : place + 9], "little")
+    body = content[place + 9 : place + 9 + size]
+    body = body[:32] + bytes(12) + body[44 + int.from_bytes(body[32:36], "little") :]
+    record = b"\x08" + len(body).to_bytes(8, "little") + body
+    path.write_bytes(content[:place] + record + content[place + 9 + size :])
+    assert losses_of(open_recording(path)) == ""
+    require_the_flight(telemetry(path, bag_map(ONE), ONE.vehicle), ONE)
 
 
 def test_a_ulog_that_is_cut_off_or_has_dropouts(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

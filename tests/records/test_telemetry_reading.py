@@ -6,7 +6,6 @@ import io
 import re
 import sys
 from collections.abc import Callable
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -16,23 +15,14 @@ from conftest import cube_data
 from pose_probe import again
 from telemetry_probe import PERIOD_S, Log, toy_vehicle
 
-from massprop_drake import InputError, estimate, load_vehicle
-from massprop_drake.inputs.scenario import resolved
-from massprop_drake.inputs.vehicle_file import JetCommands, Vehicle
+from massprop_drake import InputError, load_vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.inputs.vehicle_parts import JetCommands
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.vehicle.on_times import continued, pieces
 from massprop_drake.records.control_rows import Thinning
-from massprop_drake.records.reader import (
-    AT_STAMPS,
-    WRENCH,
-    Continuation,
-    Reader,
-    Rows,
-    check,
-    columns,
-    scenario_name,
-    write_csv,
-)
+from massprop_drake.records.reader import AT_STAMPS, Reader
+from massprop_drake.records.rows import WRENCH, Continuation, Rows, columns, scenario_name, write_csv
+from massprop_drake.records.structure_check import check
 
 TOY = toy_vehicle(cube_data())
 
@@ -137,17 +127,6 @@ def test_a_fraction_beyond_its_range_by_rounding_is_taken_for_the_end_of_it(log:
     log.set(5, "jet_J3", "1.0000000001")
     log.set(6, "jet_J3", "-0.0000000001")
     assert read(log.write(tmp_path / "log.csv"))[0].commands[5:7, 2].tolist() == [1.0, 0.0]
-
-
-def test_columns_not_used_are_named_with_what_may_have_been_meant(log: Log, tmp_path: Path) -> None:
-    log.add("note", ["hello"] * 60)  # text does no harm there
-    for axis in "xyz":
-        log.drop(f"acc_{axis}")
-        log.add(f"Acc_{axis}", ["0"] * 60)
-    rows, reader = read(log.write(tmp_path / "log.csv"))
-    assert reader.record.unknown == {"note": "", "Acc_x": "acc_x", "Acc_y": "acc_y", "Acc_z": "acc_z"}
-    assert reader.record.absent == ["acc"]
-    assert np.isnan(rows.readings["acc"]).all()
 
 
 def test_accelerations_are_integrated_over_the_sample(log: Log, tmp_path: Path) -> None:
@@ -401,14 +380,6 @@ def test_on_times_in_seconds_are_shares_of_a_sample(log: Log, tmp_path: Path) ->
             read(log.write(path))
 
 
-@pytest.mark.parametrize("share", [0.6, -0.1])
-def test_onsets_that_are_not_within_a_sample_are_refused(log: Log, tmp_path: Path, share: float) -> None:
-    log.add("onset_J1_s", [repr(share * PERIOD_S)] * 60)
-    log.set(0, "jet_J1", "0.5")
-    with pytest.raises(InputError, match=r"line 2, column onset_J1_s: opens after .* which is not within the sample"):
-        read(log.write(tmp_path / "log.csv"))
-
-
 FLYER = load_vehicle("tracked_flyer")
 
 
@@ -456,19 +427,6 @@ def test_more_than_two_and_a_half_periods_without_a_row_are_a_gap(step: float, g
         assert np.isnan(rows.tracked[filled]).all()
 
 
-def test_a_record_at_odd_times_with_gaps_is_estimated_to_its_end(tmp_path: Path) -> None:
-    times = np.cumsum(np.random.default_rng(5).uniform(0.03, 0.15, 20))
-    times[10:] += 2.0
-    cells = table_at(times)
-    cells |= {name: 1e-4 * values for name, values in cells.items() if name in ("cameras_x", "cameras_y", "cameras_z")}
-    cells |= {name: 0.0 * values for name, values in cells.items() if name.startswith("jet_")}
-    path = written(tmp_path / "log.csv", cells)
-    run = estimate(path, resolved({"name": "log", "vehicle": FLYER, "detector": {"kind": "off"}}))
-    assert run.time_s[-1] == times[-1]
-    assert run.summary["data_quality"]["gaps"]["count"] == 1
-    assert np.isfinite(run["estimate"]).all()
-
-
 SERVICER = load_vehicle("servicer")
 
 
@@ -497,35 +455,11 @@ def test_commands_hold_in_rows_that_have_none_for_about_a_period(tmp_path: Path)
     assert np.isnan(rows.commands[6:]).all()  # 0.12 s and later: not known
     np.testing.assert_array_equal(rows.told, [True] + [False] * 8)
     assert reader.record.missing == {"gyro": 0, "acc": 0}
+    every = [0.02 * k for k in range(200) if k not in (50, 51, 52, 100)]  # readings lack by their own cadence
+    assert own(at_own_times(path, {time: {} for time in every[::5]}, every))[1].record.missing["gyro"] == 4
     rows, _ = own(at_own_times(path, {0.0: {"jet_XP1": 1.0}, times[3]: {"jet_XP2": 1.0}}, times))
     both = rows.commands[:6, [column, SERVICER.designations.index("XP2")]]
     np.testing.assert_array_equal(both, [[1, 0]] * 3 + [[0, 1]] * 3)
-
-
-def test_rows_without_commands_at_several_times_a_sample_are_found(tmp_path: Path) -> None:
-    times = [0.02 * k for k in range(100)]
-    path = at_own_times(tmp_path / "log.csv", {time: {} for time in times[::5]}, times)
-    reader = Reader(path, SERVICER, gyro="gyro")
-    assert reader.readings_per_s() == pytest.approx(50.0)
-    reader.own_times = True
-    assert sum(rows.time_s.size for rows in reader) == 100  # the block that was looked at is read as ever
-    all_told = at_own_times(tmp_path / "log.csv", {time: {} for time in times}, times)
-    reader = Reader(all_told, SERVICER, gyro="gyro")
-    assert reader.readings_per_s() is None
-    with pytest.raises(InputError, match=r"rows are 0\.02 s apart"):
-        list(reader)
-
-
-def test_an_on_time_goes_on_within_its_sample() -> None:
-    command, onset_s = np.array([0.5, 0.2, 1.0, 0.0, 0.4, np.nan]), np.array([0.02, 0.0, 0.0, np.nan, np.nan, np.nan])
-    given = np.zeros(6)
-    for since, until in pairwise(np.linspace(0.0, PERIOD_S, 6).tolist()):
-        left, opens = continued(command[None], onset_s[None], np.array([since]), PERIOD_S)
-        lengths, levels = pieces(left[0], opens[0], PERIOD_S, (0.0, until - since))
-        given += lengths @ levels
-    np.testing.assert_allclose(
-        given, command * PERIOD_S, rtol=0.0, atol=1e-12
-    )  # a level of 0.4 gives as much as before
 
 
 def test_thinned_rows_are_those_with_commands_a_period_apart() -> None:

@@ -14,7 +14,8 @@ from pydrake.systems.primitives import LogVectorOutput
 from massprop_drake import Scenario, load_vehicle
 from massprop_drake.diagrams import autopilot, vehicle
 from massprop_drake.inputs.scenario import resolved
-from massprop_drake.inputs.vehicle_file import Vehicle, Wheel
+from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.inputs.vehicle_sensors import Wheel
 
 PYRAMID = [[0.57735, 0.57735, 0.57735], [0.57735, -0.57735, 0.57735], [0.57735, -0.57735, -0.57735]]
 PYRAMID += [[0.57735, 0.57735, -0.57735]]

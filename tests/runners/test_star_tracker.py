@@ -10,7 +10,8 @@ from pose_probe import again
 
 from massprop_drake import InputError, Run, Scenario, load_vehicle, simulate
 from massprop_drake.inputs.scenario import resolved
-from massprop_drake.inputs.vehicle_file import PoseSensor, Vehicle
+from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.inputs.vehicle_sensors import PoseSensor
 
 TRACKER = PoseSensor(name="st", attitude_std=5e-5)
 _TURNS = [("+x", 0.5), ("-x", 1.5), ("+y", 2.5), ("-y", 3.5), ("+z", 4.5), ("-z", 5.5)]

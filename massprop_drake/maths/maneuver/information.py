@@ -28,14 +28,7 @@ from massprop_drake.maths.estimation.joint.burns import Burn
 from massprop_drake.maths.estimation.joint.forcing import effective_seconds, wrenches_of
 from massprop_drake.maths.estimation.joint.hypotheses import JUMP_SHARES, jump_sigma
 from massprop_drake.maths.estimation.joint.joint_sample import JointSample
-from massprop_drake.maths.estimation.joint.layout import (
-    MASS,
-    N_PROPERTIES,
-    RATE,
-    VELOCITY,
-    JointParams,
-    JointState,
-)
+from massprop_drake.maths.estimation.joint.layout import MASS, N_PROPERTIES, RATE, VELOCITY, JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import outputs
 from massprop_drake.maths.estimation.joint.orientation import UNTURNED
 from massprop_drake.maths.estimation.joint.thrust_scale import reported

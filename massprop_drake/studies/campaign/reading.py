@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.campaign_file import CampaignSpec
-from massprop_drake.inputs.scenario import parsed_key
+from massprop_drake.inputs.overrides import parsed_key
 from massprop_drake.studies.campaign import store
 from massprop_drake.studies.campaign.campaign import Campaign
 from massprop_drake.studies.campaign.counts import COLUMNS, Counts, Row, Status, counted, total

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from massprop_drake.errors import InputError, suggestion
 from massprop_drake.inputs import asked, crafts
 from massprop_drake.inputs import params as inputs
-from massprop_drake.inputs.scenario import HypothesesBlock, PlantBlock, Scenario
+from massprop_drake.inputs.estimation_blocks import HypothesesBlock
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.true_blocks import PlantBlock
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.estimation.filters.joint import JointFilterState, initial
 from massprop_drake.maths.estimation.joint.layout import RATE

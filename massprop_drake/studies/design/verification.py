@@ -8,7 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from massprop_drake.inputs.asked import Target, valued
-from massprop_drake.inputs.scenario import CglrBlock, Degraded, Leak, Scenario
+from massprop_drake.inputs.estimation_blocks import CglrBlock
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.scheduled import Degraded, Leak
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.maneuver.planning import LEAD
 from massprop_drake.runners.simulate import simulate

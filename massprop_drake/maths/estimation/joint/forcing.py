@@ -272,6 +272,6 @@ def with_wheels(rows: Array, mean: Array, exchange: Array, scale: float, params:
 
 @kernel
 def bows_of_thrust(state: JointState, acting: Drive, params: JointParams) -> Array:
-    """Computes angular impulses of the bows by thrust that builds up or tails off: mean, first moment, RMS, shape (3, 3)."""
+    """Computes angular impulses of bows as thrust builds up or tails off: mean, first moment, RMS, shape (3, 3)."""
     _, lagged = thrust_factors(state, params)
     return moments_of((acting.firing.bow * lagged) @ wrenches_of(state.mean, params), state.mean)

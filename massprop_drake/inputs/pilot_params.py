@@ -1,0 +1,171 @@
+"""Parameters of the autopilot, from a scenario's choices."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from massprop_drake.inputs.known_parts import engines, wheels
+from massprop_drake.inputs.params import (
+    accelerometers,
+    commands,
+    convergence_limits,
+    gyros,
+    sample_count,
+    selectable,
+    unit_wrenches,
+)
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.maths.autopilot.gimbal_control import GimbalControl
+from massprop_drake.maths.autopilot.jet_selection import forces_of
+from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, Window
+from massprop_drake.maths.autopilot.pulses import Pulses, most_edges, valve_pulses, whole_cycles
+from massprop_drake.maths.autopilot.wheel_control import WheelControlParams, shares_of
+from massprop_drake.maths.flight import FlightParams, PilotParams
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
+from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS
+from massprop_drake.maths.vehicle.on_times import PLACES, most_pieces
+from massprop_drake.maths.vehicle.vehicle_cycle import VehicleParams, truth
+
+
+def phase_space_params(scenario: Scenario) -> PhaseSpaceParams:
+    """Makes the settings of the phase-space controller."""
+    autopilot = scenario.autopilot
+    return PhaseSpaceParams(
+        period_s=scenario.vehicle_data.sample_period_s,
+        discrete_rate=autopilot.discrete_rate,
+        hold_gain=autopilot.hold_gain,
+        hold_rate_limit=autopilot.hold_rate_limit,
+        capture_rate=autopilot.capture_rate,
+        rate_deadband=autopilot.rate_deadband,
+        acceleration=autopilot.acceleration,
+        horizon_s=autopilot.horizon_s,
+        resolve_rate=autopilot.resolve_rate,
+        resolve_after_s=autopilot.resolve_after_s,
+    )
+
+
+def windows(scenario: Scenario) -> tuple[Window, ...]:
+    """Lists the windows in which hand controllers are out of detent."""
+    return tuple(
+        Window(
+            channel=(0 if window.controller == "rhc" else 3) + "xyz".index(window.axis[-1]),
+            sign=1.0 if window.axis[0] == "+" else -1.0,
+            start_s=window.start_s,
+            end_s=window.end_s,
+        )
+        for window in scenario.maneuver
+    )
+
+
+def selection(scenario: Scenario) -> dict[str, Any]:
+    """Makes the arguments of jet selection, see `systems.autopilot.selector.Selector`."""
+    vehicle = scenario.vehicle_data
+    return {
+        "wrenches": vehicle.wrenches,
+        "mass_flows": vehicle.mass_flows,
+        "minimum_on_times_s": vehicle.minimum_on_times_s,
+        "selectable": selectable(scenario),
+        "mass_properties": vehicle.nominal.vector(),
+        "period_s": vehicle.sample_period_s,
+        "pulses": pulses(scenario),
+    }
+
+
+def pulses(scenario: Scenario) -> Pulses:
+    """Returns the pulses that the autopilot flies; whole cycles unless the scenario asks for pulses."""
+    vehicle, selected = scenario.vehicle_data, scenario.autopilot.jet_selection
+    if scenario.open_loop or selected.output == "cycles":
+        return whole_cycles(len(vehicle.jets))
+    place, accumulates = PLACES[vehicle.jet_commands.at], selected.below_minimum == "accumulate"
+    return valve_pulses(
+        vehicle.minimum_on_times_s, vehicle.on_time_quanta_s, vehicle.sample_period_s, place, accumulates
+    )
+
+
+def flight_params(scenario: Scenario, true: VehicleParams) -> FlightParams:
+    """Makes the parameters of vehicle and autopilot from sample to sample; ``true``: see `vehicle_params`."""
+    vehicle, names = scenario.vehicle_data, scenario.vehicle_data.sensor_names()
+    flies = not scenario.open_loop
+    pilot = PilotParams(
+        phase_space_params(scenario),
+        forces_of(vehicle.wrenches),
+        unit_wrenches(vehicle),
+        float(vehicle.nominal.vector()[MASS_RECIPROCAL]),
+        flies and scenario.autopilot.mass_properties == "estimated",
+        convergence_limits(scenario),
+        pulses(scenario),
+    )
+    return FlightParams(
+        truth(true),
+        pilot,
+        flies,
+        flies and closes_manifolds(scenario),
+        np.array([names.index(package.name) for package in gyros(scenario)], dtype=np.int_),
+        np.array([names.index(package.name) for package in accelerometers(scenario)], dtype=np.int_),
+    )
+
+
+def wheel_control(scenario: Scenario) -> WheelControlParams | None:
+    """Makes the law by which the autopilot turns the vehicle by its wheels; None: it does not."""
+    vehicle, block = scenario.vehicle_data, scenario.autopilot.wheels
+    if block is None:
+        return None
+    known, settings = wheels(vehicle), phase_space_params(scenario)
+    return WheelControlParams(
+        axes=known.axes,
+        shares=shares_of(known.axes),
+        inertias=known.inertias,
+        most=known.most * known.inertias,
+        fastest=np.array([wheel.fastest for wheel in vehicle.wheels]),
+        inertia=vehicle.nominal.inertia,
+        rate_gain=block.rate_gain,
+        unload_above=math.inf if block.unload_above is None else block.unload_above,
+        unload_below=block.unload_below,
+        unload_rate=1.5 * settings.rate_deadband if block.unload_rate is None else block.unload_rate,
+        settings=settings,
+    )
+
+
+def wheel_torques(scenario: Scenario) -> Array:
+    """Makes the prescribed torques of wheels, a row per sample, shape (n_samples, n_wheels)."""
+    vehicle = scenario.vehicle_data
+    names, period = [wheel.name for wheel in vehicle.wheels], vehicle.sample_period_s
+    table = np.zeros((sample_count(scenario), len(names)))
+    for pulse in scenario.wheel_schedule:
+        first, last = (math.ceil(time / period - 1e-9) for time in (pulse.start_s, pulse.end_s))
+        table[first:last, names.index(pulse.wheel)] = pulse.torque
+    return table
+
+
+def gimbal_control(scenario: Scenario) -> GimbalControl:
+    """Makes the control of the rate by the engines' gimbals."""
+    vehicle, bandwidth = scenario.vehicle_data, scenario.autopilot.gimbal_bandwidth
+    return GimbalControl(engines(vehicle), vehicle.nominal, bandwidth, vehicle.sample_period_s)
+
+
+def engine_commands(scenario: Scenario) -> Array:
+    """Makes the engines' prescribed levels and angles, a row per sample, shape (n_samples, 3 n_engines)."""
+    vehicle = scenario.vehicle_data
+    names, period = [engine.name for engine in vehicle.engines], vehicle.sample_period_s
+    table = np.zeros((sample_count(scenario), len(names), N_CHANNELS))
+    for burn in scenario.engine_schedule:
+        first, last = (math.ceil(time / period - 1e-9) for time in (burn.start_s, burn.end_s))
+        table[first:last, names.index(burn.engine)] = (burn.level, *burn.gimbal)
+    return table.reshape(len(table), -1)
+
+
+def pieces(scenario: Scenario) -> int:
+    """Returns the largest number of pieces of a sample, as true jets switch within it; 1: they do not."""
+    if not scenario.open_loop:
+        return 1 + most_edges(pulses(scenario))
+    table, onset_s = commands(scenario)
+    return 1 if onset_s is None else most_pieces(table, onset_s, scenario.vehicle_data.sample_period_s)
+
+
+def closes_manifolds(scenario: Scenario) -> bool:
+    """Tests whether a declared failure closes the jet's manifold; a matter of the detector's block."""
+    return bool(getattr(scenario.detector, "close_manifold", False))

@@ -1,0 +1,321 @@
+"""Parameters of the true vehicle and its sensors, from a scenario's choices."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from massprop_drake.inputs.known_parts import engine_sigmas, engines, wheels
+from massprop_drake.inputs.onboard_blocks import SensorErrors
+from massprop_drake.inputs.params import plant_time_constants, thrust_factors
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.scheduled import Degraded, Drift, Failure, Intermittent, Leak, jump_terms
+from massprop_drake.inputs.true_blocks import MultibodyBlock, PlantBlock
+from massprop_drake.inputs.vehicle_sensors import (
+    Accelerometer,
+    PoseSensor,
+    RocketEngine,
+    SensorPackage,
+    VelocitySensor,
+    Wheel,
+)
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.mass_properties import MassProperties, Spread
+from massprop_drake.maths.noise import normal_sample
+from massprop_drake.maths.vehicle import true_failures as failures
+from massprop_drake.maths.vehicle.depletion import NO_TANKS, Tanks
+from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, deviation_before, kept_share
+from massprop_drake.maths.vehicle.engine_thrust import N_ERRORS
+from massprop_drake.maths.vehicle.joint_moves import Move
+from massprop_drake.maths.vehicle.mounting import true_mounting
+from massprop_drake.maths.vehicle.reaction_jets import jets_params, true_wrenches
+from massprop_drake.maths.vehicle.rigid_body import (
+    RATE,
+    Jump,
+    initial_state,
+    jumps_by_sample,
+    packed_structure,
+    seeded_body,
+)
+from massprop_drake.maths.vehicle.sensing import (
+    Draws,
+    SensorModel,
+    Tone,
+    package,
+    smoothing_factor,
+    vibration,
+    with_draws,
+)
+from massprop_drake.maths.vehicle.tracking import PoseModel
+from massprop_drake.maths.vehicle.true_engines import OUT, EngineFailure, EnginesModel
+from massprop_drake.maths.vehicle.true_failures import as_levels
+from massprop_drake.maths.vehicle.vehicle_cycle import NO_FILL, VehicleParams
+from massprop_drake.maths.vehicle.wheel_motors import WheelsModel
+
+
+def simulated_besides(scenario: Scenario) -> tuple[PoseSensor | VelocitySensor | Wheel | RocketEngine, ...]:
+    """Returns sensors of a simulation, other than gyros and accelerometers: engines only where they burn."""
+    vehicle = scenario.vehicle_data
+    return tuple(one for one in vehicle.tracked if scenario.engine_schedule or one not in vehicle.engines)
+
+
+def time_step(scenario: Scenario) -> float:
+    """Returns the step of the plant, s; zero: continuous."""
+    step = scenario.plant.time_step if isinstance(scenario.plant, PlantBlock) else 0.0
+    return scenario.vehicle_data.sample_period_s if step is None else step
+
+
+def sensor_model(scenario: Scenario, sensor: SensorPackage) -> SensorModel:
+    """Makes the true errors of a sensor package: the vehicle's quantum and noise, and the scenario's errors."""
+    return with_draws(undrawn_model(scenario, sensor), sensor_draws(scenario, sensor), scenario.seed)
+
+
+def undrawn_model(scenario: Scenario, sensor: SensorPackage) -> SensorModel:
+    """Makes the errors of `sensor_model` before the seed draws phases."""
+    period, errors = scenario.vehicle_data.sample_period_s, _errors_of(scenario, sensor)
+    tones, integrates = _tones(errors), isinstance(sensor, Accelerometer)
+    scale_factor = np.array(errors.scale_factor)
+    shaking = vibration(tones, 1.0 + scale_factor, errors.bandwidth_hz, integrates=integrates) if tones else None
+    return SensorModel(
+        period_s=period,
+        scale_factor=scale_factor,
+        smoothing=smoothing_factor(errors.bandwidth_hz, period),
+        bias=np.array(errors.bias),
+        walk_std=errors.bias_random_walk * math.sqrt(period),
+        integrates=integrates,
+        noise_std=sensor.noise_std if errors.noise_std is None else errors.noise_std,
+        quantum=sensor.quantum if errors.quantum is None else errors.quantum,
+        phase=np.zeros(3),
+        delay=errors.delay_samples,
+        limit=sensor.limit,
+        vibration=shaking,
+    )
+
+
+def sensor_draws(scenario: Scenario, sensor: SensorPackage) -> Draws:
+    """Draws phases of a sensor package by the seed."""
+    errors = _errors_of(scenario, sensor)
+    quantum = sensor.quantum if errors.quantum is None else errors.quantum
+    marks = quantum > 0.0 and scenario.sensors.quantizer_phase == "seeded"
+    return Draws(sensor.name, marks, _tones(errors), errors.bandwidth_hz)
+
+
+def _errors_of(scenario: Scenario, sensor: SensorPackage) -> SensorErrors:
+    nothing = SensorErrors(sensor=sensor.name)
+    return next((entry for entry in scenario.sensors.errors if entry.sensor == sensor.name), nothing)
+
+
+def _tones(errors: SensorErrors) -> tuple[Tone, ...]:
+    """Makes tones of a package's vibration, in phase."""
+    return tuple(Tone(entry.frequency_hz, np.array(entry.amplitude), np.zeros(3)) for entry in errors.vibration)
+
+
+def vehicle_params(scenario: Scenario) -> VehicleParams:
+    """Makes the parameters of the true vehicle's step."""
+    vehicle, properties = scenario.vehicle_data, true_properties(scenario)
+    period = vehicle.sample_period_s
+    body = initial_state(properties.mass)
+    body[RATE] = np.array(scenario.plant.initial_rate)
+    jets = jets_params(
+        plant_wrenches(scenario), plant_time_constants(scenario), period, jet_failures(scenario), scenario.seed
+    )
+    packages = tuple(
+        package(
+            sensor.name,
+            sensor_model(scenario, sensor),
+            np.array(sensor.position) if isinstance(sensor, Accelerometer) else None,
+        )
+        for sensor in vehicle.sensors
+    )
+    tanks, fill = true_tanks(scenario) or (NO_TANKS, NO_FILL)
+    return VehicleParams(
+        period_s=period,
+        seed=scenario.seed,
+        jets=jets,
+        packages=packages,
+        disturbance=disturbance(scenario),
+        jumps=jumps_by_sample(mass_jumps(scenario), period),
+        body=body,
+        structure=packed_structure(properties),
+        planar=vehicle.motion == "planar",
+        tanks=tanks,
+        fill=fill,
+    )
+
+
+def mass_jumps(scenario: Scenario) -> tuple[Jump, ...]:
+    """Lists the payloads that leave or come."""
+    return tuple(Jump(jump.time_s, *jump_terms(jump)) for jump in scenario.jumps)
+
+
+def joint_moves(plant: MultibodyBlock) -> dict[str, tuple[Move, ...]]:
+    """Lists moves of each driven joint in the order of time; none of one that is held."""
+    told = sorted(plant.moves, key=lambda move: move.start_s)
+    driven = [start.joint for start in plant.joints if start.held] + [move.joint for move in told]
+    return {
+        name: tuple(Move(one.start_s, one.end_s, one.position) for one in told if one.joint == name)
+        for name in dict.fromkeys(driven)
+    }
+
+
+def disturbance(scenario: Scenario) -> DisturbanceModel | None:
+    """Returns torque and force on the true vehicle besides its jets'; None: there are none."""
+    block = scenario.plant.disturbance
+    mean, std = np.array([*block.torque, *block.force]), np.array([*block.torque_std, *block.force_std])
+    if not (mean.any() or std.any()):
+        return None
+    kept = kept_share(block.correlation_time_s, scenario.vehicle_data.sample_period_s)
+    return DisturbanceModel(mean, std, kept, deviation_before(scenario.seed, std))
+
+
+def true_properties(scenario: Scenario) -> MassProperties:
+    """Returns mass properties of the true vehicle at the start, if it is rigid; else the nominal ones."""
+    spread, body = mass_spread(scenario), undrawn_properties(scenario)
+    return body if spread is None else seeded_body(scenario.seed, body, spread)
+
+
+def mass_spread(scenario: Scenario) -> Spread | None:
+    """Returns the spread of the true mass properties; None: they are not drawn."""
+    spread = scenario.plant.dispersion.spread if isinstance(scenario.plant, PlantBlock) else None
+    return spread if spread is not None and any(spread) else None
+
+
+def undrawn_properties(scenario: Scenario) -> MassProperties:
+    """Returns mass properties about which the true ones are drawn, or the true ones where nothing is drawn."""
+    properties = scenario.plant.mass_properties if isinstance(scenario.plant, PlantBlock) else None
+    return scenario.vehicle_data.nominal if properties is None else properties.properties()
+
+
+def pose_model(scenario: Scenario, sensor: PoseSensor) -> PoseModel:
+    """Makes the true model of a sensor of position and attitude."""
+    return PoseModel(
+        point=np.array(sensor.point),
+        position_std=math.inf if sensor.position_std is None else sensor.position_std,
+        attitude_std=math.inf if sensor.attitude_std is None else sensor.attitude_std,
+        time_std_s=sensor.time_std_s,
+        outliers=sensor.outliers,
+        planar=scenario.vehicle_data.motion == "planar",
+        rate_hz=sensor.rate_hz or math.inf,
+        period_s=scenario.vehicle_data.sample_period_s,
+    )
+
+
+def plant_wrenches(scenario: Scenario) -> Array:
+    """Returns true torque about the vehicle origin, force and mass flow of each jet, shape (n_jets, 7).
+
+    In a plane the floor takes what would lift or tip the vehicle: force along z, and torque about the true center of
+    mass but about z.
+    """
+    floor = true_properties(scenario).center_of_mass if scenario.vehicle_data.motion == "planar" else None
+    return true_wrenches(mounted_wrenches(scenario), thrust_factors(scenario), floor)
+
+
+def mounted_wrenches(scenario: Scenario) -> Array:
+    """Returns torque, force and mass flow of each jet at nominal thrust, as truly mounted, shape (n_jets, 7)."""
+    vehicle, nominal, spread = scenario.vehicle_data, nominal_wrenches(scenario), scenario.plant.mounting_dispersion
+    sigmas = spread * np.repeat(vehicle.mounting_sigmas, 2, axis=1)  # of two angles and two shifts
+    if not sigmas.any():
+        return nominal
+    drawn = normal_sample(scenario.seed, "mounting", 0, sigmas.size).reshape(sigmas.shape)
+    return true_mounting(nominal, vehicle.positions, sigmas * drawn)
+
+
+def plant_mass_flows(scenario: Scenario) -> Array:
+    """Returns true mass flow of each jet at full thrust, slug/s or kg/s, shape (n_jets,); zero if none is used."""
+    return plant_wrenches(scenario)[:, 6]
+
+
+def nominal_wrenches(scenario: Scenario) -> Array:
+    """Returns torque about the origin, force and mass flow of each jet at nominal thrust, shape (n_jets, 7)."""
+    vehicle = scenario.vehicle_data
+    depletes = isinstance(scenario.plant, PlantBlock) and scenario.plant.depletion
+    flows = vehicle.mass_flows if depletes else np.zeros(len(vehicle.jets))
+    return np.column_stack([vehicle.wrenches, flows])
+
+
+def wheels_model(scenario: Scenario) -> WheelsModel:
+    """Makes the true reaction wheels, before their inertias are drawn."""
+    stated, plant = scenario.vehicle_data.wheels, scenario.plant
+    known = wheels(scenario.vehicle_data)
+    return WheelsModel(
+        axes=known.axes,
+        inertias=known.inertias,
+        most=known.most * known.inertias,
+        quanta=np.array([wheel.quantum for wheel in stated]),
+        noise_std=np.array([wheel.noise_std for wheel in stated]),
+        dispersion=plant.wheel_dispersion,
+        start=np.array([plant.wheel_speeds.get(wheel.name, 0.0) for wheel in stated]),
+        fastest=np.array([wheel.fastest for wheel in stated]),
+    )
+
+
+def true_tanks(scenario: Scenario) -> tuple[Tanks, Array] | None:
+    """Makes the true vehicle's tanks, and initial propellant in each, slug or kg; None: nothing is drawn from any."""
+    vehicle, plant = scenario.vehicle_data, scenario.plant
+    if not (vehicle.tanks and isinstance(plant, PlantBlock) and plant.depletion):
+        return None
+    fill = [plant.propellant.get(tank.name, tank.propellant) for tank in vehicle.tanks]
+    return vehicle.tank_geometry, np.array(fill, dtype=float)
+
+
+def true_engines(scenario: Scenario) -> EnginesModel:
+    """Makes the true engines, before their errors are drawn."""
+    vehicle, plant = scenario.vehicle_data, scenario.plant
+    assert isinstance(plant, PlantBlock)  # which alone has engines
+    names = [engine.name for engine in vehicle.engines]
+    errors = np.zeros((len(names), N_ERRORS))
+    for name, stated in plant.engine_errors.items():
+        errors[names.index(name)] = (*stated.thrust, *stated.direction, *stated.position)
+    return EnginesModel(
+        engines=engines(vehicle),
+        errors=errors.ravel(),
+        spread=plant.engine_dispersion * engine_sigmas(vehicle),
+        failures=tuple(
+            EngineFailure(names.index(one.engine), _ENGINE_FAILURES[one.kind], one.start_s, one.end_s or math.inf)
+            for one in scenario.engine_failures
+        ),
+    )
+
+
+_ENGINE_FAILURES = {"out": OUT, "level_stuck": 0, "gimbal_1_stuck": 1, "gimbal_2_stuck": 2}
+
+
+def jet_failures(scenario: Scenario) -> tuple[failures.Failure, ...]:
+    """Makes the true failures of jets, with a leak as a level of its jet."""
+    thrusts = thrust_factors(scenario) * np.array([jet.thrust for jet in scenario.vehicle_data.jets])
+    return as_levels(stated_failures(scenario), thrusts)
+
+
+def stated_failures(scenario: Scenario) -> tuple[failures.Failure, ...]:
+    """Makes the true failures of jets, with the force of a leak as its amount, lbf or N."""
+    vehicle, result = scenario.vehicle_data, []
+    for number, entry in enumerate(scenario.failures):
+        jet = vehicle.jet_index(entry.jet)
+        result.append(
+            failures.Failure(
+                jet=jet,
+                kind=failures.FailureKind[entry.kind.upper()],
+                start_s=entry.start_s,
+                end_s=math.inf if entry.end_s is None else entry.end_s,
+                amount=_amount(entry),
+                probability=entry.probability if isinstance(entry, Intermittent) else 0.0,
+                stream=f"failure {number} of {entry.jet}",
+            )
+        )
+    return tuple(result)
+
+
+def _amount(entry: Failure) -> float:
+    """Returns the amount of a `maths.vehicle.true_failures.Failure`; of a leak its force."""
+    match entry:
+        case Degraded():
+            return entry.fraction
+        case Leak():
+            return entry.force
+        case Intermittent():
+            return entry.level
+        case Drift():
+            return entry.rate_per_s
+        case _:
+            return 0.0

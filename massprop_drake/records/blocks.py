@@ -1,0 +1,103 @@
+"""Blocks of a table's rows, and what all tables have."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.errors import InputError
+from massprop_drake.records.completeness import Loss, Ragged
+
+Array = NDArray[np.float64]
+LARGEST = 1e12  # number of any meaning, whatever its unit
+
+
+class Block(NamedTuple):
+    """A block of rows of a table.
+
+    Attributes:
+        lines: line (CSV) or row (Parquet) of each, counted from 1, shape (n,).
+        values: of the wanted columns, NaN where missing, shape (n, n_columns).
+    """
+
+    lines: NDArray[np.int_]
+    values: Array
+
+
+class Table(Protocol):
+    """The interface of a table opened for reading.
+
+    Attributes:
+        source: what to call it in messages.
+        header: names of the columns, in order.
+        place: what rows are counted in, "line" or "row".
+        ragged: rows left out.
+        own_times: whether there is a row whenever anything is read or commanded, and not one a sample.
+    """
+
+    own_times: bool
+    source: str
+    header: list[str]
+    place: str
+    ragged: Ragged
+
+    @property
+    def losses(self) -> Sequence[Loss]:
+        """Losses of the table; all of them once it has been read."""
+
+    @property
+    def notes(self) -> Sequence[str]:
+        """Notes on how the table was made, a sentence each."""
+
+    def blocks(self, wanted: list[int]) -> Iterator[Block]:
+        """Yields the values of the chosen columns, given by position, block by block."""
+
+    def where(self, line: int, column: str) -> str:
+        """Returns the place of a row for messages, given its number in a block, and the column that is meant."""
+
+    @property
+    def done(self) -> float:
+        """The fraction of the table read so far, 0 to 1; 0 if its size is unknown."""
+
+    def sha256(self) -> str:
+        """Computes SHA-256 of the whole content, hexadecimal; valid once all of it has been read."""
+
+    def close(self) -> None:
+        """Closes the file."""
+
+
+def require_unique(header: list[str], where: str) -> None:
+    """Requires that no column appears twice."""
+    seen: set[str] = set()
+    for name in header:
+        if name and name in seen:
+            raise InputError(f"{where}: column '{name}' appears twice; keep one of them")
+        seen.add(name)
+
+
+def infinite(where: str, column: str) -> str:
+    """Message of a value that is infinite."""
+    return f"{where}, column {column}: is infinite; leave the cell empty where there is no value"
+
+
+def require_meaningful(block: Block, columns: Sequence[str], source: str, place: str) -> None:
+    """Requires that all values of a block are finite and of some meaning; raises InputError with the place of another.
+
+    Args:
+        block: of a table.
+        columns: names of its columns.
+        source: what to call the table in messages.
+        place: what its rows are counted in.
+    """
+    wrong = np.abs(block.values) > LARGEST  # NaN is not
+    if wrong.any():
+        row, column = np.argwhere(wrong)[0]
+        where = f"{source}, {place} {block.lines[row]}"
+        value = float(block.values[row, column])
+        if math.isinf(value):
+            raise InputError(infinite(where, columns[column]))
+        raise InputError(f"{where}, column {columns[column]}: {value:g} is too large to mean anything")

@@ -1,0 +1,107 @@
+"""Commands that hold between rows, and readings at rates of their own."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.maths.vehicle.on_times import continued, levels_alone
+from massprop_drake.records.rows import Array, Continuation, Flags
+
+FIRST_INTERVALS = 20  # in which the sample period must show
+HELD = 1.2  # sample periods for which a command holds in rows that have none; longer, it is not known
+_LATE_READING = 1.5  # of the interval between readings: what is longer lacks one
+
+
+class HeldRows:
+    """Commands and outside wrench that hold in rows which have none.
+
+    Args:
+        n_jets: number of jets.
+        after: see `Reader`.
+    """
+
+    def __init__(self, n_jets: int, after: Continuation | None):
+        self._command = np.full(n_jets, np.nan) if after is None else after.command
+        self._onset_s = levels_alone(n_jets) if after is None or after.onset_s is None else after.onset_s
+        self._wrench = np.zeros(6) if after is None else after.outside_wrench
+        self._told_s = -math.inf if after is None else after.time_s
+        self._pushed_s = self._told_s
+
+    def over(
+        self, times: Array, recorded: Flags, told: tuple[Array, Array | None, Array | None], period_s: float
+    ) -> tuple[Array, Array | None, Array | None]:
+        """Returns commands, onsets and outside wrench of rows, filled in where there are none.
+
+        Args:
+            times: of the rows, s, shape (n,).
+            recorded: see `Rows`.
+            told: commands, onsets and wrench as they stand in the rows, NaN where they do not.
+            period_s: sample period.
+        """
+        commands, onsets_s, wrench = told
+        here = np.vstack((self._command, commands))
+        opening = levels_alone(commands.shape) if onsets_s is None else onsets_s
+        opens = np.vstack((self._onset_s, opening))
+        since, place = _since(self._told_s, times, any_told(commands))
+        known = (since < HELD * period_s) & recorded
+        acting, acting_s = continued(here[place], opens[place], np.where(known, since, 0.0), period_s)
+        acting[~known], acting_s[~known] = np.nan, np.nan
+        self._command, self._onset_s = here[place[-1]], opens[place[-1]]
+        self._told_s = float(times[-1] - since[-1])
+        if wrench is not None:
+            pushes = np.vstack((self._wrench, np.nan_to_num(wrench)))
+            since, place = _since(self._pushed_s, times, any_told(wrench))
+            self._wrench, self._pushed_s = pushes[place[-1]], float(times[-1] - since[-1])
+            wrench = np.where(((since < HELD * period_s) & recorded)[:, None], pushes[place], 0.0)
+        return acting, None if onsets_s is None else acting_s, wrench
+
+
+def any_told(values: Array) -> Flags:
+    """Finds rows in which any command or wrench is given, shape (n,)."""
+    told: Flags = np.asarray((~np.isnan(values)).any(axis=1))
+    return told
+
+
+def _since(before_s: float, times: Array, told: Flags) -> tuple[Array, NDArray[np.int_]]:
+    """Computes the time since each row's value was given, s, and its row, 0: before the first, shape (n,) each."""
+    place = np.maximum.accumulate(np.where(told, np.arange(1, times.size + 1), 0))
+    return times - np.append(before_s, times)[place], place
+
+
+class Cadence:
+    """Times at which a package is read.
+
+    Args:
+        rate_hz: as stated; None: as the first readings have it.
+    """
+
+    def __init__(self, rate_hz: float | None):
+        self._usual_s = None if rate_hz is None else 1.0 / rate_hz
+        self._last_s = self._before_s = math.nan
+
+    def lacking(self, times: Array, reading: Array) -> int:
+        """Counts readings that lack, or have not all axes."""
+        there = ~np.isnan(reading).any(axis=1)
+        partly = int((~there & ~np.isnan(reading).all(axis=1)).sum())
+        read = np.append(self._last_s, times[there]) if math.isfinite(self._last_s) else times[there]
+        steps = np.diff(read)
+        if self._usual_s is None and steps.size >= FIRST_INTERVALS:
+            self._usual_s = float(np.median(steps))
+        self._last_s = float(read[-1]) if read.size else self._last_s
+        if self._usual_s is None or not steps.size:
+            return partly
+        long = steps[steps > _LATE_READING * self._usual_s]
+        return max(int((np.round(long / self._usual_s) - 1.0).sum()), partly)
+
+    def steps(self, times: Array, reading: Array, period_s: float) -> Array:
+        """Computes the time from the reading before to that in each row, s, zero where there is none, shape (n, 1)."""
+        there = ~np.isnan(reading).any(axis=1)
+        read, steps = times[there], np.zeros((times.size, 1))
+        if read.size:
+            first = self._before_s if math.isfinite(self._before_s) else read[0] - (self._usual_s or period_s)
+            steps[there, 0] = np.diff(read, prepend=first)
+            self._before_s = float(read[-1])
+        return steps

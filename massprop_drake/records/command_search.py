@@ -1,0 +1,177 @@
+"""Search for commands among columns, and for the scale of their numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from massprop_drake.records import mapping
+from massprop_drake.records.command_scales import CommandScale, Levels, possible_scales, two_levels, without_rare
+from massprop_drake.records.map_search import Array, MapSearch
+from massprop_drake.records.names import JetColumns, factor_or_none, jet_families, read_name
+from massprop_drake.records.topics import Topic
+
+_PULSES = (500.0, 2600.0)  # us, between which widths of pulses lie
+_CLOSED_PULSE = 950.0  # us, below which a width means disarmed
+
+
+class CommandSearch(MapSearch):
+    """Search for commands, and for the scale of their numbers."""
+
+    def _families(self, topic: Topic) -> list[JetColumns]:
+        """Returns columns of one kind for the jets, the likelier to be commands first."""
+        numeric = [column for column, values in topic.columns.items() if values.dtype != object]
+        return jet_families(numeric, [(jet.designation, jet.number) for jet in self.vehicle.jets])
+
+    def _jet_columns(self, topic: Topic) -> dict[str, str]:
+        """Returns a column for each jet, by designation; empty where not all are found."""
+        for family in self._families(topic):
+            columns = list(family.columns.values())
+            if family.lacking or (not family.named and not self._scaled(topic, columns)):
+                continue
+            if any(_varies(topic.numbers(column)) for column in family.beside):
+                self.partial_commands = (
+                    f"; {', '.join([*columns, *family.beside])} are more than the vehicle's {len(columns)} jets"
+                )
+                continue
+            return family.columns
+        return {}
+
+    def _commands(self, topic: Topic) -> bool:
+        """Looks for commands to the jets; returns whether there are any."""
+        columns = self._jet_columns(topic)
+        if columns:
+            self.data["commands"] = {"columns": columns}
+            self._say(f"commands: a column for each of the {len(columns)} jets, by their names")
+            self._scale(topic, columns)
+            return True
+        families = self._families(topic)
+        part = next((one for one in families if one.named and 2 * len(one.columns) > len(self.vehicle.jets)), None)
+        if part is not None and part.lacking:
+            self.partial_commands = (
+                f"; {', '.join(part.columns.values())} look like them, but there is none for jet "
+                f"{', '.join(part.lacking)}"
+            )
+        for column, values in topic.columns.items():
+            if values.dtype == object:
+                texts = {word.lower() for text in topic.texts(column) for word in mapping.words(text)}
+                if texts and texts <= {jet.lower() for jet in self.vehicle.designations}:
+                    self.data["commands"] = {"listed": {"column": column}}
+                    self._say(f"commands: column {column} lists designations of jets, such as {sorted(texts)[0]}")
+                    return True
+        counted = {column for one in families for column in (*one.columns.values(), *one.beside)}
+        for column, values in topic.columns.items():
+            if values.dtype == object or column in counted or not read_name(column).may_be_mask:
+                continue
+            numbers = topic.numbers(column)
+            numbers = numbers[np.isfinite(numbers)]
+            whole = numbers.size and (numbers == np.round(numbers)).all() and numbers.min() >= 0.0
+            if whole and 1.0 < numbers.max() < 2.0 ** len(self.vehicle.jets):
+                bits = {jet: bit for bit, jet in enumerate(self.vehicle.designations)}
+                self.data["commands"] = {"mask": {"column": column, "bits": bits}}
+                self._say(
+                    f"commands: column {column} has whole numbers below 2^{len(bits)}: a bit mask; that bit 0 is "
+                    f"{self.vehicle.designations[0]} and so on is a guess"
+                )
+                return True
+        return False
+
+    def _scaled(self, topic: Topic, columns: Sequence[str]) -> bool:
+        """Tests whether columns that are only numbered hold values of commands: widths of pulses."""
+        values = np.concatenate([topic.numbers(column) for column in columns])
+        return bool(np.nanmin(values) > _PULSES[0] and np.nanmax(values) < _PULSES[1] and _varies(values))
+
+    def _scale(self, topic: Topic, columns: Mapping[str, str]) -> None:
+        """Finds the scales that the numbers of the jets' columns may have, and takes the likeliest."""
+        values = np.concatenate([topic.numbers(column) for column in columns.values()])
+        values = values[np.isfinite(values)]
+        name = read_name(next(iter(columns.values())), topic.units.get(next(iter(columns.values())), ""))
+        if not values.size:
+            return
+        is_timed = name.is_on_time or factor_or_none(name.unit, "time") is not None
+        is_told = is_timed or factor_or_none(name.unit, "number") is not None
+        levels = two_levels(values)
+        if levels is not None and not is_told and (levels.closed != 0.0 or levels.scatters):
+            self._take_levels(levels)
+            return
+        if np.isin(values, (0.0, 1.0)).all() and not is_timed:
+            return
+        if values.min() > _PULSES[0] and values.max() < _PULSES[1]:
+            off, on = _pulse_widths(values)
+            self.data["commands"] |= {"off": off, "on": on}
+            self._say(
+                f"commands: they lie between {values.min():g} and {values.max():g}, like widths of pulses in us, "
+                f"{off:g} closed and {on:g} open: a guess"
+            )
+            return
+        period_s, usual = self.vehicle.sample_period_s, without_rare(values)
+        scales = possible_scales(values, period_s)
+        if usual.size < values.size:
+            scales += [one for one in possible_scales(usual, period_s) if one not in scales]
+            most = float(values.max()), float(usual.max())
+            scales.sort(key=lambda one: not any(map(one.is_reached, most)))
+        told = [one for one in scales if name.unit and _is_unit_of(name.unit, one)]
+        if not told and name.is_on_time:
+            told = [one for one in scales if one.is_timed]
+        if not scales and values.any():
+            self.lacking.append(
+                f"commands, {', '.join(columns.values())}, go from {values.min():g} to {values.max():g}, which is "
+                "neither a share, percent, an on-time within the sample period nor the width of a pulse: give "
+                "commands.unit, off, on"
+            )
+        self._scales = [_as_data(one) for one in told or scales]
+        if self._scales:
+            best = (told or scales)[0]
+            self._is_scale_sure = bool(told) or (usual.size == values.size and best.is_reached(float(values.max())))
+            self.data["commands"] |= self._scales[0]
+            why = "as their names say" if told else f"since they reach {values.max():g}"
+            self._say(f"commands: {best.words}, {why}")
+
+    def _take_levels(self, levels: Levels) -> None:
+        """Takes the two levels that commands have for closed and open, the more frequent one for closed."""
+        off, on = levels[:2]
+        if "missing" in self.data["commands"]:  # disarmed jets are closed besides
+            off, on = min(off, on), max(off, on)
+        if (off, on) != (0.0, 1.0):
+            self.data["commands"] |= {"off": off, "on": on}
+        why = "the only two values"
+        if levels.scatters or levels.beside:
+            why = "about the only two values"
+        if levels.scatters and not levels.beside:
+            self.data["commands"]["threshold"] = 0.5
+        self._say(f"commands: {off:g} closed and {on:g} open, {why}; which one is closed is a guess")
+        if levels.beside:
+            shown = ", ".join(f"{one:g}" for one in levels.beside[:3])
+            self._say(f"commands: {shown} {'is' if len(levels.beside) == 1 else 'are'} rare, and neither of them")
+
+
+def _varies(values: Array) -> bool:
+    values = values[np.isfinite(values)]
+    return bool(values.size) and bool((values != values[0]).any())
+
+
+def _pulse_widths(values: Array) -> tuple[float, float]:
+    """Returns widths of closed and open, us: the two found, or the usual ones; below closed is disarmed."""
+    armed = values[values >= _CLOSED_PULSE]
+    levels = np.unique(armed)
+    if levels.size == 2:
+        return float(levels[0]), float(levels[1])
+    least, most = (float(armed.min()), float(armed.max())) if armed.size else (1000.0, 2000.0)
+    off, on = (1100.0, 1900.0) if least >= 1100.0 and most <= 1900.0 else (1000.0, 2000.0)
+    return min(off, least), max(on, most)
+
+
+def _as_data(scale: CommandScale) -> dict[str, Any]:
+    """Returns keys of a map's commands for a scale."""
+    if scale.unit != "1":
+        return {"unit": scale.unit}
+    return {} if scale.full == 1.0 else {"on": scale.full}
+
+
+def _is_unit_of(unit: str, scale: CommandScale) -> bool:
+    """Tests whether a unit that a name has is that of a scale."""
+    kind = "time" if scale.is_timed else "number"
+    own, wanted = factor_or_none(unit, kind), factor_or_none(scale.unit, kind)
+    return own is not None and own == wanted

@@ -1,0 +1,143 @@
+"""Losses of a record: cut off, damaged, or with rows of wrong lengths."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from typing import Literal, NamedTuple, TextIO
+
+from massprop_drake.errors import InputError, counted
+
+MISSING = {"", "nan", "null", "n/a", "na", "-"}  # cells that say that there is no value, in any case
+NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+_LONGEST_LINE = 1_000_000  # characters; a row of a thousand columns has some 20 000
+FEW_RAGGED, RAGGED_SHARE = 10, 0.01  # rows of a wrong length that a file may have: so many, or this share
+Completeness = Literal["complete", "truncated", "damaged"]
+
+
+class Loss(NamedTuple):
+    """Part of a record that could not be read.
+
+    Attributes:
+        kind: "truncated", its end is missing; "damaged", something else is.
+        text: what is missing, and how much of it where that is known.
+    """
+
+    kind: Literal["truncated", "damaged"]
+    text: str
+
+
+def completeness(losses: Iterable[Loss]) -> Completeness:
+    """Computes the completeness of a record, by the gravest of its losses."""
+    kinds = {one.kind for one in losses}
+    if "damaged" in kinds:
+        return "damaged"
+    return "truncated" if kinds else "complete"
+
+
+class Ragged:
+    """Count of the rows left out because their number of cells is wrong.
+
+    Attributes:
+        count: of all.
+        first_line: of the first; 0: none.
+        last_line: of the last; likewise.
+        last_incomplete: whether the last row of the file was one, and had too few.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.first_line = self.last_line = 0
+        self.last_incomplete = False
+
+    def add(self, line: int) -> None:
+        """Counts a row, given its line."""
+        self.first_line, self.last_line = self.first_line or line, line
+        self.count += 1
+
+    def losses(self, source: str) -> list[Loss]:
+        """Returns the lost rows of a table, given what to call it."""
+        found, before = [], self.count - self.last_incomplete
+        if before:
+            what = f"{counted(before, 'row')} left out with a wrong number of cells"
+            found.append(Loss("damaged", f"{source}: {what}, the first in line {self.first_line}"))
+        if self.last_incomplete:
+            found.append(Loss("truncated", f"{source}: is cut off within line {self.last_line}, which is left out"))
+        return found
+
+
+class Ending:
+    """Test whether the last line of a text file was cut off: a line without an end may be.
+
+    A last cell is held for cut where it is shorter than every other one of its column, or no number while the column
+    has numbers.
+    """
+
+    def __init__(self) -> None:
+        self._shortest = _LONGEST_LINE
+
+    def saw(self, cell: str) -> None:
+        """Takes in the last cell of a whole row."""
+        self._shortest = min(self._shortest, len(cell))
+
+    def is_cut(self, cell: str, *, number: bool) -> bool:
+        """Tests whether the last cell of a line without an end is cut off.
+
+        Args:
+            cell: as it stands.
+            number: whether its column has numbers.
+        """
+        text = cell.strip()
+        broken = number and text.lower() not in MISSING and not NUMBER.fullmatch(text)
+        return broken or 0 < len(cell) < self._shortest
+
+
+def text_lines(text: TextIO, source: str, losses: list[Loss]) -> Iterator[tuple[int, str]]:
+    """Yields the lines of a text file with their numbers; zeros at its end, as a loss of power leaves them, are lost.
+
+    Args:
+        text: the file.
+        source: what to call it in messages.
+        losses: takes in what is lost.
+
+    Raises:
+        InputError: for what is no text in UTF-8, or longer than a row of telemetry can be.
+    """
+    number = 0
+    while True:
+        number += 1
+        try:
+            line = text.readline(_LONGEST_LINE)
+            if "\0" in line:
+                head = line[: line.index("\0")]
+                if number == 1 or not _are_zeros(line[len(head) :], text):
+                    raise InputError(f"{source}, line {number}: holds a NUL byte; expected text in UTF-8")
+                losses.append(Loss("truncated", f"{source}: has nothing but zeros from line {number} on"))
+                line = head
+        except UnicodeDecodeError:
+            raise InputError(
+                f"{source}: not a text file in UTF-8 from line {number} on; expected a table of separated values"
+            ) from None
+        except OSError as error:
+            raise InputError(unreadable(source, error)) from None
+        if not line:
+            return
+        if len(line) >= _LONGEST_LINE:
+            raise InputError(f"{source}, line {number}: is longer than a row of telemetry can be")
+        yield number, line
+
+
+def _are_zeros(begin: str, text: TextIO) -> bool:
+    """Tests whether a text and all that follows in a file are zeros."""
+    while begin:
+        if begin.strip("\0"):
+            return False
+        begin = text.read(1 << 16)
+    return True
+
+
+def unreadable(path: object, error: Exception) -> str:
+    """Message of a file that is not there, or cannot be read."""
+    if isinstance(error, FileNotFoundError):
+        return f"{path}: no such file"
+    return f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}"

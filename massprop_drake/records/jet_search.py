@@ -1,0 +1,181 @@
+"""Search by the effects of jets on sensors: when commands act, their scale, and the meaning of readings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from massprop_drake.inputs.record_map import RecordMap
+from massprop_drake.inputs.units import factor
+from massprop_drake.records import channels, evidence, mapping
+from massprop_drake.records.command_search import CommandSearch
+
+_OFF = 2.5  # factor by which the true rates may differ from those predicted with the nominal mass properties
+_DISFAVOR = 0.1  # of the log of a factor, by which a likelier scale may fit worse
+_RATE_UNITS = ("rad/s", "deg/s", "mrad/s", "deg/h")  # that are farther apart than the true rates may be
+_FARTHEST = 20  # intervals that commands may be logged early or late: a budget of time
+_AGAINST = -0.3  # correlation below which rates go against the jets
+
+
+class JetSearch(CommandSearch):
+    """Search by the jets' effects: when commands act, their scale, and the meaning of readings."""
+
+    def look_at_the_jets(self) -> None:
+        """Finds, by the jets' effects on sensors, when commands act, their scale, and the meaning of readings."""
+        if "commands" not in self.data or not self.data["sensors"]:
+            return
+        commands, usual = self.data["commands"], "a row's command acts from the row on"
+        commands["acts"] = "from_row"
+        inertial = [name for name, one in self.data["sensors"].items() if one["kind"] in ("gyro", "accelerometer")]
+        by = {acts: self._understood(acts) for acts in ("from_row", "until_row")}
+        before, after = by["until_row"], by["from_row"]
+        gyro = next((name for name in inertial if self.data["sensors"][name]["kind"] == "gyro"), "")
+        if not gyro or before is None or after is None:
+            self._say(f"commands.acts: from_row, since nothing here tells: {usual}")
+            return
+        alike = [evidence.followed(one, gyro) for one in (after, before)]
+        if any(math.isnan(one.correlation) for one in alike):
+            self._say("commands.acts: from_row, since too few jets fire to tell")
+            shown = after
+        else:
+            later = alike[1].explained > alike[0].explained + evidence.ODDS
+            commands["acts"] = "until_row" if later else "from_row"
+            shown = before if later else after
+            self._say(
+                f"commands.acts: {commands['acts']}, since the rates follow a row's command with a correlation of "
+                f"{alike[0].correlation:.2f} in the interval after the row and {alike[1].correlation:.2f} in the one "
+                "before"
+            )
+            self._look_for_a_lag(gyro, alike[0], alike[later])
+            if max(one.explained for one in alike) <= evidence.ODDS and alike[later].correlation < _AGAINST:
+                self._warn(
+                    f"{gyro}: the rates go against what the jets should do: look at its axes, signs and `off`, `on`"
+                )
+            self._tell_scale(gyro, alike[later])
+        for name in inertial:
+            if self.data["sensors"][name]["kind"] == "accelerometer":
+                self._tell_sums(name, shown)
+
+    def _look_for_a_lag(self, gyro: str, after: evidence.JetEvidence, taken: evidence.JetEvidence) -> None:
+        """Warns where neither interval next to a row fits: of the lag that does, or that none is known."""
+        farthest = min(_FARTHEST, len(after.meant) // 2)
+        lags = {lag: after.shifted(lag) for lag in range(-farthest, farthest + 1)}
+        best = max(lags, key=lambda lag: np.nan_to_num(lags[lag].explained))
+        odds = evidence.ODDS + math.log(len(lags))  # any of them may be the one
+        if lags[best].explained > taken.explained + odds and not lags[best].is_poor:
+            rows = f"{abs(best)} row{'s' if abs(best) > 1 else ''} {'after' if best > 0 else 'before'}"
+            offset_s = float(f"{best * self.vehicle.sample_period_s:.9g}")
+            self._warn(
+                f"{gyro}: the rates follow commands best, with a correlation of {lags[best].correlation:.2f}, that act "
+                f"from {rows} their own on, which neither interval next to a row is: give these a clock of their own, "
+                f"`commands: {{acts: from_row, time: {{..., offset_s: {offset_s:g}}}}}`"
+            )
+        elif taken.is_poor and taken.explained > evidence.ODDS:
+            self._warn(
+                f"{gyro}: the rates follow the commands poorly, with a correlation of {taken.correlation:.2f}, and not "
+                "better with another lag: look at axes, signs, units and which jet is which"
+            )
+
+    def _understood(self, acts: str) -> channels.Mapped | None:
+        """Returns the record as the map has it so far; None where the map cannot be applied."""
+        try:
+            by = RecordMap.model_validate({**self.data, "commands": {**self.data["commands"], "acts": acts}})
+            return mapping.mapped(self.recording, by, self.vehicle)
+        except ValueError:  # said when the map is shown
+            return None
+
+    def _tell_scale(self, gyro: str, shown: evidence.JetEvidence) -> None:
+        """Chooses the scale of commands, and a unit of rates that no name gives, by how the jets turn the vehicle.
+
+        One of both may change, the unit only where the scale is sure; the likelier scale may fit a little worse.
+        """
+        if not shown.explained > evidence.ODDS or not shown.slope > 0.0:
+            return
+        entry = self.data["sensors"][gyro]
+        period_s = self.vehicle.sample_period_s
+        full = [_full(one, period_s) for one in self._scales] or [1.0]
+        units = _RATE_UNITS if gyro in self._guessed and self._is_scale_sure else (entry["unit"],)
+
+        def misfit(scale: int, unit: str) -> float:
+            times = full[scale] / full[0] * factor(unit, "rate") / factor(entry["unit"], "rate")
+            return abs(math.log(shown.slope * times))
+
+        scale, unit = min(
+            ((index, unit) for index in range(len(full)) for unit in units if not index or unit == entry["unit"]),
+            key=lambda one: misfit(*one) + _DISFAVOR * (one[0] + (one[1] != entry["unit"])),
+        )
+        if misfit(scale, unit) > math.log(_OFF):
+            self._warn(
+                f"{gyro}: the rates change {shown.slope:.3g} times as much as the jets should make them, as units and "
+                "commands are taken: look there first"
+            )
+            return
+        if unit != entry["unit"]:
+            self._say(
+                f"{gyro}: {unit}, since as {entry['unit']} it would turn {shown.slope:.3g} times as much as the jets "
+                "can make it"
+            )
+            entry["unit"] = unit
+        if scale:
+            for key in ("unit", "on"):
+                self.data["commands"].pop(key, None)
+            self.data["commands"] |= self._scales[scale]
+            said = ", ".join(f"{key} {value}" for key, value in self._scales[scale].items()) or "fractions"
+            self._say(
+                f"commands: {said}, since else the rates would change {shown.slope:.3g} times as much as the jets can "
+                "make them"
+            )
+
+    def _tell_sums(self, name: str, by: channels.Mapped) -> None:
+        """Distinguishes sums of velocity, increments and accelerations, by the jets' effects on them."""
+        entry = self.data["sensors"][name]
+        if entry["gives"] in ("mean", "instant") and name not in self._guessed:
+            return  # their unit is that of an acceleration
+        sums, values = (evidence.followed(by, name, gives=gives) for gives in ("integral", "increment"))
+        if sums.explained > values.explained + evidence.ODDS:
+            gives, followed = "integral", "differences"
+        elif values.explained > sums.explained + evidence.ODDS:
+            gives, followed = self._of_values(name, by, values), "values"
+        elif (
+            entry["gives"] == "increment"
+            and not values.explained > evidence.ODDS
+            and evidence.keeps_its_level(by, name)
+        ):
+            entry["gives"] = "integral"
+            self._say(f"{name}: sums of increments, since they keep their level while no jet fires")
+            return
+        else:
+            return
+        if gives == entry["gives"]:
+            return
+        entry["gives"] = gives
+        if name in self._guessed:
+            entry["unit"] = f"{self._guessed[name]}^2" if gives == "mean" else self._guessed[name]
+        called = {"integral": "sums of increments", "increment": "increments of velocity", "mean": "accelerations"}
+        self._say(
+            f"{name}: {called[gives]}, since their {followed} follow the commands with a correlation of "
+            f"{max(sums.correlation, values.correlation):.2f}, their "
+            f"{'values' if followed == 'differences' else 'differences'} with "
+            f"{min(sums.correlation, values.correlation):.2f}"
+        )
+
+    def _of_values(self, name: str, by: channels.Mapped, values: evidence.JetEvidence) -> str:
+        """Distinguishes increments from accelerations, where sums do not follow the jets, by how much they change."""
+        usual = "mean" if self.data["sensors"][name]["gives"] == "mean" else "increment"
+        if name not in self._guessed:
+            return usual
+        misfit = {"increment": abs(math.log(values.slope))}
+        misfit["mean"] = abs(math.log(evidence.followed(by, name, gives="mean").slope))
+        misfit[usual] -= _DISFAVOR
+        return min(misfit, key=lambda gives: misfit[gives])
+
+
+def _full(scale: Mapping[str, Any], period_s: float) -> float:
+    """Returns the number that stands for a jet that is open all the time."""
+    unit = scale.get("unit", "1")
+    if unit == "%":
+        return 100.0
+    return float(scale.get("on", 1.0)) if unit == "1" else period_s / factor(unit, "time")

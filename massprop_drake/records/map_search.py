@@ -1,0 +1,165 @@
+"""Search for what a map says: what is found, and what is said of it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain, groupby
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.records import mapped_rows
+from massprop_drake.records.clocks import TopicClock
+from massprop_drake.records.names import ColumnName, factor_or_none, kind_of
+from massprop_drake.records.topics import Recording
+
+Array = NDArray[np.float64]
+_FOLDED = 4  # elements of an array that are listed as from the first to the last
+
+
+class MapSearch:
+    """State of a search for a vehicle's sensors and jets: the map so far, and what is said of it."""
+
+    def __init__(self, recording: Recording, vehicle: Vehicle):
+        self.recording, self.vehicle = recording, vehicle
+        self.data: dict[str, Any] = {"sensors": {}}
+        self.reasons: list[str] = []
+        self.warnings: list[str] = []
+        self.lacking: list[str] = []
+        self._here: tuple[str, dict[str, Any] | None] = "", None  # the topic that is looked at, and its time
+        self._free = {"gyro": [one.name for one in vehicle.gyros]}
+        self._free["accelerometer"] = [one.name for one in vehicle.accelerometers]
+        self._free |= {
+            "pose": [one.name for one in vehicle.poses],
+            "velocity": [one.name for one in vehicle.velocities],
+            "wheel": [one.name for one in vehicle.wheels],
+            "engine": [one.name for one in vehicle.engines],
+        }
+        self._called = {kind: {compact_name(one) for one in self._free[kind]} for kind in ("gyro", "accelerometer")}
+        self._scales: list[dict[str, Any]] = []  # of the commands, as a map has them, the likelier first
+        self._is_scale_sure = True  # told by names, or reached exactly
+        self._guessed: dict[str, str] = {}  # sensors whose unit no name tells, and that of a velocity of theirs
+        self.partial_commands = ""  # what is lacking of commands that were nearly found
+        self.left_out: list[str] = []
+        self._clocks: dict[str, TopicClock | None] = {}
+
+    def _say(self, reason: str) -> None:
+        self.reasons.append(reason)
+
+    def _warn(self, reason: str) -> None:
+        self._say(reason)
+        self.warnings.append(reason)
+
+    def _kind(self, name: ColumnName) -> str:
+        """Finds the quantity of a column, by its words or a package's name; "": not known."""
+        called = compact_name("".join(name.words))
+        return next((kind for kind, names in self._called.items() if called in names), kind_of(name))
+
+    def _is_own(self, kind: str, words: Sequence[str]) -> bool:
+        """Tests whether words name a package of the vehicle."""
+        return bool({*map(compact_name, words), compact_name("".join(words))} & self._called[kind])
+
+    def _package(self, kind: str, words: Sequence[str] = ()) -> str:
+        """Returns a package of the vehicle that is not taken yet, one of that name first; "": none is left."""
+        free = self._free[kind]
+        said = {*map(compact_name, words), compact_name("".join(words))}
+        name = next((one for one in free if compact_name(one) in said), free[0] if free else "")
+        if name:
+            free.remove(name)
+        return name
+
+    def _tracker(self, kind: str, shown_as: str, what: str) -> str:
+        """Finds the place of a sensor in a fixed frame: one of the vehicle's, or, if none is needed, a display name."""
+        name = self._package(kind) or ("" if self.vehicle.needs_pose_filter else shown_as)
+        if not name:
+            self._say(f"{what}: the vehicle has no further {kind} sensor")
+        return name
+
+    def tell_what_is_left(self) -> None:
+        """Reports packages of the vehicle without columns, and every column that is not used."""
+        missing = [name for free in self._free.values() for name in free]
+        if missing:
+            self._say(f"no columns were found for {', '.join(missing)}: name them under `sensors` if they were logged")
+        used = _used(self.data)
+        for name, topic in self.recording.topics.items():
+            left = _folded([column for column in topic.columns if column not in used.get(name, ())])
+            if name in used or not name:
+                self.left_out += left
+                if left:
+                    self._say(f"not used{f' of {name}' if name else ''}: {', '.join(left)}")
+        topics = [name for name in self.recording.topics if name and name not in used]
+        if topics:
+            self.left_out += topics
+            self._say(f"topics not used: {', '.join(topics)}")
+
+    def _put_in_its_topic(self, entry: dict[str, Any]) -> None:
+        """Names topic and time of parts that do not lie where the map begins."""
+        name, time = self._here
+        if name != self.data.get("topic", ""):
+            entry["topic"] = name
+            if time is not None and time != self.data.get("time"):
+                entry["time"] = time
+
+    def _add(self, name: str, entry: dict[str, Any]) -> None:
+        """Adds a sensor, the first of its name."""
+        if name not in self.data["sensors"]:
+            self._put_in_its_topic(entry)
+            self.data["sensors"][name] = entry
+
+    def _unit(self, members: Mapping[int, ColumnName], kind: str, otherwise: str) -> str:
+        unit = members[min(members)].unit
+        return unit if unit and factor_or_none(unit, kind) is not None else otherwise
+
+    def _gives(self, topic: str) -> str:
+        """Takes accelerations of a topic for instants, where there are enough to be integrated, or for means."""
+        stamps = self.recording.topics[topic].stamps_s
+        if stamps is None or stamps.size < 2:
+            return "mean"
+        every = float(np.median(np.diff(stamps)))
+        return "instant" if mapped_rows.FEWEST_INSTANTS * every <= self.vehicle.sample_period_s * 1.01 else "mean"
+
+
+def _texts(data: Any) -> Iterator[str]:
+    """Returns all texts in the data of a map, keys aside."""
+    if isinstance(data, str):
+        yield data
+    elif isinstance(data, Mapping):
+        yield from chain.from_iterable(map(_texts, data.values()))
+    elif isinstance(data, list):
+        yield from chain.from_iterable(map(_texts, data))
+
+
+def _used(data: Mapping[str, Any]) -> dict[str, set[str]]:
+    """Returns the columns that a map names, by topic."""
+    usual = data.get("topic", "")
+    used: dict[str, set[str]] = {}
+    for entry in (*data.get("sensors", {}).values(), *filter(None, [data.get("commands")])):
+        topic = entry.get("topic", usual)
+        used.setdefault(topic, set()).update(_texts(entry), _texts({} if "time" in entry else data.get("time", {})))
+    if not used:
+        used[usual] = set(_texts(data.get("time", {})))
+    return used
+
+
+def _folded(columns: Sequence[str]) -> list[str]:
+    """Joins names of columns: elements of an array that follow each other are one entry."""
+    split = [re.fullmatch(r"(.*\[)(\d+)(\].*)", column) for column in columns]
+    found: list[str] = []
+    runs = groupby(
+        enumerate(columns),
+        key=lambda one: (
+            one[1] if (part := split[one[0]]) is None else (part.group(1), part.group(3), int(part.group(2)) - one[0])
+        ),
+    )
+    for _, run in runs:
+        names = [name for _, name in run]
+        found += [f"{names[0]} to {names[-1]}"] if len(names) >= _FOLDED else names
+    return found
+
+
+def compact_name(name: str) -> str:
+    """Returns a name in small letters, without signs."""
+    return re.sub(r"[^a-z0-9]", "", name.lower())

@@ -1,0 +1,255 @@
+"""Measures of a record's readings: standing still, repeated, unanswered, and out of proportion."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.errors import moment
+from massprop_drake.inputs import factors
+from massprop_drake.inputs.vehicle_sensors import Accelerometer, SensorPackage
+from massprop_drake.maths.mass_properties import CENTER_OF_MASS, ELEMENT, MASS_RECIPROCAL
+
+Array = NDArray[np.float64]
+STUCK = 10.0  # quanta or 1-sigma that a reading must be predicted to change by before standing still counts
+FEWEST = 10  # samples that tell the unit
+UNIT_LIMIT = 2.5  # factor between measured and predicted that is called wrong; feet to meters is 3.28
+_NET = 0.25  # of the sum of what each jet alone should change it by: less cancels where thrusts are a quarter off
+_AGAINST_S = 5.0  # for which jets may fire against one that has failed, and nothing changes
+ANSWERED = 0.5  # share of what is predicted that the other readings must show, or the jets have not fired
+_MOST_JETS = 2  # that are blamed for readings that do not follow; more, and the readings are wrong
+
+
+class Package(NamedTuple):
+    """A sensor package, and the readings expected of it on the nominal vehicle.
+
+    Attributes:
+        package: as the vehicle file has it.
+        scale: quantum or 1-sigma of a reading, whichever is larger.
+        increment_std: 1-sigma of an increment.
+        each: size of the increments that each jet could cause in one sample, shape (n_jets, 3).
+        by_turning: size of what the vehicle's own rate could change a component by in one sample, over its square, s or
+            ft s or m s: dynamic coupling, and what turns the place of an accelerometer about the center of mass.
+    """
+
+    package: SensorPackage
+    scale: float
+    increment_std: float
+    each: Array
+    by_turning: float
+
+
+class _Body(NamedTuple):
+    """Mass properties by which predicted readings change.
+
+    Attributes:
+        inverse: inverse inertia, shape (3, 3).
+        center: of mass, shape (3,).
+        lightness: mass reciprocal.
+    """
+
+    inverse: Array
+    center: Array
+    lightness: float
+
+    def changed(self, impulses: Array, package: SensorPackage) -> Array:
+        """Computes increments of a package's readings, shape (n, 3), by impulses about the origin, shape (n, 6)."""
+        turned: Array = (impulses[:, :3] - np.cross(self.center, impulses[:, 3:])) @ self.inverse
+        if not isinstance(package, Accelerometer):
+            return turned
+        return impulses[:, 3:] * self.lightness + np.cross(turned, np.array(package.position) - self.center)
+
+
+def rigid_body(parameters: Array) -> _Body:
+    """Makes a body of the ten parameters, shape (10,)."""
+    return _Body(parameters[ELEMENT], parameters[CENTER_OF_MASS], float(parameters[MASS_RECIPROCAL]))
+
+
+class Stuck(NamedTuple):
+    """Stretch in which a reading stood still.
+
+    Attributes:
+        entry: as the summary has it.
+        package: it is of.
+        axis: of it.
+        impulse: between where the predicted change was least and where it was most, torque about the origin first,
+            shape (6,).
+    """
+
+    entry: dict[str, Any]
+    package: Package
+    axis: int
+    impulse: Array
+
+    @property
+    def lasted_s(self) -> float:
+        """Duration of the stretch, s."""
+        return float(self.entry["to_s"] - self.entry["from_s"])
+
+    def lasts(self, failed_s: float) -> bool:
+        """Tests whether the stretch is real, not one of jets that fire against a failed one."""
+        return bool(self.entry["to_s"] <= failed_s or self.lasted_s > _AGAINST_S)
+
+
+class Ratio(NamedTuple):
+    """Ratio of a reading's change in a sample over the predicted change.
+
+    Attributes:
+        ratio: of both.
+        time_s: of the sample.
+        fired: jets that were told to fire, shape (n_jets,).
+        turned: what the vehicle's turn may have changed the reading by, in what was predicted.
+    """
+
+    ratio: float
+    time_s: float
+    fired: Array
+    turned: float
+
+
+class Standing:
+    """Constancy of each component of a package: since when, and the change predicted meanwhile."""
+
+    def __init__(self) -> None:
+        self.value = np.full(3, np.nan)
+        self.since_s = np.full(3, np.nan)
+        self.until_s = np.full(3, np.nan)
+        self.sum = np.zeros(3)
+        self.least = np.zeros(3)
+        self.most = np.zeros(3)
+        self.at = np.zeros((3, 2, 6))  # impulses gathered since the beginning where that change was least and most
+        self.sure = [False] * 3  # whether that change could not be what jets against each other leave
+        self.gross = np.zeros(3)  # of what each jet alone should change it by, gathered since the beginning
+        self.gross_since = np.zeros(3)  # at its first sample
+        self.answer = np.zeros((3, 2))  # of the other readings, gathered since the beginning, see `Answer`
+        self.answer_since = np.zeros((3, 2))  # at its first sample
+        self.fired_since = np.zeros((3, 1))  # samples with each jet told to fire and nothing shown, likewise
+
+
+class Repeats:
+    """Repeats of a package's reading, all three components, where the jets should have changed it."""
+
+    def __init__(self) -> None:
+        self.count = self.of = 0
+        self.times = 0  # that it began to
+        self.changed = False  # whether the newest reading was another one than that before
+
+    def add(self, increments: Array, meant: NDArray[np.bool_]) -> None:
+        """Takes in a block.
+
+        Args:
+            increments: of the reading, NaN where one is missing, shape (n, 3).
+            meant: whether it should have changed by much, shape (n,).
+        """
+        same = (increments == 0.0).all(axis=1)
+        changed = ~same & ~np.isnan(increments).any(axis=1)
+        before = np.concatenate([[self.changed], changed[:-1]])
+        self.count += int((meant & same).sum())
+        self.of += int((meant & (same | changed)).sum())
+        self.times += int((meant & same & before).sum())
+        self.changed = bool(changed[-1])
+
+
+class Answer(NamedTuple):
+    """Answer of all readings to their predictions, sample by sample, in 1-sigma of an increment.
+
+    Attributes:
+        own: increment times predicted, and the square of the latter, of each component of each package, by its name,
+            shape (n, 3, 2).
+        fired: jets told to fire, where they count, shape (n, n_jets).
+    """
+
+    own: Mapping[str, Array]
+    fired: Array
+
+    @property
+    def total(self) -> Array:
+        """Sums over all components, shape (n, 2)."""
+        nothing = np.zeros((self.fired.shape[0], 2))  # a vehicle may have no package in body axes
+        result: Array = sum((part.sum(axis=1) for part in self.own.values()), start=nothing)
+        return result
+
+    @property
+    def silent(self) -> Array:
+        """Commanded jets of which the readings show little, sample by sample, shape (n, n_jets)."""
+        shown, meant = self.total.T
+        result: Array = self.fired * (shown < ANSWERED * meant)[:, None]
+        return result
+
+    def beside(self, name: str, axis: int) -> Array:
+        """Computes sums over all components but one, each sample weighted by its share in that one's prediction."""
+        total, own = self.total, self.own[name][:, axis]
+        share = np.divide(own[:, 1], total[:, 1], out=np.zeros(len(own)), where=total[:, 1] > 0.0)
+        result: Array = share[:, None] * (total - own)
+        return result
+
+
+def exceeds_doubt(total: Array, alone: Array, before: tuple[float, float], entry: Package) -> bool:
+    """Tests whether a predicted change counts, and exceeds at some sample what jets against each other leave.
+
+    Args:
+        total: change since the beginning, shape (n,).
+        alone: what each jet alone should have changed the reading by, gathered, shape (n,).
+        before: most and least change before these samples, see `_NOTHING`.
+        entry: whose reading it is.
+    """
+    highest, lowest = np.maximum.accumulate(total), np.minimum.accumulate(total)
+    change = np.maximum(highest, before[0]) - np.minimum(lowest, before[1])
+    return bool(((change >= STUCK * entry.scale) & (change >= _NET * alone)).any())
+
+
+def impulses_at_extremes(total: Array, gathered: Array, before: tuple[float, float], held: Array) -> Array:
+    """Returns impulses where the predicted change of a stretch was least and where it was most, shape (2, 6).
+
+    Args:
+        total: change since the beginning, shape (n,).
+        gathered: impulses likewise, shape (n, 6).
+        before: most and least change before these samples, see `_NOTHING`.
+        held: the impulses there, least first, shape (2, 6).
+    """
+    at: Array = gathered[[int(total.argmin()), int(total.argmax())]]
+    most, least = before
+    at[0] = held[0] if least < total.min() else at[0]
+    at[1] = held[1] if most > total.max() else at[1]
+    return at
+
+
+def could_be_off_nominal(slope: float) -> bool:
+    """Tests whether mass properties may be so far from nominal that readings change by so much more or less."""
+    return 1.0 / UNIT_LIMIT <= slope <= UNIT_LIMIT
+
+
+def jets_to_blame(ratios: Array, fired: NDArray[np.bool_]) -> list[int]:
+    """Finds the fewest jets without which readings change as predicted; none: jets are not the cause.
+
+    Wrong units are wrong whichever jets fire; a jet that fails is so only while it is told to.
+
+    Args:
+        ratios: of measured and predicted, by sample, shape (n,).
+        fired: jets told to fire, shape (n, n_jets).
+    """
+    left, blamed = np.ones(ratios.size, dtype=bool), []
+    for _ in range(_MOST_JETS):
+        wrong = ~((ratios >= 1.0 / UNIT_LIMIT) & (ratios <= UNIT_LIMIT))
+        share = [int((left & wrong & jet).sum()) - int((left & ~wrong & jet).sum()) for jet in fired.T]
+        blamed.append(int(np.argmax(share)))
+        left &= ~fired[:, blamed[-1]]
+        if left.sum() >= FEWEST and could_be_off_nominal(float(np.median(ratios[left]))):
+            return blamed
+    return []
+
+
+def likely_cause(slope: float, known: Sequence[factors.Factor]) -> str:
+    """Names the likely cause of a scale factor."""
+    if slope <= 0.0:
+        return "; it looks like a wrong sign or wrong axes"
+    found = factors.near(slope, known)
+    return f"; it looks like {found[0].name}" if found else ""
+
+
+def from_to(entry: dict[str, Any]) -> str:
+    """Words of a stretch of time."""
+    return f"from {moment(entry['from_s'])} to {moment(entry['to_s'])} s"

@@ -1,0 +1,291 @@
+"""Search for sensors among the columns of a table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from massprop_drake.inputs.units import factor
+from massprop_drake.records import mapping
+from massprop_drake.records.jet_search import JetSearch
+from massprop_drake.records.map_search import Array, compact_name
+from massprop_drake.records.names import WHEELS, WORDS, ColumnName, factor_or_none
+from massprop_drake.records.topics import Topic
+
+_UNIFORM = 1e-4  # of its median, by which steps of a clock that only counts may differ
+_FEWEST = 20  # samples from which differences and repeated readings are told
+
+
+class SensorSearch(JetSearch):
+    """Search for sensors among the columns of a table."""
+
+    def _sensors(self, topic: Topic, names: Sequence[ColumnName]) -> None:
+        groups: dict[tuple[tuple[str, ...], str], dict[int, ColumnName]] = {}
+        angles: dict[int, ColumnName] = {}
+        for name in names:
+            if name.turning >= 0 and not set(name.words) & WORDS["gyro"]:
+                angles.setdefault(name.turning, name)
+            elif name.turning >= 0:
+                groups.setdefault((("rate",), name.unit), {})[name.turning] = name
+            elif name.axis >= 0 and self._kind(name):
+                groups.setdefault((name.words, name.unit), {}).setdefault(name.axis, name)
+        found: dict[str, list[dict[int, ColumnName]]] = {}
+        for members in map(_from_zero, groups.values()):
+            if set(members) <= set(range(4 if self._kind(members[min(members)]) == "quaternion" else 3)):
+                found.setdefault(self._kind(members[min(members)]), []).append(members)
+        for kind, several in found.items():
+            several.sort(key=lambda one, kind=kind: self._order(kind, one))  # type: ignore[misc]
+        position = next(iter(found.get("position", [])), {})
+        pairs = self._differences(topic, position, angles, found)
+        for members in found.get("gyro", []):
+            self._add_gyro(topic, members)
+        both = [(members, kind) for kind in ("increment", "accelerometer") for members in found.get(kind, [])]
+        for members, kind in sorted(both, key=lambda one: self._order("accelerometer", one[0])):
+            self._add_accelerometer(topic, members, kind == "increment")
+        for members in found.get("velocity", []):
+            unit = self._unit(members, "velocity", "m/s")
+            package = self._tracker("velocity", "velocity", f"{_listed(members)}, velocities by their names")
+            if package:
+                self._add(package, {"kind": "velocity", "columns": _columns(members), "unit": unit})
+                self._say(f"{package}: {_listed(members)}, by their names")
+        self._add_wheels(names)
+        self._add_engines(names)
+        quaternion = next((one for one in found.get("quaternion", []) if len(one) == 4), {})
+        self._add_pose(position, angles, quaternion)
+        if pairs:
+            self._use_differences(topic, pairs)
+
+    def _add_wheels(self, names: Sequence[ColumnName]) -> None:
+        """Adds speeds of the vehicle's wheels: columns of their names, or else all that are of wheels."""
+        of_wheels = [one for one in names if set(one.words) & WHEELS or one.unit == "rpm"]
+        called = {compact_name("".join(one.words)): one for one in names}
+        by_order = dict(zip(self._free["wheel"], of_wheels, strict=False)) if self._numbered(of_wheels) else {}
+        for name in list(self._free["wheel"]):
+            column = called.get(compact_name(name)) or called.get(compact_name(f"{name}speed")) or by_order.get(name)
+            if column is None:
+                continue
+            unit = self._unit({0: column}, "rate", "rad/s")
+            self._free["wheel"].remove(name)
+            self._add(name, {"kind": "wheel", "speed": column.column, "unit": unit})
+            self._say(f"{name}: {column.column}, in {unit}, by its name")
+
+    def _add_engines(self, names: Sequence[ColumnName]) -> None:
+        """Adds engines that columns are named after."""
+        called = {compact_name("".join(one.words)): one for one in names}
+        for engine in self.vehicle.engines:
+            columns = [called[name] for name in map(compact_name, engine.columns) if name in called]
+            if len(columns) < len(engine.columns) or engine.name not in self._free["engine"]:
+                continue
+            level, *angles = columns
+            entry: dict[str, Any] = {"kind": "engine", "level": level.column}
+            if angles:
+                entry |= {"gimbal": [one.column for one in angles], "unit": self._unit({0: angles[0]}, "angle", "rad")}
+            self._free["engine"].remove(engine.name)
+            self._add(engine.name, entry)
+            self._say(f"{engine.name}: {', '.join(one.column for one in (level, *angles))}, by their names")
+
+    def _numbered(self, columns: Sequence[ColumnName]) -> bool:
+        """Tests whether there is a column for every wheel of the vehicle."""
+        return len(columns) == len(self.vehicle.wheels)
+
+    def _order(self, kind: str, members: Mapping[int, ColumnName]) -> tuple[bool, bool, bool]:
+        """Orders groups of columns: those called as a package first, whole ones, readings before estimates."""
+        words = members[min(members)].words
+        own = kind in self._called and self._is_own(kind, words)
+        return not own, len(members) < 3, bool(set(words) & {"true", "truth", "est", "estimated", "filtered"})
+
+    def _differences(
+        self,
+        topic: Topic,
+        position: Mapping[int, ColumnName],
+        angles: Mapping[int, ColumnName],
+        found: dict[str, list[dict[int, ColumnName]]],
+    ) -> list[tuple[dict[str, str], Array]]:
+        """Finds pairs of a value and its backward difference; groups of such rates are no sensors, and are removed."""
+        pairs: list[tuple[dict[str, str], Array]] = []
+        groups = []
+        for kind, values, dimension, usual in (("velocity", position, "length", "m"), ("gyro", angles, "angle", "rad")):
+            for members in found.get(kind, []):
+                rate_unit = self._unit(members, "velocity" if kind == "velocity" else "rate", f"{usual}/s")
+                here = []
+                for axis in sorted(set(members) & set(values)):
+                    unit = self._unit({0: values[axis]}, dimension, usual)
+                    steps = _steps(topic, (values[axis].column, unit), (members[axis].column, rate_unit))
+                    if steps is not None:
+                        pair = {"value": values[axis].column, "rate": members[axis].column}
+                        pair |= (
+                            {} if (unit, rate_unit) == ("m", "m/s") else {"value_unit": unit, "rate_unit": rate_unit}
+                        )
+                        here.append((pair, steps))
+                if here and len(here) == len(set(members)):
+                    groups.append((kind, members, here))
+                    pairs += here
+        if not pairs:
+            return []
+        with np.errstate(invalid="ignore"):
+            disagree = mapping.disagreement(np.vstack([steps for _, steps in pairs]))
+        if disagree > mapping.AGREE:
+            columns = ", ".join(pair["rate"] for pair, _ in pairs)
+            self._say(f"{columns} are no exact differences: they would have been taken over unlike steps in a row")
+            return []
+        for kind, members, here in groups:
+            found[kind].remove(members)
+            self._say(
+                f"{_listed(members)}: backward differences of {', '.join(pair['value'] for pair, _ in here)}, not "
+                "measurements of their own: no sensor"
+            )
+        return pairs
+
+    def _use_differences(self, topic: Topic, pairs: list[tuple[dict[str, str], Array]]) -> None:
+        steps = np.concatenate([steps[np.isfinite(steps)] for _, steps in pairs])
+        typical = float(np.median(steps))
+        time = self.data.setdefault("time", {})
+        if "column" in time:
+            logged = np.diff(topic.numbers(time["column"])) * factor(time.get("unit", "s"), "time")
+            usual = float(np.median(logged))
+            if float(np.median(np.abs(logged - usual))) > _UNIFORM * usual:
+                return  # a clock that measures
+            if abs(typical - usual) < 1e-3 * usual and float(np.std(steps)) < 1e-3 * usual:
+                return
+            self._say(
+                f"time.differences: {time['column']} only counts, {usual:.6g} s a row, while the differences were "
+                f"divided by {typical:.6g} s in the median, {np.percentile(steps, 5):.4g} to "
+                f"{np.percentile(steps, 95):.4g} s: the true steps are taken from them"
+            )
+        time["differences"] = [pair for pair, _ in pairs]
+
+    def _add_gyro(self, topic: Topic, members: Mapping[int, ColumnName]) -> None:
+        package = self._package("gyro", members[min(members)].words)
+        if not package:
+            self._say(f"{_listed(members)}: rates, but the vehicle has no further gyro")
+            return
+        unit, why = self._unit(members, "rate", ""), "by their names"
+        if not unit:
+            self._guessed[package] = ""
+            sizes = np.concatenate([np.abs(topic.numbers(one.column)) for one in members.values()])
+            limit = min(100.0, np.pi / self.vehicle.sample_period_s)
+            unit = "deg/s" if float(np.nanpercentile(sizes, 99.0)) > limit else "rad/s"
+            why = f"by their names; {unit} since nothing says otherwise" + (
+                "" if unit == "rad/s" else f" but that they reach {float(np.nanmax(sizes)):.4g}, too much for rad/s"
+            )
+        entry: dict[str, Any] = {"kind": "gyro", "columns": _columns(members), "unit": unit}
+        every = _every(np.column_stack([topic.numbers(one.column) for one in members.values()]))
+        if every > 1:
+            entry["every"] = every
+            why += f"; they change in every {every} rows at the most, so rows between only repeat them"
+        self._add(package, entry)
+        self._say(f"{package}: rates {_listed(members)} in {unit}, {why}")
+
+    def _add_accelerometer(self, topic: Topic, members: Mapping[int, ColumnName], increments: bool) -> None:
+        first = members[min(members)]
+        package = self._package("accelerometer", first.words)
+        if not package:
+            self._say(f"{_listed(members)}: accelerations, but the vehicle has no further accelerometer")
+            return
+        own = f"{self.vehicle.unit_names['length']}/s" if self._is_own("accelerometer", first.words) else "m/s"
+        if increments:
+            gives, unit, why = (
+                "increment",
+                self._unit(members, "velocity", "m/s"),
+                "increments of velocity by their names",
+            )
+        elif factor_or_none(first.unit, "velocity") is not None or (
+            compact_name("".join(first.words)) in self._called["accelerometer"]
+            and factor_or_none(first.unit, "acceleration") is None
+        ):
+            gives, unit, why = "integral", self._unit(members, "velocity", own), "as the vehicle's own, integrating"
+            if factor_or_none(first.unit, "velocity") is None:
+                self._guessed[package] = own
+        else:
+            sizes = np.sqrt(sum(np.nan_to_num(topic.numbers(one.column)) ** 2 for one in members.values()))
+            like_g = 0.9 < float(np.median(sizes)) < 1.1
+            gives, unit = "mean", self._unit(members, "acceleration", "g" if like_g else "m/s^2")
+            why = (
+                "accelerations by their names; taken for the mean over the sample that ended, since one instant a row "
+                "could not be integrated"
+            )
+            if abs(float(np.median(sizes)) * factor(unit, "acceleration") / 9.80665 - 1.0) < 0.1:
+                why += "; they hold the reaction to the weight: give what they show at rest as `zero`"
+            if factor_or_none(first.unit, "acceleration") is None:
+                self._guessed[package] = own
+        entry = {"kind": "accelerometer", "columns": _columns(members), "unit": unit, "gives": gives}
+        self._add(package, entry)
+        self._say(f"{package}: {_listed(members)} in {unit}, {why}")
+
+    def _add_pose(
+        self, position: Mapping[int, ColumnName], angles: Mapping[int, ColumnName], quaternion: Mapping[int, ColumnName]
+    ) -> None:
+        entry: dict[str, Any] = {}
+        if quaternion:
+            last = quaternion[0].indexed and quaternion[0].axis == 1  # counted from 1
+            entry = {"quaternion": [quaternion[one].column for one in range(4)], "order": "xyzw" if last else "wxyz"}
+            why = f"quaternion {_listed(quaternion)}"
+            guess = f", taken for scalar {'last' if last else 'first'}, body to world"
+            why += guess if quaternion[0].indexed else ", body to world"
+        elif set(angles) == {2}:
+            entry, why = {"heading": angles[2].column}, f"heading {angles[2].column} alone: a planar vehicle"
+        elif angles:
+            entry, why = {"angles": _columns(angles)}, f"angles {_listed(angles)}"
+        if angles and not quaternion:
+            unit = self._unit(angles, "angle", "rad")
+            entry |= {} if unit == "rad" else {"angle_unit": unit}
+            why += f" in {unit}"
+        if not position and not entry:
+            return
+        kind = "pose" if position else "attitude"
+        if not position and not self._free["pose"]:
+            self._say(f"{why}: the vehicle has no sensor of attitude that is not taken")
+            return
+        name = self._tracker("pose", kind, f"{_listed(position)}, positions" if position else why)
+        if not name:
+            return
+        if position:
+            unit = self._unit(position, "length", "m")
+            said = f"position {_listed(position)} in {unit}" + (f", {why}" if entry else "")
+            entry = {"position": _columns(position), "unit": unit, **entry}
+        else:
+            said = why
+        self._add(name, {"kind": kind, **entry})
+        self._say(f"{name}: {said}")
+
+
+def _from_zero(members: dict[int, ColumnName]) -> dict[int, ColumnName]:
+    """Renumbers axes from zero, where they are counted from 1."""
+    indexed = all(one.indexed for one in members.values())
+    return {axis - 1: one for axis, one in members.items()} if indexed and 0 not in members else members
+
+
+def _columns(members: Mapping[int, ColumnName]) -> list[str | None]:
+    return [members[axis].column if axis in members else None for axis in range(3)]
+
+
+def _every(readings: Array) -> int:
+    """Returns rows for each reading, shape (n, m), where rows repeat one until there is another; else 1."""
+    rows = mapping.changes(readings)
+    return int(np.gcd.reduce(np.diff(rows))) if rows.size >= _FEWEST else 1
+
+
+def _listed(members: Mapping[int, ColumnName]) -> str:
+    return ", ".join(members[axis].column for axis in sorted(members))
+
+
+def _steps(topic: Topic, value: tuple[str, str], rate: tuple[str, str]) -> Array | None:
+    """Finds the steps by which a rate would be the backward difference of a value; None where it is none."""
+    change = np.diff(topic.numbers(value[0])) * factor(value[1], "length", "angle")
+    if factor_or_none(value[1], "angle") is not None:
+        change = (change + np.pi) % (2.0 * np.pi) - np.pi
+    speed = topic.numbers(rate[0])[1:] * factor(rate[1], "velocity", "rate")
+    moving = (
+        np.isfinite(speed)
+        & np.isfinite(change)
+        & (np.abs(speed) > mapping.MOVING * np.nanmax(np.abs(speed), initial=0.0))
+    )
+    if moving.sum() < _FEWEST:
+        return None
+    steps = np.full(change.size, np.nan)
+    steps[moving] = change[moving] / speed[moving]
+    typical = float(np.nanmedian(steps))
+    scatter = float(np.nanmedian(np.abs(steps - typical)))
+    return steps if typical > 0.0 and scatter < mapping.SCATTER * typical else None

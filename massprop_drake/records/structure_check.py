@@ -1,0 +1,91 @@
+"""Checks of a telemetry file, with a vehicle or by its structure alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from massprop_drake.errors import InputError
+from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.records.completeness import completeness
+from massprop_drake.records.reader import EXACT, JITTER, ROUNDING, Reader, meant
+from massprop_drake.records.tables import open_table
+
+
+def check(path: Path, vehicle: Vehicle | None = None, gyro: str | None = None) -> dict[str, Any]:
+    """Reads a whole record and describes its content, without estimating.
+
+    Args:
+        path: of a CSV or Parquet file.
+        vehicle: whose columns and period it must have; None: only that it is a table of numbers in
+            time order.
+        gyro: the package that must be there; default the vehicle's first.
+
+    Returns:
+        rows, first_s, last_s, period_s, gaps, jitter, late (rows left out because time did not go on),
+        unknown columns, absent packages, notes (what may be meant otherwise, a sentence each), completeness,
+        completeness_detail (what could not be read, a sentence each).
+
+    Raises:
+        InputError: when the record cannot be used.
+    """
+    if vehicle is None:
+        return _check_structure(path)
+    reader = Reader(path, vehicle, gyro=gyro or next((package.name for package in vehicle.gyros), None))
+    for _ in reader:
+        pass
+    record = reader.record
+    return {
+        "rows": record.rows,
+        "first_s": record.first_s,
+        "last_s": record.last_s,
+        "period_s": record.period_s,
+        "gaps": record.gaps,
+        "jitter": record.jitter,
+        "late": record.duplicates + record.backward,
+        "unknown": list(record.unknown),
+        "absent": record.absent,
+        "notes": record.notes,
+        "completeness": completeness(reader.losses),
+        "completeness_detail": [one.text for one in reader.losses],
+    }
+
+
+def _check_structure(path: Path) -> dict[str, Any]:
+    table = open_table(path)
+    try:
+        if "time_s" not in table.header:
+            hint = meant("time_s", table.header)
+            raise InputError(f"{path}: no column time_s{hint}; telemetry has the time of each row, in seconds")
+        time = table.header.index("time_s")
+        wanted = [time, *(place for place, name in enumerate(table.header) if name and place != time)]
+        parts = []
+        for block in table.blocks(wanted):
+            parts.append(block.values[:, 0])
+    finally:
+        table.close()
+    times = np.concatenate([np.empty(0), *parts])
+    times = times[np.isfinite(times)]
+    if not times.size:
+        raise InputError(f"{path}: has no usable row; expected a row per sample")
+    steps = np.diff(times)
+    forward = steps[steps > 0.0]
+    period = float(np.median(forward)) if forward.size else None
+    off = np.abs(forward - (period or 0.0))
+    gaps = off > JITTER * (period or 0.0) * (1.0 + ROUNDING)
+    return {
+        "rows": int(times.size),
+        "first_s": float(times[0]),
+        "last_s": float(times[-1]),
+        "period_s": period,
+        "gaps": int(gaps.sum()),
+        "jitter": int((off[~gaps] > EXACT * (period or 0.0)).sum()),
+        "late": int((steps <= 0.0).sum()),
+        "unknown": [],
+        "absent": [],
+        "notes": [],
+        "completeness": completeness(table.losses),
+        "completeness_detail": [one.text for one in table.losses],
+    }

@@ -1,0 +1,279 @@
+"""Tables of other programs in text files: separators, remarks and units are told by the first lines."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from itertools import chain, islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.errors import InputError
+from massprop_drake.inputs.record_map import CsvForm, RecordMap
+from massprop_drake.inputs.units import parsed
+from massprop_drake.records.completeness import MISSING, Ending, Loss, Ragged, text_lines
+from massprop_drake.records.stamps import is_number, stamp_of
+from massprop_drake.records.tables import require_regular
+from massprop_drake.records.topics import Column, Recording, Topic, besides, digest, require_few
+
+_LOOKED_AT = 100  # lines of text by which its form is told
+_LOOKED_ACROSS = 200  # cells of such a line that are looked at
+CHUNK = 4096  # rows of text that are turned into numbers at once
+
+
+def read_text_file(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
+    """Reads a table from a text file; `by`: its map, `rows`: at the most."""
+    as_text = set() if by is None or by.commands.listed is None else {by.commands.listed.column}
+    losses: list[Loss] = []
+    try:
+        form, units = _form_of(path) if by is None else (by.csv, [])
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            numbered = _plain_lines(file, form, losses)
+            where = _Where()
+            lined = where.watched(numbered)
+            named = next(lined, "")
+            header = _cells(named, form.separator)
+            marked = named.strip().partition(form.separator)[0].strip()
+            if by is not None and _mark(named) and marked in by.columns:
+                header[0] = marked
+            cells = csv.reader(lined, delimiter=form.separator, strict=True)
+            _require_names(header, form, f"{path}, line {where.line}")
+            if by is None:
+                require_few(path, header)
+            read = set(header) if by is None else by.columns
+            wanted = [name for name in header if name and name in read]
+            columns, lines, ragged = _gathered(cells, header, wanted, (form, as_text, rows, where))
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: not a text file in UTF-8; expected a table of separated values") from None
+    except csv.Error as error:
+        raise InputError(f"{path}: no table of separated values: {error}") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    require_regular(ragged, str(path), len(lines), len(header))
+    topic = Topic(
+        str(path),
+        columns,
+        None,
+        "line",
+        lines,
+        besides(header, wanted),
+        dict(zip(header, map(unit_in, units), strict=False)),
+    )
+    losses += ragged.losses(str(path))
+    return Recording(
+        str(path), "table", {"": topic}, sha256=digest(path), ragged=ragged, form=form, losses=tuple(losses)
+    )
+
+
+_SEPARATORS = (",", ";", "\t", " ")  # the likelier first; a blank is any run of blanks and tabs
+_MARKS = ("#", "%", "//")  # that begin comments, and lines of names
+_WITH_COMMA = re.compile(r"\s*[+-]?\d+,\d+(?:[eE][+-]?\d+)?\s*")
+_BLANK_NAME = re.compile(r"(?:[^\s\[(]|[\[(][^\])]*[\])])+(?:\s+[\[(][^\])]*[\])])?")  # with its unit in brackets
+
+
+def _form_of(path: Path) -> tuple[CsvForm, list[str]]:
+    """Detects the format of a text file, and the cells of a line of units below the names."""
+    with path.open(encoding="utf-8-sig") as file:
+        numbered = islice(((number, line) for number, line in enumerate(file, 1) if line.strip()), _LOOKED_AT)
+        lines = [(number, line, _mark(line)) for number, line in numbered]
+    if not lines:
+        return CsvForm(), []
+    counts = {one: [_count(line, one) for _, line, _ in lines] for one in _SEPARATORS}
+    usual = {one: Counter(found).most_common(1)[0][0] for one, found in counts.items()}
+    regular = {one: found.count(usual[one]) if usual[one] > 1 else 0 for one, found in counts.items()}
+    separator = max(_SEPARATORS, key=lambda one: regular[one])
+    whole = [index for index, count in enumerate(counts[separator]) if count == usual[separator]]
+    cells = {index: _cells(lines[index][1], separator)[:_LOOKED_ACROSS] for index in whole}
+    first = next((index for index in whole if not lines[index][2] and any(map(_is_value, cells[index]))), 0)
+    comma = separator != "," and any(
+        map(_WITH_COMMA.fullmatch, chain.from_iterable(cells[index] for index in whole if index >= first))
+    )
+    above = [index for index in whole if index < first]
+    units = [index for index in above[1:] if _has_units(cells[index])]
+    names = next((index for index in reversed(above) if index not in units), 0)
+    comment = next((mark for _, _, mark in lines[first:] if mark), "")
+    below = sum(not (comment and mark) for _, _, mark in lines[names + 1 : first])
+    skip = lines[names][0] - 1 if names else 0
+    form = CsvForm(separator=separator, decimal="," if comma else ".", skip=skip, below=below, comment=comment)
+    return form, next((_cells(lines[index][1], separator) for index in units if index > names), [])
+
+
+def _mark(line: str) -> str:
+    """Returns the mark of a comment that a line begins with; "": none."""
+    return next((mark for mark in _MARKS if line.lstrip().startswith(mark)), "")
+
+
+def _count(line: str, separator: str) -> int:
+    """Returns the number of cells in a line."""
+    if separator == " " or '"' in line:
+        return len(_cells(line, separator))
+    return line.count(separator) + 1
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    """Returns the cells of a line, without the mark of a comment."""
+    mark = _mark(line)
+    line = line.strip(" \r\n").removeprefix(mark)
+    if separator == " ":
+        return [one.group() for one in _BLANK_NAME.finditer(line)] if mark or set("[(") & set(line) else line.split()
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])]
+
+
+def _is_value(cell: str) -> bool:
+    """Tests whether a cell is a number or a date, so that its line is a row."""
+    if cell.strip().lower() in MISSING:
+        return False
+    return is_number(cell.replace(",", ".")) or stamp_of(cell) is not None
+
+
+def _has_units(cells: list[str]) -> bool:
+    """Tests whether most cells of a line are units."""
+    found = [unit_in(cell) for cell in cells if cell.strip("-[]() ")]
+    return bool(found) and sum(map(bool, found)) > 0.5 * len(found)
+
+
+def unit_in(text: str) -> str:
+    """Reads a text as a unit, with or without brackets, as `inputs.units` has it; "": it is none."""
+    text = text.strip().strip("[]()").strip()
+    for one in (text, text.lower()):
+        try:
+            parsed(one)
+        except InputError:
+            continue
+        return one
+    return ""
+
+
+class _Where:
+    """Line that is being read.
+
+    Attributes:
+        line: its number.
+        unended: whether it has no end, as the last of a file may.
+    """
+
+    def __init__(self) -> None:
+        self.line = 0
+        self.unended = False
+
+    def watched(self, numbered: Iterator[tuple[int, str]]) -> Iterator[str]:
+        for self.line, text in numbered:
+            self.unended = text[-1] not in "\r\n"
+            yield text
+
+
+def _plain_lines(file: Any, form: CsvForm, losses: list[Loss]) -> Iterator[tuple[int, str]]:
+    """Yields the lines of names and rows, with their numbers.
+
+    The names are in the first line that is no comment, or, where that is a row already, in the first comment.
+    """
+    seen, commented = 0, None
+    for number, line in text_lines(file, file.name, losses):
+        if number <= form.skip or not line.strip():
+            continue
+        if form.comment and line.startswith(form.comment):
+            commented = commented or (number, line)
+            continue
+        seen += 1
+        if seen == 1 and commented and any(map(_is_value, _cells(line, form.separator))):
+            yield commented
+            seen += 1
+        if seen == 1 or seen > 1 + form.below:
+            yield number, line if seen == 1 or form.separator != " " else " ".join(line.split()) + "\n"
+
+
+def _require_names(header: list[str], form: CsvForm, where: str) -> None:
+    if not header:
+        raise InputError(f"{where.rpartition(', line')[0]}: is empty; expected a line of column names")
+    for separator, name in ((";", "semicolons"), ("\t", "tabs"), (",", "commas")):
+        if len(header) == 1 and separator in header[0] and separator != form.separator:
+            raise InputError(
+                f"{where}: columns are separated by {name}; give `csv: {{separator: {separator!r}}}` in the map"
+            )
+    if all(is_number(name) for name in header if name):
+        raise InputError(f"{where}: has numbers; expected a line of column names")
+    twice = next((name for name, count in Counter(header).items() if name and count > 1), None)
+    if twice is not None:
+        raise InputError(f"{where}: column '{twice}' appears twice; keep one of them")
+
+
+def _gathered(
+    cells: Iterator[list[str]], header: list[str], wanted: list[str], how: tuple[CsvForm, set[str], int | None, _Where]
+) -> tuple[dict[str, Column], NDArray[np.int64], Ragged]:
+    """Collects the wanted columns, the line of each row, and the rows with another number of cells."""
+    form, as_text, most, where = how
+    place_of = {name: place for place, name in reversed(list(enumerate(header)))}
+    places = [place_of[name] for name in wanted]
+    pieces: list[list[Column]] = [[] for _ in wanted]
+    held: list[list[str]] = [[] for _ in wanted]
+    lines: list[int] = []
+    ragged, ending = Ragged(), Ending()
+
+    def settle() -> None:
+        for name, piece, column in zip(wanted, pieces, held, strict=True):
+            piece.append(_as_numbers(column, form.decimal) if name not in as_text else np.array(column, dtype=object))
+            column.clear()
+
+    def numeric() -> bool:
+        """Tests whether the last column, of names that are wanted, has numbers so far."""
+        if header[-1] not in wanted or header[-1] in as_text:
+            return False
+        above = held[wanted.index(header[-1])]
+        return above != [] and all(is_number(one.replace(form.decimal, ".")) for one in above)
+
+    for row in _whole(cells, where):
+        cut = (
+            where.unended
+            and len(row) == len(header)
+            and ending.is_cut(row[-1].replace(form.decimal, "."), number=numeric())
+        )
+        ragged.last_incomplete = cut or len(row) < len(header)
+        if cut or len(row) != len(header):
+            ragged.add(where.line)
+            continue
+        ending.saw(row[-1])
+        for place, column in zip(places, held, strict=True):
+            column.append(row[place])
+        lines.append(where.line)
+        if len(lines) % CHUNK == 0:
+            settle()
+        if most is not None and len(lines) >= most:
+            break
+    settle()
+    return {name: _joined(piece) for name, piece in zip(wanted, pieces, strict=True)}, np.array(lines, np.int64), ragged
+
+
+def _whole(cells: Iterator[list[str]], where: _Where) -> Iterator[list[str]]:
+    """Yields the cells of each row; one that ends within quotes, with the file, has none."""
+    try:
+        yield from cells
+    except csv.Error:
+        if not where.unended:
+            raise
+        yield []
+
+
+def _as_numbers(cells: list[str], decimal: str) -> Column:
+    """Returns cells as numbers if all of them are, else as text."""
+    if decimal != ".":
+        cells = [cell.replace(decimal, ".") for cell in cells]
+    try:
+        return np.array(cells, dtype=float)
+    except ValueError:
+        pass
+    if all(map(is_number, cells)):
+        return np.array([np.nan if cell.strip().lower() in MISSING else float(cell) for cell in cells])
+    return np.array(cells, dtype=object)
+
+
+def _joined(pieces: Sequence[Column]) -> Column:
+    if any(piece.dtype == object for piece in pieces):
+        pieces = [
+            piece if piece.dtype == object else np.array([repr(one) for one in piece], object) for piece in pieces
+        ]
+    return np.concatenate(pieces)
