@@ -18,7 +18,7 @@ from flights.flight import Array, Flight, Random, write_record
 from massprop_drake import Estimator, Run, estimate, load_scenario, simulate
 from massprop_drake.inputs.scenario import Scenario, resolved
 from massprop_drake.records.rows import columns
-from massprop_drake.results.summary import from_names
+from massprop_drake.results.json_arrays import from_names
 
 _SETTLED_S = 60.0  # of flights of hours, whose errors are looked at from then on
 _TIMED = 20  # each so many flights the steps of the estimator are timed

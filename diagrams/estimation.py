@@ -137,7 +137,7 @@ def _add_cycle(builder: DiagramBuilder, scenario: Scenario) -> None:
             weighs=params.weighs(scenario),
             known=params.known_parameters(scenario),
             within=scenario.vehicle_data.has_on_times,
-        ),
+        )
     )
     for index in map(InputPortIndex, range(estimator.num_input_ports())):
         port = estimator.get_input_port(index)
@@ -243,10 +243,7 @@ def _add_detector(
     detector = builder.AddNamedSystem(
         "failure_detector",
         FailureDetector(
-            method,
-            params.detector_params(scenario),
-            jets=params.jets(scenario),
-            compiled=scenario.execution.compiled,
+            method, params.detector_params(scenario), jets=params.jets(scenario), compiled=scenario.execution.compiled
         ),
     )
     builder.ConnectInput(commands, detector.GetInputPort("jet_commands"))

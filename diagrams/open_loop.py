@@ -34,8 +34,7 @@ def build(scenario: Scenario, *, findings: bool = False) -> Diagram:
     builder = DiagramBuilder()
     commands, onsets_s = params.commands(scenario)
     schedule = builder.AddNamedSystem(
-        "jet_schedule",
-        JetSchedule(commands, period_s=scenario.vehicle_data.sample_period_s, onsets_s=onsets_s),
+        "jet_schedule", JetSchedule(commands, period_s=scenario.vehicle_data.sample_period_s, onsets_s=onsets_s)
     )
     body = builder.AddNamedSystem("vehicle", vehicle.build(scenario))
     estimators = builder.AddNamedSystem("estimation", estimation.build(scenario, findings=findings))

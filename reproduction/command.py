@@ -12,6 +12,7 @@ from rich.table import Table
 from massprop_drake.cli import show
 from massprop_drake.cli.options import Force, Json, Quiet
 from massprop_drake.cli.progress import Progress
+from massprop_drake.cli.terminal import Terminal
 from reproduction.report import Reproduced, as_data, label, summary_line
 
 app = typer.Typer(
@@ -57,7 +58,7 @@ def reproduce(
 
 def _print(results: Iterable[Reproduced], folder: Path) -> None:
     """Prints a table of claims per entry, and how many of them hold."""
-    results, console = list(results), show.Terminal(160)
+    results, console = list(results), Terminal(160)
     for result in results:
         title = f"{label(result.entry)}: {result.entry.title}"
         table = Table(title=title, title_justify="left", header_style="bold", expand=True)

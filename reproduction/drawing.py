@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from massprop_drake.display.plots import NIS_LIMITS
+from massprop_drake.display.filter_plots import NIS_LIMITS
 from massprop_drake.display.style import BAND_COLOR, COLORS, LINE_WIDTH, TRUTH_COLOR, WINDOW_COLOR
 from reproduction.claims import Array, Phases, Signals
 from reproduction.measures import maneuver_windows, used

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from massprop_drake.maths.estimation.joint.beginning import begun, initial
 from massprop_drake.maths.estimation.joint.bound import ahead, taken_in
-from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, begun, initial
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, RATE, JointParams, JointState
 from massprop_drake.maths.linear_algebra import Array
 

@@ -91,16 +91,6 @@ def row(
     return found
 
 
-def recorded(case_id: int = 0, declared: Sequence[Row] = ()) -> Row:
-    """A telemetry record that has been read: nobody knows what was true."""
-    unknown = {f"{what}.{name}": None for what in ("error", "truth") for name in NAMES}
-    unknown |= dict.fromkeys(
-        ("largest_sigmas", "worst_parameter", "nees.rotation", "nees.mass", "n_false", "healthy_jets_out")
-    )
-    unknown |= {"declared": [{**entry, "false": None, "cause": None} for entry in declared], "failing": []}
-    return {**row(case_id), **unknown}
-
-
 def lost(case_id: int, reason: str) -> Row:
     """A case that failed to run."""
     return {"case_id": case_id, "status": "failed", "reason": reason, "wall_s": 2.0, "cpu_s": None}

@@ -14,8 +14,10 @@ from massprop_drake.maths.estimation.faults.priors import Params, Priors
 from massprop_drake.maths.estimation.faults.tree import Tree, advance
 from massprop_drake.maths.estimation.faults.verdicts import Verdicts, judged, odds
 from massprop_drake.maths.estimation.joint import disturbance_states
+from massprop_drake.maths.estimation.joint.beginning import initial
 from massprop_drake.maths.estimation.joint.hypotheses import without_increments
-from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence, JointSample, driven, initial, step
+from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence, driven, step
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.lagged_impulses import effects_of
 from massprop_drake.maths.estimation.joint.layout import CENTER, MASS, JointParams, JointState, make_places
 from massprop_drake.maths.estimation.joint.measurement import outputs, rebased

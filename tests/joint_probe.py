@@ -10,11 +10,15 @@ from scipy.stats import chi2
 
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.estimation.joint import ticks
+from massprop_drake.maths.estimation.joint.beginning import initial
 from massprop_drake.maths.estimation.joint.disturbance_states import NO_DISTURBANCE
-from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, driven, initial
+from massprop_drake.maths.estimation.joint.joint_cycle import driven
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import NO_ATTITUDE_SENSORS, JointParams, JointState, make_places
-from massprop_drake.maths.estimation.joint.prediction import ALONE, RateRead, predict, propagated
+from massprop_drake.maths.estimation.joint.prediction import ALONE, predict
+from massprop_drake.maths.estimation.joint.propagation import propagated
 from massprop_drake.maths.estimation.joint.quantized import DITHER, FLOOR
+from massprop_drake.maths.estimation.joint.rate_coupling import RateRead
 from massprop_drake.maths.estimation.joint.ticks import Clock, Commanded, Elapsed, Pace, on_ticks
 from massprop_drake.maths.estimation.joint.wheels import Spun
 from massprop_drake.maths.linear_algebra import Array
@@ -121,17 +125,9 @@ def some_state(params: JointParams, seed: int = 0) -> JointState:
 
 def some_sample(params: JointParams, **changed: Any) -> JointSample:
     """A sample of one piece, three jets on, nothing read."""
-    places = params.places
-    sample = JointSample(
-        time_s=PERIOD,
-        durations_s=np.array([PERIOD]),
-        commands=np.array([[1.0, 0, 1, 0, 0, 1]]),
-        outside=np.zeros(6),
-        rates=np.full((places.gyros, 3), np.nan),
-        velocities=np.full((places.accelerometers, 3), np.nan),
-        timing=on_ticks(),
-    )
-    return sample._replace(**changed)
+    unread = (np.full((n, 3), np.nan) for n in (params.places.gyros, params.places.accelerometers))
+    fired = np.array([[1.0, 0, 1, 0, 0, 1]])
+    return JointSample(PERIOD, np.array([PERIOD]), fired, np.zeros(6), *unread, on_ticks())._replace(**changed)
 
 
 def read_as(rate: Array, params: JointParams) -> RateRead:
@@ -153,14 +149,13 @@ def of_readings(quanta: Sequence[float], noises: Sequence[float]) -> dict[str, A
 
 def vehicle_params(vehicle: Vehicle, *, lag: bool, start: str = "zero", **changed: Any) -> JointParams:
     """Of a vehicle file, exact thrusts, one lag error per kind, no biases."""
-    kinds = sorted({jet.kind for jet in vehicle.jets})
-    sensors = [*vehicle.gyros, *vehicle.accelerometers]
+    kinds, sensors = sorted({jet.kind for jet in vehicle.jets}), [*vehicle.gyros, *vehicle.accelerometers]
     dithered = [0.0 if sensor.noise_std >= sensor.quantum / 4 else sensor.quantum for sensor in sensors]
-    nominal = vehicle.nominal.vector()
-    wide = initial_standard_deviation(nominal, 1.0, vehicle.center_of_mass_floor)
+    nominal, given = vehicle.nominal.vector(), start == "nominal"
+    wide, stated = (
+        initial_standard_deviation(nominal, share, vehicle.center_of_mass_floor) for share in (1.0, vehicle.uncertainty)
+    )
     counts = (len(vehicle.jets), len(vehicle.gyros), len(vehicle.accelerometers))
-    given = start == "nominal"
-    sigma = initial_standard_deviation(nominal, vehicle.uncertainty, vehicle.center_of_mass_floor) if given else wide
     return small_params(
         **{
             "places": make_places(counts, len(kinds) if lag else 0, (False, False), False, 0),
@@ -176,7 +171,7 @@ def vehicle_params(vehicle: Vehicle, *, lag: bool, start: str = "zero", **change
             "quanta": np.repeat(dithered, 3),
             **of_readings([sensor.quantum for sensor in sensors], [sensor.noise_std for sensor in sensors]),
             "start": nominal if given else np.zeros(10),
-            "start_root": np.diag(sigma),
+            "start_root": np.diag(stated if given else wide),
             "increment_sigma": wide,
             "nominal": nominal,
             "guard_center": np.full(3, 0.03 * vehicle.rms_arm),

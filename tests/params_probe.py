@@ -77,38 +77,35 @@ def detector_settings_of(*overrides: str) -> CglrParams:
     return made
 
 
-def evidence(
-    *,
-    time_s: float,
-    command: Any,
-    usable: bool,
-    firing: bool,
-    translation: Any,
-    rotation: Any,
-    translation_covariance: Any,
-    rotation_covariance: Any,
-    rotation_estimate: Any,
-    state_covariance: Any,
-    mass_estimate: Any,
-    shared_covariance: Any = None,
-    cross_covariance: Any = None,
-) -> Evidence:
-    """What a detector sees, from what both filters say of a sample."""
-    covariance = np.zeros((6, 6))
-    covariance[:3, :3], covariance[3:, 3:] = translation_covariance, rotation_covariance
-    if shared_covariance is not None:
-        covariance[:3, 3:], covariance[3:, :3] = shared_covariance, shared_covariance.T
+def sure_evidence(time_s: float, innovation: Array, properties: Array, whole: Array, **changes: Any) -> Evidence:
+    """What a detector sees of filters that coast and are sure of their estimates, but for the changes."""
+    # a variance of zero would say that nothing was ever measured
+    sure = (1e-9 * properties) ** 2
+    given = {
+        "command": np.zeros(44),
+        "usable": True,
+        "firing": False,
+        "translation": innovation[:3],
+        "rotation": innovation[3:],
+        "translation_covariance": whole[:3, :3],
+        "rotation_covariance": whole[3:, 3:],
+        "shared_covariance": None,
+        "state_covariance": np.diag(np.append(sure[:3], np.zeros(6))),
+        "mass_estimate": np.array([properties[9], sure[9]]),
+    } | changes
+    covariance, shared = np.zeros((6, 6)), given["shared_covariance"]
+    covariance[:3, :3], covariance[3:, 3:] = given["translation_covariance"], given["rotation_covariance"]
+    if shared is not None:
+        covariance[:3, 3:], covariance[3:, :3] = shared, shared.T
     return Evidence(
         time_s,
-        command,
-        usable,
-        firing,
-        np.concatenate([translation, rotation]),
+        *(given[name] for name in ("command", "usable", "firing")),
+        np.concatenate([given["translation"], given["rotation"]]),
         covariance,
-        shared_covariance is not None,
-        np.append(rotation_estimate, mass_estimate[0]),
-        joint_covariance(state_covariance, mass_estimate[1]),
-        np.zeros((6, 10)) if cross_covariance is None else cross_covariance,
+        shared is not None,
+        np.append(properties[:9], given["mass_estimate"][0]),
+        joint_covariance(given["state_covariance"], given["mass_estimate"][1]),
+        np.zeros((6, 10)),
     )
 
 

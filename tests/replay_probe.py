@@ -16,7 +16,7 @@ from massprop_drake.diagrams import replay
 from massprop_drake.inputs import params
 from massprop_drake.records.reader import Reader
 from massprop_drake.runners.logs import ESTIMATION, SavedState, estimation_signals, for_json, state_groups
-from massprop_drake.runners.recorded import _by_sensor
+from massprop_drake.runners.recorded import by_sensor
 
 Array = NDArray[np.float64]
 
@@ -54,7 +54,7 @@ def replayed(telemetry: Path, scenario: Scenario) -> Opinion:
     gyro = params.gyro(scenario).name if vehicle.gyros else None
     reader = Reader(telemetry, vehicle, gyro=gyro, after=None, stream=None)
     for number, rows in enumerate(reader):
-        readings = {**rows.readings, **_by_sensor(rows, vehicle)}
+        readings = {**rows.readings, **by_sensor(rows, vehicle)}
         own = source.GetMyMutableContextFromRoot(simulator.get_mutable_context())
         last = source.extend(own, rows.time_s, readings, rows.commands, rows.outside_wrench, rows.onsets_s)
         if number == 0:

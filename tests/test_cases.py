@@ -170,20 +170,11 @@ def ten(part: Mapping[str, Any]) -> Array:
     return np.array([*inertia, *part["center_of_mass"], part["mass_reciprocal"]])
 
 
-def except_rows(columns: Table, first: int, last: int) -> Table:
-    """A record with nothing but times in some rows."""
-    return {
-        name: cells if name == "time_s" else [*cells[:first], *[""] * (last - first), *cells[last:]]
-        for name, cells in columns.items()
-    }
-
-
 UNKNOWN: dict[str, tuple[Callable[[Table], Table], str]] = {
     "three seconds": (
         lambda table: told_at(table, lambda time_s, _: (time_s < 14.05) | (time_s > 17.05)),
         "commands unknown from 14.1 s to 17.1 s (30 of 206 samples)",
     ),
-    "all": (lambda table: told_at(table, lambda time_s, _: time_s < 0.0), "commands unknown from 0 s on (205 of 206"),
     "single rows": (
         lambda table: told_at(table, lambda _, row: row % 17 != 8),
         "commands unknown from 0.8 s to 0.9 s, from 2.5 s to 2.6 s, ",
@@ -192,10 +183,6 @@ UNKNOWN: dict[str, tuple[Callable[[Table], Table], str]] = {
         lambda table: told_at(table, lambda time_s, _: time_s < 0.0, "YP1"),
         "commands of jet YP1 unknown from 0 s on (205 of 206 samples): not tested for failures there, and what they "
         "may have given teaches nothing",
-    ),
-    "with readings": (
-        lambda table: except_rows(table, 150, 160),
-        "commands unknown from 15 s to 16 s (10 of 206 samples)",
     ),
 }
 

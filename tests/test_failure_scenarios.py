@@ -14,7 +14,7 @@ from massprop_drake import Estimator, load_scenario, simulate
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.run import Run
-from massprop_drake.results.summary import looked_back_on
+from massprop_drake.results.summarize import looked_back_on
 
 DEGREE = np.pi / 180.0
 ONSET_S = 50.0  # of the failures, after the sample maneuver

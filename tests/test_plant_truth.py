@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable
 from functools import cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +17,6 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import FirstOrderLowPassFilter, LogVectorOutput
 
 from massprop_drake import Run, Scenario, Vehicle, simulate
-from massprop_drake.inputs.model import yaml_text
 from massprop_drake.inputs.scenario import resolved
 from massprop_drake.maths.attitude import conjugate, multiply, rotation_matrix, to_rotation_vector
 from massprop_drake.systems.autopilot.jet_schedule import JetSchedule
@@ -168,24 +165,6 @@ def test_firing_uses_up_thrust_times_time_over_specific_impulse_in_both_plants(
     np.testing.assert_allclose(run["thrust"], continuous["thrust"], rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize("time_step", [None, 0.0])
-def test_coasting_tumbles_as_a_multibody_plant_does_and_keeps_momentum_and_energy(
-    orbiter: Vehicle, time_step: float | None
-) -> None:
-    rate, inertia = [0.03, -0.05, 0.04], orbiter.nominal.inertia
-    quiet = {"duration_s": 20.0, "jet_schedule": [{"jet": "R4R", "start_s": 90.0, "end_s": 91.0}]}
-    plant = {"initial_rate": rate, "time_step": time_step, "accuracy": 1e-12}
-    run = simulate(resolved({**PLANT_ALONE, **quiet, "plant": plant}), look_back=False)
-    momentum = np.array([rotation_matrix(q) @ inertia @ w for q, w in zip(run["attitude"], run["rate"], strict=True)])
-    energy = 0.5 * np.einsum("ki,ij,kj->k", run["rate"], inertia, run["rate"])
-    # a tumble of more than a radian in 250 steps: rounding adds up to less than this
-    np.testing.assert_allclose(momentum - momentum[0], 0.0, atol=1e-11 * np.linalg.norm(momentum[0]))
-    np.testing.assert_allclose(energy, energy[0], rtol=1e-11)
-    assert np.abs(run["rate"] - run["rate"][0]).max() > 0.01  # it does tumble
-    np.testing.assert_allclose(np.linalg.norm(run["attitude"], axis=1), 1.0, rtol=1e-13)
-    assert_same(motion(run), truth_of(orbiter, np.zeros((250, 44)), lag=False, initial_rate=np.array(rate)), TOLERANCE)
-
-
 # ------------------------------------------------------------------------------------------ by hand
 
 
@@ -219,39 +198,3 @@ def test_a_jet_on_at_a_sample_moves_the_rate_until_the_next(toy_data: dict[str, 
     np.testing.assert_allclose(mass, 100.0 - 10.0 / (9.80665 * 70.0) * 0.1 * STEPS_DONE, rtol=1e-12)
     # 10 N along body x on 100 kg: 0.01 m/s a sample, less what turning and lost mass change of it (< 0.1 %)
     np.testing.assert_allclose(run["velocity"][:, 0], 0.01 * STEPS_DONE, rtol=1e-3, atol=1e-18)
-
-
-@pytest.mark.parametrize("time_step", [None, 0.0])
-def test_thrust_that_lags_arrives_in_full_a_little_late(toy_data: dict[str, Any], time_step: float | None) -> None:
-    toy_data["jet_kinds"]["primary"]["time_constant_s"] = 0.02
-    run = simulate(toy(toy_data, time_step=time_step))
-    # level l after a time s on: 1 - exp(-s / tau); its integral s - tau (1 - exp(-s / tau)); off: dying away
-    tau, on = 0.02, 0.3
-    elapsed = 0.1 * np.maximum(np.arange(9) - 2, 0)
-    while_on = elapsed - tau * -np.expm1(-elapsed / tau)
-    at_end = on - tau * -np.expm1(-on / tau)
-    after = at_end + -np.expm1(-on / tau) * tau * -np.expm1(-(elapsed - on) / tau)
-    impulse = np.where(elapsed <= on, while_on, after)
-    # the continuous plant is integrated to an accuracy of 1e-10
-    np.testing.assert_allclose(run["rate"][:, 2], -10.0 / 140.0 * impulse, rtol=1e-8, atol=1e-17)
-    # mean thrust of each row
-    np.testing.assert_allclose(run["thrust"][:-1, 0], 10.0 * np.diff(impulse) / 0.1, rtol=1e-12, atol=1e-13)
-
-
-def test_telemetry_of_the_hand_worked_schedule(toy_data: dict[str, Any], tmp_path: Path) -> None:
-    run = simulate(toy(toy_data))
-    assert "jet: J1" in yaml_text(run.scenario)
-    run.save(tmp_path / "run", pictures=False, report=False)
-    with (tmp_path / "run" / "telemetry.csv").open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert [row["jet_J1"] for row in rows] == ["0", "0", "1", "1", "1", "0", "0", "0", ""]
-    assert {row["jet_J2"] for row in rows[:-1]} == {"0"}
-    readings = [float(row["gyro_z"]) for row in rows]
-    np.testing.assert_allclose(readings, PER_SAMPLE * STEPS_DONE, rtol=0.0, atol=0.5e-6 * (1 + 1e-9))
-    # what the filter makes of it: increments over [t_k-1, t_k) with the command of that interval; steady where the
-    # command of this interval and of the one before agree
-    fired = [0, 0, 0, 1, 1, 1, 0, 0, 0]
-    np.testing.assert_allclose(run["angular_impulse"][:, 2], -1.0 * np.array(fired), rtol=1e-14, atol=1e-18)
-    assert run["firing"][:, 0].tolist() == fired
-    assert run["usable"][:, 0].tolist() == [1, 1, 1, 0, 1, 1, 0, 1, 1]
-    assert run["rotation_used"][:, 0].tolist() == [0, 0, 0, 0, 1, 1, 0, 0, 0]

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from textwrap import wrap
 from typing import Any, NamedTuple
 
 from rich.table import Table
 
 from massprop_drake.cli import show
 from massprop_drake.cli.streams import note, say
+from massprop_drake.cli.terminal import Terminal
 from massprop_drake.errors import InputError, moment
 from massprop_drake.inputs.model import validated
 from massprop_drake.inputs.record_map import RecordMap, load_map
@@ -127,13 +129,16 @@ def _map_text(found: Proposal, record: str, vehicle: Vehicle) -> str:
 
 def _comment(text: str) -> list[str]:
     """Formats a sentence as lines of a comment."""
-    lines, line = [], "# -"
-    for word in "".join(one if one.isprintable() else " " for one in text).split():
-        if len(line) + len(word) >= _WIDTH:
-            lines.append(line)
-            line = "#  "
-        line += f" {word}"
-    return [*lines, line]
+    printable = "".join(one if one.isprintable() else " " for one in text)
+    first, others = "# - ", "#   "
+    return wrap(
+        printable,
+        _WIDTH,
+        initial_indent=first,
+        subsequent_indent=others,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
 
 
 def _shown(found: Proposal, understood: channels.Mapped | None, how: How, recording: Recording) -> None:
@@ -147,7 +152,7 @@ def _shown(found: Proposal, understood: channels.Mapped | None, how: How, record
         show.as_json({"map": found.data, **said, "rows": rows, "notes": notes})
     elif not how.quiet:
         if understood is not None:
-            show.Terminal(120).print(_table(understood, rows))
+            Terminal(120).print(_table(understood, rows))
         for sentence in notes:
             note(f"warning: {sentence}")
 

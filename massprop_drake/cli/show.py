@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import json
 import math
-import re
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
-from rich.box import HEAVY_HEAD
 from rich.cells import cell_len
-from rich.console import Console
-from rich.style import Style
 from rich.table import Table
 from rich.text import Text
 
 from massprop_drake.cli.streams import say, visible
+from massprop_drake.cli.terminal import Terminal, print_table
 from massprop_drake.errors import moment
 from massprop_drake.inputs.campaign_file import CampaignSpec
 from massprop_drake.inputs.model import Key
@@ -35,58 +32,8 @@ if TYPE_CHECKING:
     from massprop_drake.results.summary import AutopilotSummary, Parameter, Summary
     from massprop_drake.runners.foretelling import Forecast
 
-_ABOUT = ("parameter", "unit", "")  # headings of what a row is about
 _READABLE = 60  # characters, of a column of sentences
-_ANY_WIDTH = 10_000  # characters, for a table as wide as it needs
 _DIAGONAL = 3  # elements of the inverse inertia that are on its diagonal come first
-
-
-class Terminal(Console):
-    """Standard output that prints every `str` as plain text, never as markup or control sequence.
-
-    The program's own styles are given apart from the words, as `words` takes them.
-
-    Args:
-        width: in characters where output goes to a file; a terminal has its own.
-    """
-
-    def __init__(self, width: int | None = None):
-        super().__init__(width=None if sys.stdout.isatty() else width, highlight=False)
-
-    def render_str(self, text: str, *, style: str | Style = "", **_: Any) -> Text:
-        """Makes the text of a `str` that is to be printed; rich calls it for lines, titles and cells."""
-        return Text(visible(text, self.encoding), style=style)
-
-    def words(self, *parts: str | tuple[str, str]) -> Text:
-        """Joins parts of a line; one with a style is a pair."""
-        pairs = ((part, "") if isinstance(part, str) else part for part in parts)
-        return Text.assemble(*(self.render_str(part, style=style) for part, style in pairs))
-
-    def say(self, *parts: str | tuple[str, str]) -> None:
-        """Prints parts as one line, however long; a terminal has it broken between words, each line below the text."""
-        line = self.words(*parts)
-        if not sys.stdout.isatty():
-            self.print(line, soft_wrap=True)
-            return
-        label = _LABEL.match(line.plain)
-        indent = label.end() if label else 0
-        for number, piece in enumerate(line.divide(_breaks(line.plain, self.width, indent))):
-            piece.rstrip()
-            self.print(Text(" " * indent if number else "") + piece, soft_wrap=True)
-
-
-_LABEL = re.compile(r"(?:[a-z]+:)?\s+")  # what a line begins with, `detected:    ` or the blanks below it
-_WORD = re.compile(r"\S+(?: ± \S+)?\s*")  # what stays together
-
-
-def _breaks(text: str, width: int, indent: int) -> list[int]:
-    """Finds places at which a line longer than the terminal's width is broken: where lines begin, but the first."""
-    begins, room = [0], width
-    for word in _WORD.finditer(text, indent):
-        if word.start() > max(begins[-1], indent) and cell_len(text[begins[-1] : word.end()].rstrip()) > room:
-            begins.append(word.start())
-            room = width - indent
-    return begins[1:]
 
 
 def json_text(content: Any) -> str:
@@ -235,8 +182,8 @@ def _print_intervals(console: Terminal, results: Summary, vehicle: Vehicle) -> N
     if found is None:
         return
     if found.guaranteed:
-        headings = ("parameter", "unit", "low", "middle", "high", "estimate\ninside")
-        print_table(console, "what readings allow", headings, table.intervals(results, vehicle.unit_names))
+        headings, rows, _ = table.interval_sheet(results, vehicle.unit_names)
+        print_table(console, "what readings allow", headings, rows)
     name = ("contradicted:", "bold red") if found.contradicted else "intervals:"
     console.say(name, f"{'' if found.contradicted else '  '} {found.in_words()}")
 
@@ -245,12 +192,12 @@ def _print_against(console: Terminal, found: Against) -> None:
     """Prints how far a record is from a simulation of its commands, and possible causes."""
     from massprop_drake.results import table  # noqa: PLC0415 (slow to load)
 
-    headings = ("", "unit", "RMS\ndifference", "largest", "at", "1-sigma of\na reading")
-    print_table(console, f"beside {found.run}", headings, table.residuals(found), spare=("at",))
+    headings, rows, _ = table.residual_sheet(found)
+    print_table(console, f"beside {found.run}", headings, rows, spare=("at",))
     console.say(f"against:     {found.in_words()}")
     if found.causes:
-        columns = ("", "off by", "unit", "explains\nalone", "with those\nabove")
-        print_table(console, "what would explain it", columns, table.causes(found))
+        headings, rows, _ = table.cause_sheet(found)
+        print_table(console, "what would explain it", headings, rows)
         if found.causes[0].alike:
             console.say(f"             by itself as good as the first: {', '.join(found.causes[0].alike)}")
 
@@ -323,71 +270,6 @@ def told(event: EventRecord, vehicle: Vehicle) -> None:
         say(_told(event, vehicle))
 
 
-def print_table(
-    console: Terminal,
-    title: str,
-    headings: Sequence[str],
-    rows: Iterable[Sequence[Text | str] | None],
-    *,
-    spare: Sequence[str] = (),
-    absent: Sequence[str] = (),
-) -> None:
-    """Prints a table of which no cell is ever cut.
-
-    Where it is too wide for the terminal it goes without its frame, then closer, and then without columns. What is
-    still too wide is listed on a terminal, a line for each cell, and printed as wide as it is into a file.
-
-    Args:
-        console: to print on.
-        title: above it.
-        headings: of the columns, in one line or several.
-        rows: cells, "-" where one is missing at the end; None: a line between two sections.
-        spare: headings of columns that can be spared, the first one first.
-        absent: headings of columns that are never printed.
-    """
-    every = [row and [*row, *["-"] * (len(headings) - len(row))] for row in rows]
-    layouts = [(HEAVY_HEAD, 1, 0), (None, 2, 0), *((None, 1, count) for count in range(len(spare) + 1))]
-    for frame, gap, left_out in layouts:
-        kept = [place for place, heading in enumerate(headings) if heading not in (*absent, *spare[:left_out])]
-        padding = (0, gap, 0, 1 if frame else 0)
-        table = Table(title=title, title_justify="left", header_style="bold", box=frame, padding=padding)
-        for place in kept:
-            left = headings[place] in _ABOUT
-            lines = Text("\n").join(map(console.render_str, headings[place].split("\n")))
-            table.add_column(lines, justify="left" if left else "right", no_wrap=True)
-        for row in every:
-            if row is None and frame:
-                table.add_section()
-            elif row is None:
-                table.add_row()
-            else:
-                table.add_row(*(row[place] for place in kept))
-        width = console.measure(table, options=console.options.update(max_width=_ANY_WIDTH)).maximum
-        if width <= console.width:
-            break
-    if width > console.width and sys.stdout.isatty():
-        shown = [[row[place] for place in kept] for row in every if row is not None]
-        _print_listed(console, title, [headings[place] for place in kept], shown)
-        return
-    console.width = max(console.width, width)
-    console.print(table)
-
-
-def _print_listed(console: Terminal, title: str, headings: Sequence[str], rows: Iterable[Sequence[Text | str]]) -> None:
-    """Prints a table cell by cell: the subject of a row, with its unit, and below it a line for each other cell."""
-    console.say((title, "italic"))
-    named = [heading.replace("\n", " ") for heading in headings]
-    longest = max(map(cell_len, named))
-    for row in rows:
-        about = [place for place, heading in enumerate(named) if heading in _ABOUT]
-        console.say((", ".join(str(row[place]) for place in about), "bold"))
-        for place, cell in enumerate(row):
-            if place not in about:
-                padding = " " * (longest - cell_len(named[place]) + 2)
-                shown = cell if isinstance(cell, Text) else console.words(cell)
-                console.print(console.words(f"  {named[place]}{padding}") + shown, soft_wrap=True)
-
-
 def _print_parameters(console: Terminal, title: str, results: Summary, vehicle: Vehicle, *, truth: bool) -> None:
     """Prints mass, center of mass and inertia, and below them the reciprocals that are estimated.
 
@@ -395,15 +277,13 @@ def _print_parameters(console: Terminal, title: str, results: Summary, vehicle: 
     """
     from massprop_drake.results import table  # noqa: PLC0415 (slow to load)
 
-    headings = ["parameter", "unit", "estimate", "truth", "error %", "1-sigma", "1-sigma %", "in 3 sigma"]
-    rows: list[list[Text | str] | None] = []
-    for block in table.blocks(results, vehicle.unit_names, truth=truth):
-        rows += [None] if rows else []
-        for row in block:
-            inside: Text | str = console.words(("no", "bold red")) if row.inside == "no" else row.inside
-            rows.append([*row[:7], inside])
-    unknown = () if truth else ("truth", "error %", "in 3 sigma")
-    print_table(console, title, headings, rows, spare=("1-sigma %", "in 3 sigma", "truth"), absent=unknown)
+    first, rest = table.parameter_sheets(results, vehicle.unit_names, truth=truth)
+    rows: list[Sequence[Text | str] | None] = []
+    for row in (*first.rows, None, *rest.rows):
+        red = [console.words((cell, "bold red")) if cell == "no" else cell for cell in row or ()]
+        rows.append(None if row is None else red[: len(first.headings)])
+    spare = ("1-sigma %", table.IN_THREE_SIGMA, "truth")
+    print_table(console, title, first.headings, rows, spare=spare, absent=(table.KNOWN,))
 
 
 def _consistency(found: Consistency) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from massprop_drake.display import interactive, plots, templates
-from massprop_drake.display.plots import Source
+from massprop_drake.display.plot_source import Source
 from massprop_drake.display.spec import Array, Band, Line, Mark, Panel, Plot, Points, SymmetricLog
 from massprop_drake.display.style import COLORS
 from massprop_drake.results.detections import in_words

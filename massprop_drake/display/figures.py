@@ -6,10 +6,11 @@ legends, would take twice as long to draw as everything else.
 
 from __future__ import annotations
 
+import functools
 import gc
 import io
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -21,8 +22,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, NullLocator
 
-from massprop_drake.display import plots
-from massprop_drake.display.plots import Source
+from massprop_drake.display import detector_plots, filter_plots, motion_plots, plots
+from massprop_drake.display.plot_source import Source
 from massprop_drake.display.spec import (
     Array,
     Band,
@@ -103,6 +104,16 @@ class _Figures(Mapping[str, Figure]):
         return len(self._plots)
 
 
+def _figure(describe: Callable[[Source], Plot]) -> Callable[[Plots], Figure]:
+    """Makes a method that draws a plot, and says what it shows."""
+
+    @functools.wraps(describe, assigned=("__name__", "__doc__"), updated=())
+    def draw(self: Plots) -> Figure:
+        return drawn(describe(self.source))
+
+    return draw
+
+
 class Plots:
     """Draws a run's signals; every method returns a matplotlib figure.
 
@@ -111,11 +122,11 @@ class Plots:
     """
 
     def __init__(self, source: Source):
-        self._source = source
+        self.source = source
 
     def all(self) -> Mapping[str, Figure]:
         """Yields every figure by name, in the order to read them; each is drawn when it is asked for."""
-        return _Figures(self._source)
+        return _Figures(self.source)
 
     def save(self, folder: Path) -> None:
         """Writes every figure into a folder, as `<name>.png`; errors are raised once the others are written."""
@@ -132,133 +143,38 @@ class Plots:
         if failed:
             raise failed[0]
 
-    def rates(self) -> Figure:
-        """Draws the angular velocity (figure 5-2)."""
-        return drawn(plots.rates(self._source))
-
-    def velocities(self) -> Figure:
-        """Draws the velocity of the center of mass relative to the start (figure 5-3)."""
-        return drawn(plots.velocities(self._source))
-
-    def gyro_readings(self) -> Figure:
-        """Draws the angular rate as each gyro package read it."""
-        return drawn(plots.gyro_readings(self._source))
-
-    def rates_estimated(self) -> Figure:
-        """Draws the angular rate as the filter has it, of a vehicle without gyro."""
-        return drawn(plots.rates_estimated(self._source))
-
-    def thrust_factors(self) -> Figure:
-        """Draws the acceleration by each jet, over the nominal one."""
-        return drawn(plots.thrust_factors(self._source))
-
-    def surroundings(self) -> Figure:
-        """Draws the delay of commands, drag, and the turning that goes with the heading."""
-        return drawn(plots.surroundings(self._source))
-
-    def positions(self) -> Figure:
-        """Draws the position in the fixed frame: as read, as estimated and, in a simulation, as it is."""
-        return drawn(plots.positions(self._source))
-
-    def own_signals(self) -> Figure:
-        """Draws signals of systems of your own that nothing else shows."""
-        return drawn(plots.own_signals(self._source))
-
-    def accelerometer_velocities(self) -> Figure:
-        """Draws the integrated specific force as each accelerometer package read it."""
-        return drawn(plots.accelerometer_velocities(self._source))
-
-    def against_positions(self) -> Figure:
-        """Draws the position as read and as simulated; see `plots.against_positions`."""
-        return drawn(plots.against_positions(self._source))
-
-    def against_attitudes(self) -> Figure:
-        """Draws the attitude beside a simulation; see `plots.against_attitudes`."""
-        return drawn(plots.against_attitudes(self._source))
-
-    def against_rates(self) -> Figure:
-        """Draws the angular rate as read, and as a simulation of the same commands has it."""
-        return drawn(plots.against_rates(self._source))
-
-    def against_velocities(self) -> Figure:
-        """Draws the integrated specific force as read, and as a simulation of the same commands has it."""
-        return drawn(plots.against_velocities(self._source))
-
-    def attitude_error(self) -> Figure:
-        """Draws the attitude error in hold."""
-        return drawn(plots.attitude_error(self._source))
-
-    def phase_plane(self) -> Figure:
-        """Draws the rate over attitude error of the axes in hold, with the lines beyond which the autopilot acts."""
-        return drawn(plots.phase_plane(self._source))
-
-    def clusters(self) -> Figure:
-        """Draws the commands to each cluster over time, and its thrust."""
-        return drawn(plots.clusters(self._source))
-
-    def innovations(self) -> Figure:
-        """Draws innovations of rotation, with 3 sigma by the filter's own covariance."""
-        return drawn(plots.innovations(self._source))
-
-    def mass_innovations(self) -> Figure:
-        """Draws innovations of translation, with 3 sigma by the filter's own covariance."""
-        return drawn(plots.mass_innovations(self._source))
-
-    def propellant(self) -> Figure:
-        """Draws the propellant used."""
-        return drawn(plots.propellant(self._source))
-
-    def torques(self) -> Figure:
-        """Draws the applied torque about the center of mass (figure 5-4)."""
-        return drawn(plots.torques(self._source))
-
-    def forces(self) -> Figure:
-        """Draws the applied force (figure 5-5)."""
-        return drawn(plots.forces(self._source))
-
-    def jets(self) -> Figure:
-        """Draws the commands to each jet over time, by cluster."""
-        return drawn(plots.jets(self._source))
-
-    def inverse_inertia_diagonal(self) -> Figure:
-        """Draws errors of the diagonal of the inverse inertia (figure 5-6a)."""
-        return drawn(plots.inverse_inertia_diagonal(self._source))
-
-    def inverse_inertia_products(self) -> Figure:
-        """Draws errors of the products of the inverse inertia (figure 5-6b)."""
-        return drawn(plots.inverse_inertia_products(self._source))
-
-    def center_of_mass(self) -> Figure:
-        """Draws errors of the center of mass (figure 5-7)."""
-        return drawn(plots.center_of_mass(self._source))
-
-    def mass_reciprocal(self) -> Figure:
-        """Draws the error of the mass reciprocal (figure 5-12)."""
-        return drawn(plots.mass_reciprocal(self._source))
-
-    def consistency(self) -> Figure:
-        """Draws the NIS of both filters at the samples used (figures 5-8, 5-13)."""
-        return drawn(plots.consistency(self._source))
-
-    def likelihoods(self) -> Figure:
-        """Draws likelihood arguments of all jets, and of the clusters (figures 5-16, 5-19, 5-22, 5-25)."""
-        return drawn(plots.likelihoods(self._source))
-
-    def fault_probabilities(self) -> Figure:
-        """Draws posterior probabilities of faults: of the jets that reach 1 %, of nothing, and of something unknown."""
-        return drawn(plots.fault_probabilities(self._source))
-
-    def margins(self) -> Figure:
-        """Draws margins of the likeliest jet and cluster (figures 5-17, 5-20, 5-23, 5-26)."""
-        return drawn(plots.margins(self._source))
-
-    def failure_magnitude(self) -> Figure:
-        """Draws the magnitude of a failure: estimate, truth and known force (figures 5-18, 5-21, 5-24, 5-27)."""
-        return drawn(plots.failure_magnitude(self._source))
-
-    def detection_timeline(self) -> Figure:
-        """Draws tests, alarms and declarations beside the rates and the number of jets commanded."""
-        return drawn(plots.detection_timeline(self._source))
+    rates = _figure(motion_plots.rates)
+    velocities = _figure(motion_plots.velocities)
+    gyro_readings = _figure(motion_plots.gyro_readings)
+    rates_estimated = _figure(motion_plots.rates_estimated)
+    thrust_factors = _figure(filter_plots.thrust_factors)
+    surroundings = _figure(filter_plots.surroundings)
+    positions = _figure(motion_plots.positions)
+    own_signals = _figure(plots.own_signals)
+    accelerometer_velocities = _figure(motion_plots.accelerometer_velocities)
+    against_positions = _figure(motion_plots.against_positions)
+    against_attitudes = _figure(motion_plots.against_attitudes)
+    against_rates = _figure(motion_plots.against_rates)
+    against_velocities = _figure(motion_plots.against_velocities)
+    attitude_error = _figure(motion_plots.attitude_error)
+    phase_plane = _figure(motion_plots.phase_plane)
+    clusters = _figure(motion_plots.clusters)
+    innovations = _figure(filter_plots.innovations)
+    mass_innovations = _figure(filter_plots.mass_innovations)
+    propellant = _figure(motion_plots.propellant)
+    torques = _figure(motion_plots.torques)
+    forces = _figure(motion_plots.forces)
+    jets = _figure(motion_plots.jets)
+    inverse_inertia_diagonal = _figure(filter_plots.inverse_inertia_diagonal)
+    inverse_inertia_products = _figure(filter_plots.inverse_inertia_products)
+    center_of_mass = _figure(filter_plots.center_of_mass)
+    mass_reciprocal = _figure(filter_plots.mass_reciprocal)
+    consistency = _figure(filter_plots.consistency)
+    likelihoods = _figure(detector_plots.likelihoods)
+    fault_probabilities = _figure(detector_plots.fault_probabilities)
+    margins = _figure(detector_plots.margins)
+    failure_magnitude = _figure(detector_plots.failure_magnitude)
+    detection_timeline = _figure(detector_plots.detection_timeline)
 
 
 # ----------------------------------------------------------------------------------------- figures

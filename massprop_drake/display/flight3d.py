@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.display import event_marks, instruments, interactive, motion, plots, templates
+from massprop_drake.display import event_marks, instruments, interactive, motion, solids, templates
 from massprop_drake.display.links import Links
+from massprop_drake.display.plot_source import failing as truly_failing
 from massprop_drake.display.stage import MeshcatStage
 from massprop_drake.display.style import (
     ESTIMATE_COLOR,
     FAILED_COLOR,
+    PATH_COLOR,
     PAYLOAD_COLOR,
     PLUME_COLOR,
     SUSPECT_COLOR,
@@ -65,7 +67,7 @@ def write_replay(run: Run, path: str | Path, *, force: bool = False) -> Path:
 def replay_html(run: Run) -> str:
     """Returns the replay as the text of one HTML file that needs no network."""
     run = run.shown()
-    page, stage = scene(run.scenario, truth="truth" in run.signals)
+    page, stage = scene(run.scenario, truth="truth" in run.signals, path=_positions(run))
     return flight_page(run.scenario, page, _flight(run, stage))
 
 
@@ -119,8 +121,14 @@ def _scripts(page: str) -> list[str]:
     return [text for text in reader.texts if text]
 
 
-def scene(scenario: Scenario, *, truth: bool) -> tuple[str, MeshcatStage]:
-    """Returns Meshcat's page with the vehicle, in which no text of the user's is, and its stage."""
+def scene(scenario: Scenario, *, truth: bool, path: Array | None = None) -> tuple[str, MeshcatStage]:
+    """Returns Meshcat's page with the vehicle, in which no text of the user's is, and its stage.
+
+    Args:
+        scenario: that is flown.
+        truth: whether to show the true center of mass.
+        path: of the center of mass in the fixed frame, ft or m, shape (n, 3); None: it is not known.
+    """
     links = Links(scenario.plant) if isinstance(scenario.plant, MultibodyBlock) else None
     stage = MeshcatStage(scenario.vehicle_data, truth=truth, links=links)
     for jet in range(len(scenario.vehicle_data.jets)):
@@ -128,11 +136,14 @@ def scene(scenario: Scenario, *, truth: bool) -> tuple[str, MeshcatStage]:
             stage.add_mark(kind, jet)
     for number, jump in enumerate(scenario.jumps):
         stage.add_payload(number, jump.mass, np.array(jump.position))
+    if path is not None:
+        stage.add_path(path)
     return str(stage.meshcat.StaticHtml()), stage
 
 
 COLUMNS = ("time", "attitude", "center", "estimate", "deviation", "rate", "nis", "apart")  # of a row of the page
 LINKS = "links"  # one more, of a multibody model: pose of each link in the vehicle frame
+PLACE = "position"  # and one more, where it is known: of the center of mass in the fixed frame
 LISTS = ("given", "untold", "withheld", "failed", "found")  # of jets, for each row
 
 
@@ -161,6 +172,7 @@ def described(scenario: Scenario, stage: MeshcatStage, *, truth: bool) -> dict[s
             "untold": UNTOLD_COLOR,
             "withheld": WITHHELD_COLOR,
             "payload": PAYLOAD_COLOR,
+            "path": PATH_COLOR,
         },
     }
 
@@ -174,8 +186,9 @@ def _flight(run: Run, stage: MeshcatStage) -> dict[str, Any]:
     scenario, time_s = run.scenario, np.asarray(run.time_s)
     failed, found = event_marks.failures(scenario, float(time_s[-1])), event_marks.found(run)
     asked = np.nan_to_num(np.asarray(run["command"])) > 0.0
+    levels = _levels(run)
     lists = {
-        **motion.plumes(_levels(run), asked, plots.failing(time_s, scenario)),
+        **motion.plumes(levels, asked, truly_failing(time_s, scenario)),
         "failed": _marked(run, failed),
         "found": _marked(run, found),
     }
@@ -189,17 +202,51 @@ def _flight(run: Run, stage: MeshcatStage) -> dict[str, Any]:
         **instruments.columns(run),
     }
     told = described(scenario, stage, truth="truth" in run.signals)
+    if (place := _positions(run)) is not None:
+        told["columns"].append(PLACE)
+        columns[PLACE] = place
     if stage.links:
         columns[LINKS] = np.array([stage.links.poses(row) for row in _joints(run)])
     return {
         **told,
         "live": False,
         "rows": [list(row) for row in zip(*(_listed(columns[name]) for name in told["columns"]), strict=True)],
-        "lists": {name: [np.flatnonzero(row).tolist() for row in lists[name]] for name in LISTS},
+        "lists": {
+            **{name: [np.flatnonzero(row).tolist() for row in lists[name]] for name in LISTS},
+            "sizes": [sizes(scenario, *row) for row in zip(levels, lists["given"], lists["untold"], strict=True)],
+        },
         "gaps": np.flatnonzero(np.asarray(run["gap"])[:, 0]).tolist() if "gap" in run.signals else [],
         "moments": narration(scenario, float(time_s[0]), failed, found),
         "events": _ticks(run, failed, found),
     }
+
+
+def sizes(scenario: Scenario, levels: Array, given: NDArray[np.bool_], untold: NDArray[np.bool_]) -> list[float]:
+    """Lists lengths of plumes over those at full thrust, of the jets given and then of those untold.
+
+    Args:
+        scenario: of the vehicle.
+        levels: thrust over full thrust, shape (n_jets,).
+        given, untold: see `motion.plumes`, shape (n_jets,).
+    """
+    scales = solids.plume_scales(scenario.vehicle_data, levels)
+    return [round(scale, 3) for scale in (*scales[given].tolist(), *scales[untold].tolist())]
+
+
+def _positions(run: Run) -> Array | None:
+    """Returns the positions of the center of mass in the fixed frame, true or estimated, shape (n, 3); None: not known.
+
+    One that is not known yet is where the first that is known lies; later ones stay where they were.
+    """
+    name = next((name for name in ("position", "position_estimate") if name in run.signals), None)
+    if name is None:
+        return None
+    places = np.asarray(run[name])
+    known = np.isfinite(places).all(axis=1)
+    if not known.any():
+        return None
+    rows = np.maximum.accumulate(np.where(known, np.arange(len(places)), int(np.argmax(known))))
+    return np.asarray(places[rows])
 
 
 def _joints(run: Run) -> Array:

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.display import event_marks, flight3d, instruments, interactive, motion, plots
+from massprop_drake.display import event_marks, flight3d, instruments, interactive, motion
+from massprop_drake.display.plot_source import failing as truly_failing
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS
 
@@ -47,7 +48,7 @@ class Live:
             **flight3d.described(scenario, stage, truth=True),
             "live": True,
             "rows": [],
-            "lists": {name: [] for name in flight3d.LISTS},
+            "lists": {name: [] for name in (*flight3d.LISTS, "sizes")},
             "gaps": [],
             "moments": flight3d.narration(scenario, 0.0, failed, ()),
             "events": [],
@@ -84,10 +85,11 @@ class Live:
 
     def _row(self, moment: Moment) -> dict[str, Any]:
         now = np.array([moment.time_s])
-        failing = plots.failing(now, self._scenario)[0]
+        failing = truly_failing(now, self._scenario)[0]
         asked = np.nan_to_num(moment.command) > 0.0
+        level = moment.thrust / self._full
         lists = {
-            **motion.plumes(moment.thrust / self._full, asked, failing),
+            **motion.plumes(level, asked, failing),
             "failed": failing,
             "found": moment.removed,
         }
@@ -104,7 +106,9 @@ class Live:
         )
         listed = (interactive.numbers(value, digits=flight3d.DIGITS) for value in values)
         row = [one[0] if len(one) == 1 else one for one in listed]
-        return {"row": row, "lists": {name: np.flatnonzero(lists[name]).tolist() for name in flight3d.LISTS}}
+        told: dict[str, Any] = {name: np.flatnonzero(lists[name]).tolist() for name in flight3d.LISTS}
+        told["sizes"] = flight3d.sizes(self._scenario, level, lists["given"], lists["untold"])
+        return {"row": row, "lists": told}
 
     def _apart(self, moment: Moment) -> float:
         if self._before is None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from massprop_drake.display import interactive, plots, templates
+from massprop_drake.display.plot_source import PROMPT_S, Source, armed_from
 from massprop_drake.errors import moment
 from massprop_drake.inputs.model import yaml_text
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
@@ -69,18 +70,16 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
         "failing": _failing(source) if jumps else None,
     }
     units = scenario.vehicle_data.unit_names
-    first, rest = table.blocks(results, units, truth=source.simulated)
     content = {
         "title": f"{results.vehicle}: {results.scenario}",
         "summary": run.summary,
         "innovations": results.consistency.in_words(),
         "units": units,
         "verdict": [*_verdict(run), *_armed(source, results)],
-        "blocks": [first, rest],
+        "parameters": table.parameter_sheets(results, units, truth=source.simulated),
         "bound": results.above_bound,
-        "bounded": any(row.bound != "-" for row in rest),
         "intervals": results.intervals and results.intervals.in_words(),
-        "allowed": results.intervals and results.intervals.guaranteed and table.intervals(results, units),
+        "allowed": results.intervals and results.intervals.guaranteed and table.interval_sheet(results, units),
         "contradicted": results.intervals is not None and results.intervals.contradicted,
         "simulated": source.simulated,
         "unidentified": in_words(results.identifiability, SYMBOLS),
@@ -210,7 +209,7 @@ _WHOLE = 6  # declarations that have a sentence each
 _BEFORE_S, _AFTER_S = 2.0, 5.0  # that are shown around a failure
 
 
-def _failing(source: plots.Source) -> str | None:
+def _failing(source: Source) -> str | None:
     """Returns the name of the plot that shows a failure best."""
     shown = plots.available(source)
     return next((name for name in ("fault_probabilities", "likelihoods", "consistency") if name in shown), None)
@@ -274,14 +273,14 @@ def _injected(run: Run, number: int, shown_by: Mapping[int, int]) -> dict[str, A
     }
 
 
-def _armed(source: plots.Source, results: Summary) -> list[dict[str, Any]]:
+def _armed(source: Source, results: Summary) -> list[dict[str, Any]]:
     """Describes from when on the detector tested at all, where it did not from the first moments."""
     if "tested" not in source.signals:
         return [{"good": None, "text": "No failure was looked for: the detector is off."}]
-    from_s = plots.armed_from(source)
+    from_s = armed_from(source)
     if from_s is None:
         return [{"good": False, "text": "The detector was never armed: no sample was tested."}]
-    if from_s - float(source.time_s[0]) <= plots.PROMPT_S:
+    if from_s - float(source.time_s[0]) <= PROMPT_S:
         return []
     before = [one for one in results.injected or () if one.first_acted_s is not None and one.first_acted_s < from_s]
     missed = f"; {len(before)} failure{'s' if len(before) > 1 else ''} acted before" if before else ""
@@ -329,8 +328,8 @@ def _against(found: Against) -> dict[str, Any]:
     return {
         "run": found.run,
         "words": found.in_words(),
-        "residuals": table.residuals(found),
-        "causes": table.causes(found),
+        "residuals": table.residual_sheet(found),
+        "causes": table.cause_sheet(found),
         "alike": found.causes[0].alike if found.causes else (),
     }
 

@@ -15,10 +15,10 @@
   function keys() {
     const words = [["given", "thrust"], ["untold", "thrust of a failed jet, untold"], ["withheld", "told to fire, and does not"],
                    ["truth", "true center of mass"], ["estimate", "estimated, with its 3-sigma"],
-                   ["failed", "failed jet"], ["found", "found by the detector"], ["payload", "payload"]];
+                   ["failed", "failed jet"], ["found", "found by the detector"], ["payload", "payload"], ["path", "flown path"]];
     const seen = name => story.live && name !== "payload" ? true : story.lists[name] ? story.lists[name].some(jets => jets.length) : name === "payload" ? scene.payloads.length : true;
     for (const [name, text] of words) {
-      if (name === "truth" && !story.truth || !seen(name)) continue;
+      if (name === "truth" && !story.truth || name === "path" && !("position" in column) || !seen(name)) continue;
       const item = document.createElement("span"), dot = document.createElement("i");
       dot.style.background = story.colors[name];
       item.append(dot, text);
@@ -59,7 +59,17 @@
       const [w2, x2, y2, z2] = at(row + 1, "attitude");
       body.quaternion.slerp(body.quaternion.clone().set(x2, y2, z2, w2), share);
     }
+    if ("position" in column) fly(row, at(row, "position"), goesOn ? at(row + 1, "position") : at(row, "position"), share);
     if ("links" in column) links(at(row, "links"), goesOn ? at(row + 1, "links") : at(row, "links"), share);
+  }
+
+  // the path that has been flown, and the floor, go by: the center of mass stays in the middle
+  function fly(row, here, next, share) {
+    const gone = here.map((value, axis) => -(value + share * (next[axis] - value)));
+    const path = node("world", "path"), floor = node("world", "floor");
+    path.position.set(...gone);
+    path.traverse(part => { if (part.geometry) part.geometry.setDrawRange(0, row + 1 + (share > 0)); });
+    if (floor) floor.position.set(gone[0] % scene.axis, gone[1] % scene.axis, 0);
   }
 
   // poses of a model's links in the vehicle frame, seven numbers each
@@ -73,14 +83,17 @@
     }
   }
 
-  const state = scene.jets.map(() => "");
+  const state = scene.jets.map(() => ""), sizes = scene.jets.map(() => 1);
   function jets(row) {
-    const wanted = scene.jets.map(() => "");
+    const wanted = scene.jets.map(() => ""), size = scene.jets.map(() => 1);
     for (const kind of ["given", "untold", "withheld"]) for (const jet of story.lists[kind][row]) wanted[jet] = kind;
+    [...story.lists.given[row], ...story.lists.untold[row]].forEach((jet, number) => { size[jet] = story.lists.sizes[row][number]; });
     wanted.forEach((kind, jet) => {
-      if (kind === state[jet]) return;
+      if (kind === state[jet] && size[jet] === sizes[jet]) return;
       state[jet] = kind;
+      sizes[jet] = size[jet];
       const plume = [...structure, "jets", String(jet), "plume"];
+      node(...plume).scale.setScalar(size[jet]);  // by the true thrust: a leak is smaller than a full jet
       viewer.set_property(plume, "visible", kind !== "");
       if (kind) viewer.set_property(plume, "color", [...rgb(story.colors[kind]), kind === "withheld" ? 0.3 : 0.75]);
     });

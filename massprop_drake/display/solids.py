@@ -58,6 +58,17 @@ def plume_lengths(vehicle: Vehicle, thrust: Array) -> Array:
     return np.asarray((0.05 + 0.11 * np.sqrt(thrust / strongest)) * extent(vehicle))
 
 
+def plume_scales(vehicle: Vehicle, levels: Array) -> Array:
+    """Returns lengths of plumes over those at full thrust.
+
+    Args:
+        vehicle: whose jets they are of.
+        levels: thrust over full thrust, shape (..., n_jets).
+    """
+    full = np.array([jet.thrust for jet in vehicle.jets])
+    return plume_lengths(vehicle, np.maximum(levels, 0.0) * full) / plume_lengths(vehicle, full)
+
+
 def round_length(length: float) -> float:
     """Returns the longest length with one digit that is no longer, of an axis."""
     power = 10.0 ** np.floor(np.log10(length))

@@ -1,6 +1,7 @@
 """Vehicle in Drake's Meshcat, live or recorded: body, jets, plumes, and the true and estimated center of mass.
 
-The page keeps its center of mass in the middle, and the inertial axes keep their direction.
+The page keeps its center of mass in the middle. Stars, or the floor below a vehicle that moves in a plane, keep their
+direction, so that a turn and the flown path can be seen.
 """
 
 from __future__ import annotations
@@ -11,14 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Box, Cylinder, Ellipsoid, Meshcat, MeshcatCone, MeshcatParams, Rgba, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.perception import PointCloud
 
 from massprop_drake.display import solids
 from massprop_drake.display.links import Links
 from massprop_drake.display.style import (
     ESTIMATE_COLOR,
     FAILED_COLOR,
+    PATH_COLOR,
     PAYLOAD_COLOR,
     PLUME_COLOR,
+    STAR_COLOR,
     SUSPECT_COLOR,
     TRUTH_COLOR,
 )
@@ -32,6 +36,8 @@ _EXTENT = 4.0  # of the vehicle in Meshcat's lengths, which its lights are made 
 _VIEW = np.array([0.46, -0.64, 0.36])  # direction of the camera
 _FIELD = np.radians(75.0)  # of Meshcat's camera, from top to bottom
 _CLOSE = 1.15  # distance of the camera over that from which a ball around the vehicle fits: room for what is beside
+_STARS, _FAR, _STAR_SIZE = 400, 12.0, 0.12  # number of stars, their distance and size in extents of the vehicle
+_TILES, _BELOW = 12, 0.6  # of the floor: lines to each side, one axis apart; its distance, in extents
 _BODY = "/world/body"
 _STRUCTURE = f"{_BODY}/structure"  # the vehicle frame
 _MARKS = {"failed": FAILED_COLOR, "found": SUSPECT_COLOR}
@@ -64,6 +70,11 @@ class MeshcatStage:
         self._draw_axes()
         self._draw_jets()
         self._draw_centers(truth)
+        self._draw_surroundings()
+
+    def add_path(self, positions: Array) -> None:
+        """Adds the path of the center of mass, fixed frame, ft or m, shape (n, 3); the page shows the part flown."""
+        self.meshcat.SetLine("/world/path", np.asfortranarray(positions.T), 2.0, _rgba(PATH_COLOR, 1.0))
 
     def add_mark(self, kind: str, jet: int) -> None:
         """Adds a hidden mark to a jet, "failed" or "found"."""
@@ -126,6 +137,24 @@ class MeshcatStage:
         path = f"{_STRUCTURE}/estimate"
         self.meshcat.SetObject(f"{path}/point", Sphere(0.7 * radius), _rgba(ESTIMATE_COLOR, 1.0))
         self.meshcat.SetObject(f"{path}/spread", Sphere(1.0), _rgba(ESTIMATE_COLOR, 0.22))
+
+    def _draw_surroundings(self) -> None:
+        """Draws what does not turn: a floor below a vehicle that moves in a plane, stars around any other."""
+        if self._vehicle.motion == "planar":
+            reach = self.axis * _TILES
+            along = self.axis * np.arange(-_TILES, _TILES + 1)
+            ends = [
+                np.stack([along, np.full(along.shape, end), np.full(along.shape, _BELOW * self._extent)])
+                for end in (-reach, reach)
+            ]
+            both = (np.hstack([end, end[[1, 0, 2]]]) for end in ends)
+            self.meshcat.SetLineSegments("/world/floor", *map(np.asfortranarray, both), 1.0, _rgba(STAR_COLOR, 0.5))
+            return
+        directions = np.random.default_rng(0).standard_normal((3, _STARS))
+        cloud = PointCloud(_STARS)
+        cloud.mutable_xyzs()[:] = _FAR * self._extent * directions / np.linalg.norm(directions, axis=0)
+        size = _STAR_SIZE * _EXTENT  # points are not scaled with the world
+        self.meshcat.SetObject("/world/stars", cloud, size, _rgba(STAR_COLOR, 1.0))
 
 
 def _quiet_meshcat() -> Meshcat:

@@ -94,14 +94,7 @@ def _(value: Any, context: Any) -> Any:
 
 
 def _filled(context: Any, builder: Any, kind: BundleType, fields: Any, *, checked: bool = True) -> Any:
-    """Makes a bundle that takes ownership of its fields.
-
-    Args:
-        context, builder: of numba.
-        kind: its type.
-        fields: in order.
-        checked: whether compiled code raises where there is no memory; what Python calls cannot.
-    """
+    """Makes a bundle that takes ownership of its fields."""
     payload, nrt = kind.get_data_type(), context.nrt
     layout = context.data_model_manager[payload].get_value_type()
     size = context.get_constant(types.uintp, context.get_abi_sizeof(layout))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from massprop_drake.inputs import params
 from massprop_drake.inputs.model import Real, Text
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.maths.estimation.filters.joint import chi_square_limit
-from massprop_drake.maths.estimation.offline import flight_model, normal_equations
-from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch
-from massprop_drake.maths.estimation.offline.normal_equations import NormalEquations
+from massprop_drake.maths.estimation.chi_square import chi_square_limit
+from massprop_drake.maths.estimation.offline.flight_model import FlightModel, columns, possible
+from massprop_drake.maths.estimation.offline.normal_equations import NormalEquations, normal, summed_equations
+from massprop_drake.maths.estimation.pose.pose_hindsight import PoseEquations
 from massprop_drake.results.diagnoses import RATE
 from massprop_drake.results.record_stretches import pieces
 from massprop_drake.results.regression_model import Names, model, names_of, steady
@@ -194,40 +194,20 @@ def explained(
         See `Against.misfit` and `Against.causes`.
     """
     made = steady(model(scenario))._replace(time_constants_s=reference.time_constants_s)
-    places = flight_model.columns(made)
+    places = columns(made)
     at = np.zeros_like(made.prior)
     at[places.properties], at[places.thrust] = reference.properties, reference.thrust - 1.0
     with np.errstate(all="ignore"):
         parts = pieces(scenario, signals, until_s, made)
         called = _called(scenario, made, at)
-        return causes(lambda there: _normal(parts, there, made), (at, called), flight_model.possible, chance=_CHANCE)
+
+        def about(there: Array) -> NormalEquations:
+            return summed_equations([normal(part, there, made) for part in parts], made)
+
+        return causes(about, (at, called), possible, chance=_CHANCE)
 
 
-def _normal(parts: Sequence[Stretch], at: Array, made: FlightModel) -> NormalEquations:
-    total = normal_equations.empty(made)
-    for part in parts:
-        total = total.plus(normal_equations.normal(part, at, made))
-    return total
-
-
-class Equations(Protocol):
-    """Normal equations of readings by unknowns, about a point."""
-
-    @property
-    def information(self) -> Array:
-        """Information matrix, shape (n, n)."""
-
-    @property
-    def score(self) -> Array:
-        """Score, shape (n,)."""
-
-    @property
-    def misfit(self) -> float:
-        """Sum of squared residuals over the variance that is stated."""
-
-    @property
-    def readings(self) -> float:
-        """Number of readings."""
+Equations = NormalEquations | PoseEquations  # of readings by unknowns, about a point
 
 
 class Called(NamedTuple):
@@ -364,7 +344,7 @@ def called_mass_property(symbol: str, unit: str, value: float) -> Called:
 def _called(scenario: Scenario, made: FlightModel, at: Array) -> list[Called | None]:
     """Returns the name of each unknown; None: it is left as it is."""
     names: Names = names_of(scenario)
-    places = flight_model.columns(made)
+    places = columns(made)
     torque, drag = (names.torque, f"{names.torque}-s/rad")
     units = mass_property_units(scenario.vehicle_data.unit_names)
     named = [called_mass_property(*one) for one in zip(SYMBOLS, units, at.tolist(), strict=False)]

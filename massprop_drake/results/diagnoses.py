@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.maths.estimation.filters.joint import chi_square_limit
+from massprop_drake.maths.estimation.chi_square import chi_square_limit
 from massprop_drake.maths.estimation.offline import flight_model, oscillation, regression, unexplained_motion
 from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch
 from massprop_drake.maths.estimation.offline.regression import FlightFit, Reckoned, ScoreTest
@@ -386,14 +386,7 @@ def _of_engines(gain: float, suspect: _Suspect, names: Names, place: int, *, alo
 
 
 def _scattered(parts: Sequence[Stretch], fit: FlightFit, made: FlightModel, names: Names) -> list[Diagnosis]:
-    """Finds readings with larger residuals than stated: drifting, while the rate changes fast, or all of a package.
-
-    Args:
-        parts: of the record.
-        fit: of them.
-        made: see `model`.
-        names: of sensors, and units.
-    """
+    """Finds readings with larger residuals than stated: drifting, while the rate changes fast, or all of a package."""
     quick, quiet = fit.normal.quick, fit.normal.quiet
     sensors = (*names.gyros, *names.accelerometers)
     found: list[Diagnosis] = []

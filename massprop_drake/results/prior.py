@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from massprop_drake.inputs import factors, params
 from massprop_drake.inputs.factors import Factor, in_words
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.maths.estimation.filters.joint import chi_square_limit
-from massprop_drake.maths.estimation.joint.prediction import propellant_drift
+from massprop_drake.maths.estimation.chi_square import chi_square_limit
+from massprop_drake.maths.estimation.joint.process_noise import propellant_drift
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 from massprop_drake.results.consistency import Diagnosis
 from massprop_drake.results.spool import Spool

@@ -100,13 +100,7 @@ class _Burns(NamedTuple):
 
 
 def _burns(scenario: Scenario, block: dict[str, Array], before: EngineSettings | None) -> _Burns:
-    """Computes the state of the engines in some rows.
-
-    Args:
-        scenario: as run.
-        block: the rows.
-        before: setting of the engines at the first row; None: it is that of the record.
-    """
+    """Computes the state of the engines in some rows."""
     vehicle, rows = scenario.vehicle_data, block["time_s"].size
     used, loose = np.zeros(rows - 1), np.zeros(rows - 1, dtype=np.bool_)
     if not any(engine.name in block for engine in vehicle.engines):
@@ -172,12 +166,7 @@ def whole_record(scenario: Scenario, signals: Spool) -> list[Stretch]:
 
 
 def _ended(parts: Sequence[Stretch], used: float) -> list[Stretch]:
-    """Returns stretches with all used propellant counted to another end.
-
-    Args:
-        parts: in order.
-        used: propellant from the end up to which it was counted to that one, slug or kg; negative: it is earlier.
-    """
+    """Returns stretches with all used propellant counted to another end."""
     found = [part._replace(used_after=part.used_after + used) for part in parts]
     if not parts or parts[-1].seconds is None:
         return found

@@ -13,7 +13,7 @@ from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.estimation.filter import Instruments, Setup
 from massprop_drake.maths.estimation.joint.burns import Burn, push
 from massprop_drake.maths.estimation.joint.disturbance_states import NO_DISTURBANCE
-from massprop_drake.maths.estimation.joint.prediction import propellant_drift
+from massprop_drake.maths.estimation.joint.process_noise import propellant_drift
 from massprop_drake.maths.estimation.offline import flight_model, record_kernels
 from massprop_drake.maths.estimation.offline.flight_model import FlightModel
 from massprop_drake.maths.linear_algebra import Array

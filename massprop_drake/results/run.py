@@ -23,10 +23,11 @@ from massprop_drake.inputs.yaml import exists, read_text
 from massprop_drake.records import rows
 from massprop_drake.results.exchange import recover
 from massprop_drake.results.folder import Place, require_writable, whole_folder, write_file
+from massprop_drake.results.json_arrays import null_for_nan
 from massprop_drake.results.parts import Ended, PartsMade
 from massprop_drake.results.spool import Signals, Spool, blocks, write_npz
 from massprop_drake.results.stored import STATE_FILE, FilterState, read_history, read_json, storable
-from massprop_drake.results.summary import Summary, SummaryFile, null_for_nan
+from massprop_drake.results.summary import Summary, SummaryFile
 from massprop_drake.results.thinning import outstanding_rows, picked
 from massprop_drake.signals import (
     JOINTS,
@@ -188,7 +189,7 @@ class Run:
     def plot(self) -> Plots:
         """Plots of the run: `run.plot.rates()` and the others return matplotlib figures."""
         from massprop_drake.display.figures import Plots  # noqa: PLC0415 (matplotlib is slow to load)
-        from massprop_drake.display.plots import source  # noqa: PLC0415
+        from massprop_drake.display.plot_source import source  # noqa: PLC0415
 
         return Plots(source(self.shown()))
 

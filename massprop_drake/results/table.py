@@ -1,6 +1,6 @@
 """Tables of a run: the ten parameters and derived ones, intervals, a comparison of a record with a simulation.
 
-The same numbers stand on terminal and page.
+Terminal and page render the same sheets.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from massprop_drake.signals import SYMBOLS, mass_property_units
 
 INERTIA = (("Ixx", 0, 0), ("Iyy", 1, 1), ("Izz", 2, 2), ("Iyz", 1, 2), ("Ixz", 0, 2), ("Ixy", 0, 1))
 _NOTHING = 1e-3  # of a 1-sigma, below which it gives the power of ten
+IN_THREE_SIGMA, KNOWN, LEAST_SIGMA = "in 3 sigma", "known", "least 1-sigma"  # headings
 _PLAIN = 1e-3, 1e5  # magnitudes that are written without a power of ten
 
 
@@ -48,6 +49,65 @@ class Row(NamedTuple):
     inside: str = "-"
     flag: str = ""
     bound: str = "-"
+
+
+class Sheet(NamedTuple):
+    """Table of results, which terminal and page render.
+
+    Attributes:
+        headings: of the columns, with a line break where a narrow column needs one.
+        rows: a cell for each column.
+        words: headings of the columns that are no numbers.
+    """
+
+    headings: tuple[str, ...]
+    rows: list[tuple[str, ...]]
+    words: tuple[str, ...] = ("parameter", "unit")
+
+
+def parameter_sheets(results: Summary, units: Mapping[str, str], *, truth: bool = True) -> tuple[Sheet, Sheet]:
+    """Returns the sheets of `blocks`: columns of the truth where it is known, and of bounds in the second.
+
+    Args: as `parameters`.
+    """
+    first, rest = blocks(results, units, truth=truth)
+    bounded = any(row.bound != "-" for row in rest)
+    return _sheet(first, truth, bounded=False), _sheet(rest, truth, bounded=bounded)
+
+
+def _sheet(rows: list[Row], truth: bool, *, bounded: bool) -> Sheet:
+    columns = {
+        "symbol": "parameter",
+        "unit": "unit",
+        "estimate": "estimate",
+        **({"truth": "truth", "error": "error %"} if truth else {}),
+        "sigma": "1-sigma",
+        "percent": "1-sigma %",
+        **({"inside": IN_THREE_SIGMA} if truth else {}),
+        "flag": KNOWN,
+        **({"bound": LEAST_SIGMA} if bounded else {}),
+    }
+    cells = [tuple(getattr(row, name) for name in columns) for row in rows]
+    return Sheet(tuple(columns.values()), cells, ("parameter", "unit", IN_THREE_SIGMA, KNOWN))
+
+
+def interval_sheet(results: Summary, units: Mapping[str, str]) -> Sheet:
+    """Returns the sheet of `intervals`."""
+    inside = "estimate\ninside"
+    headings = ("parameter", "unit", "low", "middle", "high", inside)
+    return Sheet(headings, intervals(results, units), ("parameter", "unit", inside))
+
+
+def residual_sheet(found: Against) -> Sheet:
+    """Returns the sheet of `residuals`."""
+    headings = ("signal", "unit", "RMS\ndifference", "largest", "at", "1-sigma of\na reading")
+    return Sheet(headings, residuals(found), ("signal", "unit"))
+
+
+def cause_sheet(found: Against) -> Sheet:
+    """Returns the sheet of `causes`."""
+    headings = ("cause", "off by", "unit", "explains\nalone", "with those\nabove")
+    return Sheet(headings, causes(found), ("cause", "unit"))
 
 
 def parameters(results: Summary, units: Mapping[str, str], *, truth: bool = True) -> list[Row]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.maths.estimation import cycle, whole, whole_joint
+from massprop_drake.maths.estimation import cycle, joint_desk, quiet_cycles, whole
 from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationState, EstimationStep, Sample
 from massprop_drake.maths.estimation.detector import Verdict
 from massprop_drake.maths.estimation.whole import Samples, ThesisAsked, ThesisRows
@@ -171,7 +171,7 @@ class Watched(Stepped):
 
     def __init__(self, made: EstimationParams, state: EstimationState, *, compiled: bool):
         super().__init__(made, state)
-        self._watch, self._apart = whole_joint.Quiet(made, compiled=compiled), False
+        self._watch, self._apart = quiet_cycles.Quiet(made, compiled=compiled), False
         self._own_times = made.filter_params.joint.rates.period_s > 0.0
         self._watch.take_up(state)
 
@@ -188,7 +188,7 @@ class Watched(Stepped):
             self._watch.on = False
         samples = _writable(record.samples)
         stamps_s = samples.time_s if record.stamps_s is None else np.require(record.stamps_s, requirements=["C", "W"])
-        rows = whole_joint.JointRows(*(log.rows[name] for name in whole_joint.JointRows._fields))
+        rows = joint_desk.JointRows(*(log.rows[name] for name in joint_desk.JointRows._fields))
         onsets_s = None if record.onsets_s is None else record.onsets_s[:-1]
         self._watch.begin(samples, stamps_s, (record.tracked, onsets_s), rows)
 
@@ -366,6 +366,6 @@ def cycles(scenario: Scenario, made: EstimationParams, state: EstimationState | 
     begin = cycle.initial_state(made) if state is None else state
     if whole.covers(made):
         return Whole(made, begin, compiled=scenario.execution.compiled)
-    if whole_joint.covers(made):
+    if quiet_cycles.covers(made):
         return Watched(made, begin, compiled=scenario.execution.compiled)
     return Stepped(made, begin)

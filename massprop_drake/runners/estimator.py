@@ -31,8 +31,8 @@ from massprop_drake.maths.vehicle.sensing import unsaturated
 from massprop_drake.records.blocks import LARGEST
 from massprop_drake.records.cadence import HELD
 from massprop_drake.results.events import kind_of, reading_of
+from massprop_drake.results.json_arrays import kept_onsets, null_for_nan
 from massprop_drake.results.stored import FORMAT, EstimatorState, FilterState, made_with, require_made_with
-from massprop_drake.results.summary import kept_onsets, null_for_nan
 from massprop_drake.runners.cycles import RecordRows, Whole
 from massprop_drake.runners.logs import EstimationLog, kept, restored
 

@@ -26,9 +26,10 @@ from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 from massprop_drake.results.detections import DetectionRecord, followed, placed, settled, weighed_before
 from massprop_drake.results.events import EventRecord, said
 from massprop_drake.results.fault_probabilities import at_end
+from massprop_drake.results.json_arrays import null_for_nan
 from massprop_drake.results.spool import Spool
 from massprop_drake.results.stored import FORMAT, FilterState, made_with
-from massprop_drake.results.summary import Findings, null_for_nan
+from massprop_drake.results.summary import Findings
 from massprop_drake.results.unconfirmed import Suspicions
 from massprop_drake.systems.layouts import (
     DETECTOR_REPORT,

@@ -38,22 +38,13 @@ from massprop_drake.results.consistency import TOO_LITTLE, Consistency, Tally, j
 from massprop_drake.results.detections import JUMP, DetectionRecord
 from massprop_drake.results.events import EventRecord
 from massprop_drake.results.exchange import recover
+from massprop_drake.results.json_arrays import kept_onsets, null_for_nan
 from massprop_drake.results.parts import PartsMade
 from massprop_drake.results.run import Run
 from massprop_drake.results.shown_in_hindsight import Hindsight, looked_back
 from massprop_drake.results.stored import STATE_FILE, FilterState, read_json, require_made_with
-from massprop_drake.results.summary import (
-    AutopilotSummary,
-    Findings,
-    RunTiming,
-    Summary,
-    composed,
-    explained,
-    firings,
-    kept_onsets,
-    not_summed_up,
-    null_for_nan,
-)
+from massprop_drake.results.summarize import composed, explained, firings, not_summed_up
+from massprop_drake.results.summary import AutopilotSummary, Findings, RunTiming, Summary
 from massprop_drake.runners.cycles import RecordRows, cycles
 from massprop_drake.runners.logs import EstimationLog, Intake, estimation_signals, kept, restored
 from massprop_drake.signals import SYMBOLS
@@ -294,7 +285,7 @@ class _Estimation:
             signals["outside_wrench"] = rows.outside_wrench
         signals |= estimation_signals(self._scenario, logs)
         signals |= rows.readings
-        signals |= _by_sensor(rows, self._vehicle)
+        signals |= by_sensor(rows, self._vehicle)
         for name in {"onset", "verdict_onset", "unexplained_since", "history_since"} & set(signals):
             if not self._at_any_time:
                 signals[name] = self._record_time(signals[name], rows.time_s)
@@ -432,7 +423,7 @@ def _name_of(telemetry: str | Path | Sequence[str | Path]) -> str:
     return ", ".join(Path(one).name for one in telemetry)
 
 
-def _by_sensor(rows: Rows, vehicle: Vehicle) -> dict[str, Array]:
+def by_sensor(rows: Rows, vehicle: Vehicle) -> dict[str, Array]:
     """Splits readings by sensor in a fixed frame."""
     if rows.tracked is None:
         return {}

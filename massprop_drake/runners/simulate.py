@@ -35,7 +35,8 @@ from massprop_drake.maths.vehicle.rigid_body import (
 from massprop_drake.results.parts import PartsMade
 from massprop_drake.results.run import Run
 from massprop_drake.results.spool import Spool
-from massprop_drake.results.summary import Findings, RunTiming, looked_back_on, not_summed_up, summarize
+from massprop_drake.results.summarize import looked_back_on, not_summed_up, summarize
+from massprop_drake.results.summary import Findings, RunTiming
 from massprop_drake.runners.logs import Intake, estimation_signals, for_json
 from massprop_drake.runners.moment import Moment
 from massprop_drake.signals import JOINTS, PROPELLANT, is_own

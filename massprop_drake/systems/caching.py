@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from operator import itemgetter
 from typing import Any, Generic, TypeVar
 
 from pydrake.common.value import Value
@@ -11,6 +12,7 @@ from pydrake.systems.framework import DependencyTicket, LeafSystem, ValueProduce
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
 
 T = TypeVar("T")
+Part = slice | Callable[[Any], Array]  # of a cached row, or what is made of a cached result
 
 NOTHING = ()  # in an abstract value, which cannot hold None in every version of Drake
 
@@ -98,6 +100,31 @@ class _Workspace(Generic[T]):
     def __deepcopy__(self, _memo: Any) -> _Workspace[T]:
         """Returns a workspace that is still to be made."""
         return _Workspace(self._make)
+
+
+def declare_outputs(system: LeafSystem, entry: Cached, ports: Iterable[tuple[str, int, Part]]) -> None:
+    """Declares output ports that say parts of a cached result: name, size and part of each."""
+    for name, size, part in ports:
+        read = _reader(part)
+
+        def calc(context: Any, output: Any, read: Callable[[Any], Array] = read) -> None:
+            output.SetFromVector(read(entry.get(context)))
+
+        system.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={entry.ticket})
+
+
+def declare_update(system: LeafSystem, entry: Cached, period_s: float, part: Part) -> None:
+    """Declares that at every sample a part of a cached result becomes the discrete state, which is one group."""
+    after = _reader(part)
+
+    def update(context: Any, state: Any) -> None:
+        state.set_value(after(entry.get(context)))
+
+    system.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=update)
+
+
+def _reader(part: Part) -> Callable[[Any], Array]:
+    return itemgetter(part) if isinstance(part, slice) else part
 
 
 def state_of(context: Any) -> Array:

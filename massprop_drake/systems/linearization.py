@@ -6,14 +6,12 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.autodiffutils import InitializeAutoDiff
 from pydrake.systems.framework import Context, PortDataType, System
 from pydrake.systems.primitives import LinearSystem
 
 from massprop_drake.errors import InputError, suggestion
-
-Array = NDArray[np.float64]
+from massprop_drake.maths.linear_algebra import Array
 
 
 def linearized(system: System, context: Context, inputs: Iterable[str], outputs: Iterable[str]) -> LinearSystem:

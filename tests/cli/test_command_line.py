@@ -58,6 +58,8 @@ def test_run_writes_a_folder_and_prints_the_estimates(massprop: Massprop) -> Non
     assert "files:       runs/sample_maneuver/" in done.out
     assert massprop(*SHORT, "--quiet") == (0, "", "")  # in the place of the earlier run
     assert everything()[:2] == ["runs", "runs/sample_maneuver"]
+    said = "there is no such run; did you mean 'runs/sample_maneuver'?"
+    require_refused(massprop("view", "sample_maneuver"), said)
 
 
 def test_run_prints_json_alone(massprop: Massprop) -> None:
@@ -146,7 +148,6 @@ REFUSED: dict[tuple[str, ...], str] = {
     ("check",): "nothing to check",
     ("view", "nowhere", "--out", "x.html"): "nowhere: there is no such run",
     ("report", "stuck_on_29"): "'massprop run stuck_on_29' makes one in runs/stuck_on_29",
-    ("view", "one"): "there is no such run; did you mean 'runs/one'?",
     ("compare", "one"): "give two folders of runs or more",
     ("reproduce", "--only", "fig_5_6", "--out", "there", "-q"): "make reproduce",
 }
@@ -164,8 +165,6 @@ def test_what_is_wrong_is_one_message_before_the_work(
     for name, text in MINE.items():
         Path(name).write_text(text, encoding="utf-8")
     shutil.copy(REPOSITORY / "docs" / "tutorials" / "tug.yaml", ".")
-    Path("runs/one").mkdir(parents=True)
-    Path("runs/one/summary.json").write_text("{}", encoding="utf-8")
     Path("dangling").symlink_to("nowhere")
     Path("loop").symlink_to("loop")
     before = everything()

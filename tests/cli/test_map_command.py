@@ -69,6 +69,10 @@ def test_a_map_is_proposed_shown_written_and_checked(massprop: Massprop, one: Fl
     assert done.status == 0
     assert done.out.startswith("# Proposed for log.csv and vehicle free_flyer. Why it is so:\n# - time: column t")
     assert "the first rows as they are understood" in done.out
+    assert all(f"gyro {axis} rad/s" in done.out for axis in "xyz")
+    found = json.loads(massprop("map", log, *FREE_FLYER, "--json").out)
+    assert set(found) == {"map", "reasons", "lacking", "left_out", "rows", "notes"}
+    assert found["rows"][1]["sensors"]["gyro"]["x"] == pytest.approx(one.rates[1, 0])
     assert "jets open" in done.out
     about = "map.yaml: ok: map of a record, gyro 'gyro', velocity 'velocity', commands of 12 jets\n"
     assert massprop("check", "map.yaml").out == about

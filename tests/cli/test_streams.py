@@ -122,3 +122,12 @@ def test_a_stream_keeps_its_first_failure() -> None:
     assert stream.failure.errno == number
     with pytest.raises(OSError, match="takes nothing"):
         under.close()
+
+
+def test_what_an_encoding_lacks_is_printed_as_an_escape() -> None:
+    raw = io.BytesIO()
+    stream = Stream(io.TextIOWrapper(raw, "ascii"))
+    stream.write("±")
+    stream.flush()
+    assert (stream.failure, stream.encoding, stream.isatty()) == (None, "ascii", False)
+    assert raw.getvalue() == b"\\xb1"

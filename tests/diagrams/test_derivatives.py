@@ -135,27 +135,6 @@ def test_jacobians_of_state_commands_and_parameters(lag: str, step: str) -> None
         assert_allclose(evaluated.ravel(), flown.evaluated(), rtol=1e-11, atol=1e-13)
 
 
-def test_noise_vibration_a_disturbance_and_failures_have_derivatives_too() -> None:
-    # they add to a reading, or to a wrench, and leave the jacobian of the body as it is but for the stuck jet
-    slow = ", ".join(f"{{sensor: acc{i}, quantum: 0, bias: [1.0e-3, 0, 0], bandwidth_hz: 4}}" for i in (1, 2, 3))
-    shaken = "quantum: 0, noise_std: 1.0e-4, vibration: [{frequency_hz: 3, amplitude: [1.0e-3, 0, 0]}]"
-    added = [
-        "plant={disturbance: {torque: [100, 0, 0], force_std: [1, 0, 0]}, thrust_dispersion: 0.05}",
-        "failures=[{kind: stuck_on, jet: F1F, start_s: 0}, {kind: leak, jet: F1L, start_s: 0, force: 10}]",
-        f"sensors.errors=[{{sensor: gyro, {shaken}}}, {slow}]",
-    ]
-    scenario = load_scenario("sample_maneuver", added)
-    diagram, (vector, _) = vehicle.build(scenario), vector_at(scenario)
-    flown, converted = Point(scenario, diagram), Point(scenario, diagram.ToAutoDiffXd())
-    flown.set(vector)
-    converted.set(InitializeAutoDiff(vector).ravel())
-    for name in ("gyro", "acc1", "thrust"):
-        found = converted.diagram.GetOutputPort(name).Eval(converted.context)
-        assert_allclose(values(found), diagram.GetOutputPort(name).Eval(flown.context), rtol=1e-11, atol=1e-13)
-        if name == "gyro":
-            assert_allclose([one.derivatives()[RATE] for one in found], np.eye(3), atol=0.0)
-
-
 QUANTIZED = r"sensor 'gyro' quantizes its readings, so it has no form for {}: give it sensors.errors: \[{{sensor: gyro"
 CHANCE = "failures=[{kind: intermittent, jet: F1F, start_s: 0, probability: 0.5}]"
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput
 from systems_probe import feedthrough, inputs, outputs
 
@@ -20,110 +20,16 @@ from massprop_drake.systems.layouts import MASS_REPORT, ROTATION_REPORT
 
 Array = NDArray[np.float64]
 
-SENSORS = {"gyro": 3, "acc1": 3, "acc2": 3, "acc3": 3}
-VEHICLE_OUT = {**SENSORS, "body_state": 23, "structure": 9, "mass_properties": 10, "thrust": 44}
-AUTOPILOT_OUT = {
-    "command": 44,
-    "held_command": 44,
-    "hand_controllers": 6,
-    "attitude_error": 3,
-    "request": 8,
-    "selection_counts": 4,
-    "out_of_use": 44,
-}
-ESTIMATION_OUT = {
-    "impulses": 8,
-    "estimate": 10,
-    "standard_deviation": 10,
-    "covariance": 100,
-    "converged": 1,
-    "rotation_innovation": 3,
-    "rotation_innovation_covariance": 9,
-    "rotation_report": 28,
-    "mass_innovation": 3,
-    "mass_innovation_covariance": 9,
-    "mass_report": 11,
-    "reconfiguration": 7 + 44,
-    "closed": 44,
-    "held_closed": 44,
-    "detector_report": 14 + 4 * 44,
-}
-PORTS_IN = {"command", "held_command", "closed", "held_closed"}
-# the orbiter's ports as they are documented: inputs and outputs
-PORTS: dict[ModuleType, tuple[dict[str, int], dict[str, int]]] = {
-    vehicle: (dict.fromkeys(PORTS_IN, 44), VEHICLE_OUT),
-    autopilot: (
-        {"gyro": 3, "estimate": 10, "converged": 1, "reconfiguration": 7 + 44, "prescribed": 44},
-        AUTOPILOT_OUT,
-    ),
-    estimation: ({"jet_commands": 44, "outside_wrench": 6, **SENSORS}, ESTIMATION_OUT),
-    closed_loop: ({}, {**VEHICLE_OUT, **AUTOPILOT_OUT, **ESTIMATION_OUT}),
-    open_loop: ({}, {**VEHICLE_OUT, "command": 44, "held_command": 44, **ESTIMATION_OUT}),
-    replay: (
-        {},
-        {**SENSORS, "jet_commands": 44, "command": 44, "outside_wrench": 6, "record_time": 1, **ESTIMATION_OUT},
-    ),
-}
-
-# with the joint filter, and with its detector
-JOINT_IN = {"record_time": 1, "command": 44}
-JOINT_OUT = {"joint_report": 3}
-POSE_OUT = {"pose_report": 24 + 2 * 44}
-THESIS_OUT = {f"{name}_innovation{part}" for name in ("rotation", "mass") for part in ("", "_covariance")}
-DETECTOR_OUT = {"reconfiguration", "closed", "held_closed", "detector_report"}
-HYPOTHESES_OUT = {"hypothesis_report": 24 + 12 * 44, "fault_probability": 44 + 2}
-
-
-def with_filter(
-    module: ModuleType, ports: tuple[dict[str, int], dict[str, int]], scenario: Scenario
-) -> tuple[dict[str, int], dict[str, int]]:
-    """Ports of a diagram with the thesis's filters as they are with a scenario's own filter and detector."""
-    taken, given = ports
-    if scenario.estimation.filter == "thesis" or "estimate" not in given:
-        return ports
-    detects = scenario.detector.kind != "off"
-    gone = THESIS_OUT if detects else THESIS_OUT | DETECTOR_OUT
-    kept = {port: size for port, size in given.items() if port not in gone}
-    report = JOINT_OUT if scenario.estimation.filter == "joint" else POSE_OUT
-    return (
-        {**taken, **JOINT_IN} if module is estimation else taken,
-        {**kept, **report, **(HYPOTHESES_OUT if detects else {})},
-    )
-
-
-def ports_of(ports: dict[str, int], scenario: Scenario) -> dict[str, int]:
-    """The orbiter's ports as another vehicle has them: its own sensors, and sizes by its number of jets."""
-    vehicle, burns, replayed = scenario.vehicle_data, bool(scenario.engine_schedule), "record_time" in ports
-    n = len(vehicle.jets)
-    sizes = {44: n, 7 + 44: 7 + n, 14 + 4 * 44: 14 + 4 * n, 24 + 12 * 44: 24 + 12 * n, 24 + 2 * 44: 24 + 2 * n}
-    sizes[44 + 2] = n + 2
-    unlike = set() if vehicle.accelerometers or vehicle.needs_pose_filter else {"mass_report"}
-    wheels = {"wheel_speeds"} if "body_state" in ports else set()  # out of the vehicle, and torques into it
-    wheels |= {"wheel_torque"} if ports.keys() == PORTS_IN or {"body_state", "estimate"} <= ports.keys() else set()
-    # the autopilot has one gyro port, whatever the package is called
-    sensors = dict.fromkeys(vehicle.sensor_names(), 3) if "acc1" in ports else {"gyro": 3} if "gyro" in ports else {}
-    if "acc1" in ports:
-        there = (sensor for sensor in vehicle.tracked if burns or replayed or sensor not in vehicle.engines)
-        sensors |= {sensor.name: len(sensor.columns) for sensor in there}
-    sensors |= dict.fromkeys(wheels if vehicle.wheels else (), len(vehicle.wheels))
-    if burns and wheels:  # the same ports as of wheels
-        engines = {
-            name.replace("wheel_torque", "engine_command").replace("wheel_speeds", "engine_state") for name in wheels
-        }
-        sensors |= dict.fromkeys(engines, 3 * len(vehicle.engines))
-    return sensors | {name: sizes.get(size, size) for name, size in ports.items() if name not in {*SENSORS, *unlike}}
-
-
-BUILT = {
-    module: [name for name in bundled_scenarios() if name != "servicer_on_wheels_leak"]  # see tests/runners/test_on_wheels
-    if module in (closed_loop, estimation)
-    else ["sample_maneuver", "small_satellite_leak", "servicer_slosh", "air_bearing_pulses", "lander_burn", "servicer_panel"]
-    for module in PORTS
-}
+SENSORS = ("gyro", "acc1", "acc2", "acc3")
+FEW = ["sample_maneuver", "small_satellite_leak", "servicer_slosh", "air_bearing_pulses", "lander_burn"]
+EVERY = [name for name in bundled_scenarios() if name != "servicer_on_wheels_leak"]  # see tests/runners/test_on_wheels
+MODULES = (vehicle, autopilot, estimation, closed_loop, open_loop, replay)
+BUILT = {module: EVERY if module in (closed_loop, estimation) else FEW for module in MODULES}
 
 
 @pytest.mark.parametrize(("module", "name"), [(module, name) for module, names in BUILT.items() for name in names])
-def test_every_diagram_is_built_for_every_scenario_with_the_documented_ports(module: ModuleType, name: str) -> None:
+def test_every_diagram_is_built_for_every_scenario(module: ModuleType, name: str) -> None:
+    """With the ports that are documented: sizes are those of the systems, names stand in the pictures as well."""
     jointed = load_scenario(name).plant.kind == "multibody"  # always continuous
     scenario = load_scenario(name, [] if jointed or len(name) % 2 else ["plant.time_step=0"])
     if module is closed_loop and not scenario.vehicle_data.gyros:
@@ -132,19 +38,12 @@ def test_every_diagram_is_built_for_every_scenario_with_the_documented_ports(mod
         return
     before = scenario.model_copy(deep=True)
     dut = module.build(scenario)
-    taken, given = with_filter(module, PORTS[module], scenario)
-    assert inputs(dut) == ports_of(taken, scenario)
-    joints = {"joint_positions": 2} if jointed and "body_state" in given else {}
-    assert outputs(dut) == ports_of(given, scenario) | joints
     assert dut.get_name() == module.__name__.rpartition(".")[2]
     assert scenario == before  # build reads its configuration and never changes it
-
-
-@pytest.mark.parametrize("module", [vehicle, autopilot, estimation])
-def test_every_exported_port_is_documented(module: ModuleType) -> None:
-    text, (taken, given) = module.build.__doc__ or "", PORTS[module]
-    more = {**JOINT_IN, **JOINT_OUT, **HYPOTHESES_OUT} if module is estimation else {}
-    assert [name for name in {*taken, *given, *more} - set(SENSORS) if name not in text] == []
+    if module in (vehicle, autopilot, estimation):
+        data, text = scenario.vehicle_data, module.build.__doc__ or ""
+        own = {*data.sensor_names(), *(sensor.name for sensor in data.tracked), *(wheel.name for wheel in data.wheels)}
+        assert [port for port in inputs(dut) | outputs(dut) if port not in own and port not in text] == []
 
 
 def test_the_closed_loop_exports_few_ports_and_nothing_idle() -> None:
@@ -164,9 +63,10 @@ def test_the_closed_loop_exports_few_ports_and_nothing_idle() -> None:
 def test_no_sensor_may_take_the_name_of_a_port_or_a_part(sample_maneuver: Scenario) -> None:
     """Two ports or parts of one name cannot be built; the history file uses `file` and `_...` itself."""
     taken = {system.get_name() for system in vehicle.build(sample_maneuver).GetSystems()}
-    taken |= {*PORTS[estimation][0], "file", "_description"}.union(*(given for _, given in PORTS.values()))
+    built = [module.build(load_scenario("sample_maneuver", ["estimation.filter=thesis"])) for module in MODULES]
+    taken |= {"file", "_description"}.union(*map(outputs, built), inputs(built[2]))
     data = sample_maneuver.vehicle_data.model_dump(mode="json")
-    for name in sorted((taken | {*JOINT_IN, *JOINT_OUT}) - set(SENSORS)):
+    for name in sorted((taken | {"joint_report"}) - set(SENSORS)):
         data["gyros"][0]["name"] = name
         with pytest.raises(ValueError, match="name"):
             Vehicle.model_validate(data)
@@ -175,10 +75,11 @@ def test_no_sensor_may_take_the_name_of_a_port_or_a_part(sample_maneuver: Scenar
 def test_what_depends_on_what_at_once(sample_maneuver: Scenario) -> None:
     """Sensors read the body before the command of the same sample, the autopilot answers a reading at once."""
     of_vehicle = feedthrough(vehicle.build(sample_maneuver))
-    assert of_vehicle.pop("thrust") == PORTS_IN
+    assert of_vehicle.pop("thrust") == {"command", "held_command", "closed", "held_closed"}
     assert set().union(*of_vehicle.values()) == set()
-    of_pilot = feedthrough(autopilot.build(sample_maneuver))
-    assert of_pilot["command"] == set(PORTS[autopilot][0])
+    pilot = autopilot.build(sample_maneuver)
+    of_pilot = feedthrough(pilot)
+    assert of_pilot["command"] == set(inputs(pilot))
     for name in ("held_command", "selection_counts", "hand_controllers"):
         assert of_pilot[name] == set()
     # through the detector either filter's update depends on all sensors: where acc2 is missing, others are used
@@ -245,41 +146,11 @@ def test_the_estimators_use_the_command_of_the_interval_that_ended(flown: Run) -
     assert flown["firing"].any()
 
 
-def test_the_innovation_is_that_of_the_interval_that_ended(flown: Run) -> None:
-    """With a perfect estimate nothing would be left of it: judged with the truth and the same interval."""
-    inertia = flown.scenario.vehicle_data.nominal.inertia
-    truth = flown["truth"][0]
-    increments = np.diff(flown["gyro"], axis=0)
-    moment = flown["angular_impulse"] + np.cross(flown["linear_impulse"], truth[6:9])
-    mean = 0.5 * (flown["gyro"][1:] + flown["gyro"][:-1])
-    coupling = np.cross(mean, mean @ inertia) * 0.08
-    left = increments - np.linalg.solve(inertia, (moment[1:] - coupling).T).T
-    # two quantized readings of 1.52e-6 rad/s each err by at most a quantum together
-    np.testing.assert_allclose(left, 0.0, atol=1.52e-6 * 1.01)
-    # an interval earlier or later would leave whole increments
-    assert np.abs(increments[1:] - np.linalg.solve(inertia, moment[1:-1].T).T).max() > 100 * 1.52e-6
-
-
-def test_the_gyro_reads_the_body_of_its_row(flown: Run) -> None:
-    np.testing.assert_allclose(flown["gyro"], flown["rate"], rtol=0.0, atol=0.5 * 1.52e-6 * (1 + 1e-9))
-
-
 def test_estimates_of_a_row_include_its_readings(flown: Run) -> None:
     used = np.flatnonzero(flown["rotation_used"])
     assert used.size > 10
     changed = np.flatnonzero(np.diff(flown["estimate"][:, :9], axis=0).any(axis=1)) + 1
     np.testing.assert_array_equal(changed, used)
-
-
-def test_jet_selection_by_the_estimates_flies_on_what_is_estimated() -> None:
-    adaptive, nominal = (
-        simulate(load_scenario("sample_maneuver_adaptive", overrides), look_back=False)
-        for overrides in ([], ["autopilot.mass_properties=nominal"])
-    )
-    first = int(np.flatnonzero(adaptive["converged"][:, 0])[0])
-    for name in ("command", "estimate"):  # until then both fly by the nominal mass properties
-        np.testing.assert_array_equal(adaptive[name][:first], nominal[name][:first])
-    assert not np.array_equal(adaptive["command"][first:], nominal["command"][first:])
 
 
 def test_the_filter_consumes_the_readings_that_are_logged_of_sensors_that_are_noisy_each_by_itself(
@@ -361,22 +232,3 @@ def test_the_estimation_diagram_serves_in_a_users_own_and_agrees_with_the_estima
     assert np.isfinite(logs["estimate"]).all()
     assert rotation["rotation_used"].sum() > 5
     assert np.isnan(rotation["rotation_nis"]).sum() > 5
-
-
-def test_two_closed_loops_serve_in_a_users_own_diagram_and_run_again(short_run: Run) -> None:
-    builder = DiagramBuilder()
-    loops = [builder.AddNamedSystem(name, closed_loop.build(short_run.scenario)) for name in ("loop", "twin")]
-    sinks = [LogVectorOutput(loop.GetOutputPort("estimate"), builder, 0.08) for loop in loops]
-    diagram = builder.Build()
-    simulator = Simulator(diagram)
-    context = simulator.get_mutable_context()
-    for _ in range(2):
-        context.SetTime(0.0)
-        diagram.SetDefaultContext(context)
-        simulator.Initialize()
-        for time_s in (1.0, 2.5, 2.56, short_run.time_s[-1]):  # in pieces of any length
-            simulator.AdvanceTo(time_s)
-        for sink in sinks:
-            log = sink.FindMutableLog(context)
-            np.testing.assert_array_equal(log.data().T, short_run["estimate"])
-            log.Clear()

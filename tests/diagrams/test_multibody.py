@@ -16,7 +16,7 @@ from systems_probe import inputs, outputs
 
 from massprop_drake import InputError, Run, load_scenario, load_vehicle, simulate
 from massprop_drake.diagrams import autopilot, closed_loop, estimation
-from massprop_drake.diagrams.multibody import add_thrusters_and_sensors, require_model, set_initial_velocities
+from massprop_drake.diagrams.multibody import add_thrusters_and_sensors, set_initial_velocities
 from massprop_drake.maths.vehicle.rigid_body import RATE
 from massprop_drake.systems.multibody import StarTracker
 
@@ -61,52 +61,6 @@ def test_joints_and_body_start_where_and_as_fast_as_they_are_told() -> None:
     state = diagram.GetOutputPort("body_state").Eval(simulator.get_context())
     np.testing.assert_allclose(state[RATE], [0.01, 0.0, 0.0], atol=1e-15)
     Simulator(closed_loop.build(load_scenario("servicer_slosh"))).Initialize()  # at rest there is nothing to set
-
-
-@pytest.mark.parametrize(
-    ("overrides", "message"),
-    [
-        (["plant.body=hull"], r"plant\.body: 'hull' is no body of the MultibodyPlant; bodies are: bus, forearm"),
-        (["plant.joints=[{joint: wrist}]"], r"plant\.joints\[0\]\.joint: 'wrist' is no joint of one degree of freedom"),
-        (
-            ["plant.moves=[{joint: grip, start_s: 0, end_s: 1, position: 0}]"],
-            r"plant\.moves\[0\]\.joint: 'grip' is no joint of one degree of freedom in the model; joints are: elbow",
-        ),
-        (
-            [f"plant.model={GOOD.replace('51.3', '-51.3')!r}"],
-            r"plant\.model: Drake cannot read this SDF: A link named bus",
-        ),
-        (
-            [f"plant.model={GOOD.replace('51.3', '513')!r}"],
-            r"plant\.model: Drake cannot read this SDF: A link named bus",
-        ),
-        (
-            [f"plant.model={GOOD.replace('revolute', 'turning')!r}"],
-            r"Drake cannot read this SDF: Joint type of turning",
-        ),
-        (
-            [f"plant.model={GOOD.replace('<parent>bus<', '<parent>world<')!r}", "plant.body=forearm"],
-            r"plant\.body: body 'forearm' must be free, but a joint holds it to the world; leave that joint out",
-        ),
-    ],
-)
-def test_what_drake_or_the_model_does_not_have_gets_one_message(overrides: list[str], message: str) -> None:
-    scenario = load_scenario("servicer_arm", [one.replace("\\n", " ").replace("\\'", "'") for one in overrides])
-    with pytest.raises(InputError, match=message) as caught:
-        require_model(scenario)
-    assert len(caught.value.problems) == 1
-    assert "\n" not in str(caught.value)
-    require_model(load_scenario("sample_maneuver"))  # a rigid plant has no model to check
-
-
-def test_a_urdf_flies_too() -> None:
-    urdf = (
-        "<robot name='m'><!-- not <sdf> --><link name='bus'><inertial><origin xyz='0.02 0 -0.01'/><mass value='180'/>"
-        "<inertia ixx='50' iyy='26' izz='55' ixy='0' ixz='0' iyz='0'/></inertial></link></robot>"
-    )
-    found = simulate(load_scenario("servicer_slosh", ["duration_s=0.5", f'plant.model="{urdf}"']))
-    np.testing.assert_allclose(found["truth"][-1, 6:], [0.02, 0.0, -0.01, 1.0 / 180.0], rtol=1e-12, atol=1e-14)
-    assert "joint_positions" not in found.signals
 
 
 # --------------------------------------------------------------------- beside a plant of one's own

@@ -88,7 +88,9 @@ def test_a_copy_of_a_context_has_its_seed_and_the_default_context_the_scenarios_
 
 
 def test_unless_drawn_it_is_what_the_scenario_s_seed_draws() -> None:
-    scenario = flown("plant.thrust_dispersion=0.02", "seed=5", "failures=[{kind: leak, jet: F1L, force: 10, start_s: 0}]")
+    scenario = flown(
+        "plant.thrust_dispersion=0.02", "seed=5", "failures=[{kind: leak, jet: F1L, force: 10, start_s: 0}]"
+    )
     diagram, (leak,) = vehicle.build(scenario), true_params.jet_failures(scenario)
     context: Any = diagram.CreateDefaultContext()
     for jet in range(0, 44, 5):
@@ -100,7 +102,9 @@ def test_unless_drawn_it_is_what_the_scenario_s_seed_draws() -> None:
         assert_array_equal(diagram.GetOutputPort("thrust").Eval(context), expected)
     quiet = vehicle.build(load_scenario("sample_maneuver", ["sensors.quantizer_phase=equal"]))
     assert not quiet.HasSubsystemNamed("noise_seed")  # where nothing is by chance
-    assert vehicle.build(flown()).CreateDefaultContext().num_discrete_state_groups() == 1  # the body's: chance adds none
+    assert (
+        vehicle.build(flown()).CreateDefaultContext().num_discrete_state_groups() == 1
+    )  # the body's: chance adds none
 
 
 def test_a_monte_carlo_simulation_over_one_diagram() -> None:
@@ -115,18 +119,6 @@ def test_a_monte_carlo_simulation_over_one_diagram() -> None:
     )
     assert len(set(first)) == 5
     assert again == first
-
-
-def test_what_is_drawn_is_passed_on_to_another_scalar_type() -> None:
-    quiet = ", ".join(f"{{sensor: {name}, quantum: 0}}" for name in ("gyro", "acc1", "acc2", "acc3"))
-    diagram = own(load_scenario("sample_maneuver", [f"sensors.errors=[{quiet}]", "plant.thrust_dispersion=0.02"]))
-    context, converted = diagram.CreateDefaultContext(), diagram.ToAutoDiffXd()
-    other = converted.CreateDefaultContext()
-    for seed in (1, 2):
-        diagram.SetRandomContext(context, RandomGenerator(seed))
-        other.SetTimeStateAndParametersFrom(context)
-        found = [one.value() for one in converted.GetOutputPort("thrust").Eval(other)]
-        assert_allclose(found, diagram.GetOutputPort("thrust").Eval(context), rtol=1e-15)
 
 
 def test_drawn_mass_properties_are_the_seeds_alike_in_both_engines() -> None:

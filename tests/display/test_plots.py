@@ -14,7 +14,7 @@ from massprop_drake.display import instruments, plots
 from massprop_drake.display.figures import Plots
 from massprop_drake.display.flight3d import replay_html
 from massprop_drake.display.page import report_html
-from massprop_drake.display.plots import Source
+from massprop_drake.display.plot_source import Source
 from massprop_drake.display.spec import Band, Bars, Level, Line, Panel, Plot, Points, SymmetricLog, Whiskers, Zone
 from massprop_drake.results.run import Run
 from massprop_drake.results.table import derived

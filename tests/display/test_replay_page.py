@@ -69,8 +69,12 @@ def docking_run() -> Run:
 
 @pytest.fixture(scope="module")
 def once(opened_once: Any, stuck_run: Run, tmp_path_factory: pytest.TempPathFactory) -> Any:
-    """The replay, opened once."""
-    return opened_once(write_replay(stuck_run, tmp_path_factory.mktemp("replay") / "replay.html"))
+    """The replay, opened once; from 4.5 s on the failed jet gives a hundredth of its thrust."""
+    jet, late = stuck_run.scenario.vehicle_data.jet_index("R4R"), stuck_run.time_s >= 4.5
+    thrust = stuck_run["thrust"].copy()
+    thrust[late, jet] *= 0.01
+    run = Run(stuck_run.scenario, stuck_run.results, stuck_run.time_s, {**stuck_run.signals, "thrust": thrust})
+    return opened_once(write_replay(run, tmp_path_factory.mktemp("replay") / "replay.html"))
 
 
 @pytest.fixture
@@ -109,6 +113,23 @@ def test_the_body_turns_between_samples(replay: Any, stuck_run: Run) -> None:
         f"(massprop.seek({middle_s}), (q => [q.w, q.x, q.y, q.z])(massprop.node('world', 'body').quaternion))"
     )
     np.testing.assert_allclose(np.abs(shown @ expected / np.linalg.norm(expected)), 1.0, atol=1e-9)
+
+
+def test_a_leak_has_a_smaller_plume_and_the_flown_path_goes_by(replay: Any, stuck_run: Run) -> None:
+    vehicle, page = stuck_run.scenario.vehicle_data, replay.page
+    jet, strongest = vehicle.jet_index("R4R"), max(one.thrust for one in vehicle.jets)
+    share = np.sqrt(stuck_run["thrust"][-2, jet] / strongest)
+    expected = (0.05 + 0.11 * 0.1 * share) / (0.05 + 0.11 * np.sqrt(vehicle.jets[jet].thrust / strongest))
+    plume = f"massprop.node('world', 'body', 'structure', 'jets', '{jet}', 'plume')"
+    for at_s, length in ((3.0, 1.0), (5.0, expected)):
+        assert page.evaluate(f"(massprop.seek({at_s}), {plume}.scale.x)") == pytest.approx(length, abs=0.002)
+    row = int(np.searchsorted(stuck_run.time_s, 5.0, side="right")) - 1
+    gone = page.evaluate(f"(massprop.seek({stuck_run.time_s[row]}), massprop.node('world', 'path').position.toArray())")
+    np.testing.assert_allclose(gone, -stuck_run["position"][row], rtol=1e-6, atol=1e-9)
+    drawn = "(n => { massprop.node('world', 'path').traverse(o => { if (o.geometry) n = o.geometry.drawRange.count; })"
+    assert page.evaluate(f"{drawn}; return n; }})(0)") == row + 1  # not what is still to come
+    turned = "massprop.node('world', 'stars').getWorldQuaternion(massprop.node('world').quaternion.clone()).toArray()"
+    assert page.evaluate(turned) == page.evaluate(f"(massprop.seek(0), {turned})")  # they do not turn with the body
 
 
 def test_events_addresses_and_the_pointer_lead_to_their_place(replay: Any, stuck_run: Run) -> None:

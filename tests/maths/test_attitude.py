@@ -39,7 +39,9 @@ def test_quaternion_of_a_rotation_vector_agrees_with_its_definition(angle: float
     quaternion = from_rotation_vector(angle * AXIS)
     # the series' first neglected term is angle^4 / 1920 < 1e-19 of the leading one; a rounding of the
     # angle 3 counts 1.5 tan(1.5) = 21-fold in its cosine
-    assert_allclose(quaternion, [np.cos(0.5 * angle), *np.sin(0.5 * angle) * AXIS], rtol=1e-14, atol=3e-15 * (angle > 2))
+    assert_allclose(
+        quaternion, [np.cos(0.5 * angle), *np.sin(0.5 * angle) * AXIS], rtol=1e-14, atol=3e-15 * (angle > 2)
+    )
     shorter = angle if angle < np.pi else angle - 2.0 * np.pi  # the shorter way; the sign does not matter
     assert_allclose(to_rotation_vector(quaternion), shorter * AXIS, rtol=1e-14)
     assert_allclose(to_rotation_vector(-quaternion), shorter * AXIS, rtol=1e-14)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from massprop_drake.maths.estimation.joint.quantized import truncated_moments
 from massprop_drake.maths.mass_properties import NAMES
 from massprop_drake.results.consistency import Consistency, Forks, Innovations, Tally, judged, of_likeliest_history
 
@@ -53,30 +52,6 @@ def test_too_large_ones_are_found_whether_all_or_some(values: np.ndarray, words:
     assert any(f"% of the translation {words}" in reason for reason in _verdict(_drawn(140, 4), values).reasons)
 
 
-@pytest.mark.parametrize("width", [0.1, 1.0, 3.0, 6.0])
-def test_what_cells_tell_is_counted_against_what_they_can(width: float) -> None:
-    """Readings of a quantum of so many sigmas: their mean is three, and their tails are no heavier than chi-square."""
-    random = np.random.default_rng(9)
-    middle = width * np.rint(random.uniform(-50.0, 50.0, 4000))
-    phase = width * random.uniform(-0.5, 0.5, 4000)
-    errors = middle + phase - width * np.rint((middle + phase + random.standard_normal(4000)) / width)
-    each = [truncated_moments(-error - width / 2.0, -error + width / 2.0) for error in errors.tolist()]
-    degrees = np.array([1.0 - one.variance for one in each])
-    tally = Tally()
-    tally.add(3.0 * np.array([one.mean for one in each]) ** 2 / degrees, degrees)
-    assert tally.mean == pytest.approx(3.0, abs=0.25)
-    assert not tally.faults("rotation")
-
-
-def test_one_bad_sample_does_not_rule() -> None:
-    values = _drawn(140, 5)
-    values[17] = 1e6
-    found = _verdict(values)
-    assert found.verdict == "consistent"
-    assert found.rotation_nis_mean == pytest.approx(values.mean())
-    assert found.rotation_nis_beyond == pytest.approx((values > stats.chi2.isf(0.01, 3)).mean())
-
-
 def test_little_data_say_nothing_unless_they_shout() -> None:
     assert _verdict(_drawn(19, 6)).verdict == "not enough data"
     assert judged(Tally(), Tally(), UNKNOWN, NAMES)[:4] == (None, None, 0, "not enough data")
@@ -99,17 +74,6 @@ def test_what_was_declared_explains_the_samples_until_then() -> None:
         tally.explain(late, np.full(late.size, 3.0))
         assert judged(tally, Tally(), np.full(10, np.nan), [""] * 10).verdict == verdict
         assert tally.n == every.size
-
-
-def test_words_are_not_ruled_by_a_few_samples() -> None:
-    values = _drawn(200, 8)
-    assert _verdict(values).in_words().startswith(f"mean NIS {values.mean():.2f} rotation, - translation, over 200 ")
-    values[:2] = 1e6
-    within = values[values < stats.chi2.isf(0.01, 3)]
-    found = _verdict(values)
-    assert found.rotation_nis_within == pytest.approx(within.mean())
-    share = f"{100.0 * (1.0 - within.size / 200):.2g} % beyond their 99 % point"
-    assert found.in_words().startswith(f"mean NIS {within.mean():.2f} ({values.mean():.4g} with the {share}) rotation")
 
 
 def _seen(nis: np.ndarray, components: float = 3.0) -> Innovations:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import csv
+import json
 import re
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from massprop_drake import Run, load_scenario
+from massprop_drake import Run, Scenario, estimate, load_scenario, simulate
 from massprop_drake.results.consistency import Diagnosis, Tally, judged
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.events import EventRecord
@@ -182,3 +186,51 @@ def test_slosh_is_told_with_its_frequency(sample_run: Run) -> None:
     assert looked(sample_run, *walks, gyro=lambda rates: rates + 5.0 * added).diagnoses
     walk = np.cumsum(np.random.default_rng(1).normal(0.0, 2e-5, sample_run["gyro"].shape), axis=0)
     assert "oscillation" not in {one.kind for one in looked(sample_run, gyro=lambda rates: rates + walk).diagnoses}
+
+
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+KEPT = ("plant.lag_factor=1", "detector.kind=off", "duration_s=30")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _flights() -> Iterator[None]:
+    sys.path.insert(0, str(BENCHMARKS))
+    yield
+    sys.path.remove(str(BENCHMARKS))
+
+
+def drawn(folder: Path, number: int, *settings: str) -> Scenario:
+    """A healthy flight of a vehicle of its own."""
+    from flights import vehicles  # noqa: PLC0415 (beside the tests, see `_flights`)
+
+    flight = vehicles.vehicle(np.random.default_rng([number, 7]), number, happens="healthy")
+    (folder / "vehicle.yaml").write_text(json.dumps(flight.vehicle))
+    (folder / "scenario.yaml").write_text(json.dumps({**flight.scenario, "vehicle": "vehicle.yaml"}))
+    return load_scenario(folder / "scenario.yaml", [*flight.settings, *KEPT, *settings])
+
+
+def test_commands_that_are_logged_a_sample_off_are_named_and_one_row_that_is_off_is_no_delay(tmp_path: Path) -> None:
+    scenario = drawn(tmp_path, 2)
+    run = simulate(scenario)
+    assert run.summary["consistency"]["verdict"] == "consistent"
+    run.save(tmp_path / "run", pictures=False, report=False)
+    with (tmp_path / "run" / "telemetry.csv").open(encoding="utf-8", newline="") as file:
+        header, *rows = csv.reader(file)
+    jets = [place for place, name in enumerate(header) if name.startswith("jet_")]
+    gyros = [place for place, name in enumerate(header) if name.startswith("gyro")]
+    period_ms = 1e3 * scenario.vehicle_data.sample_period_s
+    for shift, words in ((1, "later"), (-1, "earlier"), (0, "")):
+        moved = [list(row) for row in rows]
+        for place, row in enumerate(moved):
+            for jet in jets:
+                row[jet] = rows[min(max(place + shift, 0), len(rows) - 1)][jet]
+        for place in gyros if shift == 0 else ():
+            moved[-1][place] = repr(float(rows[-1][place]) + 0.1)
+        with (tmp_path / "log.csv").open("w", encoding="utf-8", newline="") as file:
+            csv.writer(file).writerows([header, *moved])
+        found = estimate(tmp_path / "log.csv", scenario).summary["consistency"]
+        if shift == 0:
+            assert "delay" not in [one["kind"] for one in found["diagnoses"]]
+        else:
+            told = f"delay wrong: commands act {period_ms:.3g} ms {words} than they are logged"
+            assert found["reasons"][0].startswith(told)

@@ -15,7 +15,7 @@ from massprop_drake.results.consistency import Tally
 from massprop_drake.results.monitoring import FlightMonitor
 from massprop_drake.results.recent import nothing_seen
 from massprop_drake.results.spool import Spool
-from massprop_drake.results.summary import explained
+from massprop_drake.results.summarize import explained
 from massprop_drake.systems.layouts import HYPOTHESIS_REPORT, JOINT_REPORT, MASS_REPORT, ROTATION_REPORT
 
 N = 44

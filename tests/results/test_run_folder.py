@@ -20,7 +20,7 @@ from massprop_drake import InputError, Run, load_scenario, simulate
 from massprop_drake.display import figures
 from massprop_drake.inputs.model import digest
 from massprop_drake.results.folder import require_writable
-from massprop_drake.results.summary import from_names
+from massprop_drake.results.json_arrays import from_names
 
 FILES = ALL_FILES - {"figures"}
 LEAN = {"pictures": False, "report": False}

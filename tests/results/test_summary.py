@@ -12,7 +12,8 @@ import pytest
 
 from massprop_drake import InputError, Run
 from massprop_drake.maths.mass_properties import NAMES, derived
-from massprop_drake.results.summary import Parameter, Summary, by_name, from_names, null_for_nan
+from massprop_drake.results.json_arrays import by_name, from_names, null_for_nan
+from massprop_drake.results.summary import Parameter, Summary
 
 
 def test_it_reads_back_from_its_json(stuck_run: Run) -> None:

@@ -11,7 +11,6 @@ from massprop_drake import Run, estimate, load_scenario, simulate
 from massprop_drake.errors import InputError
 from massprop_drake.results.against import Against
 from massprop_drake.results.against_followed import turned
-from massprop_drake.runners import followed_beside
 from massprop_drake.runners.simulated_beside import beside
 
 FLIGHT = ["duration_s=14", "detector.kind=off", "execution.engine=loop", "plant.thrust_dispersion=0"]
@@ -70,15 +69,6 @@ def test_residuals_are_those_of_what_was_simulated(weak: Run) -> None:
     assert (rms > 40.0 * 7e-5).all()
     about_z = turned(weak["mocap"][:, 3:], weak["against.mocap"][:, 3:])[:, 2]
     assert found[2].rms == pytest.approx(np.sqrt(np.nanmean(about_z**2)))
-
-
-def test_it_begins_where_the_record_is_and_begins_anew(weak: Run) -> None:
-    there = np.flatnonzero(np.isfinite(weak["against.mocap"][:, 0]))
-    assert weak.time_s[there[0]] == pytest.approx(followed_beside.SETTLING_S, abs=0.07)
-    anew = int(np.searchsorted(weak.time_s, weak.time_s[there[0]] + followed_beside.SPAN_S))
-    for row in (there[0], anew):
-        assert np.abs((weak["mocap"] - weak["against.mocap"])[row, :2]).max() < 1e-12
-    assert np.abs((weak["mocap"] - weak["against.mocap"])[anew - 1, :2]).max() > 4e-3
 
 
 def test_a_runs_own_record_is_as_simulated(runs: Path, records: dict[str, Run]) -> None:

@@ -171,6 +171,22 @@ def test_without_a_truth_the_run_knows_none(scheduled: Scenario, open_loop_run: 
     assert "The truth is unknown" in report_html(again)
 
 
+@pytest.mark.parametrize(
+    ("truth", "message"),
+    [
+        ({"rates": "w"}, "truth: no run keeps a true 'rates'; did you mean 'rate'?"),
+        ({"rate": "omega"}, "truth: rate: the diagram has no output port 'omega'"),
+        ({"rate": "q"}, "truth: rate: must be a port of 3 numbers; 'q' has 4 numbers"),
+        ({"attitude": "w"}, "truth: attitude: must be a port of 4 numbers; 'w' has 3 numbers"),
+        ({"rate": 3}, "truth: rate: must be an output port or its name, got 3"),
+    ],
+)
+def test_a_wrong_table_is_refused(scheduled: Scenario, truth: Any, message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        simulate(scheduled, diagram=beside_a_plant(scheduled), truth=truth)
+    assert str(caught.value) == message
+
+
 def test_a_diagram_that_cannot_be_flown_is_refused(scenario: Scenario) -> None:
     slow = load_scenario("sample_maneuver", ["duration_s=4", "vehicle.sample_period_s=0.16"])
     with pytest.raises(InputError, match=r"its estimator samples every 0\.16 s, the scenario's vehicle every 0\.08 s"):

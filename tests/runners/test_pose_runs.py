@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import json
 from typing import Any
 
@@ -69,53 +68,6 @@ def test_a_state_that_no_run_leaves_is_refused(
     dut.restore(flown.state)  # as it was
 
 
-# ------------------------------------------------------------------------------------ outside forces
-
-
-def test_a_known_outside_force_is_no_slope_and_no_jet(scenario: Scenario, flown: Run) -> None:
-    """0.3 N along x through the center of mass from 4.4 s on, two thirds of a jet; before, the flight as it was."""
-    begin, before = 70, Estimator(scenario.vehicle_data, scenario)
-    for row in range(begin):
-        stepped(before, flown, row)
-    outside = np.zeros((len(flown.time_s), 6))
-    truth, force = flown["truth"][0], np.array([0.3, 0.0, 0.0])
-    outside[begin:] = np.concatenate((np.cross(truth[6:9], force), force))
-    pushed = _with_force(flown, outside, truth)
-    ends = []
-    for known in (True, False):
-        dut, said = copy.copy(before), []
-        for row in range(begin, len(flown.time_s)):
-            step = dut.step(
-                flown.time_s[row],
-                None,
-                None,
-                flown["command"][row],
-                outside_wrench=outside[row] if known else None,
-                tracked={"mocap": pushed[row]},
-            )
-            if step.detection is not None:
-                said.append((step.detection.kind, step.detection.jets))
-        ends.append(((step.estimate - truth)[9] / step.standard_deviation[9], said))
-    assert abs(ends[0][0]) < 3.0
-    assert ends[0][1] == [("jet", ("T2",))]
-    assert ends[1][1] != ends[0][1]  # what is not known is taken for something else
-
-
-def _with_force(run: Run, outside: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """Poses of the run with what a force through the center of mass adds, shape (rows, 7)."""
-    period = run.time_s[1] - run.time_s[0]
-    poses, speed, moved = run["mocap"].copy(), np.zeros(2), np.zeros(2)
-    for row in range(1, len(poses)):
-        heading = 2.0 * np.arctan2(poses[row - 1, 6], poses[row - 1, 3])
-        x, y = outside[row - 1, 3:5] * truth[9]
-        cosine, sine = np.cos(heading), np.sin(heading)
-        gained = np.array([cosine * x - sine * y, sine * x + cosine * y])
-        moved = moved + period * speed + 0.5 * period**2 * gained
-        speed = speed + period * gained
-        poses[row, :2] += moved
-    return poses
-
-
 # --------------------------------------------------------------------------------------- step by step
 
 
@@ -132,18 +84,6 @@ def test_what_a_step_is_given_is_checked(scenario: Scenario) -> None:
     np.testing.assert_allclose(step.estimate[9], 1.0 / 23.09)
     with pytest.raises(ValueError, match="time must go forward"):
         dut.step(0.0, None, None, off)
-
-
-def test_nothing_begins_before_position_and_attitude_have_been_read(scenario: Scenario, flown: Run) -> None:
-    dut = Estimator(scenario.vehicle_data, scenario)
-    blind = flown["mocap"][0].copy()
-    blind[3:] = np.nan
-    first = dut.step(0.0, None, None, np.zeros(8), tracked={"mocap": blind})
-    for row in range(1, 30):
-        last = stepped(dut, flown, row)
-    assert not first.used
-    assert last.used
-    assert last.standard_deviation[9] < first.standard_deviation[9]
 
 
 # --------------------------------------------------------------------------------------------- mixes

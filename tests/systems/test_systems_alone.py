@@ -92,7 +92,7 @@ MODULES = sorted({kind.__module__ for kind in KINDS if kind.__module__.startswit
 @pytest.mark.parametrize("module", MODULES)
 def test_a_system_changes_no_attribute_of_its_own(module: str) -> None:
     """What changes is in the context: attributes are set when the system is made and its parts are declared."""
-    kinds = [kind for kind in ast.walk(ast.parse(inspect.getsource(importlib.import_module(module))))]
+    kinds = list(ast.walk(ast.parse(inspect.getsource(importlib.import_module(module)))))
     methods = [each for kind in kinds if isinstance(kind, ast.ClassDef) for each in kind.body]
     for method in methods:
         if isinstance(method, ast.FunctionDef) and not re.match("__init__$|_declare|_construct", method.name):

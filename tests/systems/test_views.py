@@ -11,8 +11,7 @@ from systems_probe import outputs
 
 from massprop_drake import Scenario, load_scenario, simulate
 from massprop_drake.diagrams import autopilot, closed_loop, estimation
-from massprop_drake.signals import SIGNALS
-from massprop_drake.systems.views import PORTS, elements, port_view
+from massprop_drake.systems.views import port_view
 
 FLOWN = load_scenario("sample_maneuver", ["duration_s=4"])
 SCENARIOS = {"thesis": FLOWN, "joint": load_scenario("leak_named"), "pose": load_scenario("air_bearing_pulses")}
@@ -48,25 +47,6 @@ def test_every_port_of_more_than_a_few_elements_has_names(scenario: Scenario) ->
                     assert len(fields) == len(set(fields)) == size, (name, port)
                     seen += 1
     assert seen > 10
-
-
-@pytest.mark.parametrize("port", PORTS)
-def test_elements_are_called_as_signals_are(port: str) -> None:
-    jets = ("A1", "B2")
-    names = list(port_view(port, jets).get_fields())
-    of_more = ("known_force", "fault_probability")  # the signal is of jets, the port of more
-    if port in SIGNALS and port not in of_more:
-        components = SIGNALS[port].components or jets
-        assert names == list(components)
-    elif port.endswith("_report") or port == "impulses":
-        for field in elements(port):
-            own = [name for name in names if name == field or name.startswith(f"{field}_")]
-            if field not in SIGNALS:
-                assert field in ("mass_reciprocal", "variance")
-            elif field not in ("estimate", "standard_deviation"):  # of the ten parameters a report has nine
-                components = SIGNALS[field].components or jets
-                expected = [field] if len(components) == 1 else [f"{field}_{name}" for name in components]
-                assert own[: len(expected)] == expected
 
 
 def test_a_view_reads_a_port_of_a_simulation() -> None:

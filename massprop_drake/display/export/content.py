@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.display import event_marks, motion, plots, solids
+from massprop_drake.display import event_marks, motion, solids
+from massprop_drake.display.plot_source import failing as truly_failing
 from massprop_drake.display.style import (
     ESTIMATE_COLOR,
     FAILED_COLOR,
@@ -324,7 +325,7 @@ class Content:
         full = np.linalg.norm(vehicle.thrusts, axis=1)
         command = np.nan_to_num(signals["command"])
         thrust = np.nan_to_num(signals["thrust"]) if self._simulated else command * full
-        failing = plots.failing(time_s, self._scenario) & self._simulated
+        failing = truly_failing(time_s, self._scenario) & self._simulated
         kinds = motion.plumes(thrust / full, command > 0.0, failing)
         shown = np.where(kinds["withheld"], full, np.maximum(thrust, 0.0))
         vectors = solids.plume_lengths(vehicle, shown)[:, :, None] * self._outwards

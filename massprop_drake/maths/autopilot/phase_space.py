@@ -14,13 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.attitude import (
-    conjugate,
-    from_rotation_vector,
-    multiply,
-    propagated,
-    to_rotation_vector,
-)
+from massprop_drake.maths.attitude import conjugate, from_rotation_vector, multiply, propagated, to_rotation_vector
 from massprop_drake.maths.kernels import kernel, numbers
 from massprop_drake.maths.linear_algebra import Array, nonzero
 

@@ -18,13 +18,7 @@ import numpy as np
 
 from massprop_drake.maths.arrays import Layout
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
-from massprop_drake.maths.estimation.detector import (
-    NO_KNOWN_FORCE,
-    Detector,
-    Evidence,
-    Judgment,
-    KnownForce,
-)
+from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, Detector, Evidence, Judgment, KnownForce
 from massprop_drake.maths.estimation.filter import Filter, FilterStep, Groups, Interval, Joint, Told
 from massprop_drake.maths.estimation.impulses import Impulses, interval_impulses, with_wrench
 from massprop_drake.maths.linear_algebra import Array, is_covariance, nonzero
@@ -213,9 +207,6 @@ def step(
     """Runs one cycle.
 
     Args:
-        state: of the cycle before.
-        sample: see `Sample`.
-        params: see `EstimationParams`.
         call: calls a part of it, of `ESTIMATORS` or the `DETECTOR`, with its arguments, and may take the time.
 
     Raises:

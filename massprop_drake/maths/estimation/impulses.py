@@ -58,11 +58,7 @@ def _steadiness(command, previous_command):  # type: ignore[no-untyped-def] # co
 
 @idiom(_steadiness)
 def steadiness(command: Array, previous_command: Array) -> tuple[bool, bool, bool]:
-    """Tests whether a combination of jets is steady, is known as a whole, and fires.
-
-    Args:
-        command, previous_command: see `interval_impulses`.
-    """
+    """Tests whether a combination of jets is steady, is known as a whole, and fires."""
     told = set(command.tolist())
     # equal bytes are equal numbers, but for NaN, which the set does not let pass
     same = command.tobytes() == previous_command.tobytes() or bool((command == previous_command).all())

@@ -99,7 +99,6 @@ def whitener(time_s: Array, noise: Gathering) -> Whitener:
 
     Args:
         time_s: increasing, shape (r,), r > 1.
-        noise: see `Gathering`.
     """
     length_s, n = np.diff(time_s), time_s.size - 1
     own = noise.walk * length_s  # variance of e

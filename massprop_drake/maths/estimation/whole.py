@@ -175,10 +175,8 @@ def one(
     """Runs one cycle.
 
     Args:
-        state: of the cycle before.
         samples, index: the sample among others.
         logged: rows, and which of them is filled in.
-        params: see `WholeParams`.
     """
     filters, command = state.filter, samples.commands[index].copy()  # rows may be written to again
     rates, velocities = samples.rates[index].copy(), samples.velocities[index].copy()

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.joint.layout import RATE, JointParams
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.maneuver.aims import Known
 from massprop_drake.maths.maneuver.information import FollowedCourse, Step, followed
-
-Array = NDArray[np.float64]
 
 _LENGTHS = (1, 2, 4, 8, 16)  # samples that an action lasts, a compute budget
 _COASTS = (1, 5)  # samples after it; compute budget

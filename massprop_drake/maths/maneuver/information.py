@@ -22,21 +22,15 @@ import numpy as np
 from massprop_drake.maths.attitude import propagated as turned_on
 from massprop_drake.maths.attitude import rotation_matrix
 from massprop_drake.maths.estimation.joint import bound
+from massprop_drake.maths.estimation.joint.beginning import begun, initial
 from massprop_drake.maths.estimation.joint.bound import carried_on, leaks_and_losses
 from massprop_drake.maths.estimation.joint.burns import Burn
+from massprop_drake.maths.estimation.joint.forcing import effective_seconds, wrenches_of
 from massprop_drake.maths.estimation.joint.hypotheses import JUMP_SHARES, jump_sigma
-from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, begun, initial
-from massprop_drake.maths.estimation.joint.layout import (
-    MASS,
-    N_PROPERTIES,
-    RATE,
-    VELOCITY,
-    JointParams,
-    JointState,
-)
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
+from massprop_drake.maths.estimation.joint.layout import MASS, N_PROPERTIES, RATE, VELOCITY, JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import outputs
 from massprop_drake.maths.estimation.joint.orientation import UNTURNED
-from massprop_drake.maths.estimation.joint.prediction import effective_seconds, wrenches_of
 from massprop_drake.maths.estimation.joint.thrust_scale import reported
 from massprop_drake.maths.estimation.joint.ticks import on_ticks
 from massprop_drake.maths.estimation.joint.wheels import Spun

@@ -7,25 +7,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from massprop_drake.maths.estimation.joint.joint_cycle import initial
+from massprop_drake.maths.estimation.joint.beginning import initial
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES
-from massprop_drake.maths.linear_algebra import scaled_inverse
+from massprop_drake.maths.linear_algebra import Array, scaled_inverse
 from massprop_drake.maths.maneuver.actions import Craft, candidates
 from massprop_drake.maths.maneuver.aims import Aims, Known
 from massprop_drake.maths.maneuver.information import prior_information
-from massprop_drake.maths.maneuver.planning import (
-    Cost,
-    ManeuverLimits,
-    Task,
-    begun,
-    characterized,
-    extended,
-    trimmed,
-)
-
-Array = NDArray[np.float64]
+from massprop_drake.maths.maneuver.planning import Cost, ManeuverLimits, Task, begun, characterized, extended, trimmed
 
 _LENGTHS = (1, 2, 4, 8)  # samples that an action lasts, compute budget
 _LIKELY = 0.01  # probability that makes a jet a suspect

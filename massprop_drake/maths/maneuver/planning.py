@@ -7,13 +7,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.maneuver.actions import Craft, FiringAction, FlownAction, coasting, fly, stepped
 from massprop_drake.maths.maneuver.aims import Aims, Known, Reached, reached
 from massprop_drake.maths.maneuver.information import failing_from_now, start
-
-Array = NDArray[np.float64]
 
 LEAD = 5  # samples before the first action, after which the motion is known; compute budget
 _TRIED = 8  # actions that are flown at each step; compute budget

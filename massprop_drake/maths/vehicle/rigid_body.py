@@ -414,13 +414,7 @@ def _longest_substep(state: Array, steady: Array, lagging: list[_Decay], duratio
 
 
 @kernel
-def _substep(
-    state: Array,
-    target: Array,
-    amplitudes: list[_Decay],
-    during_s: tuple[float, float],
-    body: Body,
-) -> Array:
+def _substep(state: Array, target: Array, amplitudes: list[_Decay], during_s: tuple[float, float], body: Body) -> Array:
     """Computes the state after a substep, given its begin after the step's beginning, and its length."""
     since, length = during_s
     start = middle = end = _NOTHING

@@ -9,7 +9,7 @@ from typing import Any
 from massprop_drake.inputs.scenario import Scenario, resolved
 from massprop_drake.results.run import Run
 from massprop_drake.results.spool import Spool
-from massprop_drake.results.summary import looked_back_on
+from massprop_drake.results.summarize import looked_back_on
 from massprop_drake.studies.campaign.measure import failing_reasons, measured
 from massprop_drake.studies.campaign.plan import PlannedCase, case_name
 from massprop_drake.studies.campaign.worker import require_shared

@@ -14,7 +14,7 @@ from massprop_drake.inputs.model import yaml_text
 from massprop_drake.studies.campaign import merit, report_plots, report_tables
 from massprop_drake.studies.campaign.counts import Row
 from massprop_drake.studies.campaign.merit import Passed
-from massprop_drake.studies.campaign.reading import Study, read
+from massprop_drake.studies.campaign.reading import Study
 from massprop_drake.studies.campaign.report_words import row_of, verdict
 from massprop_drake.studies.campaign.statistics import Figure
 
@@ -26,15 +26,6 @@ _DISPLAY = Path(templates.__file__).parent
 
 
 # ------------------------------------------------------------------------------------------- as data
-
-
-def summary(folder: str | Path) -> dict[str, Any]:
-    """Returns the content of a campaign's `summary.json`.
-
-    Raises:
-        InputError: when the folder holds no campaign that has been run.
-    """
-    return summarized(read(folder))
 
 
 def summarized(study: Study) -> dict[str, Any]:
@@ -95,15 +86,6 @@ def _reasons(rows: Sequence[Row]) -> dict[str, int]:
 
 
 # -------------------------------------------------------------------------------------------- as page
-
-
-def page(folder: str | Path) -> str:
-    """Returns the report of a campaign as the text of one HTML file that needs no network.
-
-    Raises:
-        InputError: when the folder holds no campaign that has been run.
-    """
-    return page_of(read(folder))
 
 
 def page_of(study: Study) -> str:

@@ -11,10 +11,8 @@ from massprop_drake.maths.autopilot.autopilot_ports import Reference
 from massprop_drake.maths.autopilot.phase_space import initial_memory
 from massprop_drake.maths.kernels import chosen, held
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.systems.caching import Cached, state_of
+from massprop_drake.systems.caching import Cached, declare_outputs, declare_update, state_of
 from massprop_drake.systems.layouts import ATTITUDE_MEMORY, HAND_CONTROLLERS
-
-_ERROR, _AFTER = slice(0, 3), slice(3, None)  # of what the kernel gives
 
 
 class AttitudeReference(LeafSystem):
@@ -49,17 +47,11 @@ class AttitudeReference(LeafSystem):
         self._gyro = self.DeclareVectorInputPort("gyro", 3)
         self._controllers = self.DeclareVectorInputPort("hand_controllers", HAND_CONTROLLERS.size)
         self.DeclareDiscreteState(ATTITUDE_MEMORY.pack(start))
-        self._step = Cached(self, "step", self._compute, {self.xd_ticket(), self.all_input_ports_ticket()})
-        self.DeclareVectorOutputPort("attitude_error", 3, self._calc_error, prerequisites_of_calc={self._step.ticket})
-        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
+        step = Cached(self, "step", self._compute, {self.xd_ticket(), self.all_input_ports_ticket()})
+        declare_outputs(self, step, [("attitude_error", 3, slice(0, 3))])
+        declare_update(self, step, period_s, slice(3, None))
 
     def _compute(self, context: Any) -> Array:
         gyro, controllers = self._gyro.Eval(context), self._controllers.Eval(context)
         row: Array = self._kernel(state_of(context), gyro, controllers, self._held)
         return row
-
-    def _calc_error(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._step.get(context)[_ERROR])
-
-    def _update(self, context: Any, state: Any) -> None:
-        state.set_value(self._step.get(context)[_AFTER])

@@ -10,6 +10,7 @@ from pydrake.systems.framework import LeafSystem
 from massprop_drake.maths.autopilot.gimbal_control import GimbalControl, steered
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS
+from massprop_drake.systems.autopilot.jet_schedule import played
 
 
 class EngineCommands(LeafSystem):
@@ -29,23 +30,21 @@ class EngineCommands(LeafSystem):
     def __init__(self, table: Array, control: GimbalControl):
         super().__init__()
         self.set_name("engine_commands")
-        self._table, self._control, self._gyro = np.array(table, dtype=float), control, None
+        table = np.array(table, dtype=float)
+        self._control, self._gyro, size = control, None, table.shape[1]
+        self._scheduled = played(table, control.period_s, np.zeros(size))
         self._turned = self.DeclareDiscreteState(3)
         needed = {self.time_ticket(), self.xd_ticket()}
         if control.bandwidth > 0.0:
             self._gyro = self.DeclareVectorInputPort("gyro", 3)
             needed.add(self.input_port_ticket(self._gyro.get_index()))
-        size = self._table.shape[1]
         self.DeclareVectorOutputPort("engine_command", size, self._calc, prerequisites_of_calc=needed)
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=control.period_s, offset_sec=0.0, update=self._update)
 
     def _steered(self, context: Any) -> tuple[Array, Array]:
-        row = round(context.get_time() / self._control.period_s)
-        table = self._table
-        scheduled = table[row] if row < len(table) else np.zeros(table.shape[1])
         rate = np.zeros(3) if self._gyro is None else self._gyro.Eval(context)
         turned = context.get_discrete_state(self._turned).CopyToVector()
-        return steered(scheduled.reshape(-1, N_CHANNELS), rate, turned, self._control)
+        return steered(self._scheduled(context).reshape(-1, N_CHANNELS), rate, turned, self._control)
 
     def _calc(self, context: Any, output: Any) -> None:
         commands, _ = self._steered(context)

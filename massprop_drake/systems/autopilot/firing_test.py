@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.systems.framework import EventStatus, LeafSystem
 
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.maneuver.onboard import FiringTest, commands, missed, suspects
 from massprop_drake.systems.autopilot.jet_sets import jet_sets
-
-Array = NDArray[np.float64]
 
 
 class FiringTestMemory(NamedTuple):

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import LeafSystem
 
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.on_times import levels_alone
-
-Array = NDArray[np.float64]
 
 
 class JetSchedule(LeafSystem):
@@ -52,36 +51,33 @@ class JetSchedule(LeafSystem):
                 f"jet schedule: onsets must be a table like that of commands, {self._commands.shape}, got shape "
                 f"{self._onsets_s.shape}"
             )
-        self._period_s = period_s
-        n_jets = self._commands.shape[1]
-        self._held = self.DeclareDiscreteState(n_jets)
-        self.DeclareVectorOutputPort("command", n_jets, self._calc_command, prerequisites_of_calc={self.time_ticket()})
-        self.DeclareStateOutputPort("held_command", self._held)
+        n_jets, self._held = self._commands.shape[1], list[Any]()
+        tables = [("command", self._commands, np.zeros(n_jets))]
         if self._onsets_s is not None:
-            self._held_onset = self.DeclareDiscreteState(levels_alone(n_jets))
-            told = {self.time_ticket()}
-            self.DeclareVectorOutputPort("command_onset", n_jets, self._calc_onset, prerequisites_of_calc=told)
-            self.DeclareStateOutputPort("held_command_onset", self._held_onset)
+            tables.append(("command_onset", self._onsets_s, levels_alone(n_jets)))
+        for name, table, beyond in tables:
+            row = played(table, period_s, beyond)
+            self._held.append((self.DeclareDiscreteState(beyond), row))
+            self.DeclareVectorOutputPort(name, n_jets, served(row), prerequisites_of_calc={self.time_ticket()})
+            self.DeclareStateOutputPort(f"held_{name}", self._held[-1][0])
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
 
-    def _row(self, table: Array, beyond: float, context: Any) -> Array:
-        sample = round(context.get_time() / self._period_s)
-        return table[sample] if sample < len(table) else np.full(table.shape[1], beyond)
-
-    def _command(self, context: Any) -> Array:
-        return self._row(self._commands, 0.0, context)
-
-    def _onset(self, context: Any) -> Array:
-        assert self._onsets_s is not None
-        return self._row(self._onsets_s, np.nan, context)
-
-    def _calc_onset(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._onset(context))
-
-    def _calc_command(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._command(context))
-
     def _update(self, context: Any, state: Any) -> None:
-        state.set_value(self._held, self._command(context))
-        if self._onsets_s is not None:
-            state.set_value(self._held_onset, self._onset(context))
+        for group, row in self._held:
+            state.set_value(group, row(context))
+
+
+def played(table: Array, period_s: float, beyond: Array) -> Callable[[Any], Array]:
+    """Returns a function that gives the row of a table for a context's time, and something else after the last."""
+
+    def row(context: Any) -> Array:
+        sample = round(context.get_time() / period_s)
+        found: Array = table[sample] if sample < len(table) else beyond
+        return found
+
+    return row
+
+
+def served(row: Callable[[Any], Array]) -> Callable[[Any, Any], None]:
+    """Returns the callback of an output port that says what a function gives for a context."""
+    return lambda context, output: output.SetFromVector(row(context))

@@ -26,10 +26,9 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.solvers import ClpSolver, MathematicalProgram, MathematicalProgramResult
 
-Array = NDArray[np.float64]
+from massprop_drake.maths.linear_algebra import Array
 
 RATE, VELOCITY = slice(0, 3), slice(3, 6)  # parts of a request
 _ROTATION_WEIGHT = 10.0

@@ -15,12 +15,11 @@ from massprop_drake.maths.autopilot.jet_selection import delivered_velocity, for
 from massprop_drake.maths.autopilot.phase_space import Request, Urgency
 from massprop_drake.maths.autopilot.pulses import Pulses, pulse_onsets, whole_cycles
 from massprop_drake.maths.kernels import chosen, held
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 from massprop_drake.systems.autopilot.selector import SelectionState, Selector
-from massprop_drake.systems.caching import Cached, Scratch
+from massprop_drake.systems.caching import Cached, Part, Scratch, declare_outputs
 from massprop_drake.systems.layouts import RECONFIGURATION, REQUEST
-
-Array = NDArray[np.float64]
 
 _SELECTS, _FIRED = 0, slice(1, None)  # of what `autopilot_ports.going_on` gives
 
@@ -91,21 +90,12 @@ class JetSelection(LeafSystem):
         super().__init__()
         self.set_name("jet_selection")
         n_jets = wrenches.shape[0]
-        make = partial(
-            Selector,
-            wrenches=wrenches,
-            mass_flows=mass_flows,
-            minimum_on_times_s=minimum_on_times_s,
-            selectable=selectable,
-            mass_properties=mass_properties,
-            period_s=period_s,
-            pulses=pulses,
-        )
+        on_times: dict[str, Any] = {"minimum_on_times_s": minimum_on_times_s, "period_s": period_s, "pulses": pulses}
+        body: dict[str, Any] = {"wrenches": wrenches, "mass_flows": mass_flows, "mass_properties": mass_properties}
+        make = partial(Selector, selectable=selectable, **on_times, **body)
         self._selector = Scratch(self, "selector", make)
-        self._going_on, self._fired = (
-            chosen(autopilot_ports.going_on, compiled),
-            chosen(autopilot_ports.fired, compiled),
-        )
+        self._going_on = chosen(autopilot_ports.going_on, compiled)
+        self._fired = chosen(autopilot_ports.fired, compiled)
         some_request = Request(np.zeros(3), np.zeros(3), np.inf, Urgency.NONE)
         self._pulses, self._period_s = whole_cycles(n_jets) if pulses is None else pulses, period_s
         self._forces = forces_of(wrenches)
@@ -123,11 +113,12 @@ class JetSelection(LeafSystem):
         starts = make().initial
         self._groups = SelectionState._make(self.DeclareDiscreteState(part) if part.size else None for part in starts)
         self._burst = Cached(self, "burst", self._compute, {self.xd_ticket(), self.all_input_ports_ticket()})
-        self.DeclareVectorOutputPort("command", n_jets, self._calc_command, prerequisites_of_calc={self._burst.ticket})
+        declare_outputs(self, self._burst, [("command", n_jets, lambda burst: burst[0][self._command])])
         self.DeclareStateOutputPort("held_command", self._groups.command)
         if self._pulses.within:
-            burst, state = {self._burst.ticket}, {self.xd_ticket()}
-            self.DeclareVectorOutputPort("command_onset", n_jets, self._calc_onset, prerequisites_of_calc=burst)
+            opened: Part = lambda burst: pulse_onsets(burst[0][self._command], self._pulses, period_s)  # noqa: E731
+            declare_outputs(self, self._burst, [("command_onset", n_jets, opened)])
+            state = {self.xd_ticket()}
             self.DeclareVectorOutputPort("held_command_onset", n_jets, self._calc_held, prerequisites_of_calc=state)
         self.DeclareStateOutputPort("delivered", self._groups.delivered)
         self.DeclareStateOutputPort("counts", self._groups.counts)
@@ -167,14 +158,6 @@ class JetSelection(LeafSystem):
         asked_for = self._layout.read(told) if there else None
         burst = self._selector.get(context).decide(self._state(context), REQUEST.read(request), properties, asked_for)
         return self._fired(burst.remaining, reciprocal, self._held), burst[1:]
-
-    def _calc_command(self, context: Any, output: Any) -> None:
-        row, _ = self._burst.get(context)
-        output.SetFromVector(row[self._command])
-
-    def _calc_onset(self, context: Any, output: Any) -> None:
-        row, _ = self._burst.get(context)
-        output.SetFromVector(pulse_onsets(row[self._command], self._pulses, self._period_s))
 
     def _calc_held(self, context: Any, output: Any) -> None:
         command = _group(context, self._groups.command)

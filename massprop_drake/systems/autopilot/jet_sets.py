@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from massprop_drake.maths.autopilot.jet_selection import activity_vectors
 from massprop_drake.maths.maneuver.actions import Craft
 from massprop_drake.systems.autopilot.jet_selection_program import JetSelectionProgram
-
-Array = NDArray[np.float64]
 
 _ASKED = 0.2  # of what the strongest jet gives in a second; jets then fire together, compute budget
 _SHARE = 0.3  # of the longest on-time of a selection: jets with less stay shut, compute budget

@@ -11,7 +11,7 @@ from massprop_drake.maths.autopilot.autopilot_ports import Control
 from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, initial_memory
 from massprop_drake.maths.kernels import chosen, held
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.systems.caching import Cached, state_of
+from massprop_drake.systems.caching import Cached, declare_outputs, declare_update, state_of
 from massprop_drake.systems.layouts import HAND_CONTROLLERS, REQUEST, TRANSLATION_MEMORY
 
 
@@ -44,30 +44,13 @@ class PhaseSpaceController(LeafSystem):
         self.set_name("phase_space_controller")
         start = initial_memory().translation
         self._kernel, self._held = chosen(autopilot_ports.request, compiled), held(Control(params, start), compiled)
-        self._controllers = self.DeclareVectorInputPort("hand_controllers", HAND_CONTROLLERS.size)
-        self._error = self.DeclareVectorInputPort("attitude_error", 3)
-        self._gyro = self.DeclareVectorInputPort("gyro", 3)
-        self._delivered = self.DeclareVectorInputPort("delivered", 3)
+        sizes = {"hand_controllers": HAND_CONTROLLERS.size, "attitude_error": 3, "gyro": 3, "delivered": 3}
+        self._sensed = [self.DeclareVectorInputPort(name, size) for name, size in sizes.items()]
         self.DeclareDiscreteState(TRANSLATION_MEMORY.pack(start))
-        self._step = Cached(self, "step", self._compute, {self.xd_ticket(), self.all_input_ports_ticket()})
-        self.DeclareVectorOutputPort(
-            "request", REQUEST.size, self._calc_request, prerequisites_of_calc={self._step.ticket}
-        )
-        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=params.period_s, offset_sec=0.0, update=self._update)
+        step = Cached(self, "step", self._compute, {self.xd_ticket(), self.all_input_ports_ticket()})
+        declare_outputs(self, step, [("request", REQUEST.size, slice(0, REQUEST.size))])
+        declare_update(self, step, params.period_s, slice(REQUEST.size, None))
 
     def _compute(self, context: Any) -> Array:
-        row: Array = self._kernel(
-            state_of(context),
-            self._controllers.Eval(context),
-            self._error.Eval(context),
-            self._gyro.Eval(context),
-            self._delivered.Eval(context),
-            self._held,
-        )
+        row: Array = self._kernel(state_of(context), *(port.Eval(context) for port in self._sensed), self._held)
         return row
-
-    def _calc_request(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._step.get(context)[: REQUEST.size])
-
-    def _update(self, context: Any, state: Any) -> None:
-        state.set_value(self._step.get(context)[REQUEST.size :])

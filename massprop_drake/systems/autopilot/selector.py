@@ -16,7 +16,7 @@ from massprop_drake.maths.autopilot.jet_selection import (
     must_select,
 )
 from massprop_drake.maths.autopilot.pulses import Pulses, burst_pulses, whole_cycles
-from massprop_drake.maths.linear_algebra import nonzero
+from massprop_drake.maths.linear_algebra import Array, nonzero
 from massprop_drake.systems.autopilot.jet_selection_program import (
     RATE,
     VELOCITY,
@@ -26,8 +26,6 @@ from massprop_drake.systems.autopilot.jet_selection_program import (
 )
 from massprop_drake.systems.layouts import REFUSED, SELECTION_COUNTS
 from massprop_drake.systems.stopwatch import JET_SELECTION, timed
-
-Array = NDArray[np.float64]
 
 _LONGEST_BURST_S = 2.0  # against a force that acts all along
 _NOT_REFUSED = np.zeros(REFUSED.size)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.systems.autopilot.jet_schedule import played, served
 
 
 class WheelSchedule(LeafSystem):
@@ -27,11 +26,7 @@ class WheelSchedule(LeafSystem):
     def __init__(self, torques: Array, *, period_s: float):
         super().__init__()
         self.set_name("wheel_schedule")
-        self._torques, self._period_s = np.array(torques, dtype=float), period_s
-        n = self._torques.shape[1]
-        self.DeclareVectorOutputPort("wheel_torque", n, self._calc, prerequisites_of_calc={self.time_ticket()})
-
-    def _calc(self, context: Any, output: Any) -> None:
-        sample = round(context.get_time() / self._period_s)
-        table = self._torques
-        output.SetFromVector(table[sample] if sample < len(table) else np.zeros(table.shape[1]))
+        table = np.array(torques, dtype=float)
+        n = table.shape[1]
+        serve = served(played(table, period_s, np.zeros(n)))
+        self.DeclareVectorOutputPort("wheel_torque", n, serve, prerequisites_of_calc={self.time_ticket()})

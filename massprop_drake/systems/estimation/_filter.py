@@ -12,11 +12,11 @@ from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, known_force
 from massprop_drake.maths.estimation.filter import Interval
 from massprop_drake.maths.estimation.impulses import Impulses
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.systems.caching import Cached
+from massprop_drake.systems.caching import Cached, Part, declare_outputs, declare_update
 from massprop_drake.systems.estimation._readings import KnownPackage, Readings
 from massprop_drake.systems.layouts import ADAPTATION, IMPULSES, KNOWN_FORCE
 
-Ports = tuple[tuple[str, int, Any], ...]  # name, size and callback of output ports
+Ports = tuple[tuple[str, int, Part], ...]
 
 _NO_LEVEL = np.empty(0)
 _NO_FORCE, _NOTHING_ASKED = np.zeros(KNOWN_FORCE.size), packed(NO_ADAPTATION)
@@ -42,7 +42,7 @@ class FilterSystem(LeafSystem):
     """System of a filter that measures, is judged by the detector, and finishes its cycle as the detector asks.
 
     A system that derives from it calls `_declare_cycle` once its ports and state are declared, and gives
-    `_measure(context) -> Measured` and `_finish(measured, adaptation) -> cycle`.
+    `_measure(context)`, and `_compute_cycle(context)`: the report, and after it the state after the cycle.
 
     Args:
         name: of the system.
@@ -73,16 +73,16 @@ class FilterSystem(LeafSystem):
         self._adaptation = self.DeclareVectorInputPort("adaptation", ADAPTATION.size)
         self._mean_level = self._declare_input("mean_level", self._n_levels) if self._n_levels else None
 
-    def _declare_cycle(self, outputs: Ports, reports: Ports) -> None:
-        """Declares cache entries and output ports: of the measurement alone, and of the whole cycle."""
+    def _declare_cycle(self, outputs: Ports, reports: Ports, period_s: float, after: slice) -> None:
+        """Declares output ports of the measurement alone and of the whole cycle, and what becomes the state."""
         # the innovation must not depend on the adaptation: the detector makes the one from the other
         measured = {self.xd_ticket(), *(self.input_port_ticket(port.get_index()) for port in self._inputs)}
         self._measurement = Cached(self, "measurement", self._measure, measured)
         adapted = {self._measurement.ticket, self.input_port_ticket(self._adaptation.get_index())}
-        self._cycle = Cached(self, "cycle", self._compute_cycle, {self.xd_ticket(), *adapted})
-        for entry, ports in ((self._measurement, outputs), (self._cycle, reports)):
-            for name, size, calc in ports:
-                self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={entry.ticket})
+        cycle = Cached(self, "cycle", self._compute_cycle, {self.xd_ticket(), *adapted})
+        declare_outputs(self, self._measurement, outputs)
+        declare_outputs(self, cycle, reports)
+        declare_update(self, cycle, period_s, after)
 
     def _interval(self, context: Any) -> Interval:
         """Reads the known inputs of the interval; mean levels only where they are used."""
@@ -108,23 +108,8 @@ class FilterSystem(LeafSystem):
         asked: Array = self._adaptation.Eval(context) if self._adaptation.HasValue(context) else _NOTHING_ASKED
         return asked
 
-    def _measured(self, context: Any) -> MeasuredFilter:
-        measured: MeasuredFilter = self._measurement.get(context)
-        return measured
-
-    def _cycled(self, context: Any) -> tuple[MeasuredFilter, Any]:
-        """Computes the measurement, and the finished cycle."""
-        cycled: tuple[MeasuredFilter, Any] = self._cycle.get(context)
-        return cycled
-
-    def _measure(self, context: Any) -> MeasuredFilter:
+    def _measure(self, context: Any) -> Any:
         raise NotImplementedError
 
-    def _compute_cycle(self, context: Any) -> Any:
-        """Computes the measurement and the finished cycle; systems with more ports extend it."""
-        adaptation = self._adapted(context)
-        measured = self._measured(context)
-        return measured, self._finish(measured, adaptation)
-
-    def _finish(self, measured: MeasuredFilter, adaptation: Adaptation) -> Any:
+    def _compute_cycle(self, context: Any) -> Array:
         raise NotImplementedError

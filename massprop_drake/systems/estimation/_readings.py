@@ -6,12 +6,10 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import LeafSystem
 
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.sensing import unsaturated
-
-Array = NDArray[np.float64]
 
 
 class KnownPackage(NamedTuple):

@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.estimation.filters.thesis import joint_covariance
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import N_ROTATION, all_ten, converged
+from massprop_drake.systems.caching import Cached, Part, declare_outputs
 from massprop_drake.systems.layouts import MASS_ESTIMATE
-
-Array = NDArray[np.float64]
 
 _NOT_OBSERVED = np.full(MASS_ESTIMATE.size, np.nan)
 
@@ -37,39 +36,22 @@ class ConvergenceMonitor(LeafSystem):
     def __init__(self, limits: Array):
         super().__init__()
         self.set_name("convergence_monitor")
-        self._limits = limits
         self._rotation = self.DeclareVectorInputPort("rotation_estimate", N_ROTATION)
         self._covariance = self.DeclareVectorInputPort("rotation_covariance", N_ROTATION**2)
         self._mass = self.DeclareVectorInputPort("mass_estimate", 2)
-        self.DeclareVectorOutputPort("estimate", 10, self._calc_estimate)
-        self.DeclareVectorOutputPort("standard_deviation", 10, self._calc_deviation)
-        self.DeclareVectorOutputPort("covariance", 100, self._calc_covariance)
-        self.DeclareVectorOutputPort("converged", 1, self._calc_converged)
+        known = Cached(self, "ten", self._ten, {self.all_input_ports_ticket()})
+        outputs: list[tuple[str, int, Part]] = [
+            ("estimate", 10, lambda ten: ten[0]),
+            ("standard_deviation", 10, lambda ten: ten[1]),
+            ("covariance", 100, lambda ten: ten[2].ravel()),
+            ("converged", 1, lambda ten: np.array([float(converged(ten[1], ten[0], limits))])),
+        ]
+        declare_outputs(self, known, outputs)
 
-    def _mass_estimate(self, context: Any) -> Any:
-        return MASS_ESTIMATE.read(self._mass.Eval(context) if self._mass.HasValue(context) else _NOT_OBSERVED)
-
-    def _rotation_covariance(self, context: Any) -> Array:
-        covariance: Array = self._covariance.Eval(context).reshape(N_ROTATION, N_ROTATION)
-        return covariance
-
-    def _estimates(self, context: Any) -> Array:
-        return all_ten(self._rotation.Eval(context), self._mass_estimate(context).mass_reciprocal)
-
-    def _deviations(self, context: Any) -> Array:
-        variance = self._rotation_covariance(context).diagonal()
-        return np.sqrt(all_ten(variance, self._mass_estimate(context).variance))
-
-    def _calc_estimate(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._estimates(context))
-
-    def _calc_deviation(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._deviations(context))
-
-    def _calc_covariance(self, context: Any, output: Any) -> None:
-        variance = self._mass_estimate(context).variance
-        output.SetFromVector(joint_covariance(self._rotation_covariance(context), variance).ravel())
-
-    def _calc_converged(self, context: Any, output: Any) -> None:
-        good = converged(self._deviations(context), self._estimates(context), self._limits)
-        output.SetFromVector([float(good)])
+    def _ten(self, context: Any) -> tuple[Array, Array, Array]:
+        """Returns estimate, 1-sigma and covariance of the ten parameters."""
+        mass = MASS_ESTIMATE.read(self._mass.Eval(context) if self._mass.HasValue(context) else _NOT_OBSERVED)
+        covariance = self._covariance.Eval(context).reshape(N_ROTATION, N_ROTATION)
+        estimate = all_ten(self._rotation.Eval(context), mass.mass_reciprocal)
+        deviation = np.sqrt(all_ten(covariance.diagonal(), mass.variance))
+        return estimate, deviation, joint_covariance(covariance, mass.variance)

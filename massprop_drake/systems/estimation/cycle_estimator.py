@@ -13,10 +13,10 @@ from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.estimation import cycle
 from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationState, EstimationStep, Sample
-from massprop_drake.maths.estimation.detector import Judgment, KnownJets, Verdict
+from massprop_drake.maths.estimation.detector import Detector, Judgment, KnownJets, Verdict
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import converged_rows
-from massprop_drake.systems.caching import Cached
+from massprop_drake.systems.caching import Cached, declare_outputs
 from massprop_drake.systems.estimation._readings import KnownPackage, Readings
 from massprop_drake.systems.layouts import (
     DETECTOR_REPORT,
@@ -132,35 +132,26 @@ class CycleEstimator(LeafSystem):
         read = {self.xa_ticket(), self.time_ticket(), self.all_input_ports_ticket()}
         self._cycle = Cached(self, "cycle", self._cycled, read)
 
-        before: dict[str, tuple[int, Any]] = {"predicted": (10, self._calc_predicted)}
-        after: dict[str, tuple[int, Any]] = {
-            "estimate": (10, self._calc_estimate),
-            "standard_deviation": (10, self._calc_deviation),
-            "covariance": (100, self._calc_covariance),
-            "converged": (1, self._calc_converged),
-            IMPULSES.name: (IMPULSES.size, self._calc_impulses),
-            ROTATION_REPORT.name: (ROTATION_REPORT.size, self._calc_rotation),
-        }
+        outputs: list[tuple[str, int, Any]] = [
+            ("estimate", 10, lambda now: self._known_in(now)[0]),
+            ("standard_deviation", 10, lambda now: np.sqrt(self._known_in(now)[1].diagonal())),
+            ("covariance", 100, lambda now: self._known_in(now)[1].ravel()),
+            ("converged", 1, self._converged),
+            (IMPULSES.name, IMPULSES.size, lambda now: impulse_row(now.step.interval.impulses)),
+            (ROTATION_REPORT.name, ROTATION_REPORT.size, lambda now: ROTATION_REPORT.pack(now.step.filtered.rotation)),
+        ]
         if weighs:
-            after[MASS_REPORT.name] = MASS_REPORT.size, self._calc_mass
+            outputs.append((MASS_REPORT.name, MASS_REPORT.size, _weighed))
         if params.filter.report is not None:
-            self._own = params.filter.report.sized(jets=n_jets)
-            after[self._own.name] = self._own.size, self._calc_own
-        detector = params.detector
-        if detector is not None:
-            self._reconfiguration = RECONFIGURATION.sized(jets=n_jets)
-            self._logged = DETECTOR_REPORT.sized(jets=n_jets)
-            before["held_closed"] = n_jets, self._calc_held_closed
-            after[RECONFIGURATION.name] = self._reconfiguration.size, self._calc_reconfiguration
-            after["closed"] = n_jets, self._calc_closed
-            after[DETECTOR_REPORT.name] = self._logged.size, self._calc_detector
-        if detector is not None and detector.report is not None:
-            self._said = detector.report.sized(jets=n_jets)
-            after[self._said.name] = self._said.size, self._calc_said
-            after["fault_probability"] = n_jets + 2, self._calc_probability
-        for ports, ticket in ((before, self.xa_ticket()), (after, self._cycle.ticket)):
-            for name, (size, calc) in ports.items():
-                self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={ticket})
+            own = params.filter.report.sized(jets=n_jets)
+            outputs.append((own.name, own.size, lambda now: own.pack(now.step.filtered.own)))
+        before: list[tuple[str, int, Any]] = [("predicted", 10, self._calc_predicted)]
+        if params.detector is not None:
+            before.append(("held_closed", n_jets, self._calc_held_closed))
+            outputs += _judged_outputs(jets, params.detector)
+        for name, size, calc in before:
+            self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={self.xa_ticket()})
+        declare_outputs(self, self._cycle, outputs)
         self.DeclarePeriodicUnrestrictedUpdateEvent(period_sec=params.period_s, offset_sec=0.0, update=self._update)
 
     def kept(self, context: Any) -> dict[str, Array]:
@@ -207,78 +198,65 @@ class CycleEstimator(LeafSystem):
     def _update(self, context: Any, state: Any) -> None:
         state.get_mutable_abstract_state(self._memory).set_value(self._cycle.get(context))
 
-    def _step(self, context: Any) -> EstimationStep:
-        step: EstimationStep = self._cycle.get(context).step
-        return step
-
-    def _judged(self, context: Any) -> Judgment:
-        judgment = self._step(context).judgment
-        assert judgment is not None
-        return judgment
-
     # ------------------------------------------------------------------------------------------- outputs
 
-    def _known_now(self, context: Any) -> tuple[Array, Array]:
+    def _known_in(self, now: Memory) -> tuple[Array, Array]:
         """Returns estimate and covariance of the ten parameters after the cycle."""
-        step = self._step(context)
+        step = _step(now)
         return step.filtered.known or cycle.known(step.state, self._params)
+
+    def _converged(self, now: Memory) -> Array:
+        estimate, covariance = self._known_in(now)
+        deviation = np.sqrt(covariance.diagonal())
+        return converged_rows(deviation[None], estimate[None], self._params.limits, self._known).astype(float)
 
     def _calc_predicted(self, context: Any, output: Any) -> None:
         memory = self._remembered(context)
         known = memory.before if memory.time_s == context.get_time() else memory.state
         output.SetFromVector(self._params.filter.predicted(known.filter))
 
-    def _calc_estimate(self, context: Any, output: Any) -> None:
-        estimate, _ = self._known_now(context)
-        output.SetFromVector(estimate)
-
-    def _calc_deviation(self, context: Any, output: Any) -> None:
-        _, covariance = self._known_now(context)
-        output.SetFromVector(np.sqrt(covariance.diagonal()))
-
-    def _calc_covariance(self, context: Any, output: Any) -> None:
-        _, covariance = self._known_now(context)
-        output.SetFromVector(covariance.ravel())
-
-    def _calc_converged(self, context: Any, output: Any) -> None:
-        estimate, covariance = self._known_now(context)
-        deviation = np.sqrt(covariance.diagonal())
-        good = converged_rows(deviation[None], estimate[None], self._params.limits, self._known)
-        output.SetFromVector(good.astype(float))
-
-    def _calc_impulses(self, context: Any, output: Any) -> None:
-        output.SetFromVector(impulse_row(self._step(context).interval.impulses))
-
-    def _calc_rotation(self, context: Any, output: Any) -> None:
-        output.SetFromVector(ROTATION_REPORT.pack(self._step(context).filtered.rotation))
-
-    def _calc_mass(self, context: Any, output: Any) -> None:
-        report = self._step(context).filtered.mass
-        output.SetFromVector(np.full(MASS_REPORT.size, np.nan) if report is None else MASS_REPORT.pack(report))
-
-    def _calc_own(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._own.pack(self._step(context).filtered.own))
-
-    def _calc_reconfiguration(self, context: Any, output: Any) -> None:
-        judgment = self._judged(context)
-        declared = judgment.status.detector_event == Verdict.DECLARED
-        wrench = judgment.state.force @ self._jets.unit_wrenches
-        output.SetFromVector(self._reconfiguration.pack((declared, wrench, judgment.state.removed)))
-
-    def _calc_closed(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._judged(context).state.closed)
-
     def _calc_held_closed(self, context: Any, output: Any) -> None:
         output.SetFromVector(self._remembered(context).state.detector.closed)
 
-    def _calc_detector(self, context: Any, output: Any) -> None:
-        before = self._cycle.get(context).before.detector
-        output.SetFromVector(detector_row(self._judged(context), before, self._logged))
 
-    def _calc_said(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._said.pack(self._judged(context).own))
+def _step(now: Memory) -> EstimationStep:
+    assert now.step is not None
+    return now.step
 
-    def _calc_probability(self, context: Any, output: Any) -> None:
-        own = self._judged(context).own
-        jets = np.broadcast_to(own.fault_probability, self._jets.thrusts.shape)
-        output.SetFromVector(np.append(jets, (own.none_probability, own.unknown_probability)))
+
+def _weighed(now: Memory) -> Array:
+    report = _step(now).filtered.mass
+    return np.full(MASS_REPORT.size, np.nan) if report is None else MASS_REPORT.pack(report)
+
+
+def _judged_outputs(jets: KnownJets, detector: Detector) -> list[tuple[str, int, Any]]:
+    """Returns ports of what a detector says, as `declare_outputs` takes them."""
+    n_jets, said = jets.thrusts.size, detector.report
+    reconfiguration, logged = (layout.sized(jets=n_jets) for layout in (RECONFIGURATION, DETECTOR_REPORT))
+
+    def told(now: Memory) -> Array:
+        judgment = _judgment(now)
+        declared = judgment.status.detector_event == Verdict.DECLARED
+        return reconfiguration.pack((declared, judgment.state.force @ jets.unit_wrenches, judgment.state.removed))
+
+    def probability(now: Memory) -> Array:
+        own = _judgment(now).own
+        each = np.broadcast_to(own.fault_probability, jets.thrusts.shape)
+        return np.append(each, (own.none_probability, own.unknown_probability))
+
+    ports: list[tuple[str, int, Any]] = [
+        (reconfiguration.name, reconfiguration.size, told),
+        ("closed", n_jets, lambda now: _judgment(now).state.closed),
+        (logged.name, logged.size, lambda now: detector_row(_judgment(now), now.before.detector, logged)),
+    ]
+    if said is not None:
+        layout = said.sized(jets=n_jets)
+        ports.append((layout.name, layout.size, lambda now: layout.pack(_judgment(now).own)))
+        ports.append(("fault_probability", n_jets + 2, probability))
+    return ports
+
+
+def _judgment(now: Memory) -> Judgment:
+    judgment = _step(now).judgment
+    assert judgment is not None
+    return judgment

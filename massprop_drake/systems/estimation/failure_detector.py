@@ -15,7 +15,7 @@ from massprop_drake.maths.estimation.filter import NOT_MEASURED
 from massprop_drake.maths.kernels import compiled as compiled_form
 from massprop_drake.maths.kernels import held
 from massprop_drake.maths.linear_algebra import Array, nonzero
-from massprop_drake.systems.caching import Cached, state_of
+from massprop_drake.systems.caching import Cached, Part, declare_outputs, declare_update, state_of
 from massprop_drake.systems.layouts import (
     ADAPTATION,
     DETECTOR_REPORT,
@@ -86,40 +86,43 @@ class FailureDetector(LeafSystem):
         self._state_of = type(initial)
         assert detector.layout is not None, "a state that is no vector needs a system of its own"
         self._layout = detector.layout(params)
-        self._variance, self._removed, self._closed = map(self._layout.slice, ("variance", "removed", "closed"))
+        self._variance, removed, self._closed = map(self._layout.slice, ("variance", "removed", "closed"))
         self.DeclareDiscreteState(self._layout.pack(initial))
-        after = ADAPTATION.size + self._reconfiguration.slice("removed").start
-        self._after, self._report = slice(after, after + self._layout.size), slice(after + self._layout.size, None)
         self._compiled = compiled and detector is cglr.DETECTOR
         if self._compiled:
-            self._kernel, self._acting = (
-                compiled_form(estimation_ports.judged),
-                compiled_form(estimation_ports.known_force),
-            )
+            self._kernel = compiled_form(estimation_ports.judged)
+            self._acting = compiled_form(estimation_ports.known_force)
             self._held = held(estimation_ports.judging(params), compile_it=True)
 
-        self._judgment = Cached(
-            self, "judgment", self._judge, {self.xd_ticket(), self.all_input_ports_ticket(), self.time_ticket()}
-        )
+        needed = {self.xd_ticket(), self.all_input_ports_ticket(), self.time_ticket()}
+        judgment = Cached(self, "judgment", self._judge, needed)
         # known forces enter the impulses, which make the innovations: of this sample they know the commands alone
-        predictions = {self.input_port_ticket(port.get_index()) for port in (self._predicted, self._command)}
+        known = {
+            self.xd_ticket(),
+            *(self.input_port_ticket(port.get_index()) for port in (self._predicted, self._command)),
+        }
         self.DeclareVectorOutputPort(
-            "known_force",
-            KNOWN_FORCE.size,
-            self._calc_known_force,
-            prerequisites_of_calc={self.xd_ticket(), *predictions},
+            "known_force", KNOWN_FORCE.size, self._calc_known_force, prerequisites_of_calc=known
         )
-        for name, size, calc in (
-            ("adaptation", ADAPTATION.size, self._calc_adaptation),
-            ("reconfiguration", self._reconfiguration.size, self._calc_reconfiguration),
-            ("closed", n_jets, self._calc_closed),
-            ("report", self._logged.size, self._calc_report),
-        ):
-            self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={self._judgment.ticket})
+        # of the row that `_judge` gives
+        adapted, told = ADAPTATION.size, ADAPTATION.size + self._reconfiguration.slice("removed").start
+        after = slice(told, told + self._layout.size)
+        begins = slice(adapted, told)
+        outputs: list[tuple[str, int, Part]] = [
+            ("adaptation", adapted, slice(0, adapted)),
+            (
+                "reconfiguration",
+                self._reconfiguration.size,
+                lambda row: np.concatenate((row[begins], row[after][removed])),
+            ),
+            ("closed", n_jets, lambda row: row[after][self._closed]),
+            ("report", self._logged.size, slice(after.stop, None)),
+        ]
+        declare_outputs(self, judgment, outputs)
         self.DeclareVectorOutputPort(
             "held_closed", n_jets, self._calc_held_closed, prerequisites_of_calc={self.xd_ticket()}
         )
-        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=jets.period_s, offset_sec=0.0, update=self._update)
+        declare_update(self, judgment, jets.period_s, after)
 
     def _state(self, vector: Array) -> Any:
         return self._state_of._make(self._layout.read(vector))
@@ -147,10 +150,6 @@ class FailureDetector(LeafSystem):
             )
         )
 
-    def _judged(self, context: Any) -> Array:
-        row: Array = self._judgment.get(context)
-        return row
-
     def _calc_known_force(self, context: Any, output: Any) -> None:
         vector = state_of(context)
         if not nonzero(vector[self._variance]):
@@ -163,22 +162,5 @@ class FailureDetector(LeafSystem):
         known = self._detector.known_force(self._state(vector), predicted, command, self._params)
         output.SetFromVector(KNOWN_FORCE.pack(known))
 
-    def _calc_adaptation(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._judged(context)[: ADAPTATION.size])
-
-    def _calc_reconfiguration(self, context: Any, output: Any) -> None:
-        row = self._judged(context)
-        begins, removed = row[ADAPTATION.size : self._after.start], row[self._after][self._removed]
-        output.SetFromVector(np.concatenate((begins, removed)))
-
-    def _calc_closed(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._judged(context)[self._after][self._closed])
-
     def _calc_held_closed(self, context: Any, output: Any) -> None:
         output.SetFromVector(state_of(context)[self._closed])
-
-    def _calc_report(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._judged(context)[self._report])
-
-    def _update(self, context: Any, state: Any) -> None:
-        state.set_value(self._judged(context)[self._after])

@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.systems.framework import EventStatus, LeafSystem
 
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.systems.caching import NOTHING
-
-Array = NDArray[np.float64]
 
 
 class Monitor(Protocol):

@@ -5,20 +5,18 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.estimation import estimation_ports
 from massprop_drake.maths.estimation.detector import known_force_of
 from massprop_drake.maths.estimation.estimation_ports import Lagging
 from massprop_drake.maths.kernels import chosen, held
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.thrust import lag_factors
 from massprop_drake.systems.arguments import rows, vector
-from massprop_drake.systems.caching import Cached, state_of
+from massprop_drake.systems.caching import Cached, declare_outputs, state_of
 from massprop_drake.systems.layouts import IMPULSE_MEMORY, IMPULSES, KNOWN_FORCE
 from massprop_drake.systems.stopwatch import ESTIMATORS, timed
-
-Array = NDArray[np.float64]
 
 _NOTHING_OUTSIDE = np.zeros(6)
 _IMPULSE = slice(IMPULSES.slice("angular_impulse").start, IMPULSES.slice("linear_impulse").stop)
@@ -67,15 +65,9 @@ class ImpulseModel(LeafSystem):
         self.DeclareDiscreteState(IMPULSE_MEMORY.sized(jets=n_jets).size)
         inputs = {self.input_port_ticket(port.get_index()) for port in (self._command, self._outside)}
         self._impulses = Cached(self, "impulses", self._compute, {self.xd_ticket(), *inputs})
-        self.DeclareVectorOutputPort(
-            "impulses",
-            IMPULSES.size,
-            self._calc_impulses,
-            prerequisites_of_calc={self._impulses.ticket, self.input_port_ticket(self._known_force.get_index())},
-        )
-        self.DeclareVectorOutputPort(
-            "mean_level", n_jets, self._calc_mean_level, prerequisites_of_calc={self._impulses.ticket}
-        )
+        needed = {self._impulses.ticket, self.input_port_ticket(self._known_force.get_index())}
+        self.DeclareVectorOutputPort("impulses", IMPULSES.size, self._calc_impulses, prerequisites_of_calc=needed)
+        declare_outputs(self, self._impulses, [("mean_level", n_jets, slice(IMPULSES.size, IMPULSES.size + n_jets))])
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
 
     def _compute(self, context: Any) -> Array:
@@ -93,9 +85,6 @@ class ImpulseModel(LeafSystem):
                 told = told.copy()
                 told[_IMPULSE] += known.wrench * self._period_s
         output.SetFromVector(told)
-
-    def _calc_mean_level(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._impulses.get(context)[IMPULSES.size :][: self._n_jets])
 
     def _update(self, context: Any, state: Any) -> None:
         level = self._impulses.get(context)[IMPULSES.size + self._n_jets :]

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.solvers import ClpSolver, MathematicalProgram
 
-Array = NDArray[np.float64]
+from massprop_drake.maths.linear_algebra import Array
 
 
 def solved(cost: Array, matrix: Array, low: Array, high: Array) -> Array | None:

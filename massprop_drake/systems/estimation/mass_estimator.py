@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from massprop_drake.maths.estimation import estimation_ports
-from massprop_drake.maths.estimation.adaptation import Adaptation
 from massprop_drake.maths.estimation.estimation_ports import MassVector
 from massprop_drake.maths.estimation.filter import NOT_MEASURED
 from massprop_drake.maths.estimation.filters import mass_filter, thesis
@@ -97,18 +96,17 @@ class MassEstimator(FilterSystem):
             self._held = held(made, compile_it=True)
         predictions = {self.xd_ticket(), self.input_port_ticket(self._prediction.get_index())}
         self.DeclareVectorOutputPort("predicted", 10, self._calc_predicted, prerequisites_of_calc=predictions)
+        size, n_estimate = MASS_REPORT.size, MASS_ESTIMATE.size
         self._declare_cycle(
             (
-                ("evidence", EVIDENCE.size, self._calc_evidence),
-                ("innovation", 3, self._calc_innovation),
-                ("innovation_covariance", 9, self._calc_innovation_covariance),
+                ("evidence", EVIDENCE.size, self._evidence),
+                ("innovation", 3, lambda measured: self._innovation(measured)[_INNOVATION]),
+                ("innovation_covariance", 9, lambda measured: self._innovation(measured)[_COVARIANCE]),
             ),
-            (
-                ("estimate", MASS_ESTIMATE.size, self._calc_estimate),
-                ("report", MASS_REPORT.size, self._calc_report),
-            ),
+            (("estimate", n_estimate, slice(size, size + n_estimate)), ("report", size, slice(0, size))),
+            params.period_s,
+            slice(size, None),
         )
-        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=params.period_s, offset_sec=0.0, update=self._update)
 
     def _known(self, context: Any) -> tuple[MassState, Array]:
         return thesis.read_mass(state_of(context), self._layout)
@@ -125,84 +123,39 @@ class MassEstimator(FilterSystem):
             return timed(ESTIMATORS, self._move, *given, *self._told(context), self._held)
         state, before = self._known(context)
         velocities, interval, turning = self._accelerometers.eval(context), self._interval(context), self._seen(context)
-        measurement = timed(
-            ESTIMATORS,
-            mass_filter.measure,
-            state,
-            before,
-            velocities,
-            thesis.mass_interval(interval, self._linear_errors),
-            thesis.rotation_of(turning),
-            self._params,
-        )
+        known = thesis.mass_interval(interval, self._linear_errors), thesis.rotation_of(turning)
+        measurement = timed(ESTIMATORS, mass_filter.measure, state, before, velocities, *known, self._params)
         return MeasuredFilter(state, interval, measurement, (velocities, turning))
-
-    def _finish(self, measured: MeasuredFilter, adaptation: Adaptation) -> MassCycle:
-        state, interval, measurement, _ = measured
-        impulses = interval.impulses
-        cycle: MassCycle = timed(
-            ESTIMATORS,
-            mass_filter.finish,
-            state,
-            measurement,
-            impulses.usable,
-            impulses.firing,
-            adaptation,
-            self._params,
-        )
-        return cycle
 
     def _compute_cycle(self, context: Any) -> Any:
         """Computes the report and the state after the cycle, one after the other."""
         measured: Any = self._measurement.get(context)
         if self._compiled:
             return timed(ESTIMATORS, self._weigh, measured, self._asked(context), self._held)
-        cycle = self._finish(measured, self._adapted(context))
-        velocities, _ = measured.readings
-        report = MASS_REPORT.pack(thesis.report_of_mass(measured.measurement.innovation, cycle))
+        state, interval, measurement, (velocities, _) = measured
+        finish = mass_filter.finish, state, measurement, interval.impulses.usable, interval.impulses.firing
+        cycle: MassCycle = timed(ESTIMATORS, *finish, self._adapted(context), self._params)
+        report = MASS_REPORT.pack(thesis.report_of_mass(measurement.innovation, cycle))
         return np.concatenate((report, thesis.pack_mass(cycle.state, velocities, self._layout)))
 
     def _calc_predicted(self, context: Any, output: Any) -> None:
         state, _ = self._known(context)
         output.SetFromVector(all_ten(self._prediction.Eval(context), state.mass_reciprocal))
 
-    def _calc_evidence(self, context: Any, output: Any) -> None:
-        measured: Any = self._measurement.get(context)
+    def _evidence(self, measured: Any) -> Array:
+        """Returns what the detector judges by, packed as `EVIDENCE`."""
         if self._compiled:
-            output.SetFromVector(measured[: EVIDENCE.size])
-            return
+            row: Array = measured[: EVIDENCE.size]
+            return row
         state, interval, measurement, (_, turning) = measured
-        if interval.impulses.usable:
-            seen = thesis.joint_of(turning, measurement.sample, measurement.innovation, state)
-            output.SetFromVector(EVIDENCE.pack(seen))
-        else:
-            output.SetFromVector(_NOT_MEASURED)
+        if not interval.impulses.usable:
+            return _NOT_MEASURED
+        return EVIDENCE.pack(thesis.joint_of(turning, measurement.sample, measurement.innovation, state))
 
-    def _innovation(self, context: Any) -> Array:
+    def _innovation(self, measured: Any) -> Array:
         """Returns the innovation (3) and its covariance (9)."""
-        measured: Any = self._measurement.get(context)
         if self._compiled:
             row: Array = measured[EVIDENCE.size :]
             return row
         innovation = measured.measurement.innovation
         return np.append(innovation.innovation, innovation.covariance)
-
-    def _calc_innovation(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._innovation(context)[_INNOVATION])
-
-    def _calc_innovation_covariance(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._innovation(context)[_COVARIANCE])
-
-    def _after(self, context: Any) -> Array:
-        """Returns the state after the sample."""
-        row: Array = self._cycle.get(context)
-        return row[MASS_REPORT.size :]
-
-    def _calc_estimate(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._after(context)[: MASS_ESTIMATE.size])
-
-    def _calc_report(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._cycle.get(context)[: MASS_REPORT.size])
-
-    def _update(self, context: Any, state: Any) -> None:
-        state.set_value(self._after(context))

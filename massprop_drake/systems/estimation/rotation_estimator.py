@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from massprop_drake.maths.estimation import estimation_ports
-from massprop_drake.maths.estimation.adaptation import Adaptation
 from massprop_drake.maths.estimation.estimation_ports import RotationVector
 from massprop_drake.maths.estimation.filters import rotation_filter, thesis
 from massprop_drake.maths.estimation.filters.rotation_filter import (
@@ -103,19 +102,21 @@ class RotationEstimator(FilterSystem):
         self.DeclareVectorOutputPort(
             "predicted_estimate", N_ROTATION, self._calc_predicted, prerequisites_of_calc={self.xd_ticket()}
         )
+        reported, size = slice(0, ROTATION_REPORT.size), ROTATION_REPORT.size
+        seen = [self._turning.slice(name) for name in ("innovation", "innovation_covariance")]
+        estimate, covariance = (
+            slice(size + part.start, size + part.stop) for part in map(self._layout.slice, ("estimate", "covariance"))
+        )
         self._declare_cycle(
             (
-                ("turning", self._turning.size, self._calc_turning),
-                ("innovation", 3, self._calc_innovation),
-                ("innovation_covariance", 9, self._calc_innovation_covariance),
+                ("turning", self._turning.size, self._turned),
+                ("innovation", 3, lambda measured: self._turned(measured)[seen[0]]),
+                ("innovation_covariance", 9, lambda measured: self._turned(measured)[seen[1]]),
             ),
-            (
-                ("estimate", N_ROTATION, self._calc_estimate),
-                ("covariance", N_ROTATION**2, self._calc_covariance),
-                ("report", ROTATION_REPORT.size, self._calc_report),
-            ),
+            (("estimate", N_ROTATION, estimate), ("covariance", N_ROTATION**2, covariance), ("report", size, reported)),
+            params.period_s,
+            slice(size, None),
         )
-        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=params.period_s, offset_sec=0.0, update=self._update)
 
     def _known(self, context: Any) -> tuple[RotationState, RotationMemory]:
         return thesis.read_rotation(state_of(context), self._layout)
@@ -131,31 +132,25 @@ class RotationEstimator(FilterSystem):
         measurement = timed(ESTIMATORS, rotation_filter.measure, state, memory, rates, known, self._params)
         return MeasuredFilter(state, interval, measurement, rates)
 
-    def _finish(self, measured: MeasuredFilter, adaptation: Adaptation) -> RotationCycle:
-        state, interval, measurement, _ = measured
-        learning = thesis.is_learning(interval)
-        cycle: RotationCycle = timed(
-            ESTIMATORS, rotation_filter.finish, state, measurement, learning, adaptation, self._params
-        )
-        return cycle
-
     def _compute_cycle(self, context: Any) -> Any:
         """Computes the report and the state after the cycle, one after the other."""
         measured: Any = self._measurement.get(context)
         if self._compiled:
             return timed(ESTIMATORS, self._rotate, measured, self._asked(context), self._held)
-        cycle = self._finish(measured, self._adapted(context))
-        memory = thesis.rotation_memory(measured.measurement, measured.readings)
-        report = ROTATION_REPORT.pack(thesis.report_of_rotation(measured.measurement.innovation, cycle))
+        state, interval, measurement, rates = measured
+        learning = thesis.is_learning(interval)
+        finish = rotation_filter.finish, state, measurement, learning, self._adapted(context), self._params
+        cycle: RotationCycle = timed(ESTIMATORS, *finish)
+        memory = thesis.rotation_memory(measurement, rates)
+        report = ROTATION_REPORT.pack(thesis.report_of_rotation(measurement.innovation, cycle))
         return np.concatenate((report, thesis.pack_rotation(cycle.state, memory, self._layout)))
 
     def _calc_predicted(self, context: Any, output: Any) -> None:
         state, _ = self._known(context)
         output.SetFromVector(state.estimate)
 
-    def _turned(self, context: Any) -> Array:
+    def _turned(self, measured: Any) -> Array:
         """Returns the measurement for the mass filter and the detector, packed as `TURNING`."""
-        measured: Any = self._measurement.get(context)
         if self._compiled:
             row: Array = measured[: self._turning.size]
             return row
@@ -164,29 +159,3 @@ class RotationEstimator(FilterSystem):
         effects = self._no_effects if turning.effects is None else turning.effects
         sensitivity = self._insensitive if turning.sensitivity is None else turning.sensitivity
         return self._turning.pack(turning._replace(effects=effects, sensitivity=sensitivity))
-
-    def _calc_turning(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._turned(context))
-
-    def _calc_innovation(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._turned(context)[self._turning.slice("innovation")])
-
-    def _calc_innovation_covariance(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._turned(context)[self._turning.slice("innovation_covariance")])
-
-    def _after(self, context: Any) -> Array:
-        """Returns the state after the sample."""
-        row: Array = self._cycle.get(context)
-        return row[ROTATION_REPORT.size :]
-
-    def _calc_estimate(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._after(context)[self._layout.slice("estimate")])
-
-    def _calc_covariance(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._after(context)[self._layout.slice("covariance")])
-
-    def _calc_report(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._cycle.get(context)[: ROTATION_REPORT.size])
-
-    def _update(self, context: Any, state: Any) -> None:
-        state.set_value(self._after(context))

@@ -6,13 +6,11 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.systems.framework import LeafSystem
 
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.on_times import levels_alone
-
-Array = NDArray[np.float64]
 
 
 class ServedRows(NamedTuple):

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common import RandomDistribution
 from pydrake.systems.framework import LeafSystem_
 
@@ -17,8 +16,6 @@ from massprop_drake.systems.layouts import STRUCTURE
 from massprop_drake.systems.parameters import Named, Parameters
 from massprop_drake.systems.scalars import float_class, template
 from massprop_drake.systems.vehicle.noise_source import seed_in
-
-Array = NDArray[np.float64]
 
 _DEVIATION, _BEGUN = slice(0, 6), 6  # of the state
 _AXES = ("torque_x", "torque_y", "torque_z", "force_x", "force_y", "force_z")

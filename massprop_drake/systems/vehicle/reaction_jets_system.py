@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import LeafSystem_
 
 from massprop_drake.maths.kernels import chosen, held, released, value_of
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle import vehicle_ports
 from massprop_drake.maths.vehicle.reaction_jets import (
     JetThrusts,
@@ -31,8 +31,6 @@ from massprop_drake.systems.caching import Cached, state_of
 from massprop_drake.systems.parameters import Named, Parameters
 from massprop_drake.systems.scalars import float_class, refuse, template
 from massprop_drake.systems.vehicle.noise_source import seed_in
-
-Array = NDArray[np.float64]
 
 _NONE = np.zeros(0)
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.symbolic import Expression
 from pydrake.systems.framework import BasicVector_, DiscreteStateIndex, LeafSystem_
 
 from massprop_drake.errors import InputError
 from massprop_drake.maths.kernels import chosen, held, value_of
-from massprop_drake.maths.linear_algebra import is_positive_definite
+from massprop_drake.maths.linear_algebra import Array, is_positive_definite
 from massprop_drake.maths.mass_properties import MassProperties, Spread, six_elements, symmetric
 from massprop_drake.maths.vehicle import rigid_body, vehicle_ports
 from massprop_drake.maths.vehicle.depletion import OutOfPropellantError, Tanks, draining, emptied
@@ -31,8 +30,6 @@ from massprop_drake.systems.caching import Cached
 from massprop_drake.systems.parameters import Named, Parameters
 from massprop_drake.systems.scalars import float_class, refuse, template
 from massprop_drake.systems.vehicle.noise_source import seed_in
-
-Array = NDArray[np.float64]
 
 _NO_WHEELS = np.zeros(0)
 _CENTER = STRUCTURE.slice("center_of_mass")

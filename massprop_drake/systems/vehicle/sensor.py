@@ -6,7 +6,6 @@ import math
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.autodiffutils import AutoDiffXd
 from pydrake.common import RandomDistribution
 from pydrake.symbolic import Expression
@@ -14,19 +13,17 @@ from pydrake.systems.framework import LeafSystem_
 
 from massprop_drake.errors import InputError
 from massprop_drake.maths.kernels import chosen, held, value_of
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle import vehicle_ports
 from massprop_drake.maths.vehicle.rigid_body import N_STATE
 from massprop_drake.maths.vehicle.sensing import Draws, SensorModel, vibrating, with_draws
 from massprop_drake.maths.vehicle.vehicle_ports import Sensing
 from massprop_drake.systems.arguments import vector
-from massprop_drake.systems.caching import Cached, state_of
+from massprop_drake.systems.caching import Cached, declare_outputs, declare_update, state_of
 from massprop_drake.systems.layouts import NOISE
 from massprop_drake.systems.parameters import Named, Parameters
 from massprop_drake.systems.scalars import float_class, refuse, template
 from massprop_drake.systems.vehicle.noise_source import seed_in
-
-Array = NDArray[np.float64]
-
 
 _QUIET = np.zeros(NOISE.size)
 _READING, _AFTER = slice(0, 3), slice(3, None)  # of what the kernel gives of a package that remembers
@@ -163,11 +160,9 @@ def Sensor_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
                 inputs.add(self.time_ticket())
             if model.remembers:
                 self.DeclareDiscreteState(model.memory_size)
-                self._step = Cached(self, "step", self._compute, {self.xd_ticket(), *inputs})
-                self.DeclareVectorOutputPort(
-                    "reading", 3, self._calc_remembering, prerequisites_of_calc={self._step.ticket}
-                )
-                self.DeclarePeriodicDiscreteUpdateEvent(period_sec=model.period_s, offset_sec=0.0, update=self._update)
+                step = Cached(self, "step", self._compute, {self.xd_ticket(), *inputs})
+                declare_outputs(self, step, [("reading", 3, _READING)])
+                declare_update(self, step, model.period_s, _AFTER)
             else:
                 self.DeclareVectorOutputPort("reading", 3, self._calc_direct, prerequisites_of_calc=inputs)
 
@@ -219,12 +214,6 @@ def Sensor_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
         def _compute(self, context: Any) -> Any:
             (kernel, holder, model), body = self._sensing.get(context), self._body_state.Eval(context)
             return kernel(body, state_of(context), *self._chance(context, model), holder)
-
-        def _calc_remembering(self, context: Any, output: Any) -> None:
-            output.SetFromVector(self._step.get(context)[_READING])
-
-        def _update(self, context: Any, state: Any) -> None:
-            state.set_value(self._step.get(context)[_AFTER])
 
     return Triad
 

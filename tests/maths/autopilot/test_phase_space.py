@@ -143,5 +143,3 @@ def test_released_axis_holds_the_attitude_at_capture() -> None:
         memory = step(memory, before * FORWARD, speed * FORWARD)
     # captured at 0.0009: samples with mean rates 0.00145 and 0.0007 count
     assert memory.error[0] == pytest.approx(PERIOD * (0.00145 + 0.0007), rel=1e-12)
-
-

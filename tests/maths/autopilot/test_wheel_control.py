@@ -26,8 +26,8 @@ DETENT, AXES = np.zeros(3), np.eye(3)
 def law(**changed: Any) -> WheelControlParams:
     # inertias, largest torque and speed, then the gain, thresholds and rate of unloading
     made = WheelControlParams(
-        PYRAMID, shares_of(PYRAMID), np.full(4, 0.006), np.full(4, 0.1), np.full(4, 400.0), INERTIA, 1.0, 0.5, 0.2, 1e-3,
-        SETTINGS,
+        PYRAMID, shares_of(PYRAMID), np.full(4, 0.006), np.full(4, 0.1), np.full(4, 400.0), INERTIA, 1.0, 0.5,
+        0.2, 1e-3, SETTINGS,
     )  # fmt: skip
     return made._replace(**changed)
 

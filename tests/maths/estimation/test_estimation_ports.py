@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 from numpy.typing import NDArray
 
 from massprop_drake import Run, Scenario, load_scenario, simulate
@@ -14,7 +15,7 @@ from massprop_drake.maths.estimation.cycle import EstimationParams, Sample
 from massprop_drake.maths.estimation.detector import KNOWN_FORCE, NO_KNOWN_FORCE, known_force_of
 from massprop_drake.maths.estimation.filters import thesis
 from massprop_drake.maths.estimation.impulses import LAYOUT as IMPULSES
-from massprop_drake.maths.kernels import Holder, fill, taken
+from massprop_drake.maths.kernels import Holder, taken
 from massprop_drake.systems.layouts import MASS_REPORT, ROTATION_REPORT
 
 Array = NDArray[np.float64]
@@ -97,18 +98,8 @@ def test_systems_one_after_the_other_are_a_cycle_bit_by_bit(flown: tuple[Scenari
         report, filtered = dut.step(sample), step.filtered
         assert filtered.mass is not None
         expected = np.append(ROTATION_REPORT.pack(filtered.rotation), MASS_REPORT.pack(filtered.mass))
-        np.testing.assert_array_equal(report, expected)
+        assert_array_equal(report, expected)
         state = step.state
         for name, vector in cycle.saved(state, made).items():
-            np.testing.assert_array_equal(dut.groups[name], vector, err_msg=f"{name} at {sample.time_s}")
+            assert_array_equal(dut.groups[name], vector, err_msg=f"{name} at {sample.time_s}")
     assert made.detector is None or state.detector.variance.any()
-
-
-def test_what_is_filled_in_is_taken_out_again() -> None:
-    acted = estimation_ports.Acted(np.arange(3.0), np.arange(3.0, 6.0), usable=True, firing=False)
-    row = np.full(9, np.nan)
-    fill(row, acted)
-    again = taken(row, estimation_ports.Acted(np.zeros(3), np.zeros(3), usable=False, firing=True))
-    assert type(again) is estimation_ports.Acted
-    assert (again.usable, again.firing) == (True, False)
-    np.testing.assert_array_equal(again.linear_impulse, [3.0, 4.0, 5.0])

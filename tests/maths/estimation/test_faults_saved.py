@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from faults_probe import SLOTS, Flown, commands_of, dock, fail, flight, follow, make_params
+from faults_probe import SLOTS, Flown, commands_of, fail, flight, follow, make_params
 
 from massprop_drake.maths.estimation.faults import hypothesis_filter
 from massprop_drake.maths.estimation.faults.saved import restored, saved
@@ -65,23 +65,6 @@ def test_a_run_goes_on_the_same_after_a_restart(leak: Flown, row: int) -> None:
     np.testing.assert_allclose(again.filters[-1].mean, leak.filters[-1].mean, atol=1e-9)
     np.testing.assert_allclose(again.filters[-1].root, leak.filters[-1].root, atol=1e-9)
     assert [one.jets for _, one in again.said] == [one.jets for time_s, one in leak.said if time_s > 0.1 * row + 0.15]
-
-
-@pytest.mark.parametrize("row", [21, 36])
-def test_a_failure_after_a_restart_is_named(flown: Flown, row: int) -> None:
-    """Its onset may be another, since the bank of onsets begins anew."""
-    tree, verdicts = restored(saved(flown.trees[row], flown.verdicts[row], PLACES), PLACES)
-    again = follow(flown, tree, verdicts, flown.filters[row], row + 1)
-    assert [one.jets for _, one in again.said] == [one.jets for time_s, one in flown.said if time_s > 0.1 * row + 0.15]
-
-
-def test_a_payload_that_has_not_been_measured_is_measured_after_a_restart() -> None:
-    docked = flight(PARAMS, COMMANDS, changes={30: dock(PARAMS.joint, 0.3)})
-    tree, verdicts = restored(saved(docked.tree, docked.verdicts[-1], PLACES), PLACES)
-    assert verdicts.earlier is not None
-    np.testing.assert_array_equal(verdicts.earlier.root, docked.verdicts[-1].earlier.root)
-    assert tree.leader.earlier is not None
-    assert tree.leader.earlier.time_s == pytest.approx(3.0)
 
 
 def test_groups_and_all_that_was_declared_come_back(flown: Flown) -> None:

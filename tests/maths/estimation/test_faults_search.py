@@ -9,19 +9,18 @@ import pytest
 
 from massprop_drake import Run, load_scenario, simulate
 from massprop_drake.inputs import params as inputs
-from massprop_drake.maths.estimation.faults.passes import begin_fit, linearization, step_fit
+from massprop_drake.maths.estimation.faults.passes import begin_fit, step_fit
 from massprop_drake.maths.estimation.faults.priors import Priors, force_correction
-from massprop_drake.maths.estimation.faults.screening import begin_screening, rank_jets, refine, step_screening
-from massprop_drake.maths.estimation.faults.search import BEGUN, OVER, SearchOutcome, StartSearch, followed
+from massprop_drake.maths.estimation.faults.search import BEGUN, SearchOutcome, StartSearch, followed
 from massprop_drake.maths.estimation.filter import Told
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams
-from massprop_drake.maths.estimation.joint import joint_cycle
+from massprop_drake.maths.estimation.joint import relinearization
 from massprop_drake.maths.estimation.joint.hypotheses import Cause, Kind, slot_of
 from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams
 from massprop_drake.maths.estimation.joint.screen import Contender
-from massprop_drake.maths.estimation.joint.start import LONGEST, Kept
+from massprop_drake.maths.estimation.joint.start import Kept
 from massprop_drake.maths.estimation.joint.thrust_scale import reported
 
 ACCELEROMETERS = ("acc2", "acc1", "acc3")  # the preferred one first, as the filter has them
@@ -138,17 +137,6 @@ def test_a_contradiction_by_chance_is_put_down_to_the_start() -> None:
     assert nees(found[0], run, time_s, own.joint) < 29.6
 
 
-def test_nothing_is_searched_where_nothing_contradicts(leaking: Run, params: JointParams) -> None:
-    search = BEGUN
-    for each in cycles(leaking, params_of(LEAK)):
-        report = each.report._replace(contradicted=False, incremented=False)
-        search, found = followed(search, each.before, report, each.sample, Priors(), params)
-        assert (search.until, found) == (0, ())
-    search = search._replace(kept=search.kept[:1] * LONGEST)
-    assert followed(search, each.before, report, each.sample, Priors(), params) == (OVER, ())
-    assert followed(OVER, each.before, report, each.sample, Priors(), params) == (OVER, ())
-
-
 # --- by hand
 
 
@@ -157,21 +145,6 @@ def kept(leaking: Run) -> StartSearch:
     """Everything that is kept of the flight with a leak, and its entry."""
     _, *every = cycles(leaking, params_of(LEAK))
     return StartSearch(entry=every[0].before, kept=tuple(Kept(each.sample, False) for each in every))
-
-
-def test_finer_onsets_are_about_the_likeliest_and_among_the_samples(kept: StartSearch, params: JointParams) -> None:
-    entry, samples = kept.beginning, kept.kept[:70]
-    coarse = begin_screening(entry, linearization(entry, entry, params), samples, None, params)
-    assert coarse.screen.onsets == tuple(range(0, 70, 5))
-    for each in samples:
-        coarse = step_screening(coarse, each, params)
-    assert rank_jets(coarse, params)[0].cause == LEAK_ON_TOP
-    fine = refine(coarse, samples, params)
-    assert fine is not None
-    assert set(np.diff(fine.screen.onsets)) == {1}
-    assert 18 in fine.screen.onsets  # 1.48 s
-    assert max(fine.screen.onsets) < 70
-    assert refine(fine, samples, params) is None
 
 
 def test_a_pass_is_linear_in_the_force_it_estimates(kept: StartSearch, params: JointParams) -> None:
@@ -190,7 +163,7 @@ def test_a_pass_is_linear_in_the_force_it_estimates(kept: StartSearch, params: J
 
     def after(share: float) -> np.ndarray:
         mean = (1.0 - share) * state.mean + share * there
-        return joint_cycle.relinearized(state._replace(mean=mean), sample, about, own)[0].mean
+        return relinearization.relinearized(state._replace(mean=mean), sample, about, own)[0].mean
 
     scale = np.maximum(np.abs(after(1.0) - after(0.0)), 1e-9)
     np.testing.assert_allclose((after(0.3) - 0.7 * after(0.0) - 0.3 * after(1.0)) / scale, 0.0, atol=1e-6)

@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
-from massprop_drake.maths.estimation.joint.joint_cycle import JointSample
+from massprop_drake.maths.estimation.joint.forcing import drive
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import make_places
 from massprop_drake.maths.estimation.joint.measurement import outputs
-from massprop_drake.maths.estimation.joint.prediction import drive, predict, propellant_drift
+from massprop_drake.maths.estimation.joint.prediction import predict
+from massprop_drake.maths.estimation.joint.process_noise import propellant_drift
 from massprop_drake.maths.estimation.joint.ticks import on_ticks
 from massprop_drake.maths.estimation.joint.wheels import NO_WHEELS, WheelParams
 from massprop_drake.maths.estimation.offline.flight_bound import least_deviation
@@ -174,39 +176,22 @@ def test_the_bound_of_what_drifts_is_that_of_the_recursion(tank_fraction: float,
     assert (least[6:9] >= times * exact[6:9]).all()
 
 
-_OWN = {"time_s", "readings", "commands", "outside", "used_after"}  # of a stretch, by row
-
-
-def pieces(stretch: Stretch, *ends: int) -> tuple[Stretch, ...]:
-    """A stretch cut at rows that each piece has in common with the next."""
-    told = []
-    for first, last in pairwise((0, *ends, ROWS)):
-        before = stretch.commands[first - 1 : first] if first else stretch.before
-        rows = {name: value[first : last + 1] for name, value in stretch._asdict().items() if name in _OWN}
-        told.append(Stretch(before=before, **rows))
-    return tuple(told)
+def cut(stretch: Stretch, first: int, last: int = ROWS) -> Stretch:
+    """Rows of a stretch, both ends included, after the first."""
+    own = ("time_s", "readings", "commands", "outside", "used_after")
+    rows = {name: getattr(stretch, name)[first : last + 1] for name in own}
+    return Stretch(before=stretch.commands[first - 1 : first], **rows)
 
 
 def test_what_is_used_between_pieces_drifts_as_well() -> None:
     stretch, drift = flight(1)[0], propellant_drift(TRUTH, 1.0, 10.0, PARAMS.arm)
-    one, lost, last = pieces(stretch, 40, 97)
+    one, last = cut(stretch, 1, 40), cut(stretch, 97)
     idle = last._replace(commands=np.zeros_like(last.commands), before=np.zeros((1, 6)))
     alone, both = least_of((one,), 10.0), least_of((one, idle), 10.0)
     used = one.used_after[-1] - last.used_after[-1]
     known = used * drift > 0.01 * alone**2  # of others the last rows say as much
     assert known[6:9].all()
     np.testing.assert_allclose(both[known] ** 2, (alone**2 + used * drift)[known], rtol=0.02)
-    every = least_of((one, lost, last), 10.0)
-    assert (every < 1.01 * both).all()
-
-
-def test_a_stretch_without_readings_says_nothing() -> None:
-    stretch, (model, _) = flight(1)[0], known()
-    blind = stretch._replace(readings=np.full_like(stretch.readings, np.nan))
-    np.testing.assert_allclose(least_of((blind,)), model.sigma[:10])
-    drift = propellant_drift(TRUTH, 1.0, 10.0, PARAMS.arm) * -stretch.used_after[-1]
-    np.testing.assert_allclose(least_of((blind,), 10.0), np.sqrt(model.sigma[:10] ** 2 + drift))
-    np.testing.assert_array_equal(least_of(()), model.sigma[:10])
 
 
 def test_what_is_used_before_a_sensor_reads_does_not_move_what_it_reads_first() -> None:
@@ -215,7 +200,7 @@ def test_what_is_used_before_a_sensor_reads_does_not_move_what_it_reads_first() 
     blind = stretch._replace(readings=stretch.readings.copy(), used_after=used_after)
     blind.readings[:40] = blind.readings[60:] = np.nan
     drift = propellant_drift(TRUTH, 1.0, 300.0, PARAMS.arm)
-    (model, _), later = known(), pieces(blind, 40)[1]
+    (model, _), later = known(), cut(blind, 40)
     start = np.diag(model.sigma[:10] ** 2 - drift * used_after[40])
     expected = least_deviation([later], model.prior, start, drift, model)
     np.testing.assert_allclose(least_of((blind,), 300.0), expected, rtol=5e-3)
@@ -270,34 +255,6 @@ def test_a_flight_that_is_as_stated_passes_every_test() -> None:
     assert np.mean(ratios) == pytest.approx(0.95, abs=0.04)  # of 600 readings some 20 go into the fit
     assert min(statistics) > 1e-3
     assert 0.3 < np.mean(statistics) < 0.7
-
-
-@pytest.mark.parametrize(
-    ("faulty", "part", "expected"),
-    [
-        ({"torque": np.array([0.0, 2e-5, 0.0])}, "torque", np.array([0.0, 2e-5, 0.0])),
-        ({"lag": 1.5}, "lag", np.array([0.3 * 0.015, 0.3 * 0.03])),
-    ],
-)
-def test_what_is_wrong_is_found_with_its_size(faulty: dict[str, Any], part: str, expected: Array) -> None:
-    model, places = known(thrust=0.0, lag=0.0)
-    stretch, unknown = flight(3, **faulty)[0], np.arange(model.prior.size)[getattr(places, part)]
-    fit = fit_of(stretch, model)
-    score = score_of(fit, unknown, model)
-    assert score.statistic > 10.0 * chi2.isf(1e-4, score.degrees)
-    model.sigma[unknown] = 1.0
-    after = fitted([stretch], fit.at, model)
-    np.testing.assert_allclose(after.at[unknown], expected, atol=0.05 * np.abs(expected).max())
-    assert after.normal.per_reading < 1.1
-
-
-def test_thrusts_that_are_stated_to_be_off_by_so_much_are_none_that_are_off_by_more() -> None:
-    stretch, _ = flight(4, 1.0 + np.array([0.03, -0.03, 0.03, -0.03, 0.03, -0.03]))
-    for stated, wrong in ((0.03, False), (0.005, True)):
-        model, places = known(thrust=stated)
-        fit = fit_of(stretch, model)
-        score = score_of(fit, np.arange(fit.at.size)[places.thrust], model, stated, 0.01)
-        assert (score.statistic > chi2.isf(2e-4, score.degrees)) == wrong
 
 
 @pytest.mark.parametrize(
@@ -394,7 +351,7 @@ def test_a_reading_counts_once_it_has_moved() -> None:
     assert informative(expected, np.full(7, np.nan), 1.0).size == 0
 
 
-@pytest.mark.parametrize("wrong", [0.01, 0.1, 1.0, 30.0])
+@pytest.mark.parametrize("wrong", [0.01, 30.0])
 def test_passes_that_go_astray_are_not_followed(wrong: float) -> None:
     """An axis that says for a while what no body does, from where passes go farther and farther."""
     model, _ = known()
@@ -530,25 +487,3 @@ def test_intervals_of_one_length_say_the_same_one_by_one(opens: bool) -> None:
         stretch = stretch._replace(commands=halves, onsets_s=at_s, before_onsets_s=np.full((1, 6), np.nan))
     for one, other in zip(of_all(model, at, stretch), of_all(own, at, stretch), strict=True):
         np.testing.assert_allclose(other, one, rtol=0.0, atol=1e-8 * np.abs(one).max())
-
-
-def test_rows_of_other_sensors_between_tell_neither_more_nor_less() -> None:
-    model, _ = known()
-    own = model._replace(at_stamps=True, own_times=True)
-    stretch, at = flight(4)[0], model.prior.copy()
-    share = np.where(np.arange(ROWS) % 2 == 0, 0.3, 0.8) * PERIOD
-    time_s = np.insert(stretch.time_s, np.arange(1, ROWS + 1), stretch.time_s[:-1] + share)
-    order = np.argsort(time_s, kind="stable")
-    assert (np.diff(order) > 0).all()
-    place = np.arange(1, ROWS + 1)
-    between = stretch._replace(
-        time_s=time_s,
-        readings=np.insert(stretch.readings, place, np.nan, axis=0),
-        commands=np.insert(stretch.commands, place, stretch.commands[:-1], axis=0),
-        outside=np.zeros((2 * ROWS + 1, 6)),
-        used_after=np.insert(stretch.used_after, place, stretch.used_after[:-1]),
-    )
-    one, other = normal(stretch, at, model), normal(between, at, own)
-    assert other.readings == one.readings
-    assert other.misfit == pytest.approx(one.misfit, rel=1e-3)
-    np.testing.assert_allclose(other.information[:10, :10].diagonal(), one.information[:10, :10].diagonal(), rtol=1e-3)

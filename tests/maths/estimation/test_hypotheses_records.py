@@ -54,13 +54,21 @@ def of_jet(word: Word, force: float) -> JetsDeclared:
     return JetsDeclared(word, (3,), (1,), (force,), (0.1,), 4.0)
 
 
-def test_two_jets_that_fail_at_once_are_two_records(orbiter: Vehicle) -> None:
-    first, second = recorded(orbiter, (LEAK, LOSS))
+def test_jets_and_groups_of_one_sample_are_records_of_their_own(orbiter: Vehicle) -> None:
+    """Groups share a jet; each has its own order, and what would tell it apart. What is withdrawn stays listed."""
+    other = JetsDeclared(Word.GROUP, (12, 29, 7), (1, 1, 1), (9.0, 8.0, 7.0), (1.0,) * 3, 4.5, Apart(coasting_s=6.0))
+    well = JetsDeclared(Word.WITHDRAWN, (3,), (1,), (0.2,), (0.1,), 7.0)
+    first, second, third, fourth = recorded(orbiter, (LEAK, ALIKE), (LOSS, other), (well,))
     names = orbiter.designations
     assert (first.kind, first.jet, first.jets, first.isolated_to) == ("jet_on", names[3], (names[3],), "jet")
-    assert (second.kind, second.jet, second.cluster) == ("jet_off", names[28], orbiter.jets[28].cluster)
-    assert (first.magnitude, second.magnitude, second.magnitude_std) == (10.0, -870.0, 2.0)
-    assert (first.onset_s, first.time_s, first.alarms) == (4.0, 5.0, 1)
+    assert (first.onset_s, first.time_s, first.alarms, first.withdrawn_s) == (4.0, 5.0, 1, 7.0)
+    assert (second.jet, second.jets, second.isolated_to) == (None, (names[30], names[29]), "group")
+    assert second.suspects == f"one of {names[30]}, {names[29]}"
+    assert (third.kind, third.jet, third.cluster) == ("jet_off", names[28], orbiter.jets[28].cluster)
+    assert (third.magnitude, third.magnitude_std, third.withdrawn_s) == (-870.0, 2.0, None)
+    assert (fourth.jets, fourth.time_s) == ((names[12], names[29], names[7]), 6.0)
+    (_, event) = heard(orbiter, (LEAK, other))
+    assert (event.kind, event.told_apart_by, event.told_apart_s, event.magnitude) == ("group", None, 6.0, 9.0)
 
 
 @pytest.mark.parametrize(

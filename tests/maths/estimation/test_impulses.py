@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.estimation.impulses import Impulses, interval_impulses
@@ -28,13 +29,13 @@ def impulses(
     given = np.array(command), np.array(before), np.zeros(2) if level is None else level
     factors = lag_factors(LAGGING if lag else np.zeros(2), PERIOD)
     result = interval_impulses(*given, WRENCHES * PERIOD, factors, outside)
-    np.testing.assert_array_equal(given[0], command)  # what was commanded is not changed
+    assert_array_equal(given[0], command)  # what was commanded is not changed
     return result
 
 
 def test_wrenches_of_hand_value() -> None:
     positions, thrusts = np.array([[1.0, 2.0, 3.0], [0.0, -1.0, 2.0]]), np.array([[0.0, 0.0, 10.0], [4.0, 0.0, 0.0]])
-    np.testing.assert_array_equal(thrust_wrenches(positions, thrusts), WRENCHES)
+    assert_array_equal(thrust_wrenches(positions, thrusts), WRENCHES)
 
 
 @pytest.mark.parametrize(
@@ -53,10 +54,10 @@ def test_wrenches_of_hand_value() -> None:
 )
 def test_impulses_of_hand_values(command: list[float], outside: Array | None, expected: Array, firing: bool) -> None:
     dut = impulses(command, command, outside)
-    np.testing.assert_array_equal([*dut.angular_impulse, *dut.linear_impulse], expected)
+    assert_array_equal([*dut.angular_impulse, *dut.linear_impulse], expected)
     assert dut.firing is firing
     for level in (dut.level, dut.mean_level):  # outside impulses are no thrust of a jet
-        np.testing.assert_array_equal(level, np.nan_to_num(command))
+        assert_array_equal(level, np.nan_to_num(command))
 
 
 def test_sum_over_jets_is_that_of_the_definition_and_follows_the_origin(orbiter: Vehicle) -> None:
@@ -66,9 +67,9 @@ def test_sum_over_jets_is_that_of_the_definition_and_follows_the_origin(orbiter:
     for moved in (np.zeros(3), shift):
         wrenches = thrust_wrenches(orbiter.positions + moved, orbiter.thrusts)
         dut = interval_impulses(level, level, level, wrenches * 0.08, lag_factors(np.zeros(44), 0.08))
-        np.testing.assert_allclose(dut.linear_impulse, pushes.sum(axis=0), rtol=0.0, atol=44 * 72.0 * 2e-16)
+        assert_allclose(dut.linear_impulse, pushes.sum(axis=0), rtol=0.0, atol=44 * 72.0 * 2e-16)
         expected = np.cross(orbiter.positions, pushes).sum(axis=0) + np.cross(moved, pushes.sum(axis=0))
-        np.testing.assert_allclose(dut.angular_impulse, expected, rtol=0.0, atol=44 * 7e3 * 2e-16)
+        assert_allclose(dut.angular_impulse, expected, rtol=0.0, atol=44 * 7e3 * 2e-16)
 
 
 @pytest.mark.parametrize(
@@ -100,9 +101,9 @@ def test_lag_holds_impulse_back_at_the_start_and_gives_it_after_the_end() -> Non
     # 1 - e^-2; then, switched off, the mean is (1 - e^-2) / 2 of that. Not known is off
     mean, level = 1.0 - 0.5 * (1.0 - LEFT), 1.0 - LEFT
     first = impulses(FIRST, OFF, lag=True)
-    np.testing.assert_allclose(first.linear_impulse, [0.0, 0.0, 5.0 * mean], rtol=1e-14)
-    np.testing.assert_allclose([first.level[0], first.mean_level[0]], [level, mean], rtol=1e-14)
+    assert_allclose(first.linear_impulse, [0.0, 0.0, 5.0 * mean], rtol=1e-14)
+    assert_allclose([first.level[0], first.mean_level[0]], [level, mean], rtol=1e-14)
     for command in (OFF, [NAN, 0.0]):
         second = impulses(command, FIRST, level=first.level, lag=True)
-        np.testing.assert_allclose(second.linear_impulse, [0.0, 0.0, 5.0 * 0.5 * level**2], rtol=1e-14)
-        np.testing.assert_allclose(second.level, [level * LEFT, 0.0], rtol=1e-14)
+        assert_allclose(second.linear_impulse, [0.0, 0.0, 5.0 * 0.5 * level**2], rtol=1e-14)
+        assert_allclose(second.level, [level * LEFT, 0.0], rtol=1e-14)

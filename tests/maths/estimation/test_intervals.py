@@ -54,23 +54,6 @@ def test_corners_and_the_deepest_point_of_a_triangle() -> None:
         deepest(contradicting, lambda *_: None)
 
 
-def test_constraints_that_are_added_one_by_one_give_what_all_give() -> None:
-    rng = np.random.default_rng(1)
-    matrix = rng.standard_normal((1000, 6)) * 10.0 ** rng.uniform(-4.0, 4.0, 6)
-    inside = rng.standard_normal(6) / np.abs(matrix).max(axis=0)
-    read = np.rint(matrix @ inside)
-    given = boxed(matrix, read - 0.5, read + 0.5, 1e9)
-    found = extremes(given, 6, by_scipy)
-    assert found is not None
-    size = np.abs(matrix).max(axis=0)
-    for unknown in range(6):
-        for side, sign in enumerate((1.0, -1.0)):
-            cost = sign * np.eye(6)[unknown]
-            every = by_scipy(cost, given.matrix / size, given.low, given.high)
-            assert every is not None
-            assert found[unknown, side, unknown] * size[unknown] == pytest.approx(every[unknown], abs=1e-6)
-
-
 PERIOD, ROWS, FINE = 0.1, 120, 10
 INERTIA = np.array([[3.0, 0.2, -0.1], [0.2, 4.0, 0.15], [-0.1, 0.15, 5.0]])
 INVERSE, CENTER, MASS = np.linalg.inv(INERTIA), np.array([0.05, -0.02, 0.03]), 40.0
@@ -242,14 +225,6 @@ def test_a_wrong_lag_contradicts_the_readings() -> None:
     assert found.is_contradicted
     assert found.depth < -0.5
     assert np.isnan(found.low).all()
-
-
-def test_a_package_that_does_not_confine_is_not_used() -> None:
-    record = flight(Point(TRUTH, START))
-    record.readings[:, 1] += 1.0e3 * np.random.default_rng(0).standard_normal((ROWS + 1, 3))
-    found = found_of(record, model(), CELLS._replace(quanta=np.array([QUANTA[0], 0.0])))
-    assert np.isnan([found.low[9], found.high[9]]).all()  # a gyro tells nothing of the mass
-    assert ((found.low <= TRUTH) & (found.high >= TRUTH))[:9].all()
 
 
 def test_noise_a_bias_gaps_and_further_stretches_leave_the_truth_inside(usual: tuple[Stretch, Confined]) -> None:

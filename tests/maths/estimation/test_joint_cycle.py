@@ -6,21 +6,21 @@ from typing import Any
 
 import numpy as np
 import pytest
-from joint_probe import PERIOD, small_params, some_sample, some_state, unread
+from joint_probe import PERIOD, small_params, some_sample, some_state
 
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
 from massprop_drake.maths.estimation.filter import Told
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import GROUP, JointFilterParams, JointFilterState, JointMeasurement
 from massprop_drake.maths.estimation.filters.registry import FILTERS
+from massprop_drake.maths.estimation.joint.beginning import initial
 from massprop_drake.maths.estimation.joint.covariance import in_order
-from massprop_drake.maths.estimation.joint.joint_cycle import driven, expect, initial, step
+from massprop_drake.maths.estimation.joint.innovation import expect
+from massprop_drake.maths.estimation.joint.joint_cycle import driven, step
 from massprop_drake.maths.estimation.joint.layout import CENTER, RATE, pack, state_layout, unpack
 from massprop_drake.maths.estimation.joint.measurement import outputs
-from massprop_drake.maths.estimation.joint.prediction import predict
 from massprop_drake.maths.linear_algebra import (
     NotPositiveDefiniteError,
-    is_covariance,
     skew,
     triangular_rows,
 )
@@ -31,7 +31,6 @@ RATES = np.array([[0.01, -0.02, 0.03], [0.011, -0.02, 0.03]])
 VELOCITIES = np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]])
 READ = some_sample(PARAMS, rates=RATES, velocities=VELOCITIES)
 STILL = np.zeros((1, 6))
-NO_BIASES = np.append(np.ones(6 + 2), np.zeros(6 + 6 + 1 + 2 + 2))
 
 
 def test_a_start_is_as_its_readings_say() -> None:
@@ -49,19 +48,6 @@ def test_a_start_is_as_its_readings_say() -> None:
     read = jacobian[6:] @ state.root
     np.testing.assert_allclose(read @ read.T, np.diag(PARAMS.variances[6:]), atol=1e-20)
     np.testing.assert_allclose(read @ state.root[10:13].T, np.zeros((6, 3)), atol=1e-20)
-
-
-def test_thrust_errors_are_estimated_from_the_first_firing_on_and_no_state_is_changed() -> None:
-    state = some_state(PARAMS)
-    kept, b = pack(state, PLACES), slice(PLACES.thrust, PLACES.thrust + 6)
-    estimated, _ = step(state, READ, PARAMS)
-    assert (estimated.mean[b] != state.mean[b]).all()
-    np.testing.assert_array_equal(pack(state, PLACES), kept)
-    assert is_covariance(estimated.root @ estimated.root.T)
-    after, report = step(state, some_sample(PARAMS), PARAMS)  # nothing read is prediction alone
-    assert report.nis == 0.0
-    expected = predict(state, driven(state, some_sample(PARAMS), PARAMS), unread(PARAMS), PARAMS).mean
-    np.testing.assert_array_equal(after.mean, expected)
 
 
 def test_the_start_is_incremented_where_gyros_contradict_it() -> None:

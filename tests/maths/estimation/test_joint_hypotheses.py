@@ -11,7 +11,8 @@ from joint_probe import PERIOD, elapsed, small_params, some_sample, some_state, 
 from massprop_drake.maths.estimation.joint import bank as banks
 from massprop_drake.maths.estimation.joint import hypotheses as h
 from massprop_drake.maths.estimation.joint import screen as screens
-from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, driven, step
+from massprop_drake.maths.estimation.joint.joint_cycle import driven, step
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import RATE, JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import outputs, rate_read, readings
 from massprop_drake.maths.estimation.joint.prediction import predict
@@ -176,10 +177,6 @@ def screen_of(of: Flight, onsets: tuple[int, ...], *, single: bool = False) -> s
     return screen
 
 
-def contenders(screen: screens.Screen) -> list[screens.Contender]:
-    return screens.contenders(screen, np.ones(12, dtype=np.bool_), np.zeros(12), PARAMS)
-
-
 def run_of(of: Flight, run: h.Runner) -> h.Runner:
     """A filter of its own over the rest of the flight."""
     for cycle in range(run.cycle, CYCLES):
@@ -250,33 +247,6 @@ def test_a_jump_of_mass_properties_is_as_large_as_a_payload_of_its_share(sound: 
     sigma = h.jump_sigma(PARAMS._replace(increment_sigma=1e-6 * PARAMS.increment_sigma, arm=2.0), 0.3)
     np.testing.assert_allclose(sigma[6:9], 0.6 / np.sqrt(3.0))
     np.testing.assert_allclose(np.delete(sigma, slice(6, 9)), 3e-7 * np.delete(PARAMS.increment_sigma, slice(6, 9)))
-
-
-def test_a_reading_that_is_false_once(sound: dict[float, Flight]) -> None:
-    """It is left out at once, costs its share, and is read again as soon as it fits; the column says the same."""
-    of, onset, component = sound[ON_TICKS], 4, 7
-    links, samples, states = list(of.links), list(of.samples), list(of.states)
-    velocities = samples[onset].velocities.copy()
-    velocities.flat[component - 6] += 1.0
-    samples[onset] = samples[onset]._replace(velocities=velocities)
-    for cycle in range(onset, CYCLES):
-        states[cycle + 1], report = step(states[cycle], samples[cycle], QUIET)
-        links[cycle] = link(states[cycle], report, samples[cycle], QUIET)
-    lied, cause = Flight(states, samples, links), h.Cause(h.Kind.LIES, component=component)
-    run = run_of(lied, h.Runner(cause, onset, (), onset, states[onset], h.NO_SCORE, True))
-    assert not run.lying
-    honest, none = run_of(of, nothing(of, onset)), run_of(lied, nothing(lied, onset))
-    # but for what that reading would have said
-    expected = honest.score.likelihood - h.cost_of_a_lie(component, PARAMS)
-    assert run.score.likelihood == pytest.approx(expected, abs=10.0)
-    first = next(each for each in contenders(screen_of(lied, (onset,))) if each.cause.kind == h.Kind.LIES)
-    assert first.cause == cause
-    assert first.lead == pytest.approx(run.score.likelihood - none.score.likelihood, rel=0.02)
-    deviation = np.sqrt(np.sum(honest.state.root**2, axis=1))
-    assert (np.abs(run.state.mean - honest.state.mean)[:19] < 1.0 * deviation[:19]).all()
-    # one that is missing has not shown that it fits
-    for sample, missing in ((of.samples[3], False), (h.masked(of.samples[3], component), True)):
-        assert h.misfits(step(of.states[3], sample, QUIET)[1], component, PARAMS) == missing
 
 
 def test_a_hypothesis_of_failed_jets_opens_with_their_forces_and_impulses(sound: dict[float, Flight]) -> None:

@@ -13,12 +13,12 @@ from massprop_drake.maths.attitude import (
     propagated,
     to_rotation_vector,
 )
-from massprop_drake.maths.estimation.joint import prediction as predictions
 from massprop_drake.maths.estimation.joint.joint_cycle import driven
 from massprop_drake.maths.estimation.joint.layout import AttitudeSensors, JointParams, make_places
 from massprop_drake.maths.estimation.joint.measurement import told_by_trackers
 from massprop_drake.maths.estimation.joint.orientation import STILL, UNTURNED, shared_attitude, turned
 from massprop_drake.maths.estimation.joint.prediction import predict
+from massprop_drake.maths.estimation.joint.propagation import propagated as propagated_root
 from massprop_drake.maths.estimation.joint.wheels import UNSPUN
 from massprop_drake.maths.linear_algebra import Array
 
@@ -44,7 +44,6 @@ def tracked_params(**changed: object) -> JointParams:
 PARAMS = tracked_params()
 PLACES = PARAMS.places
 ATTITUDE = slice(PLACES.attitude, PLACES.attitude + 3)
-UNSEEN = np.full((1, 3), np.nan)
 BORDER = np.sqrt((np.log(0.98 / 0.02) + 1.5 * np.log(100.25 / 1.25)) / (0.5 / 1.25 - 0.5 / 100.25))
 
 
@@ -110,7 +109,7 @@ def test_errors_go_over_to_the_attitude_as_differences_and_its_own_noise_say() -
     assert np.abs(expected[:, :9]).max() > 1e-3  # by the mass properties, by way of the rate
     prediction = predict(state, acting, unread(PARAMS), PARAMS, (frames, UNSPUN))
     noisy = prediction._replace(noise=np.diag([1e-8, 4e-8, 9e-8, 0, 0, 0]))
-    columns = predictions.propagated(np.zeros((PLACES.size, 1)), noisy, PARAMS)[ATTITUDE]
+    columns = propagated_root(np.zeros((PLACES.size, 1)), noisy, PARAMS)[ATTITUDE]
     np.testing.assert_allclose(columns @ columns.T, noisy.attitude[1] @ noisy.noise[:3, :3] @ noisy.attitude[1].T)
 
 

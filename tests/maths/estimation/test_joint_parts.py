@@ -30,9 +30,11 @@ from scipy.spatial.transform import Rotation
 from massprop_drake.inputs.moving import Slosh, mode_params
 from massprop_drake.inputs.scenario import load_scenario
 from massprop_drake.maths.estimation.joint import bank as banks
+from massprop_drake.maths.estimation.joint.beginning import begun, initial
 from massprop_drake.maths.estimation.joint.burns import Burn, at_rest, burnt, push
 from massprop_drake.maths.estimation.joint.disturbance_states import DisturbanceParams, come, wandered
-from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, begun, driven, initial, step
+from massprop_drake.maths.estimation.joint.joint_cycle import driven, step
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import (
     CENTER,
     INERTIA,
@@ -47,10 +49,11 @@ from massprop_drake.maths.estimation.joint.layout import (
 )
 from massprop_drake.maths.estimation.joint.modes import ModeParams
 from massprop_drake.maths.estimation.joint.orientation import STILL
-from massprop_drake.maths.estimation.joint.prediction import Prediction, predict, propagated
+from massprop_drake.maths.estimation.joint.prediction import Prediction, predict
+from massprop_drake.maths.estimation.joint.propagation import propagated
 from massprop_drake.maths.estimation.joint.sensitivity import link
 from massprop_drake.maths.estimation.joint.tanks import TankParams, drawn
-from massprop_drake.maths.estimation.joint.wheels import UNSPUN, Spun, WheelParams, spun, turn_by
+from massprop_drake.maths.estimation.joint.wheels import UNSPUN, Spun, WheelParams
 from massprop_drake.maths.estimation.offline.swings import Locked, with_modes
 from massprop_drake.maths.linear_algebra import Array, skew
 from massprop_drake.maths.mass_properties import ELEMENT, MassProperties, six_elements
@@ -288,33 +291,6 @@ def test_wheels_turn_the_vehicle_as_the_equation_of_motion_has_it(known: bool) -
     assert found.noise[0, 0] >= own**2
 
 
-def test_errors_of_read_speeds_are_taken_back_with_the_next() -> None:
-    """Errors of readings at both ends, as states have them, give the motion at the true speeds."""
-    errors = np.array([0.5, -1.0, 2.0]), np.array([-1.5, 0.3, 1.0])
-    state, slow = resting(WITH_WHEELS, [0.25, -0.2, 0.15]), part(WITH_WHEELS, "slow")
-    state.mean[slow] = errors[0]
-    rate = state.mean[RATE]
-    after = turned(rate, SPEEDS.start - errors[0] * WHEELS.speed_std, SPEEDS.end - errors[1] * WHEELS.speed_std)
-    plain = turned(rate, SPEEDS.start, SPEEDS.end)
-    found = predicted(state, some_sample(WITH_WHEELS, commands=STILLNESS, speeds=SPEEDS), WITH_WHEELS, after)
-    moved = found.mean[RATE] + found.wander.drawn[:3] @ errors[1] - plain
-    np.testing.assert_allclose(moved, after - plain, atol=2e-3 * np.abs(after - plain).max())
-    np.testing.assert_array_equal(found.mean[slow], np.zeros(3))
-    np.testing.assert_array_equal(found.wander.along, np.ones(3))
-
-
-def test_a_speed_that_is_not_read_counts_as_the_last_and_may_have_become_any() -> None:
-    speeds, last = spun(SPEEDS.start, np.array([1.0, np.nan, 2.0]), PERIOD, WHEELS)
-    np.testing.assert_array_equal([last, speeds.end], np.tile([1.0, -70.0, 2.0], (2, 1)))
-    np.testing.assert_array_equal(speeds.kept, [0.0, 1.0, 0.0])
-    np.testing.assert_allclose(speeds.drawn, [1.0, 50.0 * PERIOD / 0.02, 1.0])
-    first, last = spun(np.full(3, np.nan), np.array([1.0, np.nan, 2.0]), PERIOD, WHEELS)
-    np.testing.assert_array_equal(first.start, first.end)
-    np.testing.assert_array_equal(last, [1.0, np.nan, 2.0])
-    assert not turn_by(first, WHEELS)
-    assert turn_by(SPEEDS, WHEELS)
-
-
 def wrench(level: float, angles: Array, errors: Array) -> Array:
     """Torque about the vehicle origin and force, by scipy's rotations."""
     outer = Rotation.from_rotvec(GIMBALS[0] * (angles[0] + errors[2]))
@@ -347,31 +323,23 @@ def test_an_engine_moves_the_vehicle_as_the_equations_of_motion_have_it() -> Non
     np.testing.assert_allclose(found.mean[GATHERED], gained, atol=2e-3 * np.abs(gained).max())
 
 
-def test_derivatives_and_noise_of_an_engines_impulse() -> None:
-    found = push(BURN, ERRORS, PERIOD, ENGINES)
-    by_errors = central_differences(lambda at: push(BURN, at, PERIOD, ENGINES).impulse, ERRORS, np.full(6, 1e-4))
-    np.testing.assert_allclose(found.by_errors.T, by_errors, atol=1e-8)
-
+def test_noise_of_an_engine_is_that_of_level_and_angles_over_the_whole_interval() -> None:
     def shifted(offsets: Array) -> Array:
         return push(Burn(BURN.points + offsets, BURN.std), STEADY, PERIOD, ENGINES).impulse
 
-    by_offsets = central_differences(shifted, np.zeros(3), np.full(3, 1e-4))  # over the whole interval
+    by_offsets = central_differences(shifted, np.zeros(3), np.full(3, 1e-4))
     np.testing.assert_allclose(push(BURN, STEADY, PERIOD, ENGINES).noise, 1e-3 * by_offsets.T, atol=1e-9)
-    shut = Burn(np.zeros((1, 3, 3)), np.array([[0.0, 1.0, 1.0]]))
-    assert not push(shut, ERRORS, PERIOD, ENGINES).noise.any()
 
 
 @pytest.mark.parametrize("measured", [True, False])
 def test_readings_of_an_engine_are_what_is_or_what_is_to_be(measured: bool) -> None:
     quick = {"rates": np.full((1, 3), 1e4), "constants_s": np.zeros((1, 3))}
     engines, told = ENGINES._replace(measured=np.array([float(measured)]), **quick), np.array([[0.5, 0.1, 0.0]])
-    missing, setting = np.full((1, 3), np.nan), at_rest(1)
-    shut, setting = burnt(setting, missing, PERIOD, engines)  # never read
-    assert not push(shut, np.zeros(6), PERIOD, engines).noise.any()
-    first, setting = burnt(setting, told, PERIOD, engines)
+    missing = np.full((1, 3), np.nan)
+    first, setting = burnt(at_rest(1), told, PERIOD, engines)
     assert first.points[0, -1, 0] == (0.5 if measured else 0.0)
-    moved = 0.5 / np.sqrt(12.0) if measured else 0.0  # when the level has moved is not known
-    assert first.std[0, 0] == pytest.approx(np.hypot(moved, 0.25 * 0.002 if measured else 0.0), rel=1e-3)
+    moved = np.hypot(0.5 / np.sqrt(12.0), 0.25 * 0.002)  # when the level has moved is not known
+    assert first.std[0, 0] == pytest.approx(moved if measured else 0.0, rel=1e-3)
     second, setting = burnt(setting, missing, PERIOD, engines)
     np.testing.assert_allclose(second.points[0, -1], told[0], atol=1e-6)
     if not measured:  # Simpson's rule has the mean of a level that jumps as the interval begins
@@ -538,32 +506,20 @@ def test_a_stretch_of_a_record_swings_and_its_derivatives_agree_with_differences
 
 
 def test_after_a_gap_is_known_what_is_left_of_each_part() -> None:
-    """And at the start what is stated."""
-
-    def sigmas(state: JointState, own: slice) -> Array:
-        return np.sqrt(np.sum(state.root[own] ** 2, axis=1))
-
-    slow = part(WITH_WHEELS, "slow")
-    missing = some_sample(WITH_WHEELS, time_s=3.0, speeds=SPEEDS._replace(kept=np.array([0.0, 1.0, 0.0])))
-    after = begun(some_state(WITH_WHEELS)._replace(time_s=1.0), missing, WITH_WHEELS)
-    np.testing.assert_allclose(sigmas(after, slow), [1.0, 1e3 / 0.02, 1.0])  # readings have new errors
-    np.testing.assert_array_equal(after.mean[slow], np.zeros(3))
-
-    for after in (initial(WITH_TANKS), begun(initial(WITH_TANKS), some_sample(WITH_TANKS, time_s=30.0), WITH_TANKS)):
-        np.testing.assert_array_equal(after.mean[FILL], TANKS.fill)
-        np.testing.assert_allclose(sigmas(after, FILL), TANKS.fill_sigma)
-
-    slow, state = part(DISTURBED, "slow"), some_state(DISTURBED)._replace(time_s=1.0)
+    state, slow = some_state(DISTURBED)._replace(time_s=1.0), part(DISTURBED, "slow")
     after = begun(state, some_sample(DISTURBED, time_s=3.0), DISTURBED)  # a gap of one time constant
     kept = np.exp(-1.0)
     np.testing.assert_allclose(after.mean[slow], kept * state.mean[slow])
     before, now = (each.root[slow] @ each.root[slow].T for each in (state, after))
     np.testing.assert_allclose(now, kept**2 * before + (1.0 - kept**2) * np.eye(5))
-    first = begun(initial(DISTURBED), some_sample(DISTURBED, time_s=7.0), DISTURBED)
-    np.testing.assert_allclose(sigmas(first, slow), 1.0)
-
-    first = begun(initial(SWINGING), some_sample(SWINGING), SWINGING)
-    np.testing.assert_allclose(sigmas(first, SWING), np.append(MODES.start, MODES.start * MODES.frequencies))
-    after = begun(state_of(SWINGING)._replace(started=True), some_sample(SWINGING, time_s=3.0), SWINGING)
-    np.testing.assert_array_equal(after.mean[SWING], 0.0)  # they may have been shaken
-    np.testing.assert_allclose(sigmas(after, SWING), np.append(MODES.shaken, MODES.shaken * MODES.frequencies))
+    tanks = begun(initial(WITH_TANKS), some_sample(WITH_TANKS, time_s=30.0), WITH_TANKS)
+    np.testing.assert_array_equal(tanks.mean[FILL], TANKS.fill)
+    shaken = begun(state_of(SWINGING)._replace(started=True), some_sample(SWINGING, time_s=3.0), SWINGING)
+    wheels = SPEEDS._replace(kept=np.array([0.0, 1.0, 0.0]))  # the readings of the others have new errors
+    turned_on = begun(some_state(WITH_WHEELS), some_sample(WITH_WHEELS, time_s=3.0, speeds=wheels), WITH_WHEELS)
+    for found, own, expected in (
+        (tanks, FILL, TANKS.fill_sigma),
+        (shaken, SWING, np.append(MODES.shaken, MODES.shaken * MODES.frequencies)),
+        (turned_on, part(WITH_WHEELS, "slow"), [1.0, 1e3 / 0.02, 1.0]),
+    ):
+        np.testing.assert_allclose(np.sqrt(np.sum(found.root[own] ** 2, axis=1)), expected)

@@ -17,24 +17,18 @@ from joint_probe import (
 )
 from scipy.integrate import solve_ivp
 
-from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, driven
+from massprop_drake.maths.estimation.joint.forcing import Drive
+from massprop_drake.maths.estimation.joint.joint_cycle import driven
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
-from massprop_drake.maths.estimation.joint.prediction import (
-    Drive,
-    Prediction,
-    RateRead,
-    gathered_rows,
-    largest_coupling,
-    predict,
-    propagated,
-    turning,
-)
+from massprop_drake.maths.estimation.joint.prediction import Prediction, predict
+from massprop_drake.maths.estimation.joint.propagation import gathered_rows, propagated
+from massprop_drake.maths.estimation.joint.rate_coupling import RateRead, largest_coupling, turning
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import MassProperties
 from massprop_drake.maths.vehicle import rigid_body
 
 PARAMS = small_params(second_order=False)
-SECOND = small_params()
 PLACES = PARAMS.places
 SAMPLE = some_sample(PARAMS, outside=np.array([0.01, -0.02, 0.03, 0.02, 0.01, -0.03]))
 ALONE = some_sample(PARAMS)  # without known outside forces

@@ -13,10 +13,11 @@ from massprop_drake.inputs import params as inputs
 from massprop_drake.maths.estimation.filter import Told
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import JointFilterState
-from massprop_drake.maths.estimation.joint import joint_cycle, start
-from massprop_drake.maths.estimation.joint.joint_cycle import OWN_CHOICE, JointSample, cycled, gone_over
+from massprop_drake.maths.estimation.joint.joint_cycle import OWN_CHOICE, cycled
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams, JointState
-from massprop_drake.maths.estimation.joint.start import BEGUN, OVER, STEPS
+from massprop_drake.maths.estimation.joint.relinearization import gone_over
+from massprop_drake.maths.estimation.joint.start import BEGUN, OVER
 from massprop_drake.maths.estimation.joint.thrust_scale import reported
 from massprop_drake.maths.estimation.joint.ticks import on_ticks
 
@@ -30,7 +31,6 @@ class Flown(NamedTuple):
     params: JointParams
     again: list[JointFilterState]
     once: list[JointFilterState]
-    passed: list[int]  # samples that are gone over in each cycle of the former
 
     def sample(self, row: int, command: int) -> JointSample:
         """Readings of a row and commands of another."""
@@ -54,25 +54,16 @@ def flown() -> Flown:
     settings = ["plant.lag_factor=0.9523809523809523", "plant.thrust_dispersion=0.01", "joint.thrust_uncertainty=0.01"]
     given = ["detector.kind=off", "execution.engine=loop", "duration_s=10", "seed=50009"]
     run = simulate(load_scenario("orbiter_maneuver", [*settings, *given]))
-    params, made, states, passed = inputs.joint_params(run.scenario), [0], [], []
-
-    def counting(*given: object) -> object:
-        made[0] += 1
-        return gone_over(*given)  # type: ignore[arg-type]
-
+    params, states = inputs.joint_params(run.scenario), []
     velocities = np.stack([run[name] for name in ACCELEROMETERS], axis=1)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(start, "gone_over", counting)
-        for kept in (BEGUN, OVER):
-            state, made[0] = joint.initial(params)._replace(start=kept), 0
-            for row, time_s in enumerate(run.time_s.tolist()):
-                told = Told(time_s, time_s, run["command"][max(row - 1, 0)], None, np.zeros(6))
-                state = joint.step(state, run["gyro"][row].reshape(1, 3), velocities[row], told, params).state
-                states.append(state)
-                passed.append(made[0])
-                made[0] = 0
+    for kept in (BEGUN, OVER):
+        state = joint.initial(params)._replace(start=kept)
+        for row, time_s in enumerate(run.time_s.tolist()):
+            told = Told(time_s, time_s, run["command"][max(row - 1, 0)], None, np.zeros(6))
+            state = joint.step(state, run["gyro"][row].reshape(1, 3), velocities[row], told, params).state
+            states.append(state)
     rows = run.time_s.size
-    return Flown(run, params.joint, states[:rows], states[rows:], passed[:rows])
+    return Flown(run, params.joint, states[:rows], states[rows:])
 
 
 def test_a_start_from_zero_does_not_lock_on_wrongly(flown: Flown) -> None:
@@ -81,17 +72,6 @@ def test_a_start_from_zero_does_not_lock_on_wrongly(flown: Flown) -> None:
     assert flown.error(flown.again[-1].joint) < 30.0
     assert flown.again[-1].joint.guarded
     assert flown.again[-1].start == OVER
-
-
-def test_a_pass_is_spread_over_cycles_and_nothing_has_converged_meanwhile(flown: Flown) -> None:
-    """Samples are kept from the first firing on."""
-    under_pass = [state for state in flown.again if state.start.under_pass is not None]
-    assert len(under_pass) > 2
-    assert not any(state.joint.guarded for state in under_pass)
-    assert max(flown.passed) == STEPS
-    first = int(np.flatnonzero(flown.run["command"].any(axis=1))[0])
-    kept = [bool(state.start.kept) for state in flown.again[: first + 2]]
-    assert kept == [False] * (first + 1) + [True]
 
 
 def test_a_pass_about_the_filters_own_estimate_is_its_own_cycle(flown: Flown) -> None:
@@ -106,21 +86,3 @@ def test_a_pass_about_the_filters_own_estimate_is_its_own_cycle(flown: Flown) ->
     np.testing.assert_allclose(after.root @ after.root.T, expected.state.root @ expected.state.root.T, atol=1e-10)
     assert components == expected.expected.used.sum()
     assert nis == pytest.approx(expected.nis, rel=1e-2)
-
-
-def test_passes_that_do_not_explain_the_readings_change_nothing(flown: Flown) -> None:
-    guarded = next(state.joint for state in flown.once if state.joint.guarded)
-    kept = next(state.start for state in flown.again if state.start.under_pass is not None)
-    off = [
-        one._replace(sample=one.sample._replace(rates=one.sample.rates + 0.01 * (-1) ** k))
-        for k, one in enumerate(kept.kept)
-    ]
-    wrong = kept._replace(kept=tuple(off), under_pass=None)
-    own, report = joint_cycle.step(guarded, off[-1].sample, flown.params)
-    done = own._replace(guarded=True), report
-    for _ in range(100):
-        wrong, after = start.followed(wrong, guarded, done, off[-1], flown.params)
-        if not wrong.under_way:
-            break
-    assert wrong == start.CONTRADICTED
-    assert after is done[0]

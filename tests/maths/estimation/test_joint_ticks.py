@@ -1,4 +1,4 @@
-"""When commands switched, from the stamps of readings."""
+"""Levels with lag, and when commands switched, from the stamps of readings: against integration and differences."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from joint_probe import elapsed, small_params, some_state, unread
 
-from massprop_drake.maths.estimation.joint import ticks
-from massprop_drake.maths.estimation.joint.joint_cycle import initial
-from massprop_drake.maths.estimation.joint.lagged_impulses import fire
+from massprop_drake.maths.estimation.joint.beginning import initial
+from massprop_drake.maths.estimation.joint.forcing import Drive, drive
+from massprop_drake.maths.estimation.joint.lagged_impulses import LEAST_LAG, Firing, fire, time_constants
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
-from massprop_drake.maths.estimation.joint.prediction import Drive, drive, gathered_rows, predict
+from massprop_drake.maths.estimation.joint.prediction import predict
+from massprop_drake.maths.estimation.joint.propagation import gathered_rows
 from massprop_drake.maths.estimation.joint.sensitivity import Link, informed
 from massprop_drake.maths.estimation.joint.ticks import (
     JITTER,
     PERIOD,
     Clock,
-    Commanded,
     Elapsed,
     Pace,
     Timing,
@@ -72,21 +72,6 @@ def scattered(count: int, seed: int, sigma_s: float = 1e-3) -> tuple[Array, Arra
     off[0] = 0.0
     commands = np.repeat(rng.uniform(size=(count // 2 + 1, 6)) < 0.5, 2, axis=0)[:count].astype(float)
     return ticks, ticks + off, commands
-
-
-def test_stamps_on_the_grid_and_commands_that_switch_at_stamps_give_one_piece() -> None:
-    clock = started(7.0, A)
-    for k in range(1, 50):
-        clock, interval = elapsed(clock, 7.0 + k * T, (B, C), PACE)
-        np.testing.assert_array_equal(interval.durations_s, [T])
-        np.testing.assert_array_equal(interval.commands, [B])
-        assert (interval.anew, interval.timing.off) == (False, False)
-    _, stamps, commands = scattered(20, 0)
-    for k, found in enumerate(record(stamps, commands, pace=Pace(T, at_stamps=True))):
-        np.testing.assert_allclose(found.interval.durations_s, stamps[k + 1] - stamps[k])
-        np.testing.assert_array_equal(found.interval.commands, commands[k : k + 1])
-        assert not found.interval.timing.off
-    assert not found.state.root[THETA].any()
 
 
 def _given(stamps: Array, ticks: Array, commands: Array) -> Array:
@@ -221,7 +206,7 @@ def _timing(late_s: float, number: float) -> Timing:
     )
 
 
-def test_missing_rows_have_the_command_of_both_neighbors_and_a_long_gap_begins_anew() -> None:
+def test_missing_rows_have_the_command_of_both_neighbors() -> None:
     unknown = np.full(2, np.nan)
     clock, interval = elapsed(started(0.0, C), T, (A, unknown), PACE)  # the last row before it: its command is known
     np.testing.assert_array_equal(interval.commands, [A])
@@ -231,13 +216,6 @@ def test_missing_rows_have_the_command_of_both_neighbors_and_a_long_gap_begins_a
     _, interval = elapsed(clock, 2 * T, both, PACE)
     np.testing.assert_array_equal(interval.commands, [unknown])
     assert not interval.anew
-    clock, interval = elapsed(clock, 10.3, (unknown, A), PACE)
-    np.testing.assert_array_equal(interval.commands, [unknown])
-    anew = [interval.anew]
-    for k in (1, 2):  # and so does the interval after it
-        clock, interval = elapsed(clock, 10.3 + k * T, (A, A), PACE)
-        anew.append(interval.anew)
-    assert anew == [True, True, False]
     # ticks go on over a few
     line, stamps, commands = scattered(40, 7)
     rows = np.delete(np.arange(40), [30, 31])
@@ -247,17 +225,85 @@ def test_missing_rows_have_the_command_of_both_neighbors_and_a_long_gap_begins_a
     assert after.clock.tick_s + known(after.state)[0] @ [1.0, after.clock.number] == pytest.approx(line[32], abs=1e-3)
 
 
-def opening(*told: tuple[list[float], list[float]]) -> list[Commanded]:
-    return [Commanded(np.array(command), np.array(onset_s)) for command, onset_s in told]
+LEVEL = np.array([0.0, 1.0, 0.3, 0.8])
+LAGS = np.array([0.015, 0.05, 0.4, 0.0])
+PIECES_S = np.array([0.03, 0.05])
+PIECEWISE = np.array([[1.0, 1, 0, 1], [1, 0, 0.5, 0]])
 
 
-def test_a_jet_that_opens_within_a_sample_cuts_the_interval() -> None:
-    first, second = opening(([0.5, 1.0], [0.01, 0.0]), ([0.25, 0.0], [0.0, 0.0]))
-    clock, interval = ticks.elapsed(started(0.0, C), T, (first, second), PACE)
-    np.testing.assert_allclose(interval.durations_s, [0.01, 0.04, 0.03], rtol=1e-12)
-    np.testing.assert_array_equal(interval.commands, [[0, 1], [1, 1], [0, 1]])
-    assert not interval.timing.off
-    np.testing.assert_array_equal(clock.earlier_onset_s, first.onset_s)
-    _, late = ticks.elapsed(clock, 2.4 * T, (second, first), Pace(T, at_stamps=True))
-    np.testing.assert_allclose(late.durations_s, [0.02, 0.092], rtol=1e-12)  # shut once the on-time is over
-    np.testing.assert_array_equal(late.commands, [[1, 0], [0, 0]])
+def finely(jet: int) -> tuple[float, tuple[float, float, float], float]:
+    """Amount, bow and last level, by the midpoint rule."""
+    level, constant = LEVEL[jet], LAGS[jet]
+    amount, steps, so_far = 0.0, [], []
+    for duration, command in zip(PIECES_S, PIECEWISE[:, jet], strict=True):
+        n = 20_000
+        step = duration / n
+        time = (np.arange(n) + 0.5) * step
+        levels = command + (level - command) * np.exp(-time / constant) if constant else np.full(n, command)
+        so_far.append(amount + (np.cumsum(levels) - 0.5 * levels) * step)
+        steps.append(np.full(n, step))
+        amount += float(levels.sum() * step)
+        level = command + (level - command) * float(np.exp(-duration / constant)) if constant else float(command)
+    weights = np.concatenate(steps) / PIECES_S.sum()
+    along = np.cumsum(weights) - 0.5 * weights
+    off = np.concatenate(so_far) - amount * along
+    mean, moment = float(off @ weights), float(off * (along - 0.5) @ weights)
+    return amount, (mean, moment, float(np.sqrt(off**2 @ weights) * np.sign(mean))), level
+
+
+def fired(
+    level: np.ndarray,
+    constants: np.ndarray = LAGS,
+    durations: np.ndarray = PIECES_S,
+    commands: np.ndarray = PIECEWISE,
+) -> Firing:
+    """Levels and impulses of jets whose levels at the start are known."""
+    none = np.zeros_like(level)
+    return fire((level, none, none), constants, durations, commands, np.zeros((0, 2)))
+
+
+def gone_on(before: Firing, constants: np.ndarray, durations: np.ndarray, commands: np.ndarray) -> Firing:
+    """Those of a further interval."""
+    return fire((before.level, before.slope, before.level_std), constants, durations, commands, np.zeros((0, 2)))
+
+
+@pytest.mark.parametrize("jet", range(4))
+def test_amount_bow_and_level_agree_with_fine_integration(jet: int) -> None:
+    firing, (amount, bow, level) = fired(LEVEL), finely(jet)
+    assert firing.amount[jet] == pytest.approx(amount, rel=1e-7)
+    assert firing.bow[:, jet] == pytest.approx(bow, rel=1e-6)
+    assert firing.level[jet] == pytest.approx(level, rel=1e-12)
+
+
+def test_derivatives_by_the_logarithm_of_the_time_constant() -> None:
+    """Over two intervals, so that what the level at the start depends on counts, too."""
+
+    def twice(scale: float) -> Firing:
+        constants = LAGS * scale
+        return gone_on(fired(LEVEL, constants), constants, PIECES_S, 1.0 - PIECEWISE)
+
+    step, second = 1e-5, twice(1.0)
+    above, below = twice(np.exp(step)), twice(np.exp(-step))
+    np.testing.assert_allclose(second.amount_slope, (above.amount - below.amount) / (2 * step), rtol=1e-7, atol=1e-12)
+    np.testing.assert_allclose(second.slope, (above.level - below.level) / (2 * step), rtol=1e-7, atol=1e-12)
+
+
+def test_a_command_that_is_not_known_leaves_its_level_to_a_coin_which_settles_with_the_lag() -> None:
+    firing = fired(np.zeros(2), np.zeros(2), np.array([0.1]), np.array([[np.nan, 1.0]]))
+    np.testing.assert_allclose(firing.amount, [0.05, 0.1])
+    np.testing.assert_allclose([firing.level, firing.level_std], [[0.5, 1.0], [0.5, 0.0]])
+    assert firing.unknown.tolist() == [True, False]
+    assert firing.commanded
+    constants, levels = np.array([0.015, 0.0]), (np.full(2, 0.5), np.zeros(2), np.full(2, 0.5))
+    further, left = (constants, np.array([0.1]), np.zeros((1, 2))), np.exp(-0.1 / 0.015)
+    first = fire(levels, *further, np.zeros((0, 2)))
+    np.testing.assert_allclose(first.variance, [(0.5 * 0.015 * (1.0 - left)) ** 2, 0.0], rtol=1e-12)
+    np.testing.assert_allclose(first.level_std, [0.5 * left, 0.0], rtol=1e-12)
+    assert first.unknown.tolist() == [True, False]
+    assert not gone_on(gone_on(first, *further), *further).unknown.any()
+
+
+def test_time_constants_follow_their_kind_linearly_and_never_vanish() -> None:
+    constants, slope = time_constants(np.array([0.01, 0.02]), np.array([1, 0]), 0.2, np.array([1.0, -10.0]))
+    np.testing.assert_allclose(constants, [0.01 * LEAST_LAG, 0.02 * 1.2])
+    np.testing.assert_allclose(slope[1], 0.2 / 1.2)

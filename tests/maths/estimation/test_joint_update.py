@@ -6,16 +6,12 @@ import numpy as np
 import pytest
 from joint_probe import PERIOD, TRUTH, central_differences, small_params, some_sample, some_state
 
+from massprop_drake.maths.estimation.joint.beginning import begun, initial
 from massprop_drake.maths.estimation.joint.covariance import compressed, updated
+from massprop_drake.maths.estimation.joint.crossing import Crossing, crossed
 from massprop_drake.maths.estimation.joint.guard import converged, guarded, unguarded
-from massprop_drake.maths.estimation.joint.joint_cycle import (
-    Crossing,
-    JointSample,
-    begun,
-    crossed,
-    initial,
-    step,
-)
+from massprop_drake.maths.estimation.joint.joint_cycle import step
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointState, make_places
 from massprop_drake.maths.estimation.joint.measurement import changed, counted, outputs, rate_read, rebased
 from massprop_drake.maths.estimation.joint.quantized import sites
@@ -167,13 +163,6 @@ def test_the_last_reading_before_a_change_is_taken_in_with_its_own_state_and_onc
     (_, report), (_, alone) = (step(each._replace(guarded=True), reading(1, 2), ROUNDED) for each in (state, now))
     assert report.log_likelihood == pytest.approx(told.log_likelihood + alone.log_likelihood)
     np.testing.assert_array_equal(report.course.crossing.correction, told.correction)
-
-
-@pytest.mark.parametrize(("first", "later"), [((0, 1), 0), ((0, 0, np.nan), 1)])
-def test_nothing_is_taken_in_again_or_across_a_missing_reading(first: tuple[float, ...], later: float) -> None:
-    state = after(*first)
-    assert state.fresh[0] == 0.0
-    assert not taken_in(state, later, len(first))[1].rows.any()
 
 
 def test_rebase_keeps_outputs_and_their_covariance() -> None:

@@ -58,14 +58,6 @@ def test_the_filter_goes_on_as_if_the_wide_prior_had_been_its_own(value: float) 
     assert log_odds(found, PARAMS) == pytest.approx(log_odds(narrow[0], PARAMS), abs=1e-6)
 
 
-@pytest.mark.parametrize(("value", "sigma"), [(-2.5, 0.3), (3.0, 0.1), (9.0, 5.0)])
-def test_a_lag_that_the_stated_prior_explains_changes_nothing(value: float, sigma: float) -> None:
-    state, _ = told(start(False), value, sigma)
-    found, more = reconsidered(state, PARAMS)
-    assert found is state
-    assert more == 0.0
-
-
 def test_a_pass_begins_with_the_prior_that_the_one_before_has_ended_with() -> None:
     entry = start(False)
     end, _ = reconsidered(told(entry, 10.0, 0.2)[0], PARAMS)

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal, assert_equal
 from params_probe import mass_params
 
 from massprop_drake import load_scenario
@@ -51,15 +52,9 @@ def firing(samples: int, *, variance: float = 0.5, seed: int = 1) -> Firing:
 def run(
     flight: Firing, noise: Array, error: float, jump: float = 0.0, at: int = 0, length: int = 5
 ) -> tuple[float, JumpTest]:
-    """Truth minus estimate after the last sample, and the last test.
+    """Truth minus estimate after the last sample, and the last test of a window of some length.
 
-    Args:
-        flight: see `Firing`.
-        noise: of the velocity increments, shape (n, 3).
-        error: truth minus estimate before the first sample.
-        jump: of the truth.
-        at: sample before which it jumps.
-        length: of the window.
+    Truth minus estimate is `error` before the first sample, and the truth jumps before sample `at`.
     """
     window = empty_window(length)
     for k, impulse in enumerate(flight.impulses):
@@ -84,7 +79,7 @@ def test_the_recursion_against_the_sums() -> None:
         before = window.copy()
         sample = flight.impulses[k], flight.informations[k], innovations[k], float(flight.shares[k])
         test = jump_test(window, *sample)
-        np.testing.assert_array_equal(window, before)  # what was handed in is not changed
+        assert_array_equal(window, before)  # what was handed in is not changed
         window = test.window
         assert window.shape == (length, 3)
         for row, theta in enumerate(range(k - length + 1, k + 1)):  # the newest last
@@ -96,11 +91,11 @@ def test_the_recursion_against_the_sums() -> None:
             y, e = flight.informations[theta : k + 1], innovations[theta : k + 1]
             information = sum(a @ b @ a for a, b in zip(g, y, strict=True))  # (3-104)
             projection = sum(a @ b @ c for a, b, c in zip(g, y, e, strict=True))  # (3-105)
-            np.testing.assert_allclose(window[row], [effect(k, theta), information, projection], rtol=1e-10)
+            assert_allclose(window[row], [effect(k, theta), information, projection], rtol=1e-10)
         f, c, d = window[window[:, 1] > 0.0].T  # the likeliest is reported
         best = int((d**2 / c).argmax())
         expected = d / c, d**2 / c, (1.0 - f) * d / c, (1.0 - f) ** 2 / c
-        np.testing.assert_allclose(test[1:], [each[best] for each in expected], rtol=1e-14)
+        assert_allclose(test[1:], [each[best] for each in expected], rtol=1e-14)
 
 
 def test_a_sample_without_an_impulse_tells_nothing() -> None:
@@ -126,8 +121,8 @@ def test_the_variance_after_a_jump_is_exact_for_the_right_theta(theta: int) -> N
     variance = corrected(1.0, none, 0.0) ** 2 * flight.variances[0]
     variance += np.einsum("ka,kab,kb->", parts, flight.noises, parts)
     f, c, _ = run(flight, none, 0.0)[1].window[theta]
-    np.testing.assert_allclose(variance, flight.variances[-1] + (1.0 - f) ** 2 / c, rtol=1e-10)  # (3-113)
-    np.testing.assert_allclose(corrected(0.0, none, 1.0), 0.0, atol=1e-12)  # and nothing of the jump is left
+    assert_allclose(variance, flight.variances[-1] + (1.0 - f) ** 2 / c, rtol=1e-10)  # (3-113)
+    assert_allclose(corrected(0.0, none, 1.0), 0.0, atol=1e-12)  # and nothing of the jump is left
 
 
 def updated(flight: Firing, error: float, length: int = 1, **params: Any) -> MassCycle:
@@ -150,7 +145,7 @@ def test_after_a_single_sample_jump_the_sample_alone_counts() -> None:
     alone = impulse @ information @ impulse
     seen = impulse * 2.4 + np.array([0.1, -0.2, 0.3])
     assert result.jumped
-    np.testing.assert_allclose(result.state[:2], [impulse @ information @ seen / alone, 1.0 / alone], rtol=1e-10)
+    assert_allclose(result.state[:2], [impulse @ information @ seen / alone, 1.0 / alone], rtol=1e-10)
 
 
 def test_the_filter_jumps_when_the_statistic_exceeds_its_threshold() -> None:
@@ -162,9 +157,9 @@ def test_the_filter_jumps_when_the_statistic_exceeds_its_threshold() -> None:
     below, above = (updated(flight, 4.0, 3, jump_threshold=test.likelihood * factor) for factor in (0.999, 1.001))
     assert (quiet.jumped, below.jumped, above.jumped) == (False, True, False)
     expected = quiet.state.mass_reciprocal + test.correction, quiet.state.variance + test.growth
-    np.testing.assert_allclose(below.state[:2], expected, rtol=1e-12)
+    assert_allclose(below.state[:2], expected, rtol=1e-12)
     assert not below.state.window.any()  # the next jump is looked for from here
-    np.testing.assert_array_equal(above.state.window, test.window)
+    assert_array_equal(above.state.window, test.window)
     assert above.state[:2] == quiet.state[:2]
 
 
@@ -178,7 +173,7 @@ def test_the_thesiss_variance_over_that_of_the_sample_alone(gain: float, ratio: 
         inputs.mass_params(load_scenario("sample_maneuver", [f"mass.jump={jump}"]))
         for jump in ("single_sample", "single_sample_thesis")
     ]
-    np.testing.assert_equal(chosen[1]._replace(small_gain=False)._asdict(), chosen[0]._asdict())
+    assert_equal(chosen[1]._replace(small_gain=False)._asdict(), chosen[0]._asdict())
     always = [params._replace(jump_threshold=0.0, jump_variance=1.0) for params in chosen]
     exact, thesis = (update(state, sample, innovate(state, sample), NO_ADAPTATION, each).state for each in always)
     assert exact.variance == pytest.approx(1.0, rel=1e-12)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from params_probe import mass_params, rotation_params
 
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
@@ -63,7 +64,7 @@ def test_a_known_force_acts_when_it_pushes_or_is_uncertain() -> None:
     assert not NO_KNOWN_FORCE.acts
     assert known_force_of(np.zeros(24)) is NO_KNOWN_FORCE
     read = known_force_of(np.arange(24.0))
-    np.testing.assert_array_equal(np.concatenate([np.ravel(part) for part in read]), np.arange(24.0))
+    assert_array_equal(np.concatenate([np.ravel(part) for part in read]), np.arange(24.0))
 
 
 @pytest.mark.parametrize("known", [NO_KNOWN_FORCE, SILENT, KNOWN])
@@ -83,10 +84,10 @@ def test_a_known_force_acts_and_its_uncertainty_is_noise_of_either_filter() -> N
         plain, silent, known = (
             second(params_of(), firing=firing, known=each)[1] for each in (NO_KNOWN_FORCE, SILENT, KNOWN)
         )
-        np.testing.assert_array_equal(plain.covariance, silent.covariance)
+        assert_array_equal(plain.covariance, silent.covariance)
         if firing:
             added = known.covariance - plain.covariance
-            np.testing.assert_allclose(added, np.diag([2.0] * 3 + [3.0] * 3), rtol=1e-9, atol=1e-9)
+            assert_allclose(added, np.diag([2.0] * 3 + [3.0] * 3), rtol=1e-9, atol=1e-9)
     assert known.cross_covariance[3:].any()  # the impulse of a known force counts
     assert not plain.cross_covariance[3:].any()
 
@@ -94,11 +95,11 @@ def test_a_known_force_acts_and_its_uncertainty_is_noise_of_either_filter() -> N
 @pytest.mark.parametrize("errors", [False, True])
 def test_both_innovations_stand_side_by_side_translation_first(errors: bool) -> None:
     state, seen, step = second(params_of(errors=errors))
-    np.testing.assert_array_equal(seen.innovation, [*step.mass.mass_innovation, *step.rotation.rotation_innovation])
+    assert_array_equal(seen.innovation, [*step.mass.mass_innovation, *step.rotation.rotation_innovation])
     stds = [*step.mass.mass_innovation_std, *step.rotation.rotation_innovation_std]
-    np.testing.assert_allclose(np.sqrt(np.diag(seen.covariance)), stds, rtol=1e-14)
-    np.testing.assert_array_equal(seen.covariance, seen.covariance.T)
-    np.testing.assert_array_equal(seen.estimate, [*state.rotation.estimate, state.mass.mass_reciprocal])
+    assert_allclose(np.sqrt(np.diag(seen.covariance)), stds, rtol=1e-14)
+    assert_array_equal(seen.covariance, seen.covariance.T)
+    assert_array_equal(seen.estimate, [*state.rotation.estimate, state.mass.mass_reciprocal])
     expected = np.zeros((10, 10))
     expected[:9, :9], expected[9, 9] = state.rotation.covariance, state.mass.variance
     assert seen.coupled == errors
@@ -115,8 +116,8 @@ def test_both_innovations_stand_side_by_side_translation_first(errors: bool) -> 
             turning += inverse @ np.cross([4.0, 5.0, 6.0], rotation[6:, jet])
             moving = given[jet, 3:] * mass_reciprocal + np.array([4.0, 5.0, 6.0]) * translation[jet]
             shared += np.outer(moving, turning)
-    np.testing.assert_allclose(seen.covariance[:3, 3:], shared, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(seen.estimate_covariance, expected, rtol=1e-14)
+    assert_allclose(seen.covariance[:3, 3:], shared, rtol=1e-9, atol=1e-12)
+    assert_allclose(seen.estimate_covariance, expected, rtol=1e-14)
 
 
 @pytest.mark.parametrize("mass", [False, True])
@@ -132,8 +133,8 @@ def test_a_state_that_is_saved_is_restored(mass: bool, errors: bool) -> None:
         return [each for part in parts for each in flat(part)] if isinstance(parts, tuple) else [np.asarray(parts)]
 
     for ours, theirs in zip(flat(restored), flat(step.state), strict=True):
-        np.testing.assert_array_equal(ours, theirs)
+        assert_array_equal(ours, theirs)
     unknown = np.isnan(thesis.covariance(step.state))
     assert np.argwhere(unknown).tolist() == ([] if mass else [[9, 9]])
     assert (seen is NOT_MEASURED, step.mass is None) == (not mass, not mass)
-    np.testing.assert_array_equal(np.isnan(thesis.predicted(step.state)), unknown.diagonal())
+    assert_array_equal(np.isnan(thesis.predicted(step.state)), unknown.diagonal())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from massprop_drake.maths.estimation.whitening import Gathering, whitener
 from massprop_drake.maths.linear_algebra import Array
@@ -41,13 +42,13 @@ def test_normal_equations_are_those_of_the_dense_covariance(noise: Gathering, ro
     weights -= np.outer(ones, ones) / ones.sum()  # the initial value eliminated
     whiten = whitener(time_s, noise)
     flat, given, left = whiten(x).reshape(4, rows), x.reshape(4, rows), whiten(y)
-    np.testing.assert_allclose(flat @ flat.T, given @ weights @ given.T, rtol=1e-8, atol=1e-12)
-    np.testing.assert_allclose(flat @ left, given @ weights @ y, rtol=1e-8, atol=1e-12)
-    np.testing.assert_allclose(left @ left, y @ weights @ y, rtol=1e-8)
+    assert_allclose(flat @ flat.T, given @ weights @ given.T, rtol=1e-8, atol=1e-12)
+    assert_allclose(flat @ left, given @ weights @ y, rtol=1e-8, atol=1e-12)
+    assert_allclose(left @ left, y @ weights @ y, rtol=1e-8)
     assert (flat[:, 0] == 0.0).all()
 
 
 def test_what_is_whitened_stays_as_it_was() -> None:
     given = np.arange(5.0)
     whitener(TIMES_S[:5], Gathering(1.0, 2.0, 3.0))(given)
-    np.testing.assert_array_equal(given, np.arange(5.0))
+    assert_array_equal(given, np.arange(5.0))

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from massprop_drake import estimate, load_scenario, simulate
 from massprop_drake.inputs import params
 from massprop_drake.maths.estimation import whole
-from massprop_drake.maths.kernels import Holder, fill, held, released
 from massprop_drake.runners import cycles, loop, recorded
-from massprop_drake.systems.layouts import ROTATION_REPORT
 
 FAILING = [
     "duration_s=9",
@@ -43,7 +41,7 @@ def test_one_kernel_gives_the_bits_of_the_parts(case: str, monkeypatch: pytest.M
         )
     for whole_run, parts in ((one, simulate(scenario)), (read, estimate(record, scenario))):
         for signal in parts.signals:
-            np.testing.assert_array_equal(whole_run[signal], parts[signal], err_msg=signal)
+            assert_array_equal(whole_run[signal], parts[signal], err_msg=signal)
     if case != "no detector":
         assert one["alarm"].any()
         assert one["known_force"].any() == (case == "stuck on")
@@ -59,13 +57,3 @@ def test_what_the_kernel_does_not_do_is_left_to_the_parts() -> None:
     }.items():
         made = params.estimation_params(load_scenario("sample_maneuver", [override]))
         assert whole.covers(made) == covered
-
-
-def test_a_row_is_filled_as_its_layout_packs_it_and_a_holder_gives_back_what_it_holds() -> None:
-    fields = [np.arange(float(size)) if size > 1 else float(size) for size in (9, 9, 3, 3, 1, 1, 1, 1)]
-    row = np.full(ROTATION_REPORT.size, np.nan)
-    fill(row, fields)
-    np.testing.assert_array_equal(row, ROTATION_REPORT.pack(fields))
-    holder = held((1.0, 2.0), compile_it=False)
-    assert isinstance(holder, Holder)
-    assert released(holder) == (1.0, 2.0)

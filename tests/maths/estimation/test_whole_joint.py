@@ -11,14 +11,14 @@ import pytest
 from massprop_drake import estimate, load_scenario, simulate
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.maths.estimation import cycle, whole_joint
+from massprop_drake.maths.estimation import cycle, quiet_cycles, whole_joint
 from massprop_drake.maths.estimation.cycle import EstimationParams
 from massprop_drake.runners import cycles, loop, recorded
 
 TAKEN: list[int] = []  # cycles that kernels take at a time
 
 
-class Counted(whole_joint.Quiet):
+class Counted(quiet_cycles.Quiet):
     """Cycles of which it is counted how many the kernel takes."""
 
     def advance(self, row: int, until: int) -> int:
@@ -54,7 +54,7 @@ def test_one_kernel_gives_the_bits_of_the_parts(monkeypatch: pytest.MonkeyPatch,
     parts.save(tmp_path / "run", pictures=False, report=False)
     record = tmp_path / "run" / "telemetry.csv"
     read = estimate(record, scenario)
-    monkeypatch.setattr(whole_joint, "Quiet", Counted)
+    monkeypatch.setattr(quiet_cycles, "Quiet", Counted)
     for runner in (loop, recorded):
         monkeypatch.setattr(runner, "cycles", as_one)
     for run_of, parts_run in ((lambda: simulate(scenario), parts), (lambda: estimate(record, scenario), read)):
@@ -73,7 +73,7 @@ def test_one_kernel_gives_the_bits_of_the_parts(monkeypatch: pytest.MonkeyPatch,
 def test_parameters_that_the_kernel_does_not_cover_are_left_to_the_parts() -> None:
     def covers(name: str, *overrides: str, compiled: bool = False) -> bool:
         made = params.estimation_params(load_scenario(name, list(overrides)))
-        return whole_joint.covers(with_work(made) if compiled else made)
+        return quiet_cycles.covers(with_work(made) if compiled else made)
 
     assert covers("orbiter_maneuver", compiled=True)
     assert not covers("orbiter_maneuver", "detector.kind=off")

@@ -74,11 +74,3 @@ def test_a_jump_is_worth_what_its_evidence_says() -> None:
         leads.append(math.exp(-0.5 + ahead))
     assert found == pytest.approx(without - math.log(1.0 + sum(leads)), rel=1e-9)
     assert sum(leads) > 0.01
-
-
-def test_what_nothing_tells_apart_is_far_and_yet_a_number() -> None:
-    rows = np.array([[1.0, 2.0, 2.0]])
-    aims = Aims(np.zeros((0, 1)), np.zeros(0), np.array([[0, 1]]), np.ones(1), np.ones(1), np.full(1, 7.0))
-    found = reached(rows.T @ rows, Known(np.array([[1.0]]), np.array([0])), aims)
-    assert math.isfinite(found.shortfall)
-    assert found.ratios.item() > 1e3

@@ -8,8 +8,9 @@ import pytest
 
 from massprop_drake import Scenario
 from massprop_drake.inputs import params
-from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, begun, initial
-from massprop_drake.maths.estimation.joint.layout import RATE, VELOCITY, JointParams
+from massprop_drake.maths.estimation.joint.beginning import begun, initial
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
+from massprop_drake.maths.estimation.joint.layout import RATE, JointParams
 from massprop_drake.maths.estimation.joint.orientation import UNTURNED
 from massprop_drake.maths.estimation.joint.ticks import on_ticks
 from massprop_drake.maths.estimation.joint.wheels import Spun
@@ -87,23 +88,6 @@ def test_with_a_prior_it_is_the_filters_covariance(name: str) -> None:
     size = np.sqrt(np.diagonal(expected))
     np.testing.assert_allclose(np.sqrt(np.diagonal(covariance)), size, rtol=2e-3)
     np.testing.assert_allclose(covariance / np.outer(size, size), expected / np.outer(size, size), atol=4e-3)
-
-
-def test_motion_is_that_of_a_rigid_body() -> None:
-    made = joint("small_satellite")
-    jet = 8
-    pulse = np.eye(made.places.jets)[jet]
-    present = np.zeros(made.places.outputs, dtype=bool)
-    fires = [Step(pulse, np.zeros(0), 0.1, present)] * 5
-    coasts = [Step(np.zeros(made.places.jets), np.zeros(0), 0.1, present)] * 10
-    found = course(made, fires + coasts)
-    inertia = np.linalg.inv(made.nominal[np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])])
-    wrench = made.wrenches[jet]
-    torque = wrench[:3] - np.cross(made.nominal[6:9], wrench[3:])
-    expected = 0.5 * np.linalg.solve(inertia, torque)  # of half a second, which coupling moves by 2e-5 rad/s
-    np.testing.assert_allclose(found.joint.mean[RATE], expected, rtol=1e-3, atol=3e-5)
-    np.testing.assert_allclose(found.velocity, 0.5 * made.nominal[9] * wrench[3:], rtol=5e-3, atol=1e-5)
-    assert not found.joint.mean[VELOCITY : made.places.slow].any()
 
 
 def test_a_reading_that_is_rounded_and_stands_still_tells_little() -> None:

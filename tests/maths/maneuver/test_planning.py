@@ -7,7 +7,7 @@ import pytest
 
 from massprop_drake import Scenario
 from massprop_drake.inputs.crafts import craft
-from massprop_drake.maths.estimation.joint.joint_cycle import initial
+from massprop_drake.maths.estimation.joint.beginning import initial
 from massprop_drake.maths.maneuver.actions import Craft, candidates, coasting, fly
 from massprop_drake.maths.maneuver.aims import Aims, Known
 from massprop_drake.maths.maneuver.information import n_known, prior_information

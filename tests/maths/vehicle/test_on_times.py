@@ -8,7 +8,6 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from massprop_drake.maths.vehicle.on_times import (
-    most_pieces,
     onsets,
     opens_within,
     pieces,
@@ -74,12 +73,6 @@ def test_the_samples_of_a_pulse() -> None:
     assert list(shares(1.02, 1.25, T, 11)) == found[:1]  # the record ends
     assert list(shares(0.3, 0.6, T, 100)) == [(3, 0.0, 1.0), (4, 0.0, 1.0), (5, 0.0, 1.0)]
     assert samples_of(0.3, 0.6, T) == (3, 6)
-
-
-def test_the_most_pieces_of_a_table() -> None:
-    command, onset_s = np.array([[0.0, 1.0], [0.3, 0.4], [0.5, 0.5]]), np.array([[0, 0], [0.0, 0.02], [0.05, 0.05]])
-    assert most_pieces(command, onset_s, T) == 4
-    assert most_pieces(command[:1], onset_s[:1], T) == 1
 
 
 def stepped(command: np.ndarray, onset_s: np.ndarray, tau_s: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, ...]:

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from massprop_drake.inputs.vehicle_file import Vehicle, load_vehicle
 from massprop_drake.maths.attitude import from_rotation_vector, rotation_matrix
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.mass_properties import MassProperties
+from massprop_drake.maths.mass_properties import MassProperties, symmetric
 from massprop_drake.maths.vehicle import rigid_body
 from massprop_drake.maths.vehicle.rigid_body import (
     MASS,
@@ -139,54 +139,6 @@ def test_motion_under_a_constant_wrench_follows_the_integrator(case: str) -> Non
     assert state[MASS] == pytest.approx(expected[MASS], rel=1e-13)
 
 
-@pytest.mark.parametrize("slowness", [0.2, 1.0, 10.0])
-def test_jets_that_build_up_and_tail_off_follow_the_integrator(slowness: float) -> None:
-    """Time constants from a hundredth of a sample to several samples."""
-    constants = tuple(slowness * constant for constant in (0.015, 0.004, 0.04))
-    jets = np.array([jets_of(ORBITER, *names) for names in (("F1L", "L1A"), ("R4U",), ("F2D", "R1R", "F5L"))])
-    commands = np.array([[1, 1, 0, 1, 0, 0], [0, 1, 1, 0, 1, 0], [1, 0, 1, 0, 1, 0]])
-    properties, point = ORBITER.nominal, np.array([90.068, -1.146, 1.833])
-    start = state = reference = moving_state(properties.mass, DEGREE * np.array([0.5, -0.3, 0.2]))
-    seen, level = np.zeros(3), np.zeros(3)
-    for command in commands.T:
-        steady, transient = command @ jets, (level - command)[:, None] * jets
-
-        def wrench(time: float, steady: Array = steady, transient: Array = transient) -> Array:
-            return steady + np.exp(-time / np.array(constants)) @ transient
-
-        extended = integrated(reference, wrench, PERIOD, properties, point)
-        reference, seen = extended[:N_STATE], seen + extended[N_STATE:]
-        state = step(state, steady, transient, constants, PERIOD, body_of(properties))
-        level = command + (level - command) * np.exp(-PERIOD / np.array(constants))
-    # attitude, position and spin come from the closed-form velocities by Simpson's rule. A substep of h = tau
-    # errs by tau (h / tau)^4 / 2880 e^-1 = 1.2e-4 tau of what the transient gives, F tau / m = 0.012 ft/s and
-    # 4e-4 rad/s at tau = 0.04 s: per sample 6e-8 ft and 2e-9 rad. Rates of 0.01 rad/s bring a hundredth of the
-    # error of the attitude into the rate, and specific forces of 0.3 ft/s^2 a third of it into the velocities
-    for part, atol in (
-        (POSITION, 1e-7), (QUATERNION, 3e-9), (RATE, 3e-11), (SPIN_INTEGRAL, 6e-11), (VELOCITY, 2e-9),
-        (ORIGIN_VELOCITY, 2e-9),
-    ):  # fmt: skip
-        assert_allclose(state[part], reference[part], rtol=0.0, atol=atol)
-    assert state[MASS] == pytest.approx(reference[MASS], rel=1e-14)
-    assert_allclose(gathered(start, state, point), seen, rtol=0.0, atol=4e-9)  # 58 ft from the center of mass
-
-
-def test_rate_of_a_spherical_body_is_exact_whatever_the_time_constants() -> None:
-    # no coupling: I w = M T + sum of transient tau (1 - exp(-T / tau)), with the torque about the center of mass
-    properties = MassProperties(10.0, np.array([0.5, 0.2, -0.3]), 2.0 * np.eye(3))
-    rng = np.random.default_rng(2)
-    steady, transient, constants = 1e-3 * rng.standard_normal(7), 1e-3 * rng.standard_normal((4, 7)), (1e-4, 0.01, 0.2, 3.0)
-    after = step(initial_state(10.0), steady, transient, constants, 0.5, body_of(properties))
-    impulse = 0.5 * steady + sum(
-        row * tau * (1.0 - np.exp(-0.5 / tau)) for row, tau in zip(transient, constants, strict=True)
-    )
-    torque = impulse[:3] - np.cross(properties.center_of_mass, impulse[3:6])
-    assert_allclose(after[RATE], torque / 2.0, rtol=1e-13)
-    assert after[MASS] == pytest.approx(10.0 - impulse[6], rel=1e-15)
-    without = step(initial_state(10.0), steady, NO_TRANSIENT, (), 0.5, body_of(properties))
-    assert_array_equal(step(initial_state(10.0), steady, np.zeros((2, 7)), (0.1, 3.0), 0.5, body_of(properties)), without)
-
-
 def test_velocity_gained_obeys_the_rocket_equation() -> None:
     # a thrust through the center of mass, build-up and tail-off alike: dv = c ln(m_0 / m), c = F / flow
     exhaust_velocity, level, state = 400.0, 0.0, initial_state(SMALL.mass)
@@ -202,6 +154,35 @@ def test_velocity_gained_obeys_the_rocket_equation() -> None:
     assert_allclose(state[VELOCITY], gained, rtol=0.0, atol=1e-7)
     assert_allclose(state[ORIGIN_VELOCITY], gained, rtol=0.0, atol=1e-7)
     assert_allclose(state[RATE], 0.0, rtol=0.0, atol=1e-15)
+
+
+@pytest.mark.parametrize("mass", [-3.0, 4.0])
+def test_a_payload_takes_its_momentum_along_and_the_structure_goes_on_as_it_was(mass: float) -> None:
+    inertia, place, state = (
+        np.sign(mass) * np.diag([0.3, 0.2, 0.4]),
+        POINT,
+        moving_state(12.0, np.array([0.3, -0.2, 0.4])),
+    )
+    jump = rigid_body.Jump(0.0, mass, place, inertia)
+    after, structure = rigid_body.jumped(state, rigid_body.packed_structure(SMALL), (jump,))
+    center, rotation = structure[6:], rotation_matrix(state[QUATERNION])
+
+    def motion(body: Array, middle: Array, point: Array) -> tuple[Array, Array]:
+        arm = point - middle
+        return body[POSITION] + rotation @ arm, body[VELOCITY] + rotation @ np.cross(body[RATE], arm)
+
+    def momenta(body: Array, middle: Array, moment: Array) -> Array:
+        spin = rotation @ moment @ body[RATE] + body[MASS] * np.cross(body[POSITION], body[VELOCITY])
+        return np.concatenate((body[MASS] * body[VELOCITY], spin))
+
+    for point in (np.zeros(3), place):
+        assert_allclose(motion(after, center, point), motion(state, SMALL.center_of_mass, point), atol=1e-14)
+    where, velocity = motion(state, SMALL.center_of_mass, place)
+    spin = rotation @ inertia @ state[RATE] + mass * np.cross(where, velocity)
+    expected = momenta(state, SMALL.center_of_mass, SMALL.inertia) + np.concatenate((mass * velocity, spin))
+    assert_allclose(momenta(after, center, symmetric(structure[:6])), expected, rtol=1e-12, atol=1e-13)
+    for part in (QUATERNION, RATE, ORIGIN_VELOCITY, SPIN_INTEGRAL):
+        assert_array_equal(after[part], state[part])
 
 
 @pytest.mark.parametrize(

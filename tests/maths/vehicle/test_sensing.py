@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-import math
 from typing import Any
 
 import numpy as np
@@ -15,7 +13,6 @@ from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.sensing import (
     SensorModel,
     Tone,
-    increment_noise,
     point_velocity,
     quantized,
     sense,
@@ -86,16 +83,6 @@ def test_quantizer_rounds_to_the_nearest_mark() -> None:
     assert_array_equal(quantized(value, 0.0, np.full(5, 0.25)), value)
 
 
-def test_quantization_errors_are_uniform_over_random_phases() -> None:
-    phases = np.random.default_rng(2).uniform(-0.5, 0.5, 20_000)
-    errors = quantized(np.full(20_000, 0.3), 1.0, phases) - 0.3
-    assert 0.49 < np.abs(errors).max() <= 0.5 + 1e-12
-    # uniform within half a quantum: variance 1/12, so the mean has a standard error of sqrt(1 / 12 n)
-    assert abs(errors.mean()) < 5.0 * np.sqrt(1.0 / 12.0 / 20_000)
-    assert errors.var() == pytest.approx(1.0 / 12.0, rel=0.03)
-    assert_array_equal(increment_noise(0.3), np.diag([0.6, 0.6, 0.6]))
-
-
 @pytest.mark.parametrize(
     ("reading", "limit", "there"),
     [
@@ -124,35 +111,6 @@ def test_bandwidth_answers_a_ramp_late_by_its_time_constant() -> None:
     assert (keep, smoothing_factor(None, PERIOD)) == (pytest.approx(np.exp(-w * PERIOD), rel=1e-14), 0.0)
     answer = readings(model(smoothing=keep), np.outer(times, slopes), np.zeros((8, 6)))
     assert_allclose(answer, np.outer(times - (1.0 - np.exp(-w * times)) / w, slopes), rtol=1e-13, atol=1e-15)
-
-
-def test_bandwidth_of_any_broken_line_is_that_of_fine_steps() -> None:
-    """The differential equation by 1000 steps of Euler's method between samples; it starts from the first signal."""
-    w, steps = 5.0, 1000
-    answer = readings(model(smoothing=np.exp(-w * PERIOD), scale_factor=SCALE))
-    signals, fine = SIGNALS * (1.0 + SCALE), [SIGNALS[0] * (1.0 + SCALE)]
-    for before, after in itertools.pairwise(signals):
-        state = fine[-1]
-        for step in range(steps):
-            state = state + w * PERIOD / steps * (before + (after - before) * (step + 0.5) / steps - state)
-        fine.append(state)
-    assert_allclose(answer, fine, rtol=0.0, atol=0.01)  # a step keeps 0.25 %
-
-
-@pytest.mark.parametrize(
-    ("errors", "remembers", "noisy"),
-    [
-        ({"bias": np.ones(3)}, False, False),
-        ({"bias": np.ones(3), "integrates": True}, True, False),
-        ({"integrates": True}, False, False),
-        ({"smoothing": 0.5}, True, False),
-        ({"delay": 1}, True, False),
-        ({"walk_std": 1e-6}, True, True),
-        ({"noise_std": 1e-6, "quantum": 1.0}, False, True),
-    ],
-)
-def test_sensor_knows_whether_it_has_memory_and_noise(errors: dict[str, Any], remembers: bool, noisy: bool) -> None:
-    assert (model(**errors).remembers, model(**errors).noisy) == (remembers, noisy)
 
 
 def test_point_velocitys_centripetal_part_is_the_square_of_the_cross_product() -> None:
@@ -196,8 +154,3 @@ def test_bandwidth_takes_of_a_vibration_what_it_takes_at_its_own_frequency() -> 
     found = vibration([tone(4.0, 1, 1, 1)], np.array([1.5, 1.0, 0.5]), 4.0, integrates=False)
     assert_allclose(found.amplitude, [np.array([1.5, 1.0, 0.5]) / np.sqrt(2.0)])
     assert_allclose(found.phase, np.full((1, 3), -np.pi / 4.0))
-    # and by the differential equation, once its start is forgotten
-    w, step, state = 2.0 * math.pi * 4.0, 1e-4, 0.0
-    for number in range(10_000):
-        state += w * step * (math.sin(w * (number + 0.5) * step) - state)
-    assert found.at(1.0)[1] == pytest.approx(state, abs=3e-3)

@@ -53,15 +53,6 @@ def test_each_kind(kind: int, values: dict[str, float], expected: list[float], l
         assert_array_equal(flown(failure, ONSET - 1), COMMAND)
 
 
-@pytest.mark.parametrize("sample", [1, 7, 625, 4999])
-def test_a_failure_at_a_sample_mark_begins_and_ends_with_whole_samples(sample: int) -> None:
-    # sample x period is rarely exact; a sliver of a sample must not count
-    failure = (Failure(0, FailureKind.STUCK_ON, sample * PERIOD_S, (sample + 2) * PERIOD_S),)
-    level = [flown(failure, k)[0] for k in range(sample - 1, sample + 4)]
-    assert_allclose(level, [0.0, 1.0, 1.0, 0.0, 0.0], atol=ROUNDING)
-    assert level[0] == level[3] == 0.0
-
-
 MIDDLE = ONSET_S + 0.5 * PERIOD_S
 
 

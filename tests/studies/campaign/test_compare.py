@@ -22,12 +22,13 @@ draw: {plant.thrust_dispersion: {uniform: {low: 0.0, high: 0.02}}}
 """
 
 
-def rows_of(found: set[int], delay_s: float = 1.0, n: int = 12) -> list[Any]:
+def rows_of(found: set[int], delay_s: float = 1.0, duration_s: float = 60.0) -> list[Any]:
     """Cases with a failure each, some of which are found, and a false declaration where it is not."""
     return [
         row(case, [failure("R4R", "named" if case in found else "missed", declared_s=20.0 + delay_s)],
-            [declaration("R4R", 20.0 + delay_s) if case in found else declaration("F1U", 50.0, "failure")])
-        for case in range(n)
+            [declaration("R4R", 20.0 + delay_s) if case in found else declaration("F1U", 50.0, "failure")],
+            duration_s=duration_s)
+        for case in range(12)
     ]  # fmt: skip
 
 
@@ -38,7 +39,7 @@ def two(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     other = ONE + "set: {detector: {kind: cusum}}\n"
     return [
         folder(path / "glr", ONE, rows_of({0, 1, 2})),
-        folder(path / "cusum", other, rows_of(set(range(1, 11)), delay_s=3.0)),
+        folder(path / "cusum", other, rows_of(set(range(1, 11)), 3.0, 120.0)),
     ]
 
 
@@ -54,7 +55,7 @@ def test_pairs_tell_what_changed_and_how_surely(two: list[Path]) -> None:
     assert found["Delay of what both found, median"]["difference"]["value"] == pytest.approx(2.0)
     assert found["Delay of what both found, median"]["difference"]["n"] == 2
     false = found["False declarations"]
-    assert (false["baseline"], false["here"]) == pytest.approx((9 / 0.2, 2 / 0.2))
+    assert (false["baseline"], false["here"]) == pytest.approx((9 / 0.2, 2 / 0.4))
     assert false["difference"]["value"] == pytest.approx(-7 / 0.2)
     json.dumps(compare.summary(two), allow_nan=False)
 

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 import pytest
-from campaign_rows import declaration, failure, jump, lost, row
+from campaign_rows import declaration, failure, jump, lost, many, row
 
 from massprop_drake.inputs.campaign_file import Gate
 from massprop_drake.studies.campaign import merit
@@ -101,6 +101,7 @@ def test_a_higher_threshold_strikes_out_what_is_below_it() -> None:
     curve = {point.setting: point for point in merit.operating_curve(rows)}
     assert list(curve) == [15.0, 25.0, 40.0]
     assert [point.found.value for point in curve.values()] == [1.0, 1.0, 0.5]
+    assert [point.delay_s.value for point in curve.values()] == pytest.approx([0.5, 0.5, 0.5])
     # the jump has another statistic and is no declaration of a jet
     assert [point.false_per_hour.value for point in curve.values()] == pytest.approx([30.0, 0.0, 0.0])
 
@@ -112,3 +113,11 @@ def test_sensitivity_leaves_out_what_is_no_number() -> None:
     assert found["m_inv"]["size"].value == pytest.approx(1.0)
     # the error's size is the same on both sides of the middle
     assert merit.sensitivity(rows, ["size"], size=True)["m_inv"]["size"].value == pytest.approx(0.0, abs=1e-12)
+
+
+def test_sobol_indices_need_every_case() -> None:
+    rows = many(1, 8)
+    assert merit.sobol([*rows, lost(8, "crashed")], 2) is None
+    found = merit.sobol(rows, 2)
+    assert found is not None
+    assert (len(found[0]), len(found[1].total[0])) == (10, 2)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,8 +19,8 @@ N = 12
 
 
 @cache
-def settings(block: str = "{when: group, patience_s: 0.3}", kind: str = "joint", *more: str) -> FiringTest:
-    overrides = [f"estimation.filter={kind}", f"autopilot.test_firing={block}", *more]
+def settings(block: str = "{when: group, patience_s: 0.3}", *more: str) -> FiringTest:
+    overrides = ["estimation.filter=joint", f"autopilot.test_firing={block}", *more]
     made = crafts.firing_test(load_scenario("small_satellite_maneuver", overrides))
     assert made is not None
     return made
@@ -38,9 +37,7 @@ def probabilities(of: dict[int, float]) -> np.ndarray:
     ("of", "expected"),
     [
         ({}, ()),
-        ({8: 1.0}, ()),  # it is known which
         ({8: 0.2, 11: 0.2}, ()),  # it may be that nothing has failed
-        ({8: 0.6, 11: 0.4}, (8, 11)),
         ({8: 0.88}, (8,)),  # has it?
         ({8: 0.6, 11: 0.37, 2: 0.02, 5: 0.001}, (2, 8, 11)),
     ],
@@ -58,7 +55,7 @@ def test_it_fires_once_when_a_question_has_stood_for_a_while() -> None:
     deviation = 0.01 * np.concatenate((inertia, np.full(3, inertia.mean()), np.ones(3), [nominal[9]]))
     give(dut, context, estimate=nominal, covariance=np.diag(deviation**2).ravel(), gyro=np.zeros(3))
     simulator, fired = Simulator(dut, context), []
-    for of, samples in (({}, 6), ({8: 0.5, 9: 0.5}, 3), ({8: 0.5, 9: 0.5}, 20), ({8: 1.0}, 1), ({8: 1.0}, 20)):
+    for of, samples in (({}, 3), ({8: 0.5, 9: 0.5}, 3), ({8: 0.5, 9: 0.5}, 12), ({8: 1.0}, 1), ({8: 1.0}, 3)):
         give(dut, context, fault_probability=probabilities(of))
         rows = []
         for _ in range(samples):
@@ -79,24 +76,16 @@ def test_a_target_that_is_known_asks_for_nothing(share: float, *, expected: bool
 
 
 @pytest.mark.parametrize(
-    ("block", "kind", "more", "words"),
+    ("block", "more", "words"),
     [
-        ("{when: target}", "joint", (), "needs at least one"),
-        ("{when: group, targets: {mass: 1%}}", "joint", (), "targets go with when: target"),
-        ("{when: group, without: [T1]}", "joint", (), "no jet 'T1'"),
-        ("{when: target, targets: {weight: 1%}}", "joint", (), "no such quantity"),
-        ("{when: group, limits: {speed: 1 m/s}}", "joint", (), "no such limit"),
-        ("{when: target, targets: {mass: 1%}}", "thesis", (), "goes with estimation.filter: joint"),
-        (
-            "{when: group}",
-            "joint",
-            ("maneuver=[]", "jet_schedule=[{jet: ZP1, start_s: 1, end_s: 2}]"),
-            "does not go with jet_schedule",
-        ),
-        ("{when: group}", "joint", ("maneuver=[]", "autopilot.engaged=false"), "needs an autopilot"),
+        ("{when: target}", [], "needs at least one"),
+        ("{when: group, without: [T1]}", [], "no jet 'T1'"),
+        ("{when: target, targets: {weight: 1%}}", [], "no such quantity"),
+        ("{when: group, limits: {speed: 1 m/s}}", [], "no such limit"),
+        ("{when: group}", ["estimation.filter=thesis"], "goes with estimation.filter: joint"),
+        ("{when: group}", ["maneuver=[]", "autopilot.engaged=false"], "needs an autopilot"),
     ],
 )
-def test_what_cannot_be_asked_is_one_message(block: str, kind: str, more: tuple[Any, ...], words: str) -> None:
-    with pytest.raises(InputError) as caught:
-        settings(block, kind, *more)
-    assert words in str(caught.value)
+def test_what_cannot_be_asked_is_one_message(block: str, more: list[str], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        settings(block, *more)

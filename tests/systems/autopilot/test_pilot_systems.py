@@ -38,8 +38,8 @@ from massprop_drake.systems.autopilot.engine_commands import EngineCommands
 
 SETTINGS = PhaseSpaceParams(PERIOD_S, 0.01, 0.15, 0.002, 0.001, 0.0005, 0.5, 2.0, 0.004, 0.4)
 # rotation and translation, as the crew moves them
-CREW = [[0] * 6, [1, 0, 0, 0, 0, 0], [1, 0, -1, 0, 0, 0], *[[0] * 6] * 3, *[[0, 0, 0, 1, 0, 0]] * 7, [0, 0, 0, 1, 0, -1]]
-CREW = [*CREW, [0] * 6, [0] * 6]
+CREW = [np.eye(6)[0] * on for on in (0, 1)] + [[1, 0, -1, 0, 0, 0], *[[0] * 6] * 3, *[[0, 0, 0, 1, 0, 0]] * 7]
+CREW = [*CREW, [0, 0, 0, 1, 0, -1], [0] * 6, [0] * 6]
 
 
 def test_hand_controllers_are_out_of_detent_from_the_start_of_a_window_until_before_its_end() -> None:
@@ -130,9 +130,7 @@ def test_jet_schedule_plays_a_row_per_sample_and_holds_it_for_the_next() -> None
         (TABLE, np.zeros((2, 2)), r"onsets must be a table like that of commands, \(3, 2\), got shape \(2, 2\)"),
     ],
 )
-def test_what_is_no_table_of_commands_is_refused(
-    commands: np.ndarray, onsets_s: np.ndarray | None, words: str
-) -> None:
+def test_what_is_no_table_of_commands_is_refused(commands: np.ndarray, onsets_s: np.ndarray | None, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         JetSchedule(commands, period_s=PERIOD_S, onsets_s=onsets_s)
 
@@ -149,8 +147,9 @@ def test_wheel_schedule_plays_a_row_per_sample() -> None:
 def test_wheel_controller() -> None:
     axes, inertia = np.eye(3), np.diag([50.0, 26.0, 55.0])
     params = WheelControlParams(
-        axes, shares_of(axes), np.full(3, 0.006), np.full(3, 0.1), np.full(3, 400.0), inertia, 1.0, 0.5, 0.2, 1e-3, SETTINGS
-    )
+        axes, shares_of(axes), np.full(3, 0.006), np.full(3, 0.1), np.full(3, 400.0), inertia, 1.0, 0.5, 0.2, 1e-3,
+        SETTINGS,
+    )  # fmt: skip
     dut = WheelController(params, ("W1", "W2", "W3"))
     assert inputs(dut) == {"hand_controllers": 6, "attitude_error": 3, "gyro": 3, "W1": 1, "W2": 1, "W3": 1}
     assert outputs(dut) == {"wheel_torque": 3, "rate_for_jets": 3}
@@ -173,7 +172,7 @@ def test_engine_commands_play_a_schedule_and_hold_the_rate() -> None:
     nominal = load_vehicle("small_satellite").nominal
     one = np.ones((1, 3))
     engines = EngineParams(
-        np.array([[-0.3, 0.0, 0.0]]), np.array([[1.0, 0.0, 0.0]]), np.eye(3)[None, 1:], np.eye(3)[None, 1:], np.array([8.0]),
+        np.array([[-0.3, 0.0, 0.0]]), np.eye(3)[:1], np.eye(3)[None, 1:], np.eye(3)[None, 1:], np.array([8.0]),
         np.array([0.0, 1.0]), np.zeros((1, 2)), one, 0.0 * one, 0.2 * one, 0.0 * one, np.zeros(1), np.ones(1),
     )  # fmt: skip
     table = np.array([[0.0, 0.0, 0.0], [0.8, 0.01, 0.0], [0.8, 0.01, 0.0]])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.systems.analysis import Simulator
-from systems_probe import LEAK_S, LEAKS, feedthrough, give, inputs, leaked, output, outputs
+from systems_probe import LEAKS, feedthrough, give, inputs, leaked, output, outputs
 
 from massprop_drake import Run, Scenario, load_scenario, simulate
 from massprop_drake.diagrams import closed_loop, estimation, open_loop
@@ -66,20 +66,6 @@ def test_the_first_sample_says_nothing_and_a_sensor_that_is_not_connected_reads_
     assert context.Clone().get_abstract_state(0).get_value() is memory is copy.deepcopy(memory)
 
 
-def test_a_leak_is_declared_and_its_jet_put_out_of_use() -> None:
-    run, jet = leaked(), LEAKS.vehicle_data.jet_index("L4D")
-    (said,) = run.results.detections
-    assert (said.kind, said.jet, said.jets, said.isolated_to) == ("jet_on", "L4D", ("L4D",), "jet")
-    assert said.onset_s == pytest.approx(LEAK_S, abs=0.2)
-    assert said.magnitude is not None
-    assert said.magnitude_std is not None
-    assert abs(said.magnitude - 10.0) < 4.5 * said.magnitude_std
-    after = run.time_s > said.time_s
-    assert (run["out_of_use"][after, jet] == 1.0).all()
-    assert (np.abs(run["known_force"][after, jet] - 10.0) < 1.5).all()  # at first it is known to half a pound
-    assert not np.delete(run["known_force"], jet, axis=1).any()
-
-
 @pytest.mark.parametrize("scenario", [LEAKS, FLOATS], ids=["leaks", "floats"])
 def test_a_context_on_its_way_is_that_of_the_run_and_so_is_its_clone(scenario: Scenario) -> None:
     """Drake updates abstract state before the discrete state of others at the same instant."""
@@ -89,7 +75,7 @@ def test_a_context_on_its_way_is_that_of_the_run_and_so_is_its_clone(scenario: S
     dut: Any = diagram.GetSubsystemByName("estimation").GetSubsystemByName("estimator")
     declared = [int(np.searchsorted(run.time_s, said.time_s - 1e-9)) for said in run.results.detections]
     names = ("predicted", "estimate", "reconfiguration", "detector_report", "hypothesis_report")
-    for row in (7, 20, *declared):
+    for row in (7, *declared):
         simulator.AdvanceTo(run.time_s[row] - 0.01)  # after the update at the sample before
         context = dut.GetMyContextFromRoot(simulator.get_context())
         assert_array_equal(output(dut, context, "predicted"), run["estimate"][row - 1])
@@ -103,12 +89,4 @@ def test_a_context_on_its_way_is_that_of_the_run_and_so_is_its_clone(scenario: S
     other = Simulator(diagram, simulator.get_context().Clone())  # hypotheses are followed by now
     for flown in (simulator, other):
         flown.AdvanceTo(run.time_s[end])
-        estimate, probability = (
-            diagram.GetOutputPort(name).Eval(flown.get_context()) for name in ("estimate", "fault_probability")
-        )
-        assert_array_equal(estimate, run["estimate"][end])
-        assert_array_equal(probability[:-2], run["fault_probability"][end])
-    simulator.reset_context(diagram.CreateDefaultContext())
-    simulator.Initialize()
-    simulator.AdvanceTo(run.time_s[20])
-    assert_array_equal(diagram.GetOutputPort("estimate").Eval(simulator.get_context()), run["estimate"][20])
+        assert_array_equal(diagram.GetOutputPort("estimate").Eval(flown.get_context()), run["estimate"][end])

@@ -76,17 +76,6 @@ def test_topology(counting: Scenario) -> None:
     assert not {"hypothesis_report", "fault_probability", "joint_report"} & set(outputs(dut))
 
 
-def test_the_whole_loop_flies_on_it_as_on_the_pair(counting: Scenario, flown: Run) -> None:
-    pair = simulate(
-        counting.model_copy(update={"estimation": counting.estimation.model_copy(update={"filter": "thesis"})})
-    )
-    for name in ("estimate", "standard_deviation", "rotation_nis", "mass_nis", "likelihood", "known_force", "command"):
-        np.testing.assert_array_equal(flown[name], pair[name], err_msg=name)
-    np.testing.assert_array_equal(flown.covariance, pair.covariance)
-    assert flown.summary["detections"] == pair.summary["detections"]
-    assert flown.summary["detections"], "a jet stuck on is declared"
-
-
 def test_the_estimator_takes_it_and_keeps_its_state(counting: Scenario, flown: Run) -> None:
     dut = Estimator(counting.vehicle_data, counting)
     for k, time_s in enumerate(flown.time_s):

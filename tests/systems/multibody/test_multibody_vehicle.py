@@ -60,18 +60,6 @@ def test_it_starts_along_the_inertial_axes_with_its_center_of_mass_at_rest_and_a
     assert_allclose(later["joint_positions"], [1.57 + 0.05, -2.8 - 0.1], atol=5e-3)
 
 
-def test_driven_joints_follow_their_moves_and_push_nothing_outside() -> None:
-    dut = made(moves=OUT, rate=np.array([0.02, 0.0, 0.01]))
-    start, middle, there, end = flown(dut, 0.0, 0.6, 1.2, 2.0)
-    # halfway through its way at half the time, by symmetry of the profile
-    assert middle["joint_positions"][0] == pytest.approx(0.5 * (1.57 + 1.2), abs=5e-3)
-    assert_allclose(there["joint_positions"], [1.2, -2.6], atol=5e-3)
-    assert_allclose(end["joint_positions"], [1.2, -2.65], atol=1e-3)  # held against what the turning asks
-    # no force from outside: the common center of mass stays, while it moves in the vehicle
-    assert_allclose([end["body_state"][POSITION], end["body_state"][VELOCITY]], 0.0, atol=1e-7)
-    assert np.abs(end["structure"][6:] - start["structure"][6:]).max() > 3e-3
-
-
 def test_a_drive_gives_the_forces_of_its_mathematics() -> None:
     plant = arm()
     positions = np.zeros(plant.num_positions())
@@ -93,7 +81,9 @@ def test_a_drive_gives_the_forces_of_its_mathematics() -> None:
 
 @pytest.mark.parametrize("given", [{"positions": {"wrist": 1.0}}, {"moves": {"wrist": ()}}])
 def test_an_unknown_joint_is_named(given: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match=r"'wrist' is no joint of one degree of freedom in the model; joints are: elbow"):
+    with pytest.raises(
+        ValueError, match=r"'wrist' is no joint of one degree of freedom in the model; joints are: elbow"
+    ):
         made(**given)
 
 

@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from systems_probe import PERIOD_S, advance, feedthrough, give, inputs, output, outputs
 
-from massprop_drake import load_scenario, simulate
+from massprop_drake import load_scenario
 from massprop_drake.inputs import true_params
 from massprop_drake.maths.noise import normal_sample
 from massprop_drake.maths.vehicle.disturbance import DisturbanceModel
@@ -60,26 +60,6 @@ def test_it_starts_as_a_seed_draws_with_the_parameters_of_the_context() -> None:
     force = output(dut, context, "wrench")[3:6]
     assert_array_equal(force, [MEAN[3], drawn[4] + 7.0, drawn[5]])
     assert output(dut, context, "wrench", seed=[0.5])[4] != force[1]
-
-
-def test_stepped_and_continuous_body_are_pushed_alike_and_by_the_seed_alone() -> None:
-    runs = [
-        simulate(load_scenario("sample_maneuver", [SHAKEN, "duration_s=4", *overrides]), look_back=False)
-        for overrides in ((), ("plant.time_step=0",), ("seed=1",))
-    ]
-    # rates of 1e-3 rad/s; the integrator is asked for 1e-10 of that
-    assert_allclose(runs[1]["rate"], runs[0]["rate"], rtol=0.0, atol=1e-12)
-    assert np.abs(runs[0]["rate"] - runs[2]["rate"]).max() > 1e-6
-
-
-def test_drifting_without_jets_it_gives_the_change_of_momentum_it_should() -> None:
-    # a constant torque about the center of mass turns and does not push; force pushes and does not turn
-    drift = ["maneuver=[]", "jet_schedule=[{jet: F1F, start_s: 9, end_s: 9.1}]", "duration_s=2"]
-    pushed = "plant.disturbance={torque: [100, 0, 0], force: [0, 10, 0]}"
-    run = simulate(load_scenario("sample_maneuver", [*drift, pushed]), look_back=False)
-    nominal = run.scenario.vehicle_data.nominal
-    assert_allclose(nominal.inertia @ run["rate"][-1], [200.0, 0.0, 0.0], atol=1e-2)  # turns by 2e-4 rad meanwhile
-    assert_allclose(nominal.mass * run["velocity"][-1], [0.0, 20.0, 0.0], rtol=0.0, atol=2e-2)
 
 
 def test_params_begin_with_a_draw_of_the_stated_size() -> None:

@@ -109,34 +109,3 @@ def test_a_gimbal_holds_the_rate() -> None:
     )
     assert np.abs(held["rate"][-1]).max() < 0.1 * np.abs(free["rate"][-1]).max()
     assert np.abs(held["main"][-5, 1:]).max() > 0.01
-
-
-@pytest.mark.parametrize(
-    ("changed", "problem"),
-    [
-        ({"engine_schedule": [{**BURN, "engine": "second"}]}, "'second' is no engine of vehicle 'small_satellite'"),
-        ({"engine_schedule": [{**BURN, "gimbal": [0.3, 0.0]}]}, r"0.3 rad for main: its gimbal's stop is at 0.2 rad"),
-        ({"engine_schedule": [BURN, {**BURN, "start_s": 1.0}]}, "overlap"),
-        ({"engine_failures": [{"engine": "x", "kind": "out", "start_s": 1.0}]}, "'x' is no engine"),
-        ({"plant": {"engine_errors": {"x": {}}}}, "'x' is no engine"),
-        ({"estimation": {"filter": "thesis"}, "detector": {}}, "thesis knows no engines, which engine_schedule burns"),
-    ],
-)
-def test_what_an_engine_cannot_do_is_refused(changed: dict[str, Any], problem: str) -> None:
-    with pytest.raises(ValueError, match=problem):
-        scenario(**changed)
-
-
-@pytest.mark.parametrize(
-    ("engine", "problem"),
-    [
-        ({"direction": [1.0, 1.0, 0.0]}, "must have length 1 within 0.002"),
-        ({"gimbal": {"axes": [[0, 1, 0], [0, 1, 0]], "stop": 0.1}}, "the two axes must not be parallel"),
-        ({"gimbal": {"axes": [[1, 0, 0], [0, 1, 0]], "stop": 0.1}}, "along the engine's direction does not turn"),
-        ({"specific_impulse_s": []}, "levels must rise, and there must be one at least"),
-        ({"thrust": 0.0}, "greater than 0"),
-    ],
-)
-def test_an_engine_that_cannot_be_is_refused(engine: dict[str, Any], problem: str) -> None:
-    with pytest.raises(ValueError, match=problem):
-        scenario(engine)

@@ -45,11 +45,8 @@ def test_parameters_are_read_and_set_by_name() -> None:
     [
         ({"mas": 1.0}, r"parameter 'mas' of rigid_body: no such parameter; did you mean 'mass'\?"),
         ({"inertia": np.eye(3)}, r"'inertia' of rigid_body: must be a vector of 6 numbers, got shape \(3, 3\)"),
-        ({"mass": [1.0, 2.0]}, r"parameter 'mass' of rigid_body: must be a number, got shape \(2,\)"),
         ({"mass": np.nan}, r"parameter 'mass' of rigid_body: must be finite, got nan"),
-        ({"mass": None}, r"parameter 'mass' of rigid_body: must be finite, got None"),
         ({"mass": "heavy"}, r"parameter 'mass' of rigid_body: must be a number, got 'heavy'"),
-        ({"inertia": 1j}, r"parameter 'inertia' of rigid_body: must be a vector of 6 numbers, got 1j"),
         ({"inertia_xx": -1.0}, r"plant 'rigid_body': inertia \(xx, yy, zz, yz, xz, xy\) must be positive"),
     ],
 )

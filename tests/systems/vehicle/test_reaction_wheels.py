@@ -12,7 +12,6 @@ from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RevoluteJoint, SpatialInertia, UnitInertia
 from pydrake.systems.analysis import Simulator
-
 from systems_probe import feedthrough, inputs, output, outputs, update
 
 from massprop_drake import simulate
@@ -20,7 +19,7 @@ from massprop_drake.inputs.scenario import Scenario, load_scenario
 from massprop_drake.inputs.vehicle_file import load_vehicle
 from massprop_drake.maths.mass_properties import MassProperties
 from massprop_drake.maths.vehicle import rigid_body
-from massprop_drake.maths.vehicle.wheel_motors import WheelsModel, speed_read, true_inertias
+from massprop_drake.maths.vehicle.wheel_motors import WheelsModel, speed_read
 from massprop_drake.systems.vehicle.reaction_wheels import ReactionWheels
 
 Array = NDArray[np.float64]
@@ -104,12 +103,6 @@ def test_speeds_are_those_of_the_motors_and_move_both_kinds_of_plant_alike() -> 
     assert abs(first[-1] - (20.0 + 0.1 / 0.02 * 2.0)) < 0.1
     assert abs(second[-1] + 0.2 / 0.015 * 2.0) < 0.1  # not by 0.5 N m
     np.testing.assert_allclose(first / 0.05, np.round(first / 0.05), atol=1e-9)
-
-
-def test_the_seed_draws_the_inertias() -> None:
-    drawn = np.array([true_inertias(model(dispersion=0.05), seed) for seed in range(200)]) / SPIN - 1.0
-    assert drawn.std() == pytest.approx(0.05, rel=0.15)
-    np.testing.assert_array_equal(true_inertias(model(), 3), SPIN)
 
 
 def test_a_speed_is_read_with_noise_and_in_steps() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,6 @@ from scipy.integrate import solve_ivp
 
 from massprop_drake import InputError, Run, load_vehicle, simulate
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.inputs.yaml import to_yaml
 from massprop_drake.maths.mass_properties import ELEMENT
 
 Array = NDArray[np.float64]
@@ -85,29 +83,6 @@ def test_the_rate_is_that_of_eulers_equation_with_what_is_left() -> None:
 def test_an_empty_tank_ends_a_run_in_one_message() -> None:
     with pytest.raises(InputError, match=r"at t = [\d.]+ s tank 'fuel' is empty; put more in it"):
         flown(plant={"propellant": {"fuel": 0.1}})
-
-
-@pytest.mark.parametrize(
-    ("changed", "where", "problem"),
-    [
-        ({"propellant": 50.0}, "propellant", "is 50, more than the capacity, 44"),
-        ({"axis": [0.0, 0.0, 0.0]}, "axis", "must have length 1"),
-        ({"feeds": ["mains"]}, "feeds", "'mains' is neither a jet nor one of jet_kinds; did you mean 'main'"),
-        ({"capacity": 400.0, "propellant": 200.0}, "propellant", "tanks hold 200 kg of propellant, and the vehicle's"),
-        ({"outlet": [0.05, 0.1, -3.5]}, "tanks", "propellant so far out has a larger inertia"),
-    ],
-)
-def test_a_wrong_tank_is_refused_with_its_line(
-    changed: dict[str, Any], where: str, problem: str, tmp_path: Path
-) -> None:
-    path = tmp_path / "tug.yaml"
-    path.write_text(to_yaml(vehicle(TANK | changed)))
-    with pytest.raises(InputError) as caught:
-        load_vehicle(path)
-    message = str(caught.value)
-    assert problem in message
-    assert str(path) in message
-    assert where in message
 
 
 def test_a_tank_that_is_not_there_or_holds_less_is_refused() -> None:

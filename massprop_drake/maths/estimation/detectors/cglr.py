@@ -32,23 +32,17 @@ from numpy.typing import NDArray
 
 from massprop_drake.maths.arrays import NUMBER, Layout
 from massprop_drake.maths.estimation.adaptation import Action, Adaptation, left_alone
-from massprop_drake.maths.estimation.detector import (
-    STATUS,
-    Detector,
-    Evidence,
-    Judgment,
-    KnownJets,
-    Verdict,
-)
+from massprop_drake.maths.estimation.detector import STATUS, Detector, Evidence, Judgment, KnownJets, Verdict
 from massprop_drake.maths.estimation.detectors.jet_tests import (
-    Circumstances,
     Isolation,
     JetTests,
+    Signs,
     UncertainSignatures,
     information,
     isolate,
+    jet_tests,
+    signatures,
     testable,
-    tested,
     uncertain_jet_tests,
 )
 from massprop_drake.maths.estimation.detectors.known_forces import excess_share, known_force
@@ -115,7 +109,6 @@ def make_params(jets: KnownJets, options: Any) -> CglrParams:
     """Makes the parameters from a scenario's block `detector`.
 
     Args:
-        jets: see `Jets`.
         options: the block, field by field.
     """
     limit = options.unexplained_limit
@@ -185,34 +178,6 @@ def initial_state(n_jets: int) -> DetectorState:
     return DetectorState(_QUIET, 0.0, 0.0, 0.0, np.zeros(6), *np.zeros((4, n_jets)))
 
 
-class DetectorSample(NamedTuple):
-    """Sample as the detector takes it.
-
-    Attributes:
-        time_s: of the sample, s.
-        command: fraction commanded over the interval that ended, shape (n_jets,).
-        firing: whether any jet was commanded.
-        innovation: of translation and rotation, shape (6,).
-        covariance: Y, shape (6, 6).
-        information: its inverse, shape (6, 6).
-        thrust_errors: whether considered thrust errors bear on the sample.
-        mass_properties: the ten predicted parameters, shape (10,).
-        parameter_covariance: Sigma, of their errors, shape (10, 10).
-        cross_covariance: Gamma, of the innovation with these errors, shape (6, 10).
-    """
-
-    time_s: float
-    command: Array
-    firing: bool
-    innovation: Array
-    covariance: Array
-    information: Array
-    thrust_errors: bool
-    mass_properties: Array
-    parameter_covariance: Array
-    cross_covariance: Array
-
-
 class CglrFinding(NamedTuple):
     """Finding of the detector about one sample.
 
@@ -258,114 +223,90 @@ class DetectorCycle(NamedTuple):
 
 
 @kernel
-def cycle(state: DetectorState, sample: DetectorSample, params: CglrParams) -> DetectorCycle:
-    """Runs one cycle of the detector, with a sample that can be tested.
+def judged(state: DetectorState, evidence: Evidence, params: CglrParams) -> DetectorCycle:
+    """Runs one cycle of the detector on the filters' predictions and innovations.
 
-    Args:
-        state: of the cycle before.
-        sample: see `DetectorSample`.
-        params: see `CglrParams`.
+    Raises:
+        NotPositiveDefiniteError: when an innovation covariance is not positive definite.
     """
+    if not testable(evidence, params.limits):
+        return _untested(state)
     state = _aged(state)
-    innovation = sample.innovation
-    around = Circumstances(
-        sample.command,
-        state.variance,
-        params.unit_wrenches,
-        params.clusters,
-        params.period_s,
-        params.mirror_sign_rule,
+    inverse = information(evidence.covariance, evidence.coupled)
+    coefficients, tests, isolation = _tested(state, evidence, inverse, params)
+    jet = isolation.jet
+    explains = float(tests.unexplained[jet]) < params.unexplained_limit
+    threshold = max(params.threshold, params.dispersion_threshold) if evidence.coupled else params.threshold
+    alarm = bool(
+        isolation.cluster_margin > params.margin
+        and tests.likelihood[jet] >= threshold
+        and abs(tests.magnitude[jet]) >= params.magnitude_threshold
+        and explains
     )
-    coefficients, tests, isolation, signs = tested(innovation, sample.information, sample.mass_properties, around)
+    beyond_doubt = bool(tests.likelihood[jet] > _AMBIGUOUS and explains)
+    event, onset_s, alarms, begun_s = _NOTHING, 0.0, 0.0, evidence.time_s - params.period_s
+    adaptation = left_alone(0, False)
+    if not alarm:
+        state = _unconfirmed(state, params)
+    if (alarm or beyond_doubt) and state.variance[jet] > 0.0:
+        # whatever else could explain it, its force is not what it was
+        adaptation = _correction(coefficients[jet], tests, jet, params)
+        state, event = _corrected_force(state, tests, jet, params)
+        onset_s, alarms = begun_s, 1.0
+    elif alarm:
+        adaptation = _correction(coefficients[jet], tests, jet, params)
+        state = _counted(state, isolation, float(tests.magnitude[jet]) * coefficients[jet], inverse, begun_s)
+        onset_s, alarms = state.onset_s, state.alarms
+        state, event, jet = _declared(state, tests, isolation, params)
+    elif beyond_doubt:  # a jet has failed, but which one the sample does not say: no jump, and nothing to learn from
+        adaptation = left_alone(_REJECT, False)
+    elif evidence.firing and _rotation_nis(evidence) > _JUMP_NIS:
+        # without a commanded impulse mass properties do not show
+        event, onset_s, alarms = _JUMP, begun_s, 1.0
+        adaptation = left_alone(0, True)
+    else:
+        state = _followed(state, coefficients, evidence, params)
+    finding = CglrFinding(
+        True,
+        alarm,
+        Isolation(jet, isolation.cluster, isolation.cluster_margin, isolation.jet_margin),
+        alarm and isolation.jet_margin > params.margin,
+        float(tests.magnitude[jet]),
+        float(np.sqrt(tests.variance[jet])),
+        float(tests.unexplained[jet]),
+        event,
+        onset_s,
+        alarms,
+    )
+    return DetectorCycle(state, tests, finding, adaptation)
+
+
+@kernel
+def _tested(
+    state: DetectorState, evidence: Evidence, inverse: Array, params: CglrParams
+) -> tuple[Array, JetTests, Isolation]:
+    """Tests every jet, with uncertain signatures where a first look is suspicious; returns signatures besides."""
+    coefficients = signatures(params.unit_wrenches, evidence.estimate, params.period_s)
+    known, off = state.variance > 0.0, evidence.command == 0.0
+    impossible_negative, impossible_positive = off & ~known, np.zeros(off.size, dtype=np.bool_)
+    if params.mirror_sign_rule:
+        impossible_positive = ~off & ~known
+    tests = jet_tests(coefficients, evidence.innovation, inverse, impossible_negative, impossible_positive)
+    isolation = isolate(tests.likelihood, params.clusters)
     suspicious = isolation.cluster_margin > params.margin or tests.likelihood[isolation.jet] > _AMBIGUOUS
     if suspicious and params.signature_uncertainty:
         uncertain = UncertainSignatures(
             coefficients,
             params.unit_wrenches * params.period_s,
-            sample.mass_properties,
-            sample.parameter_covariance,
-            sample.cross_covariance,
+            evidence.estimate,
+            evidence.estimate_covariance,
+            evidence.cross_covariance,
         )
-        tests = uncertain_jet_tests(tests, innovation, sample.covariance, uncertain, signs)
+        tests = uncertain_jet_tests(
+            tests, evidence.innovation, evidence.covariance, uncertain, Signs(impossible_negative, impossible_positive)
+        )
         isolation = isolate(tests.likelihood, params.clusters)
-    jet = isolation.jet
-    magnitude, unexplained = float(tests.magnitude[jet]), float(tests.unexplained[jet])
-    threshold = max(params.threshold, params.dispersion_threshold) if sample.thrust_errors else params.threshold
-    alarm = bool(
-        isolation.cluster_margin > params.margin
-        and tests.likelihood[jet] >= threshold
-        and abs(magnitude) >= params.magnitude_threshold
-        and unexplained < params.unexplained_limit
-    )
-    finding = CglrFinding(
-        True,
-        alarm,
-        isolation,
-        bool(alarm and isolation.jet_margin > params.margin),
-        magnitude,
-        float(np.sqrt(tests.variance[jet])),
-        unexplained,
-        _NOTHING,
-        0.0,
-        0.0,
-    )
-    if alarm:
-        return _alarmed(state, tests, finding, coefficients, sample, params)
-    state = _unconfirmed(state, params)
-    if tests.likelihood[jet] > _AMBIGUOUS and unexplained < params.unexplained_limit:
-        if state.variance[jet] > 0.0:  # whatever else could explain it, its force is not what it was
-            adaptation = _correction(coefficients[jet], tests, jet, params)
-            state, event = _corrected_force(state, tests, jet, params)
-            return DetectorCycle(state, tests, _of_event(finding, event, sample, params), adaptation)
-        # a jet has failed, but which one the sample does not say: no jump, and nothing to learn from
-        return DetectorCycle(state, tests, finding, left_alone(_REJECT, False))
-    # without a commanded impulse mass properties do not show
-    if sample.firing and _rotation_nis(sample) > _JUMP_NIS:
-        return DetectorCycle(state, tests, _of_event(finding, _JUMP, sample, params), left_alone(0, True))
-    return DetectorCycle(_followed(state, coefficients, sample, params), tests, finding, left_alone(0, False))
-
-
-@kernel
-def _alarmed(
-    state: DetectorState,
-    tests: JetTests,
-    finding: CglrFinding,
-    coefficients: Array,
-    sample: DetectorSample,
-    params: CglrParams,
-) -> DetectorCycle:
-    """Ends a cycle whose alarm has passed as a jet's."""
-    jet = finding.isolation.jet
-    adaptation = _correction(coefficients[jet], tests, jet, params)
-    if state.variance[jet] > 0.0:
-        state, event = _corrected_force(state, tests, jet, params)
-        finding = _of_event(finding, event, sample, params)
-    else:
-        state, finding = _counted(state, tests, finding, coefficients[jet], sample, params)
-    return DetectorCycle(state, tests, finding, adaptation)
-
-
-@kernel
-def _of_event(finding: CglrFinding, event: int, sample: DetectorSample, params: CglrParams) -> CglrFinding:
-    """Makes the finding for an event that began with the sample."""
-    return _retold(finding, event, sample.time_s - params.period_s, 1.0)
-
-
-@kernel
-def _retold(finding: CglrFinding, event: int, onset_s: float, alarms: float) -> CglrFinding:
-    """Returns a finding with its event replaced."""
-    return CglrFinding(
-        finding.tested,
-        finding.alarm,
-        finding.isolation,
-        finding.jet_isolated,
-        finding.magnitude,
-        finding.magnitude_std,
-        finding.unexplained,
-        event,
-        onset_s,
-        alarms,
-    )
+    return coefficients, tests, isolation
 
 
 @kernel
@@ -376,24 +317,16 @@ def _untested(state: DetectorState) -> DetectorCycle:
 
 
 @kernel
-def _rotation_nis(sample: DetectorSample) -> float:
-    rotation = sample.innovation[3:]
-    return quadratic_form(rotation, inverse_positive_definite(sample.covariance[3:, 3:]))
+def _rotation_nis(evidence: Evidence) -> float:
+    rotation = evidence.innovation[3:]
+    return quadratic_form(rotation, inverse_positive_definite(evidence.covariance[3:, 3:]))
 
 
 @kernel
 def _suspecting(state: DetectorState, cluster: float, alarms: float, since: float) -> DetectorState:
     """Returns the state with another suspicion."""
     return DetectorState(
-        cluster,
-        alarms,
-        since,
-        state.onset_s,
-        state.effect,
-        state.force,
-        state.variance,
-        state.removed,
-        state.closed,
+        cluster, alarms, since, state.onset_s, state.effect, state.force, state.variance, state.removed, state.closed
     )
 
 
@@ -436,66 +369,50 @@ def _correction(signature: Array, tests: JetTests, jet: int, params: CglrParams)
     """Takes the likeliest jet's signature out of the innovations (4-29) to (4-32)."""
     effect = float(tests.magnitude[jet]) * signature
     spread = float(tests.variance[jet]) * (signature[:, None] * signature)
-    return Adaptation(
-        params.action,
-        effect[:3],
-        effect[3:],
-        spread[:3, :3].copy(),
-        spread[3:, 3:].copy(),
-        False,
-    )
+    return Adaptation(params.action, effect[:3], effect[3:], spread[:3, :3].copy(), spread[3:, 3:].copy(), False)
 
 
 @kernel
 def _counted(
-    state: DetectorState,
-    tests: JetTests,
-    finding: CglrFinding,
-    signature: Array,
-    sample: DetectorSample,
-    params: CglrParams,
-) -> tuple[DetectorState, CglrFinding]:
-    """Counts an alarm, and declares the failure when there are enough in a row."""
-    jet, cluster = finding.isolation.jet, float(finding.isolation.cluster)
-    effect = finding.magnitude * signature
-    confirms = state.cluster == cluster and float(effect @ sample.information @ state.effect) > 0.0
-    onset_s = state.onset_s if confirms else sample.time_s - params.period_s
-    alarms = state.alarms + 1.0 if confirms else 1.0
+    state: DetectorState, isolation: Isolation, effect: Array, inverse: Array, begun_s: float
+) -> DetectorState:
+    """Counts an alarm; one of another cluster, or that pushes the other way, begins a row of its own."""
+    cluster = float(isolation.cluster)
+    confirms = state.cluster == cluster and float(effect @ inverse @ state.effect) > 0.0
+    onset_s, alarms = (state.onset_s, state.alarms + 1.0) if confirms else (begun_s, 1.0)
     force, variance, removed, closed = state.force, state.variance, state.removed, state.closed
-    state = DetectorState(cluster, alarms, 0.0, onset_s, effect, force, variance, removed, closed)
-    finding = _retold(finding, finding.event, onset_s, alarms)
-    known_already = removed[jet] != 0.0 and finding.magnitude < 0.0  # declared, but still in use
-    if params.alarms_to_declare == 0 or alarms < params.alarms_to_declare or known_already:
-        return state, finding
+    return DetectorState(cluster, alarms, 0.0, onset_s, effect, force, variance, removed, closed)
+
+
+@kernel
+def _declared(
+    state: DetectorState, tests: JetTests, isolation: Isolation, params: CglrParams
+) -> tuple[DetectorState, int, int]:
+    """Declares a failure when there are enough alarms in a row; returns the state, the event and the jet."""
+    jet, (force, variance), (removed, closed) = (
+        isolation.jet,
+        (state.force, state.variance),
+        (state.removed, state.closed),
+    )
+    known_already = removed[jet] != 0.0 and tests.magnitude[jet] < 0.0  # declared, but still in use
+    if params.alarms_to_declare == 0 or state.alarms < params.alarms_to_declare or known_already:
+        return state, _NOTHING, jet
     # the jets that the data cannot tell apart are in question together
-    alike = (params.clusters == finding.isolation.cluster) & (tests.likelihood >= tests.likelihood[jet] - params.margin)
+    alike = (params.clusters == isolation.cluster) & (tests.likelihood >= tests.likelihood[jet] - params.margin)
     missing = alike & (tests.magnitude < 0.0)
-    if finding.magnitude > 0.0 and missing.any():
+    if tests.magnitude[jet] > 0.0 and missing.any():
         jet = int(either(missing, tests.likelihood, -1.0).argmax())
     manifold = params.manifolds[jet]
     if manifold >= 0:
         alike = alike | (params.manifolds == manifold)
         closed = either(params.manifolds == manifold, 1.0, closed)
-    magnitude = float(tests.magnitude[jet])
-    if magnitude > 0.0 and manifold < 0:
+    if tests.magnitude[jet] > 0.0 and manifold < 0:
         force, variance = force.copy(), variance.copy()
-        force[jet] = magnitude
+        force[jet] = tests.magnitude[jet]
         variance[jet] = max(float(tests.variance[jet]), params.force_variance_floor)
-    was = finding.isolation
-    finding = CglrFinding(
-        finding.tested,
-        finding.alarm,
-        Isolation(jet, was.cluster, was.cluster_margin, was.jet_margin),
-        finding.jet_isolated,
-        magnitude,
-        float(np.sqrt(tests.variance[jet])),
-        float(tests.unexplained[jet]),
-        _DECLARED,
-        onset_s,
-        alarms,
-    )
     removed = either(alike, 1.0, removed)
-    return DetectorState(_QUIET, 0.0, 0.0, onset_s, effect, force, variance, removed, closed), finding
+    after = DetectorState(_QUIET, 0.0, 0.0, state.onset_s, state.effect, force, variance, removed, closed)
+    return after, _DECLARED, jet
 
 
 @kernel
@@ -512,15 +429,15 @@ def _corrected_force(state: DetectorState, tests: JetTests, jet: int, params: Cg
 
 
 @kernel
-def _followed(state: DetectorState, coefficients: Array, sample: DetectorSample, params: CglrParams) -> DetectorState:
+def _followed(state: DetectorState, coefficients: Array, evidence: Evidence, params: CglrParams) -> DetectorState:
     """Updates the filter of each known force with a sample without an alarm."""
     if not nonzero(state.variance):
         return state
     jets = np.flatnonzero(state.variance)
     force, variance = state.force.copy(), state.variance.copy()
-    moving = inverse_positive_definite(sample.covariance[:3, :3], "innovation covariance")
-    turning = inverse_positive_definite(sample.covariance[3:, 3:], "innovation covariance")
-    excess = excess_share(state, jets, sample.command, params)
+    moving = inverse_positive_definite(evidence.covariance[:3, :3], "innovation covariance")
+    turning = inverse_positive_definite(evidence.covariance[3:, 3:], "innovation covariance")
+    excess = excess_share(state, jets, evidence.command, params)
     for index in range(jets.size):
         jet = jets[index]
         prior = float(variance[jet])
@@ -531,39 +448,10 @@ def _followed(state: DetectorState, coefficients: Array, sample: DetectorSample,
             weighted = (moving if begin == 0 else turning) @ signature
             share = 1.0 - prior * float(weighted @ signature)
             information += float(weighted @ signature) / share
-            projection += float(weighted @ sample.innovation[begin : begin + 3]) / share
+            projection += float(weighted @ evidence.innovation[begin : begin + 3]) / share
         force[jet] += projection / information
         variance[jet] = max(1.0 / information, params.force_variance_floor)
     return _knowing(state, force, variance)
-
-
-@kernel
-def judged(state: DetectorState, evidence: Evidence, params: CglrParams) -> DetectorCycle:
-    """Runs one cycle of the detector on the filters' predictions and innovations.
-
-    Args:
-        state: of the cycle before.
-        evidence: of this one.
-        params: see `CglrParams`.
-
-    Raises:
-        NotPositiveDefiniteError: when an innovation covariance is not positive definite.
-    """
-    if not testable(evidence, params.limits):
-        return _untested(state)
-    sample = DetectorSample(
-        time_s=evidence.time_s,
-        command=evidence.command,
-        firing=evidence.firing,
-        innovation=evidence.innovation,
-        covariance=evidence.covariance,
-        information=information(evidence.covariance, evidence.coupled),
-        thrust_errors=evidence.coupled,
-        mass_properties=evidence.estimate,
-        parameter_covariance=evidence.estimate_covariance,
-        cross_covariance=evidence.cross_covariance,
-    )
-    return cycle(state, sample, params)
 
 
 @kernel

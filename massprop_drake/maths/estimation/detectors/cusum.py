@@ -86,13 +86,7 @@ LAYOUT = Layout(
 def make_params(jets: KnownJets, options: Any) -> CusumParams:
     """Makes the parameters from a scenario's block `detector` of kind `cusum`."""
     return CusumParams(
-        jets.period_s,
-        jets.clusters,
-        jets.unit_wrenches,
-        jets.thrusts,
-        jets.limits,
-        options.drift,
-        options.threshold,
+        jets.period_s, jets.clusters, jets.unit_wrenches, jets.thrusts, jets.limits, options.drift, options.threshold
     )
 
 
@@ -103,11 +97,6 @@ def initial_state(n_jets: int) -> CusumState:
 
 def judge(state: CusumState, evidence: Evidence, params: CusumParams) -> Judgment:
     """Runs one cycle: adds a sample that can be tested, and declares the jet of the largest sum above the threshold.
-
-    Args:
-        state: of the cycle before.
-        evidence: of this one.
-        params: see `CusumParams`.
 
     Raises:
         NotPositiveDefiniteError: when an innovation covariance is not positive definite.

@@ -160,11 +160,7 @@ def signatures(unit_wrenches: Array, mass_properties: Array, period_s: float) ->
 
 @kernel
 def jet_tests(
-    coefficients: Array,
-    innovation: Array,
-    information: Array,
-    impossible_negative: Array,
-    impossible_positive: Array,
+    coefficients: Array, innovation: Array, information: Array, impossible_negative: Array, impossible_positive: Array
 ) -> JetTests:
     """Tests every jet against no failure, its signature taken as certain.
 
@@ -228,8 +224,6 @@ def uncertain_jet_tests(
         tests: the same sample's tests with certain signatures, whose magnitudes scale the uncertainty.
         innovation: e, translation first, shape (6,).
         covariance: Y, shape (6, 6).
-        signatures: see `UncertainSignatures`.
-        signs: see `Signs`.
     """
     impossible_negative, impossible_positive = signs.impossible_negative, signs.impossible_positive
     under = failed_covariance(tests.magnitude, covariance, signatures)
@@ -259,7 +253,6 @@ def failed_covariance(force: Array, covariance: Array, signatures: UncertainSign
     Args:
         force: f of each jet, lbf or N, shape (n_jets,).
         covariance: Y, shape (6, 6).
-        signatures: see `UncertainSignatures`.
     """
     jacobians = np.zeros((force.size, 6, N_ROTATION + 1))  # f_j J_j
     jacobians[:, :3, N_ROTATION] = signatures.impulses[:, 3:]
@@ -303,45 +296,3 @@ def isolate(likelihood: Array, clusters: NDArray[np.int_]) -> Isolation:
     beside[jet] = 0.0
     elsewhere_most = float(elsewhere.max()) if elsewhere.size else 0.0
     return Isolation(jet, int(clusters[jet]), largest - elsewhere_most, largest - float(beside.max()))
-
-
-class Circumstances(NamedTuple):
-    """Circumstances of a sample that bear on its tests besides its evidence.
-
-    Attributes:
-        command: fraction commanded over the interval, shape (n_jets,).
-        variance: of known forces, zero where none is known, shape (n_jets,).
-        unit_wrenches, clusters: see `detector.KnownJets`.
-        period_s: sample period, s.
-        mirror_sign_rule: whether a jet that is on cannot give too much.
-    """
-
-    command: Array
-    variance: Array
-    unit_wrenches: Array
-    clusters: NDArray[np.int_]
-    period_s: float
-    mirror_sign_rule: bool
-
-
-@kernel
-def tested(
-    innovation: Array, information: Array, mass_properties: Array, around: Circumstances
-) -> tuple[Array, JetTests, Isolation, Signs]:
-    """Tests every jet with its signature taken as certain; returns signatures, tests, isolation, and signs ruled out.
-
-    Args:
-        innovation, information: see `jet_tests`.
-        mass_properties: the ten parameters, shape (10,).
-        around: see `Circumstances`.
-    """
-    coefficients = signatures(around.unit_wrenches, mass_properties, around.period_s)
-    known = around.variance > 0.0
-    off = around.command == 0.0
-    impossible_negative = off & ~known
-    impossible_positive = np.zeros(off.size, dtype=np.bool_)
-    if around.mirror_sign_rule:
-        impossible_positive = ~off & ~known
-    tests = jet_tests(coefficients, innovation, information, impossible_negative, impossible_positive)
-    isolation = isolate(tests.likelihood, around.clusters)
-    return coefficients, tests, isolation, Signs(impossible_negative, impossible_positive)

@@ -50,7 +50,6 @@ def excess_share(state: Any, jets: NDArray[np.int_], command: Array, params: Any
 
     Args:
         jets: indices of those whose force is known, shape (k,).
-        state, command, params: see `known_force`.
     """
     stuck = state.force[jets] > 0.5 * params.thrusts[jets]
     told = command[jets]

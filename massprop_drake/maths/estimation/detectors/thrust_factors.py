@@ -68,13 +68,7 @@ def initial(params: FactorParams) -> ThrustFactorsState:
 
 
 def judge(state: ThrustFactorsState, evidence: PoseEvidence, params: FactorParams) -> Judgment:
-    """Judges a cycle of the filter: which jet has failed, if any.
-
-    Args:
-        state: of the cycle before.
-        evidence: see `PoseEvidence`.
-        params: see `FactorParams`.
-    """
+    """Judges a cycle of the filter: which jet has failed, if any."""
     jets = params.thrusts.size
     if not evidence.tested:
         nothing = np.full(jets, np.nan)

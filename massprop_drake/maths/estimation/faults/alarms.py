@@ -14,7 +14,8 @@ from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.bank import Bank
 from massprop_drake.maths.estimation.joint.guard import knows_rotation
 from massprop_drake.maths.estimation.joint.hypotheses import Score, told
-from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence, JointSample
+from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.screen import Screen
 from massprop_drake.maths.estimation.joint.sensitivity import Link, Traces, linked, traces

@@ -21,7 +21,8 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     restless,
     stepped,
 )
-from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, restart
+from massprop_drake.maths.estimation.joint.joint_cycle import restart
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.lag_prior import log_mixture
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.sensitivity import Link

@@ -13,10 +13,12 @@ import numpy as np
 
 from massprop_drake.maths.estimation.faults.priors import Priors, force_correction
 from massprop_drake.maths.estimation.joint import screen as screens
+from massprop_drake.maths.estimation.joint.crossing import crossed
 from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Cause, Kind, Score, kicked, opened, slot_of
-from massprop_drake.maths.estimation.joint.joint_cycle import crossed, relinearized, restart
+from massprop_drake.maths.estimation.joint.joint_cycle import restart
 from massprop_drake.maths.estimation.joint.lag_prior import begun_as, log_mixture, reconsidered
 from massprop_drake.maths.estimation.joint.layout import MASS, N_PROPERTIES, JointParams, JointState
+from massprop_drake.maths.estimation.joint.relinearization import relinearized
 from massprop_drake.maths.estimation.joint.screen import Contender
 from massprop_drake.maths.estimation.joint.sensitivity import linked, traced
 from massprop_drake.maths.estimation.joint.start import Kept, stays

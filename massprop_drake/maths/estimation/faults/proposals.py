@@ -199,14 +199,7 @@ def ranked(
 def _known_one(
     each: Hypothesis, causes: list[Cause], since_s: float, among: Sequence[Hypothesis]
 ) -> tuple[int, Hypothesis] | None:
-    """Finds a proposal that is a likely hypothesis already: its place, and the likeliest such one; None: none is.
-
-    Args:
-        each: hypothesis of which they are children.
-        causes: of the proposals.
-        since_s: time from which on they may have happened; what is said to have before is no proposal of these.
-        among: all hypotheses that there are.
-    """
+    """Finds a proposal that is a likely hypothesis already: its place, and the likeliest such one; None: none is."""
     n, found = len(each.events), list[tuple[int, Hypothesis]]()
     best = max(other.weight for other in among)
     for other in among:
@@ -235,12 +228,6 @@ def _alike(
     """Finds a proposal of which another parent has a likely child: its place, that child, and its lead; or None.
 
     What happens next is as probable whatever has happened before: it is ahead by as much as its parent was, nats.
-
-    Args:
-        each: hypothesis of which they are children.
-        causes: of the proposals, likeliest first.
-        alarm: see `Alarm`.
-        among: all hypotheses that there are.
     """
     first, since_s = alarm.screen.onsets[0], alarm.states[0].time_s
     best = max(other.weight for other in among)
@@ -334,16 +321,7 @@ def _children(
 def _child(
     each: Hypothesis, one: Contender, prior: float, alarm: Alarm, at: tuple[int, int, int], params: Params
 ) -> Hypothesis:
-    """Makes a hypothesis of a proposal.
-
-    Args:
-        each: its parent.
-        one: see `Contender`.
-        prior: see `_log_prior`.
-        alarm: see `Alarm`.
-        at: place of the state from which its filter goes on, cycle of its onset, and cycles that the onset was of.
-        params: see `Params`.
-    """
+    """Makes a hypothesis of a proposal."""
     place, onset, apart = at
     begins, state, score = alarm.screen.onsets[place], alarm.states[place], alarm.scores[place]
     kicks = tuple(tuple(kick / apart for kick in kicks) for kicks in one.kicks)
@@ -468,12 +446,6 @@ def _jumps(each: Hypothesis, alarm: Alarm, level: float, params: Params) -> list
     """Proposes jumps of the mass properties, by much or little, at each onset of the screen.
 
     The first order, which is of the screen's beginning alone, may miss a share of what there is to explain.
-
-    Args:
-        each: the hypothesis.
-        alarm: see `Alarm`.
-        level: log weight over that of the likeliest that a lead of zero stands for.
-        params: see `Params`.
     """
     screen, found = alarm.screen, list[Birth]()
     least = (1.0 - _BENT) * 0.5 * screen.misfit - _NEAR
@@ -492,13 +464,6 @@ def _false(each: Hypothesis, alarm: Alarm, entry: float, cycle: int, params: Par
     """Proposes false speeds of wheels, jumps of the tracker's attitude, and failures of engines.
 
     Of several trackers one that jumps contradicts the others, and lies.
-
-    Args:
-        each: the hypothesis.
-        alarm: see `Alarm`.
-        entry: log weight, over that of the likeliest, of what explains all.
-        cycle: number of the newest sample.
-        params: see `Params`.
     """
     joint, found = params.joint, list[Birth]()
     places, inverse = joint.places, each.run.state.mean[:6][ELEMENT]
@@ -524,13 +489,7 @@ def _false(each: Hypothesis, alarm: Alarm, entry: float, cycle: int, params: Par
 
 
 def _of_engines(each: Hypothesis, finest: float, params: JointParams) -> list[tuple[Cause, float]]:
-    """Proposes failures of the engines that burn, with the change of each in log likelihood, nats.
-
-    Args:
-        each: the hypothesis.
-        finest: 1-sigma of the best gyro's reading, rad/s.
-        params: see `JointParams`.
-    """
+    """Proposes failures of the engines that burn, with the change of each in log likelihood, nats."""
     burn, mean, found = each.watch.records[-1].sample.burn, each.run.state.mean, list[tuple[Cause, float]]()
     inverse, seconds = mean[:6][ELEMENT], each.watch.records[-1].link.duration_s
     for engine, points in enumerate(burn.points):

@@ -18,7 +18,8 @@ from massprop_drake.maths.estimation.faults.priors import Params
 from massprop_drake.maths.estimation.faults.proposals import Birth, Origin, ranked
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.hypotheses import Kind, Runner, Score, prepared, slot_of, told
-from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, step
+from massprop_drake.maths.estimation.joint.joint_cycle import step
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import JointParams
 from massprop_drake.maths.estimation.joint.screen import Screen
 from massprop_drake.maths.estimation.joint.sensitivity import Link, link

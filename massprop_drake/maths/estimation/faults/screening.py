@@ -14,9 +14,10 @@ import numpy as np
 from massprop_drake.maths.estimation.faults.priors import Priors, log_rate
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.hypotheses import Kind, known_forces
-from massprop_drake.maths.estimation.joint.joint_cycle import relinearized, restart
+from massprop_drake.maths.estimation.joint.joint_cycle import restart
 from massprop_drake.maths.estimation.joint.layout import RATE, JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import readings
+from massprop_drake.maths.estimation.joint.relinearization import relinearized
 from massprop_drake.maths.estimation.joint.screen import Contender, Screen
 from massprop_drake.maths.estimation.joint.sensitivity import linked, traced
 from massprop_drake.maths.estimation.joint.start import Kept

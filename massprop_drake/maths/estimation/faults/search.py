@@ -33,7 +33,8 @@ from massprop_drake.maths.estimation.faults.screening import Screening
 from massprop_drake.maths.estimation.joint.covariance import compressed
 from massprop_drake.maths.estimation.joint.guard import guarded, unguarded
 from massprop_drake.maths.estimation.joint.hypotheses import STIRS, Cause, Kind, Score, stirs_beyond
-from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, Report, acts, incremented_root
+from massprop_drake.maths.estimation.joint.joint_cycle import Report, incremented_root
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample, acts
 from massprop_drake.maths.estimation.joint.lag_prior import begun_as
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.screen import Contender

@@ -37,7 +37,8 @@ from massprop_drake.maths.estimation.faults.search import SearchOutcome
 from massprop_drake.maths.estimation.joint import bank as banks
 from massprop_drake.maths.estimation.joint.guard import unguarded
 from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Kind, Runner, prepared
-from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence, JointSample, step
+from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence, step
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.sensitivity import Link
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
@@ -183,16 +184,7 @@ def _kicked(
 def _watched_from(
     before: JointState, each: Hypothesis, evidence: JointEvidence, cycle: int, params: JointParams, *, likely: bool
 ) -> Hypothesis:
-    """Advances a hypothesis and its watch by a cycle that its own filter makes from some state.
-
-    Args:
-        before: that state.
-        each: the hypothesis before the cycle.
-        evidence: of the leader's cycle.
-        cycle: its number.
-        params: without increments.
-        likely: see `watched`.
-    """
+    """Advances a hypothesis and its watch by a cycle that its own filter makes from some state."""
     after, report = step(before, evidence.sample, params)
     after = unguarded(after) if evidence.report.starting else after
     report = report._replace(rotation_known=evidence.report.rotation_known)
@@ -200,14 +192,7 @@ def _watched_from(
 
 
 def _surprised(hypotheses: list[Hypothesis], best: float, cycle: int, params: Params) -> list[Hypothesis]:
-    """Raises alarms for hypotheses that were likely until the newest sample and are no longer.
-
-    Args:
-        hypotheses: after it.
-        best: log weight of the likeliest before it.
-        cycle: its number.
-        params: see `Params`.
-    """
+    """Raises alarms for hypotheses that were likely until the newest sample and are no longer."""
     now = max(each.weight for each in hypotheses)
     return [
         surprised(each, cycle, params.joint)
@@ -283,12 +268,7 @@ def _is_calm(leader: Hypothesis, tree: Tree) -> bool:
 
 
 def _due(age: int, drawn: int) -> bool:
-    """Tests whether a draw is due at an age, in cycles: at 0, 1, 2, 4, 8 ..., or as soon after as there is time.
-
-    Args:
-        age: now.
-        drawn: at the last draw; negative: there was none.
-    """
+    """Tests whether a draw is due at an age, in cycles: at 0, 1, 2, 4, 8 ..., or as soon after as there is time."""
     return age >= 0 and (1 << age.bit_length()) >> 1 > drawn
 
 

@@ -224,13 +224,7 @@ def _withdrawn(verdicts: Verdicts, jets: dict[Way, float], tree: Tree) -> tuple[
 
 
 def _at_most(way: Way, share: float, tree: Tree) -> float:
-    """Bounds the probability that a jet has failed, as if all waiting proposals that say so came true.
-
-    Args:
-        way: the failure.
-        share: its probability among what has been heard.
-        tree: see `Tree`.
-    """
+    """Bounds the probability that a jet has failed, as if all waiting proposals that say so came true."""
     waiting = _waiting(tree, lambda child: _has(way, child)) if share < 0.5 else 0.0
     return (share + waiting) / (1.0 + waiting)
 

@@ -11,13 +11,13 @@ on from, whose estimates are then reported, or one whose estimates are reported 
 from __future__ import annotations
 
 import math
-from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from massprop_drake.maths.arrays import Field, Layout
 from massprop_drake.maths.estimation.adaptation import Adaptation
+from massprop_drake.maths.estimation.chi_square import chi_square_limit
 from massprop_drake.maths.estimation.filter import (
     Filter,
     FilterStep,
@@ -30,13 +30,14 @@ from massprop_drake.maths.estimation.filter import (
     Told,
     telling,
 )
-from massprop_drake.maths.estimation.joint import disturbance_states, joint_cycle, ticks
+from massprop_drake.maths.estimation.filters.kept_joint_states import refusals
+from massprop_drake.maths.estimation.joint import beginning, disturbance_states, joint_cycle, ticks
 from massprop_drake.maths.estimation.joint import start as starts
 from massprop_drake.maths.estimation.joint.burns import EngineSettings, at_rest, burnt
-from massprop_drake.maths.estimation.joint.covariance import in_order
 from massprop_drake.maths.estimation.joint.guard import knows_rotation
 from massprop_drake.maths.estimation.joint.hypotheses import without_increments
-from massprop_drake.maths.estimation.joint.joint_cycle import UNTRACKED, JointEvidence, JointSample
+from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence
+from massprop_drake.maths.estimation.joint.joint_sample import UNTRACKED, JointSample
 from massprop_drake.maths.estimation.joint.lagged_impulses import effects_of
 from massprop_drake.maths.estimation.joint.layout import (
     RATE,
@@ -57,16 +58,14 @@ from massprop_drake.maths.estimation.joint.thrust_scale import reported
 from massprop_drake.maths.estimation.joint.ticks import CLOCK, Clock, Commanded, Elapsed, Pace
 from massprop_drake.maths.estimation.joint.wheels import UNSPUN, spun
 from massprop_drake.maths.kernels import kernel
-from massprop_drake.maths.linear_algebra import Array, triangular_rows
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, N_ROTATION
 from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS, channels
 from massprop_drake.maths.vehicle.on_times import Place, pieces, told_onsets
 
 GROUP = "joint_estimator"  # its part of a saved state
 _DITHERED = 0.25  # of a quantum: noise from which on a reading dithers itself
-_ROUNDING = 1e-9  # of a level
 _BETWEEN = 0.01  # probability that a missing command between two equal ones was another
-_UNIT = 1e-6  # of the square of a quaternion's length
 _NO_SETTING = at_rest(0)  # of no engine
 
 # what is logged of every cycle besides the reports that all filters give
@@ -129,9 +128,6 @@ class JointMeasurement(NamedTuple):
 
     state: JointFilterState
     evidence: JointEvidence
-
-
-# ---------------------------------------------------------------------------------------- parameters
 
 
 def make_params(setup: Setup, options: Any) -> JointFilterParams:
@@ -256,43 +252,10 @@ def _root(covariance: Array) -> Array:
     return np.ascontiguousarray(np.asarray(np.linalg.qr(root.T, mode="r")).T)
 
 
-@cache
-def chi_square_limit(rate: float, degrees: int) -> float:
-    """Computes the value that chi-square exceeds at a given rate.
-
-    The tail is elementary for whole degrees of freedom; the value is found by bisection.
-
-    Args:
-        rate: probability, 1e-300 < rate < 1.
-        degrees: of freedom, at least 1.
-    """
-    low, high = 0.0, 2.0 * degrees - 4.0 * math.log(rate)
-    while True:
-        middle = 0.5 * (low + high)
-        if not low < middle < high:
-            return middle
-        low, high = (middle, high) if _chi_square_tail(middle, degrees) > rate else (low, middle)
-
-
-def _chi_square_tail(value: float, degrees: int) -> float:
-    """Computes the probability that chi-square is larger."""
-    half = 0.5 * value
-    odd = degrees % 2
-    tail = math.erfc(math.sqrt(half)) if odd else 0.0
-    term = math.exp(-half) * (math.sqrt(half) * 2.0 / math.sqrt(math.pi) if odd else 1.0)
-    for k in range(degrees // 2):
-        tail += term
-        term *= half / (k + 1.5 if odd else k + 1.0)
-    return tail
-
-
-# --------------------------------------------------------------------------------------------- cycle
-
-
 def initial(params: JointFilterParams) -> JointFilterState:
     """Returns the state before the first sample."""
     clock, unread = ticks.started(0.0, np.zeros(params.joint.places.jets)), np.full(params.joint.places.wheels, np.nan)
-    begun = _reporting(joint_cycle.initial(params.joint), clock, params)
+    begun = _reporting(beginning.initial(params.joint), clock, params)
     return begun._replace(start=starts.BEGUN, speeds=unread, setting=at_rest(params.joint.places.engines))
 
 
@@ -330,13 +293,7 @@ def measure(
 def step(
     state: JointFilterState, rates: Array, velocities: Array, told: Told, params: JointFilterParams
 ) -> JointMeasurement:
-    """Runs the whole cycle of the filter.
-
-    Args:
-        state: of the cycle before.
-        rates, velocities: readings of the packages, NaN where missing, shape (s, 3) each.
-        told: see `Told`.
-        params: see `JointFilterParams`.
+    """Runs the whole cycle of the filter, with readings of the packages, NaN where missing, shape (s, 3) each.
 
     Raises:
         NotPositiveDefiniteError: see `cycle.step`.
@@ -366,11 +323,7 @@ def step(
 
 
 def _read_besides(told: Told, params: JointParams) -> tuple[Array, Array, Array]:
-    """Returns quaternions that trackers read, speeds of the wheels, and level and angles of the engines.
-
-    Returns:
-        Of shape (n_trackers, 4), (n_wheels,), rad/s, and (n_engines, 3), rad.
-    """
+    """Returns quaternions of trackers (s, 4), speeds of wheels, rad/s, and level and angles of engines (s, 3), rad."""
     places, has = params.places, channels(params.engines)
     poses, engines = 7 * places.trackers, int(has.sum())
     read = np.full(poses + places.wheels + engines, np.nan) if told.tracked is None else told.tracked
@@ -384,11 +337,7 @@ def _attitudes(
 ) -> tuple[Array, Array]:
     """Returns the trackers' readings, shape (n_trackers, 3), and the shared attitude before and after, shape (2, 4).
 
-    Args:
-        state: of the cycle before.
-        over: the interval since.
-        read: readings of the gyros, and quaternions that trackers read.
-        params: see `JointParams`.
+    `over` is the interval since the cycle before; `read` are readings of the gyros, and quaternions that trackers read.
     """
     rates, quaternions = read
     if params.places.trackers == 0:
@@ -435,14 +384,7 @@ def _made(
 def sampled(
     state: JointFilterState, readings: tuple[np.ndarray, np.ndarray], told: Told, params: JointFilterParams
 ) -> Sampled:
-    """Makes a sample of readings and commands.
-
-    Args:
-        state: of the cycle before.
-        readings: rates and velocities of the packages, NaN where missing, shape (s, 3) each.
-        told: see `Told`.
-        params: see `JointFilterParams`.
-    """
+    """Makes a sample of commands and readings: rates and velocities, NaN where missing, shape (s, 3) each."""
     pace, before = Pace(params.period_s, params.at_stamps), state.joint
     now = _commanded(told.command, told.onset_s, params)
     if before.started:
@@ -542,13 +484,7 @@ class Seen(NamedTuple):
 
 @kernel
 def rotation_report(estimate: Array, covariance: Array, seen: Seen, gyros: int) -> RotationReport:
-    """Makes the log row of a cycle's rotation.
-
-    Args:
-        estimate, covariance: see `JointFilterState`.
-        seen: see `Seen`.
-        gyros: number of their components.
-    """
+    """Makes the log row of a cycle's rotation, of gyros with so many components."""
     used = seen.used[:gyros]
     return RotationReport(
         estimate[:N_ROTATION],
@@ -564,7 +500,7 @@ def rotation_report(estimate: Array, covariance: Array, seen: Seen, gyros: int) 
 
 @kernel
 def mass_report(estimate: Array, covariance: Array, seen: Seen, gyros: int, accelerometers: int) -> MassReport:
-    """Makes the log row of a cycle's translation; arguments as `rotation_report`, numbers of components."""
+    """Makes the log row of a cycle's translation; arguments as `rotation_report`."""
     used = seen.used[gyros : gyros + accelerometers]
     return MassReport(
         float(estimate[MASS_RECIPROCAL]),
@@ -605,9 +541,6 @@ def _settled(state: JointFilterState, params: JointFilterParams) -> float:
     return float(settled(state.joint, params.joint))
 
 
-# --------------------------------------------------------------------------------------- kept states
-
-
 def packed(state: JointFilterState, params: JointFilterParams) -> Array:
     """Packs a state into one vector."""
     places = params.joint.places
@@ -641,39 +574,10 @@ def restored(groups: Groups, params: JointFilterParams) -> JointFilterState:
         ValueError: when the state holds what the filter cannot leave.
     """
     state = unpacked(groups[GROUP], params)
-    joint, clock = state.joint, state.clock
-    told = joint._replace(read=joint.read[~np.isnan(joint.read)], assumed=joint.assumed[~np.isnan(joint.assumed)])
-    if abs(float(state.frame @ state.frame) - 1.0) > _UNIT:
-        raise ValueError(f"{GROUP}: the shared attitude must be a unit quaternion")
-    if not all(np.isfinite(part).all() for part in (*told, *clock[:-2])):
-        raise ValueError(f"{GROUP}: only commands and readings may be missing")
-    if not np.isin(joint.fresh, (0.0, 1.0)).all() or (np.isnan(joint.read) & (joint.fresh > 0.0)).any():
-        raise ValueError(f"{GROUP}: fresh must be 0 or 1, and 0 where no reading is kept")
-    if triangular_rows(in_order(joint.root, params.joint.places.thrust)) < joint.root.shape[0]:
-        raise ValueError(f"{GROUP}: the covariance's root must be lower triangular, parameters first")
-    if not _within(joint.level_std, 0.0, 1.0):
-        raise ValueError(f"{GROUP}: level_std must be between 0 and 1")
-    levels = joint.level[:0] if clock.off else joint.level  # off its tick, beyond for an interval
-    if not (_within(levels, 0.0, 1.0) and _within(clock.earlier[~np.isnan(clock.earlier)], 0.0, 1.0)):
-        raise ValueError(f"{GROUP}: commands and levels must be fractions of 0 to 1")
-    if joint.firing_count < 0.0:
-        raise ValueError(f"{GROUP}: counts must be zero or positive")
-    if not np.isin(joint.lag_open, (0.0, 1.0)).all():
-        raise ValueError(f"{GROUP}: lag_open must be 0 or 1")
-    jets = joint.slot_jet
-    if not np.isin(joint.slot_on_top, (0.0, 1.0)).all():
-        raise ValueError(f"{GROUP}: slot_on_top must be 0 or 1")
-    if not (np.isin(joint.slot_sign, (-1.0, 1.0)).all() and (jets == np.round(jets)).all()):
-        raise ValueError(f"{GROUP}: a slot of a failed jet must have a jet's index and a sign")
-    if not _within(jets, -1.0, params.joint.places.jets - 1.0):
-        raise ValueError(f"{GROUP}: a slot of a failed jet must have a jet's index and a sign")
-    if clock.number < 0.0 or clock.number != round(clock.number):
-        raise ValueError(f"{GROUP}: the number of the clock's tick must be a whole one")
+    for broken, message in refusals(state.joint, state.clock, state.frame, params.joint.places):
+        if broken:
+            raise ValueError(f"{GROUP}: {message}")
     return state
-
-
-def _within(values: Array, low: float, high: float) -> bool:
-    return bool(((values >= low - _ROUNDING) & (values <= high + _ROUNDING)).all())
 
 
 FILTER = Filter(

@@ -151,9 +151,7 @@ def _mixing(rotation: Rotation, params: MassParams) -> Array:
 def shared_covariance(arms: tuple[Array, Array], rotation: Rotation, params: MassParams) -> Array:
     """Computes R'_ij - R^d of two accelerometers: their compensated increments' common covariance, shape (3, 3).
 
-    Args:
-        arms: r^_i and r^_j, from the estimated center of mass, ft or m, shape (3,) each.
-        rotation, params: see `compensated`.
+    The arms r^_i and r^_j are from the estimated center of mass, ft or m, shape (3,) each.
     """
     if params.compensation == Compensation.NONE or not params.compensation_covariance:
         return np.zeros((3, 3))
@@ -475,13 +473,8 @@ def measure(
 ) -> MassMeasurement:
     """Runs the first half of a cycle: the increment and its innovation.
 
-    Args:
-        state: predicted, see `MassState`.
-        velocities_before, velocities: readings of the accelerometers at the sample's two ends, in the order
-            of the parameters' positions, ft/s or m/s, NaN where missing, shape (s, 3) each.
-        interval: see `MassInterval`.
-        rotation: see `Rotation`.
-        params: see `MassParams`.
+    The velocities are readings of the accelerometers at the sample's two ends, in the order of the parameters'
+    positions, ft/s or m/s, NaN where missing, shape (s, 3) each.
     """
     if counts_one(params):
         return MassMeasurement(*measure_one(state, (velocities_before, velocities), interval, rotation, params))
@@ -505,11 +498,7 @@ def measure(
 
 @kernel
 def measure_one(
-    state: MassState,
-    velocities: tuple[Array, Array],
-    interval: MassInterval,
-    rotation: Rotation,
-    params: MassParams,
+    state: MassState, velocities: tuple[Array, Array], interval: MassInterval, rotation: Rotation, params: MassParams
 ) -> tuple[MassSample, MassInnovation]:
     """Runs `measure` with the first accelerometer that reads, alone; readings before and now."""
     increments = velocities[1] - velocities[0]

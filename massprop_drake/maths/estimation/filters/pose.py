@@ -149,12 +149,7 @@ def initial(params: PoseFilterParams) -> PoseFilterState:
     made = params.pose
     jets = made.pushes.shape[0]
     bank = PoseBank(
-        made.start[None],
-        made.covariance[None],
-        np.eye(3)[None],
-        np.array([-1]),
-        np.zeros((1, 3)),
-        np.zeros((1, 3, 3)),
+        made.start[None], made.covariance[None], np.eye(3)[None], np.array([-1]), np.zeros((1, 3)), np.zeros((1, 3, 3))
     )
     tried = pose_hypotheses.alone(bank, np.zeros(1 + 2 * jets), 0.0)
     commands = Commands(np.zeros(0), np.zeros((0, jets)))
@@ -212,9 +207,7 @@ def readings_of(tracked: Array | None, rates: Array, velocities: Array, params: 
     """Collects the readings of all sensors, those in a fixed frame from their columns; of a pose what is measured.
 
     Args:
-        tracked: see `Told.tracked`.
         rates, velocities: of gyros and accelerometers, shapes (n_gyros, 3) and (n_accelerometers, 3).
-        params: see `PoseFilterParams`.
     """
     row = np.full(7 * params.poses + 3 * params.velocities, np.nan) if tracked is None else tracked
     poses = row[: 7 * params.poses].reshape(-1, 7)
@@ -224,9 +217,6 @@ def readings_of(tracked: Array | None, rates: Array, velocities: Array, params: 
         if np.isfinite(poses[place, 3:]).all():
             rotations[place] = rotation_matrix(poses[place, 3:] / np.sqrt(poses[place, 3:] @ poses[place, 3:]))
     return PoseReadings(positions, rotations, row[7 * params.poses :].reshape(-1, 3), rates, velocities)
-
-
-# ------------------------------------------------------------------------------------------ commands
 
 
 def _before(commands: Commands, time_s: float) -> Commands:
@@ -244,7 +234,6 @@ def _with(
         commands: those before, and others from that time on, which fall away.
         time_s: when they are given.
         told: command, None: nothing is said, and its onsets, None: they are not told.
-        params: see `PoseFilterParams`.
     """
     command, onset_s = told
     commands = _before(commands, time_s)
@@ -262,9 +251,6 @@ def _trimmed(commands: Commands, since_s: float) -> Commands:
     """Returns commands that still act after a time, and the one that was in force then."""
     begin = max(int(np.searchsorted(commands.time_s, since_s, side="right")) - 1, 0)
     return Commands(commands.time_s[begin:], commands.levels[begin:])
-
-
-# ------------------------------------------------------------------------------------------- reports
 
 
 def evidence(_state: PoseFilterState | None, measurement: PoseMeasurement, _interval: Interval | None) -> PoseEvidence:
@@ -340,9 +326,6 @@ def published(step: FilterStep, tried: Tried, params: PoseFilterParams) -> Filte
     """Makes a cycle that publishes the estimates of another filter, and goes on from its own."""
     other = _reporting(step.state._replace(tried=tried), params)
     return telling(step, other.estimate, other.covariance)._replace(known=(other.estimate, other.covariance))
-
-
-# --------------------------------------------------------------------------------------- kept states
 
 
 def _layout(params: PoseFilterParams) -> Layout:

@@ -191,10 +191,7 @@ class RotationCycle(NamedTuple):
 
 @kernel
 def innovate(
-    state: RotationState,
-    sample: RotationSample,
-    subtract_coupling_before: bool,
-    params: RotationParams,
+    state: RotationState, sample: RotationSample, subtract_coupling_before: bool, params: RotationParams
 ) -> RotationInnovation:
     r"""Computes the innovation of one sample, (2-117) to (2-121), with dynamic coupling subtracted if due.
 
@@ -284,12 +281,7 @@ def _knows_inertia(estimate: Array, covariance: Array) -> bool:
 
 @kernel
 def _joseph_update(
-    state: RotationState,
-    innovation: Array,
-    information: Array,
-    jacobian: Array,
-    noise: Array,
-    effects: Array | None,
+    state: RotationState, innovation: Array, information: Array, jacobian: Array, noise: Array, effects: Array | None
 ) -> RotationState:
     """Updates estimate (2-115) and covariance in Joseph's form (2-126), symmetrized; Schmidt-Kalman with effects."""
     independent = independent_of(state.covariance, state.sensitivity)
@@ -542,11 +534,7 @@ def _sample(increment: Array, mean: Array, noise: Array, interval: RotationInter
 
 
 def finish(
-    state: RotationState,
-    measurement: RotationMeasurement,
-    usable: bool,
-    adaptation: Adaptation,
-    params: RotationParams,
+    state: RotationState, measurement: RotationMeasurement, usable: bool, adaptation: Adaptation, params: RotationParams
 ) -> RotationCycle:
     """Runs the second half of a cycle: the update, when the sample can be used.
 

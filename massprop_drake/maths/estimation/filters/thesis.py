@@ -170,9 +170,6 @@ class ThesisMeasurement(NamedTuple):
     velocities: Array
 
 
-# --------------------------------------------------------------------------------- rules of a cycle
-
-
 def rotation_interval(interval: Interval, thrust_errors: Array | None) -> RotationInterval:
     """Returns an interval as the rotation filter takes it; thrust errors in proportion to the jets' mean level."""
     impulses, known, _ = interval
@@ -260,13 +257,7 @@ def joint_of(turning: Turning, sample: MassSample, innovation: MassInnovation, s
     cross = np.zeros((6, N_ROTATION + 1))
     cross[3:, :N_ROTATION] = turning.cross_covariance
     cross[:3, N_ROTATION] = impulse * mass_filter.independent_of(state.variance, state.sensitivity)
-    _share(
-        (parameters, cross),
-        turning.sensitivity,
-        state.sensitivity,
-        innovation.effects,
-        turning.effects,
-    )
+    _share((parameters, cross), turning.sensitivity, state.sensitivity, innovation.effects, turning.effects)
     return Joint(
         np.concatenate((innovation.innovation, turning.innovation)),
         covariance,
@@ -365,14 +356,10 @@ def report_of_mass(before: MassInnovation, cycle: MassCycle) -> MassReport:
     )
 
 
-# ------------------------------------------------------------------------------------- as a `Filter`
-
-
 def make_params(setup: Setup, options: Any) -> ThesisParams:
     """Makes the parameters from a scenario's blocks `rotation`, `mass` and `sensors.combine`.
 
     Args:
-        setup: see `Setup`.
         options: the scenario, field by field.
     """
     rotation, mass, combine = options.rotation, options.mass, options.sensors.combine
@@ -495,9 +482,6 @@ def finish(
 def covariance(state: ThesisState) -> Array:
     """Returns the covariance of the ten parameters, NaN for an unobserved mass reciprocal, shape (10, 10)."""
     return joint_covariance(state.rotation.covariance, math.nan if state.mass is None else state.mass.variance)
-
-
-# --------------------------------------------------------------------------------------- kept states
 
 
 def rotation_layout(params: RotationParams, n_errors: int) -> Layout:

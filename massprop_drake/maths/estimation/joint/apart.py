@@ -49,7 +49,6 @@ def told_apart(
         onset: of the first member, one of the screen's.
         members: jet, sign and force of each, lbf or N; the likeliest first.
         least: separation at which they are told apart.
-        params: see `JointParams`.
     """
     jets = params.places.jets
     index = screen.onsets.index(onset)

@@ -266,10 +266,8 @@ def tested(bank: Bank, over: Link, least: float, params: JointParams) -> Telesco
     """Tests every onset after `advanced`; None where a reading is missing or nothing can reach a level.
 
     Args:
-        bank: see `Bank`.
         over: the interval that ends now.
         least: e^T R^-1 e below which an onset is not looked at; T and l are smaller still.
-        params: see `JointParams`.
     """
     if not bank.states:
         return None
@@ -323,11 +321,6 @@ def _resolved(looked_at: np.ndarray, covariance: Array, variances: Array) -> tup
     """Selects onsets whose predicted outputs are accurate enough for the readings to add something despite rounding.
 
     Of others the covariance may have no root. A filter that is lost may know as little from one sample to the next.
-
-    Args:
-        looked_at: which onsets, shape (k,).
-        covariance: of the averaged outputs from each, their readings' own included, shape (k, r, r).
-        variances: of the readings, averaged, shape (r,).
     """
     resolved = np.ones(looked_at.shape[0], dtype=np.bool_)
     for place in range(looked_at.shape[0]):
@@ -372,14 +365,7 @@ def _covariances(
     derivatives: tuple[Array, Array],
     params: JointParams,
 ) -> Array:
-    """Computes the covariance of the predicted averaged outputs from each onset, shape (number, r, r).
-
-    Args:
-        since, roots: of the onsets.
-        looked_at: which of them.
-        derivatives: of the averaged outputs by the state, and by w and what all c gather.
-        params: see `JointParams`.
-    """
+    """Computes the covariance of the predicted averaged outputs from each onset, shape (number, r, r)."""
     jacobian, on_outputs = derivatives
     result = np.empty((looked_at.shape[0], jacobian.shape[0], jacobian.shape[0]))
     for place in range(looked_at.shape[0]):
@@ -426,10 +412,8 @@ def followed(since: Since, roots: Roots, seen: Traces, cycle: float, least: floa
 
     Args:
         since, roots: of the bank before it.
-        seen: see `Traces`.
         cycle: its number.
         least: see `tested`.
-        params: see `JointParams`.
     """
     over = linked(seen, params)
     reached = _advanced(since, over, params.places)
@@ -447,7 +431,6 @@ def followed_on(
     Args:
         bank, seen, cycle, least: see `followed`.
         state: after the cycle, the youngest onset then.
-        params: see `JointParams`.
     """
     if not bank.states:
         over = linked(seen, params)

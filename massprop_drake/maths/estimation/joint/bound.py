@@ -15,7 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.joint.covariance import compressed, updated
-from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, driven
+from massprop_drake.maths.estimation.joint.forcing import Drive, error_rows
+from massprop_drake.maths.estimation.joint.joint_cycle import driven
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import (
     CENTER,
     RATE,
@@ -24,14 +26,9 @@ from massprop_drake.maths.estimation.joint.layout import (
     JointState,
 )
 from massprop_drake.maths.estimation.joint.measurement import outputs, rate_read
-from massprop_drake.maths.estimation.joint.prediction import (
-    Drive,
-    Prediction,
-    error_rows,
-    predict,
-    propagated,
-    turned_by,
-)
+from massprop_drake.maths.estimation.joint.prediction import Prediction, predict
+from massprop_drake.maths.estimation.joint.propagation import propagated
+from massprop_drake.maths.estimation.joint.rate_coupling import turned_by
 from massprop_drake.maths.estimation.joint.ticks import stamped
 from massprop_drake.maths.linear_algebra import Array
 
@@ -97,7 +94,6 @@ def ahead(
         state: before it; its mean is the truth then.
         sample: of it; of its readings it only counts which are missing.
         mean: the truth at its end, shape (size,); None: what is predicted.
-        params: see `JointParams`.
         doubt: root of a covariance of all the state; products of its errors are noise then, as to the filter.
     """
     at, at_truth = state.mean, params._replace(second_order=False)
@@ -127,7 +123,6 @@ def taken_in(
         end: of it.
         time_s: of the readings.
         readings: which components are used, and variances of all, shape (m,) each.
-        params: see `JointParams`.
     """
     (used, variances), root, first = readings, end.root, params.places.thrust
     counts = np.flatnonzero(used)
@@ -164,9 +159,7 @@ def carried_on(
     Args:
         before: both before the interval.
         state: likewise.
-        course: see `BoundStep`.
         failing: forces, and the columns that are theirs.
-        params: see `JointParams`.
     """
     (carried, shown), (forces, columns) = before, failing
     carried = propagated(carried, course.prediction, params)[:, : carried.shape[1]]

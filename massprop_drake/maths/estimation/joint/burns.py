@@ -1,15 +1,11 @@
-r"""Engines in the joint estimator: their impulse over an interval, and its derivatives.
+"""Engines in the joint estimator: their impulse over an interval, and its derivatives.
 
-`maths.vehicle.engine_thrust` has their force and its six errors, which are parameters here. Over an interval level and
-angles are taken at its start, middle and end, and the impulse by Simpson's rule, with its derivative by each error; the
-middle is such that the rule has their mean. It enters as known forces do, by 1 - sigma_T s (`thrust_scale`): what an
-engine gives has no part in the common scale of the jets, and to a hundredth, as engines are known, shows it. That
-thrust which changes bows the rate is left out.
-
-*Readings* of level and angles have errors that last from one to the next: noise of the impulse, sigma T times its
-derivative. What is read as it is has moved at some time since the reading before, within the time that its rate needs:
-the mean may be off by a uniform share of the move. What is not read any more stays where it was, and its error grows by
-as much as throttle or gimbal may have moved; a command holds until there is another.
+Equations: theory page of the joint filter, "Engines"; `maths.vehicle.engine_thrust` has their force and its six
+errors. Level and angles are taken at the start, middle and end of an interval; the middle is such that Simpson's rule
+has their mean. Thrust that changes bows the rate; that is left out. Reading errors last from one reading to the next.
+What is read as it is has moved at some time since the reading before: the mean may be off by a uniform share of the
+move. What is not read any more stays where it was, and its error grows by as much as throttle or gimbal may have
+moved; a command holds until there is another.
 """
 
 from __future__ import annotations
@@ -76,7 +72,6 @@ def burnt(before: EngineSettings, read: Array, duration_s: float, engines: Engin
         before: at the start of the interval.
         read: at its end, NaN where missing, shape (n, 3).
         duration_s: T.
-        engines: see `EngineParams`.
     """
     measured, missing = engines.measured.reshape(-1, 1) > 0.0, np.isnan(read)
     shown = np.where(missing, before.told, read)
@@ -142,7 +137,6 @@ def push(burn: Burn, errors: Array, duration_s: float, engines: EngineParams) ->
         burn: levels and angles.
         errors: the six of each engine, shape (6 n,).
         duration_s: T.
-        engines: see `EngineParams`.
     """
     n = engines.thrusts.shape[0]
     impulse, by_errors, noise, used = np.zeros(6), np.zeros((N_ERRORS * n, 6)), np.zeros((N_CHANNELS * n, 6)), 0.0
@@ -170,7 +164,6 @@ def pushes(
         points: level and angles at the start, middle and end of each interval, rad, shape (3 m, 3).
         errors: its six, shape (6,).
         duration_s: T.
-        engines: see `EngineParams`.
 
     Returns:
         The impulses, shape (m, 6), their derivatives by the errors, shape (6, m, 6), and by the level, shape (m, 6),

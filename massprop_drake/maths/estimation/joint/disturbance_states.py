@@ -1,19 +1,14 @@
-r"""An uncommanded torque and force that change slowly, as states of the joint estimator.
+"""An uncommanded torque and force that change slowly, as states of the joint estimator.
 
-Each of the n components that the vehicle states is a first-order Gauss-Markov process z_i of unit variance, with a
-common time constant T_d, and a_i the acceleration that one sigma of it gives the nominal vehicle, angular and linear:
-d(w, c)/dt = sum a_i z_i, the torque about the center of mass. With x = T/T_d and k = exp(-x), over an interval T
-
-    z <- k z + e_2,    integral of z = T_d (1 - k) z + e_1,
+Equations: theory page of the joint filter, "Disturbance". With x = T/T_d and k = exp(-x), over an interval T
 
     var e_1 = T_d^2 (2 x - 3 + 4 k - k^2),    cov(e_1, e_2) = T_d (1 - k)^2,    var e_2 = 1 - k^2
 
-(Brown and Hwang, Introduction to Random Signals and Applied Kalman Filtering). What acts is an acceleration and no
-torque: errors of the mass properties do not multiply it, and it says nothing of these.
+for the integral of z and for z itself (Brown and Hwang, Introduction to Random Signals and Applied Kalman Filtering).
+What acts is an acceleration: errors of the mass properties do not multiply it, and it says nothing of these.
 
-*Unstated* components stand beside those that are stated: one about and along each axis, whose unit is what all jets
-give together (`unstated`). They are zero but for a hypothesis that something acts which nobody stated, of a level L
-and a time constant of its own: from its onset on each has 1-sigma L, and L times what comes.
+*Unstated* components, one about and along each axis, have the unit of what all jets give together (`unstated`). They
+are zero but for a hypothesis that something acts which nobody stated, of a level L and a time constant of its own.
 """
 
 from __future__ import annotations
@@ -87,7 +82,6 @@ def wandered(disturbance: DisturbanceParams, duration_s: float, level: float = 1
     """Computes the course of a disturbance over an interval.
 
     Args:
-        disturbance: see `DisturbanceParams`.
         duration_s: T, positive.
         level: 1-sigma of each component in its unit.
     """

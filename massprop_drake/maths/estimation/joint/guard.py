@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from massprop_drake.maths.estimation.joint.error_products import parameter_effects
 from massprop_drake.maths.estimation.joint.lagged_impulses import effects_of
 from massprop_drake.maths.estimation.joint.layout import CENTER, N_PROPERTIES, JointParams, JointState, flagged
-from massprop_drake.maths.estimation.joint.prediction import parameter_effects
 from massprop_drake.maths.estimation.joint.thrust_scale import reported
 from massprop_drake.maths.kernels import kernel
 
@@ -34,7 +34,6 @@ def guarded(state: JointState, commanded: bool, params: JointParams) -> JointSta
     Args:
         state: after the update.
         commanded: whether a jet was commanded in the interval.
-        params: see `JointParams`.
     """
     if state.guarded:
         return flagged(state, True, state.firing_count + 1.0 / params.rates.steps) if commanded else state
@@ -53,7 +52,6 @@ def knows_rotation(state: JointState, params: JointParams, acting: NDArray[np.bo
 
     Args:
         state: the state.
-        params: see `JointParams`.
         acting: which jets turn the vehicle, shape (n_jets,); None: any may.
     """
     wrenches = params.wrenches if acting is None else params.wrenches[acting]

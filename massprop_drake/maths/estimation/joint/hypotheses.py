@@ -27,8 +27,13 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.joint.covariance import compressed, semidefinite_root
+from massprop_drake.maths.estimation.joint.crossing import crossed
+from massprop_drake.maths.estimation.joint.error_products import parameter_effects
+from massprop_drake.maths.estimation.joint.forcing import lag_of
 from massprop_drake.maths.estimation.joint.guard import unguarded
-from massprop_drake.maths.estimation.joint.joint_cycle import JointSample, Report, crossed, floors, step
+from massprop_drake.maths.estimation.joint.innovation import floors
+from massprop_drake.maths.estimation.joint.joint_cycle import Report, step
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.layout import (
     CENTER,
     MASS,
@@ -39,7 +44,6 @@ from massprop_drake.maths.estimation.joint.layout import (
     Places,
 )
 from massprop_drake.maths.estimation.joint.measurement import rebased
-from massprop_drake.maths.estimation.joint.prediction import lag_of, parameter_effects
 from massprop_drake.maths.estimation.joint.sensitivity import Link, impulse_columns, smeared
 from massprop_drake.maths.estimation.joint.unknown import reading_sigmas
 from massprop_drake.maths.linear_algebra import Array
@@ -191,7 +195,6 @@ def cost_of_a_lie(component: int, params: JointParams, moved: float = np.inf) ->
 
     Args:
         component: index of it.
-        params: see `JointParams`.
         moved: by how much it differs from the lie before: one that stands still says the same again, another anything
             in the sensor's range.
     """
@@ -234,7 +237,6 @@ def jump_sigma(params: JointParams, share: float) -> Array:
     and of the mass always the largest share, since a heavy payload near the center of mass shifts little else.
 
     Args:
-        params: see `JointParams`.
         share: of the mass, 1 sigma.
     """
     sigma = share * params.increment_sigma
@@ -261,8 +263,6 @@ def opened(
 
     Args:
         state: before the first interval that it bears on.
-        cause: see `Cause`.
-        params: see `JointParams`.
         share: see `jump_sigma`; of something unstated that acts already, 1: it jumps, 0: it does not.
         expected: mean and 1-sigma of what each jet's force changes by; none: zero and its thrust, lbf or N.
     """
@@ -312,10 +312,8 @@ def kicked(state: JointState, cause: Cause, kicks: Array, over: Link, params: Jo
 
     Args:
         state: before the interval.
-        cause: see `Cause`.
         kicks: 1-sigma of the force of each, lbf or N.
         over: the interval, of any filter that is near.
-        params: see `JointParams`.
     """
     places, jets = params.places, list(cause.jets)
     impulses = smeared(over, places)[:, jets] * kicks
@@ -344,7 +342,6 @@ def blurred(state: JointState, before: float, duration_s: float, params: JointPa
         state: with what acts, of level L.
         before: level that was thought to act.
         duration_s: of an interval, T.
-        params: see `JointParams`.
     """
     unit = np.sum(params.unstated**2, axis=1) * _FIRING_S * duration_s / reading_sigmas(params) ** 2
     noise, told = (1.0 + level**2 * np.max(unit) for level in (state.stir, before))
@@ -360,7 +357,6 @@ def torn(state: JointState, share: float, over: Link, params: JointParams) -> Jo
         state: before the interval.
         share: see `jump_sigma`.
         over: the interval, of any filter that is near.
-        params: see `JointParams`.
     """
     fired = np.flatnonzero(over.amount > 0.0)
     if fired.shape[0] == 0:
@@ -377,9 +373,7 @@ def kicks_at(run: Runner, duration_s: float, params: JointParams) -> Array | Non
     it is estimated.
 
     Args:
-        run: see `Runner`.
         duration_s: of an interval, s.
-        params: see `JointParams`.
     """
     known = len(run.kicks)
     if run.age < 0 or known == 0:
@@ -400,7 +394,6 @@ def restless(state: JointState, erratic: np.ndarray, params: JointParams) -> Joi
         state: before an interval.
         erratic: 1 for each slot whose jet gives something else every time; of one that drifts the share of its thrust
             that it may change by in an interval, 1 sigma; shape (n_force,).
-        params: see `JointParams`.
     """
     slots = np.flatnonzero(erratic)
     if slots.shape[0] == 0:
@@ -419,7 +412,6 @@ def pushed(state: JointState, push: float, over: Link, params: JointParams) -> J
         state: before the interval.
         push: 1-sigma of it, in terms of what every jet gives at full thrust; zero: nothing pushes.
         over: the interval, of any filter that is near.
-        params: see `JointParams`.
     """
     if push == 0.0:
         return state

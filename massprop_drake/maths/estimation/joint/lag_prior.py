@@ -1,16 +1,7 @@
-r"""Prior of each kind's lag: as the file states it, or, with a probability of 1 %, anything from zero to three times.
+"""Prior of each kind's lag: as the file states it, or, with a probability of 1 %, anything from zero to three times.
 
-The error p of a lag, in units of its sigma, has the stated prior N(0, s^2) or the wide one N(a, S), of the mean and
-variance of what is uniform from tau = 0 to 3 tau_0. A filter has one of the two. By the other its p has, instead of
-N(m, v),
-
-    1/v' = 1/v - 1/s^2 + 1/S,    m'/v' = m/v + a/S,
-
-all else follows by its covariance with p, and the readings so far are likelier by
-
-    2 ln R = ln(v'/v) - ln(S/s^2) + m'^2/v' - m^2/v - a^2/S.
-
-That is exact for a filter that is linear in p. Once the wide prior is the likelier one, the filter has it from then on.
+Equations: theory page of the joint filter, "Lag". The mixture's other component is exact for a filter that is linear
+in p. Once the wide prior is the likelier one, the filter has it from then on.
 """
 
 from __future__ import annotations
@@ -32,13 +23,7 @@ _LEAST = 1e-12  # of the prior's information: less is rounding
 
 @kernel
 def _other(state: JointState, kind: int, params: JointParams) -> tuple[float, float, float]:
-    """Computes mean and variance of a lag's error by the prior that the filter does not use, and ln R of that one.
-
-    Args:
-        state: see `JointState`.
-        kind: of jet, whose lag is uncertain.
-        params: see `JointParams`.
-    """
+    """Computes mean and variance of a lag's error by the prior that the filter does not use, and ln R of that one."""
     places = params.places
     row = places.lag + kind
     m, v = state.mean[row], float(np.sum(state.root[row] * state.root[row]))
@@ -71,10 +56,6 @@ def log_odds(state: JointState, params: JointParams) -> Array:
 @kernel
 def reconsidered(state: JointState, params: JointParams) -> tuple[JointState, float]:
     """Switches to the wide prior each lag for which it has become the likelier one.
-
-    Args:
-        state: see `JointState`.
-        params: see `JointParams`.
 
     Returns:
         The state, and by how much the readings so far are likelier for it, nats.
@@ -123,7 +104,6 @@ def begun_as(entry: JointState, end: JointState, params: JointParams) -> JointSt
     Args:
         entry: with the stated priors of lags of which it knows nothing.
         end: state after the earlier pass, or the filter's.
-        params: see `JointParams`.
     """
     for kind in np.flatnonzero(log_odds(end, params) > 0.0).tolist():
         if entry.lag_open[kind] == 0.0:

@@ -1,31 +1,18 @@
-r"""Time of full thrust of each jet over an interval, with lag, and its derivatives.
+"""Time of full thrust of each jet over an interval, with lag, and its derivatives.
 
-A level l follows its command u as dl/dt = (u - l)/tau. Over a piece of length h with a constant command, with d = l - u
-at its start, e = exp(-h/tau) and k = (tau/h)(1 - e),
-
-    integral of l       L  = h (u + d k)
-    integral of L       m  = h^2 (u/2 + d (tau/h)(1 - k))
-    level at the end    l <- u + d e
-
-and their derivatives by ln tau, with the level's own l', e' = e h/tau and k' = k - e,
-
-    L' = h (d k' + l' k),    l' <- l' e + d e'.
-
-An interval is as many pieces as the commands that share in it: where a time stamp is off its tick, the piece before
-the tick still has the command before.
+Equations: theory page of the joint filter, "What a jet gives"; with d = l - u at the start of a piece of length h, e
+= exp(-h/tau) and k = (tau/h)(1 - e), the integral of L over the piece is h^2 (u/2 + d (tau/h)(1 - k)). An interval is
+as many pieces as the commands that share in it.
 
 The *bow* of a jet over an interval of length T is what it has given so far, p(t), less its share if it gave all of L
-evenly: as far as that the rate is off a straight line. It is known by its mean, by its first moment about the middle,
-which counts where the rate changes, and by its root mean square with the sign of the mean,
+evenly. It is known by its mean, by its first moment about the middle, and by its root mean square with the sign of
+the mean,
 
     m0/T - L/2,    m1/T^2 - m0/2T - L/12,    (m2/T - 2 L m1/T^2 + L^2/3)^1/2
 
-with m0, m1, m2 the integrals of p, p t, p^2. Over a single piece, p is L t/T and h d times a function of x = t/h alone,
-whose integral with 1, x and itself are
-
-    E0 - k/2,    E1 - E0/2 - k/12,    E2 - 2 k E1 + k^2/3
-
-with E0, E1, E2 those of E = (tau/h)(1 - exp(-x h/tau)), of E x and of E^2.
+with m0, m1, m2 the integrals of p, p t, p^2. Over a single piece, p is L t/T and h d times a function of x = t/h
+alone, whose integral with 1, x and itself are E0 - k/2, E1 - E0/2 - k/12 and E2 - 2 k E1 + k^2/3, with E0, E1, E2
+those of E = (tau/h)(1 - exp(-x h/tau)), of E x and of E^2.
 """
 
 from __future__ import annotations
@@ -219,12 +206,7 @@ def _parts(ratio: Array, mean: Array) -> tuple[Array, Array, Array]:
 
 @kernel
 def _bow_of_piece(lacking: Array, parts: tuple[Array, Array, Array], mean: Array) -> Array:
-    """Computes the bow of each jet over an interval of one piece, see `Firing`, shape (3, n_jets).
-
-    Args:
-        lacking: h d, s, shape (n_jets,).
-        parts, mean: E0, E1, E2, and k, shape (n_jets,) each.
-    """
+    """Computes the bow of each jet over an interval of one piece, see `Firing`, shape (3, n_jets)."""
     plain, by_time, square = parts
     bow = np.empty((3,) + lacking.shape)  # noqa: RUF005 (for numba)
     bow[0] = lacking * (plain - 0.5 * mean)
@@ -237,14 +219,7 @@ def _bow_of_piece(lacking: Array, parts: tuple[Array, Array, Array], mean: Array
 def _moments_of_piece(
     since_s: float, h: float, given: tuple[Array, Array, Array], parts: tuple[Array, Array, Array]
 ) -> Array:
-    """Computes integrals over a piece of p, p t and p^2, t since the interval began, shape (3, n_jets).
-
-    Args:
-        since_s: from the beginning of the interval to that of the piece, s.
-        h: length of the piece, s.
-        given: what was given before the piece, s; the command u; and d; shape (n_jets,) each.
-        parts: E0, E1, E2, shape (n_jets,) each.
-    """
+    """Computes integrals over a piece of p, p t and p^2, t since the interval began, shape (3, n_jets)."""
     before, u, d = given
     plain, by_time, square = parts
     first = before + h * (0.5 * u + d * plain)

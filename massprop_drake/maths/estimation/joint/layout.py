@@ -161,7 +161,7 @@ def make_places(
     """
     n = PartCounts(*counts)
     of_gyros, of_accelerometers, of_wheels, of_tanks = (*uncertain, False, False)[:4]
-    sizes = [
+    sizes = (
         n.jets if thrust else 0,
         n_lag,
         3 * n.gyros if of_gyros else 0,
@@ -174,53 +174,18 @@ def make_places(
         1 if thrust else 0,
         ticks,
         forces,
-    ]
+    )
     attitude, n_attitude = VELOCITY + 3 * n.accelerometers, 3 if n.trackers else 0
     slow, n_slow = attitude + n_attitude, n.components + n.unstated + n.wheels + n.tanks
-    begins = np.cumsum([slow + n_slow + 2 * n.modes, *sizes]).tolist()
+    swing, n_swing = slow + n_slow, 2 * n.modes
+    *begins, size = np.cumsum([swing + n_swing, *sizes]).tolist()
+    parameters = (number for part in zip(begins, sizes, strict=True) for number in part)
     return Places(
-        jets=n.jets,
-        gyros=n.gyros,
-        accelerometers=n.accelerometers,
-        trackers=n.trackers,
-        wheels=n.wheels,
-        engines=n.engines,
-        tanks=n.tanks,
-        outputs=3 * (n.gyros + n.accelerometers + n.trackers),
-        attitude=attitude,
-        n_attitude=n_attitude,
-        slow=slow,
-        n_slow=n_slow,
-        unstated=slow + n.components,
-        n_unstated=n.unstated,
-        fill=slow + n.components + n.unstated + n.wheels,
-        swing=slow + n_slow,
-        n_swing=2 * n.modes,
-        thrust=begins[0],
-        n_thrust=sizes[0],
-        lag=begins[1],
-        n_lag=sizes[1],
-        gyro_bias=begins[2],
-        n_gyro_bias=sizes[2],
-        acceleration_bias=begins[3],
-        n_acceleration_bias=sizes[3],
-        wheel=begins[4],
-        n_wheel=sizes[4],
-        engine=begins[5],
-        n_engine=sizes[5],
-        tank=begins[6],
-        n_tank=sizes[6],
-        mount=begins[7],
-        n_mount=sizes[7],
-        moving=begins[8],
-        n_moving=sizes[8],
-        scale=begins[9],
-        n_scale=sizes[9],
-        ticks=begins[10],
-        n_ticks=sizes[10],
-        force=begins[11],
-        n_force=sizes[11],
-        size=begins[12],
+        *(n.jets, n.gyros, n.accelerometers, n.trackers, n.wheels, n.engines, n.tanks),
+        3 * (n.gyros + n.accelerometers + n.trackers),
+        *(attitude, n_attitude, slow, n_slow, slow + n.components, n.unstated),
+        slow + n.components + n.unstated + n.wheels,
+        *(swing, n_swing, *parameters, size),
     )
 
 
@@ -489,15 +454,7 @@ def _remade(
     standing: tuple[bool, float],
     lag_open: Array,
 ) -> JointState:
-    """Returns the state with other fields; compiled code has no `_replace`.
-
-    Args:
-        state: to take the others from.
-        learned: mean, root, level and tick_slope.
-        fresh: see `JointState`.
-        standing: guarded and firing_count.
-        lag_open: see `JointState`.
-    """
+    """Returns the state with other fields; compiled code has no `_replace`."""
     mean, root, level, tick_slope = learned
     guarded, firing_count = standing
     return JointState(

@@ -1,20 +1,13 @@
-r"""Readings of gyros, integrating accelerometers and trackers of attitude, and which of them count.
+"""Readings of gyros, integrating accelerometers and trackers of attitude, and which of them count.
 
-    gyro g            y = w + sigma_g b_g
-    accelerometer s   y = c_s + O rho_s,    rho_s = p_s - r,    O = [(w - w_ref) x] + C
-    tracker           y = psi
+Equations: theory page of the joint filter, "Measurement", with O = [(w - w_ref) x] + C, C the integral of [w x]^2 dt
+since the last rebase and w_ref the rate then. Derivatives: 1 by c_s, -[rho_s x] by w, -O by r; C is taken as known.
 
-with C the integral of [w x]^2 dt since the last rebase, w_ref the rate then. Derivatives: 1 by c_s, -[rho_s x] by w,
--O by r; C is taken as known.
-
-A reading that stays in its cell repeats one constraint; where it changes, the last one before and the first one after
-say together when a mark was crossed. So a reading of a sensor whose noise does not dither it counts when
+A reading of a sensor whose noise does not dither it counts when
 
     it differs from the one before,    it is the one before that,    |y - y^| > q/2 + 3 s,    or    sqrt(h^T P h) > q/2.
 
-`quantized` says what it then tells. One that stays where it was, off its prediction, says that this is worse than
-believed: it is taken for a reading with rounding as noise, or the same cell again and again would be believed ever
-more. A reading that is missing (NaN) does not count.
+`quantized` says what it then tells. One that is missing (NaN) does not count.
 """
 
 from __future__ import annotations
@@ -23,7 +16,7 @@ import numpy as np
 
 from massprop_drake.maths.estimation.joint.covariance import compressed
 from massprop_drake.maths.estimation.joint.layout import CENTER, RATE, VELOCITY, JointParams, JointState
-from massprop_drake.maths.estimation.joint.prediction import RateRead, turning
+from massprop_drake.maths.estimation.joint.rate_coupling import RateRead, turning
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array, skew
 
@@ -51,7 +44,6 @@ def rate_read(rates: Array, mean: Array, params: JointParams) -> RateRead:
     Args:
         rates: of each package, NaN where missing, rad/s, shape (n_gyros, 3).
         mean: with the biases, shape (size,).
-        params: see `JointParams`.
     """
     places = params.places
     rate, rows, variance = np.full(3, np.nan), np.zeros((3, places.size)), np.full(3, np.inf)
@@ -114,7 +106,6 @@ def changed(read: Array, before: Array, params: JointParams) -> np.ndarray:
     Args:
         read: readings, NaN where missing, shape (m,).
         before: the last reading of each, NaN where there is none, shape (m,).
-        params: see `JointParams`.
     """
     return ~np.isnan(read) & ~(np.abs(read - before) <= 0.5 * params.cells)
 
@@ -131,7 +122,6 @@ def counted(
         predicted: outputs, shape (m,).
         variance: of these, shape (m,).
         floors: see `quantized`, shape (m,).
-        params: see `JointParams`.
     """
     half = 0.5 * params.cells
     off = np.abs(read - predicted) > half + _OFF * np.sqrt(variance + floors)
@@ -153,7 +143,6 @@ def told_by_trackers(
         projected: H times the root, shape (m, k).
         rate: rad/s, shape (3,).
         floors: see `quantized`, shape (m,).
-        params: see `JointParams`.
     """
     variances, floors = params.variances.copy(), floors.copy()
     trackers, begin = params.trackers, params.places.outputs - 3 * params.places.trackers

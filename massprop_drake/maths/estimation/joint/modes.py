@@ -1,36 +1,11 @@
-r"""Parts that move inside the vehicle, such as sloshing propellant or a hinged panel, as modes of the joint state.
+"""Parts that move inside the vehicle, such as sloshing propellant or a hinged panel, as modes of the joint state.
 
-A mode has a coordinate eta of unit modal mass, a frequency w_n and a damping ratio zeta of the vehicle held still, and
-a participation: Phi_v (root of mass) in translation and Phi_w (root of inertia) in rotation. With m and J^-1 of the
-whole with its modes locked, a and alpha of the structure at the locked center of mass r (hybrid coordinates, Likins,
-Dynamics and Control of Flexible Space Vehicles, JPL TR 32-1329),
-
-    m a + Phi_v eta'' = F,    J^-1 alpha + w x J^-1 w + Phi_w eta'' = M,
-    eta'' + 2 zeta w_n eta' + w_n^2 eta + Phi_v . a + Phi_w . alpha = 0.
-
-Participation in rotation is stated about the vehicle origin; about r it is Phi_w - r x Phi_v. Eliminating a and alpha,
-with a_0 and alpha_0 what they would be with the modes locked,
-
-    A eta'' + D eta' + K eta = -f,    A = 1 - mu Phi_v^T Phi_v - Phi_w^T J Phi_w,    f = Phi_v . a_0 + Phi_w . alpha_0.
-
-Over an interval f is constant, so that eta and eta' follow by a matrix exponential, and the vehicle has
-
-    w -= J Phi_w (eta'1 - eta'0),    c -= mu Phi_v (eta'1 - eta'0)
-
-besides. Derivatives by anything in A, D and K are integrals of exp(A (T - s)) times a residual, by Simpson's rule.
-
-*Second order.* Thrust acts about the center of mass as the modes move it, r + d with d = mu Phi_v eta; d is turned with
-the vehicle, so that c has -(w x d) and the integral of -(w x d') besides. The momentum Phi_w eta' is turned, too, as
-that of a wheel is. A part that is displaced by eta changes the inertia by I_1 eta: its momentum I_1 eta w changes the
-rate, and 1/2 w I_1 w drives the mode. A mass that moves along e_i and e_j has the momentum e_i x e_j eta_i eta'_j, and
-drives either mode by the other, e_i . (2 w x e_j eta'_j + alpha x e_j eta_j).
-
-A pendulum goes along an arc: it has the momentum b eta eta' besides, and its frequency goes with the acceleration along
-its arm, f has (b . a + (rho x b) . alpha) eta.
-
-*Errors.* The participation, frequency and damping of each part that moves are parameters in units of stated relative
-1-sigmas, and so are the coordinates of its position: off by p it has Phi_w + p x Phi_v. Where thrust has a common scale
-s, inertia and mass in A, and in what modes give back, are those with it.
+Equations: theory page of the joint filter, "Parts that move inside" (Likins, Dynamics and Control of Flexible Space
+Vehicles, JPL TR 32-1329), with Phi_v (root of mass) and Phi_w (root of inertia) the participations, A, D and K of the
+modes with the vehicle's own motion eliminated. Participation in rotation is stated about the vehicle origin; about r
+it is Phi_w - r x Phi_v. Derivatives by anything in A, D and K are integrals of exp(A (T - s)) times a residual, by
+Simpson's rule. Errors of a part's position p are parameters: off by p it has Phi_w + p x Phi_v. Where thrust has a
+common scale s, inertia and mass in A, and in what modes give back, are those with it.
 """
 
 from __future__ import annotations
@@ -158,7 +133,6 @@ def tuned(errors: Array, modes: ModeParams) -> Array:
 
     Args:
         errors: estimates in units of their sigmas, shape (6 n_parts,); none: as stated.
-        modes: see `ModeParams`.
     """
     factors = np.ones(modes.sigmas.shape)
     factors[:, POSITION:] = 0.0
@@ -174,10 +148,8 @@ def swinging(rigid: Rigid, factors: Array, duration_s: float, modes: ModeParams)
     """Computes the motion of the modes over an interval.
 
     Args:
-        rigid: see `Rigid`.
         factors: see `tuned`.
         duration_s: T.
-        modes: see `ModeParams`.
     """
     n = modes.frequencies.shape[0]
     own = factors[modes.parts]
@@ -214,6 +186,5 @@ def spread_of(displaced: Array, modes: ModeParams) -> Array:
 
     Args:
         displaced: of eta, shape (n,).
-        modes: see `ModeParams`.
     """
     return np.concatenate((displaced, displaced * modes.frequencies))

@@ -52,7 +52,6 @@ def brought(earlier: JointState, now: JointState, params: JointParams) -> Payloa
     Args:
         earlier: of the filter before the jump.
         now: of the filter that has jumped.
-        params: see `JointParams`.
     """
     padded = now._replace(root=np.hstack((now.root, np.zeros_like(now.root))))
     first, first_rows = _mass_and_moment(_as_known_now(earlier, now, params), params)

@@ -1,17 +1,9 @@
-r"""Update and likelihood of quantized readings by the moments of truncated Gaussians.
+"""Update and likelihood of quantized readings by the moments of truncated Gaussians.
 
-A reading c of quantum q says that y = h^T z + nu lies in [c - q/2, c + q/2]. With mu the predicted mean of y and s^2
-its variance, R0 = sigma_n^2 + (q/100)^2 within it, alpha and beta the bounds of the cell in 1-sigmas from mu:
-
-    Z = Phi(beta) - Phi(alpha)                                     the reading's likelihood
-    e = (phi(alpha) - phi(beta)) / Z                               shift of the mean of y, in s
-    v = 1 + (alpha phi(alpha) - beta phi(beta)) / Z - e^2          what is left of its variance
-
-A Gaussian update with the variance s^2 / (1 - v) - h^T P h and the innovation e s / (1 - v) gives these moments. For a
-narrow cell v vanishes, and this is the Kalman filter's update.
-
-Two bounds keep a Gaussian from being believed beyond its shape. The floor q/100 covers linearization and arithmetic.
-One cell leaves at least half of the variance, or what rounding taken for uniform noise leaves if that is less.
+Equations: theory page of the joint filter, "Readings of a quantizer", with Z, e and v as there. For a narrow cell v
+vanishes, and this is the Kalman filter's update. Two bounds keep a Gaussian from being believed beyond its shape: the
+floor q/100 covers linearization and arithmetic, and one cell leaves at least half of the variance, or what rounding
+taken for uniform noise leaves if that is less.
 """
 
 from __future__ import annotations

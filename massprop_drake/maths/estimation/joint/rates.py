@@ -37,6 +37,5 @@ def shortened(duration_s: float, rates: Rates) -> float:
 
     Args:
         duration_s: length of the interval.
-        rates: see `Rates`.
     """
     return max(rates.period_s / duration_s, 1.0) if rates.period_s > 0.0 else 1.0

@@ -42,7 +42,7 @@ from massprop_drake.maths.estimation.joint.layout import (
     thrust_sigmas,
 )
 from massprop_drake.maths.estimation.joint.possible import beyond
-from massprop_drake.maths.estimation.joint.prediction import turning
+from massprop_drake.maths.estimation.joint.rate_coupling import turning
 from massprop_drake.maths.estimation.joint.sensitivity import Link, carried, corrected, informed
 from massprop_drake.maths.linear_algebra import Array
 
@@ -148,7 +148,6 @@ def begin(
         start: state where it begins, and the cycle after which that is.
         onsets, gaps: see `Screen`.
         read: readings then, shape (m,).
-        params: see `JointParams`.
         single: whether it is about single jets alone, which takes far less.
     """
     places = params.places
@@ -313,7 +312,6 @@ def too_much(force: Array, covariance: Array, jets: np.ndarray, params: JointPar
     Args:
         force, covariance: see `beyond`.
         jets: whose they are, shape (number, jets).
-        params: see `JointParams`.
     """
     stated = (1.0 + BOUND * thrust_sigmas(params)) * params.thrusts
     at_most = beyond(force, covariance, most_forces(params)[jets])
@@ -335,10 +333,8 @@ def contenders(
     Of a screen about single jets alone neither pairs nor lies.
 
     Args:
-        screen: see `Screen`.
         allowed: whether a jet may have failed in this way, more and then less, shape (2 n_jets,).
         known: force of each such failure that is known already, shape (2 n_jets,).
-        params: see `JointParams`.
         least: lead of a single jet above which it is among them, nats.
     """
     found: dict[Cause, Contender] = {}
@@ -413,14 +409,7 @@ class _Fitted(NamedTuple):
 
 
 def _fitted(screen: Screen, index: int, steps: np.ndarray, params: JointParams) -> _Fitted:
-    """Fits sets of failures; first with forces of any size at the onset, then with the forces found.
-
-    Args:
-        screen: see `Screen`.
-        index: of the onset.
-        steps: columns of the failures, shape (number, failures).
-        params: see `JointParams`.
-    """
+    """Fits sets of failures; first with forces of any size at the onset, then with the forces found."""
     jets, failures = params.places.jets, steps.shape[1]
     thrusts = params.thrusts[steps % jets]
     sets = np.hstack([steps, *((2 + place) * jets + steps % jets for place in range(len(SHARES)))])

@@ -17,8 +17,10 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.arrays import NUMBER, Layout
+from massprop_drake.maths.estimation.joint.crossing import Crossing
 from massprop_drake.maths.estimation.joint.disturbance_states import Wander, arriving
-from massprop_drake.maths.estimation.joint.joint_cycle import Course, Crossing, JointSample, Report
+from massprop_drake.maths.estimation.joint.joint_cycle import Course, Report
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
 from massprop_drake.maths.estimation.joint.lagged_impulses import effects_of
 from massprop_drake.maths.estimation.joint.layout import MASS, RATE, VELOCITY, JointParams, JointState, Places
 from massprop_drake.maths.estimation.joint.measurement import readings
@@ -47,7 +49,7 @@ class Link(NamedTuple):
         effects: change of w and c per second of each jet's unit force, shape (n_jets, 6).
         amount: seconds of full thrust of each jet, shape (n_jets,).
         read: all readings, NaN where missing, shape (m,).
-        crossing_rows, crossing_half_gain, crossing_correction: see `joint_cycle.Crossing`.
+        crossing_rows, crossing_half_gain, crossing_correction: see `crossing.Crossing`.
         stamp_row, stamp_gain, stamp_correction, ticks_kept: see `ticks.Stamped`; of the stamp, before the interval.
     """
 
@@ -122,11 +124,11 @@ class Traces(NamedTuple):
     Attributes:
         mean: of the state before the cycle, shape (size,).
         rate_rows, velocity_rows, attitude, mass_factor, noise, wander, swung, duration_s: see `prediction.Prediction`.
-        jacobian, projected, innovation, used, variances: see `joint_cycle.Expected`.
+        jacobian, projected, innovation, used, variances: see `innovation.Expected`.
         upper, half_gain, correction: see `covariance.Update`; empty, or zero, where no component counted.
         amount: see `Link`.
         read: see `Link`.
-        crossing: see `joint_cycle.Crossing`.
+        crossing: see `crossing.Crossing`.
         stamp: see `ticks.Stamped`.
         nis, degrees, log_likelihood: see `joint_cycle.Report`.
     """
@@ -214,7 +216,6 @@ def link(before: JointState, report: Report, sample: JointSample, params: JointP
 
     Args:
         before, report, sample: see `traces`.
-        params: see `JointParams`.
     """
     return linked(traces(before, report, sample), params)
 
@@ -285,7 +286,6 @@ def informed(columns: Array, over: Link, places: Places) -> Array:
     Args:
         columns: errors before that, shape (size, h).
         over: the cycle.
-        places: see `Places`.
     """
     if over.crossing_half_gain.any():
         columns = columns - over.crossing_half_gain @ (over.crossing_rows @ columns)
@@ -305,7 +305,6 @@ def carried(columns: Array, forcing: Array, over: Link, places: Places) -> Array
         columns: errors before the interval, shape (size, h).
         forcing: what acts on w and c over it, shape (6, h).
         over: the interval.
-        places: see `Places`.
     """
     after = columns.copy()
     after[RATE] += over.rate_rows @ columns + forcing[:3]
@@ -351,7 +350,6 @@ def impulse_columns(columns: Array, over: Link, places: Places) -> Array:
     Args:
         columns: changes, rad/s and ft/s or m/s, shape (6, n).
         over: the interval.
-        places: see `Places`.
     """
     result = np.zeros((places.size, columns.shape[1]))
     result[RATE] = columns[:3]

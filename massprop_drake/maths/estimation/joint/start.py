@@ -1,23 +1,8 @@
-r"""Iterated smoothing of the start: the filter runs again, linearized at the mass properties found at its end.
+"""Iterated smoothing of the start: the filter runs again, linearized at the mass properties found at its end.
 
-Readings are linear in J and in J [r x], so in J and r together they are not: while a start from zero still errs by as
-much as these are, the product of the errors of J and r is as large as what it learns from. Its second order, b2 and D,
-counts as fresh noise in every sample, but it is that of the same unknown constants each time: averaged away too fast,
-it leaves the filter sure of a wrong trade between inertia and center of mass, and no single sample shows it.
-
-Samples of the start are kept, from the first in which anything acts. When what jets do to the rates is first known,
-see `guard.knows_rotation`, and when the guard first holds, they are gone over from the state before them, with
-
-    y = y(x*) + H(x*) (x - x*)
-
-in place of the readings' prediction, x* the ten parameters, lags and gyros' biases where the last pass ended: every
-sample errs by the second order of what is left of x - x*, not of what was known when it was taken. Passes are repeated
-until they end where they began, to a third of their sigma: the method of Gauss and Newton, by the filter. What the
-passes end with is the filter's state, if the guard holds there, too; if not, the filter goes on from there, and they
-are made again when it does. From when on rotation is known hypotheses are judged by the rates, and no increment takes
-a failed jet for what the vehicle is like; where one is named, keeping begins anew.
-
-An increment on the way says that the start was stated too well: the passes then begin with what it adds. A cycle makes
+Equations and conditions: theory page of the joint filter, "The start". Passes by the method of Gauss and Newton are
+made when what jets do to the rates is first known (`guard.knows_rotation`), and when the guard first holds. An
+increment on the way says that the start was stated too well: the passes then begin with what it adds. A cycle makes
 `STEPS` of their steps; until they have arrived the estimates have not converged. If they do not explain the readings,
 or the start is longer than `LONGEST` control periods, the filter's own state stands.
 """
@@ -30,16 +15,11 @@ import numpy as np
 
 from massprop_drake.maths.estimation.joint.covariance import compressed
 from massprop_drake.maths.estimation.joint.guard import guarded, knows_rotation, unguarded
-from massprop_drake.maths.estimation.joint.joint_cycle import (
-    JointSample,
-    Report,
-    acts,
-    gone_over,
-    incremented_root,
-    restart,
-)
+from massprop_drake.maths.estimation.joint.joint_cycle import Report, incremented_root, restart
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample, acts
 from massprop_drake.maths.estimation.joint.lag_prior import begun_as
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams, JointState, Places
+from massprop_drake.maths.estimation.joint.relinearization import gone_over
 from massprop_drake.maths.linear_algebra import Array
 
 STEPS = 16  # in a cycle: 1 to 1.5 ms each
@@ -113,7 +93,6 @@ def followed(
         before: the filter's state before it.
         done: its own state after it, and what it says.
         latest: its sample.
-        params: see `JointParams`.
     """
     after, report = done
     if not start.under_way:

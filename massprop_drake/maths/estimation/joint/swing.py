@@ -102,13 +102,7 @@ def _expected(swing: Swing, begun: Array, driving: Array) -> tuple[Array, Array]
 
 @kernel
 def _answers(swing: Swing, residuals: Array, duration_s: float) -> Array:
-    """Computes changes of eta and eta' by forces on eta along an interval, by Simpson's rule, shape (2 n, k).
-
-    Args:
-        swing: see `Swing`.
-        residuals: at the start, the middle and the end, shape (3, n, k).
-        duration_s: of the interval.
-    """
+    """Computes changes of eta and eta' by forces on eta along an interval, by Simpson's rule, shape (2 n, k)."""
     n = swing.stiffness.shape[0]
     at_start = swing.over[:, n:].copy() @ (swing.lightness @ residuals[0])
     middle = swing.half[:, n:].copy() @ (swing.lightness @ residuals[1])
@@ -119,15 +113,7 @@ def _answers(swing: Swing, residuals: Array, duration_s: float) -> Array:
 
 @kernel
 def _by_errors(swing: Swing, rigid: Rigid, course: tuple[Array, Array], scale: float, thrust_sigma: float) -> Array:
-    """Computes derivatives of the modal forces by the ten parameters and the common scale, shape (3, n, 11).
-
-    Args:
-        swing: see `Swing`.
-        rigid: see `Rigid`.
-        course: see `_expected`.
-        scale: 1 - sigma_T s.
-        thrust_sigma: what one unit of s is, relative.
-    """
+    """Computes derivatives of the modal forces by the ten parameters and the common scale, shape (3, n, 11)."""
     _, accelerations = course
     n = accelerations.shape[1]
     residuals = np.zeros((3, n, N_PROPERTIES + 1))
@@ -146,15 +132,7 @@ def _by_errors(swing: Swing, rigid: Rigid, course: tuple[Array, Array], scale: f
 
 @kernel
 def _by_own_errors(swing: Swing, rigid: Rigid, course: tuple[Array, Array], factors: Array, modes: ModeParams) -> Array:
-    """Computes forces on eta by errors of the parts in A, D and K, shape (3, n, 6 n_parts).
-
-    Args:
-        swing: see `Swing`.
-        rigid: see `Rigid`.
-        course: see `_expected`.
-        factors: see `tuned`.
-        modes: see `ModeParams`.
-    """
+    """Computes forces on eta by errors of the parts in A, D and K, shape (3, n, 6 n_parts)."""
     along, accelerations = course
     n = accelerations.shape[1]
     residuals = np.zeros((3, n, factors.size))
@@ -182,13 +160,7 @@ def _by_own_errors(swing: Swing, rigid: Rigid, course: tuple[Array, Array], fact
 
 @kernel
 def _momentum(state: Array, rate: Array, modes: ModeParams) -> Array:
-    """Computes second-order angular momentum, by changed inertia and by masses that move on arcs, shape (3,).
-
-    Args:
-        state: eta and eta', shape (2 n,).
-        rate: rad/s, shape (3,).
-        modes: see `ModeParams`.
-    """
+    """Computes second-order angular momentum, by changed inertia and by masses that move on arcs, shape (3,)."""
     n, result = modes.frequencies.shape[0], np.zeros(3)
     for mode in range(n):
         result += state[mode] * (modes.swelling[mode] @ rate) + (state[mode] * state[n + mode]) * modes.bow_turn[mode]
@@ -302,16 +274,7 @@ def _shifts_of(mode: int, params: SwingParams) -> tuple[slice, Array]:
 def _rows_of_vehicle(
     course: _Along, moved: Moved, linear: Array, rows: Array, about: tuple[float, float], params: SwingParams
 ) -> tuple[Array, Array]:
-    """Computes derivatives of the changes of w and c by the state, shape (3, size) each.
-
-    Args:
-        course: see `_Along`.
-        moved: without modes.
-        linear: impulse, shape (3,).
-        rows: of eta and eta' at the end, shape (2 n, size).
-        about: 1 - sigma_T s, and T.
-        params: see `SwingParams`.
-    """
+    """Computes derivatives of the changes of w and c by the state, shape (3, size) each."""
     swing, rigid, (scale, duration_s) = course.swing, course.rigid, about
     n = course.driving.shape[0]
     inverse, middle = rigid.inverse / scale, course.along[1]
@@ -367,7 +330,6 @@ def swung(
         linear: impulse, shape (3,).
         about: 1 - sigma_T s, and change of the rate by dynamic coupling alone, shape (3,).
         duration_s: T.
-        params: see `SwingParams`.
     """
     course, scale, modes = _course(mean, moved, about, duration_s, params), about[0], params.modes
     swing, rigid, begun, after = course.swing, course.rigid, course.begun, course.along[2].copy()

@@ -1,23 +1,9 @@
-r"""Tanks whose propellant is used: a known change of J, r and mu, and its derivatives.
+"""Tanks whose propellant is used: a known change of J, r and mu, and its derivatives.
 
-Tank k holds the propellant p_k as a column from its outlet on, along c_k for each unit of mass. The jets that it feeds
-use q_k of it in an interval, and of the flow only the constant relative error sigma_k e_k is not known beside their
-thrust:
-
-    q_k = (1 + sigma_k e_k) sum_j m'_j L_j,    p_k <- p_k - (1 + sigma_T s) q_k.
-
-The slice q at the surface is at the arm rho = outlet + c (p - q/2) - r. By the parallel-axis theorem (see
-`vehicle.depletion`), with N = (|rho|^2 1 - rho rho^T)/(1 - mu q) + D and D the second moment of the column's
-cross-section for each unit of mass,
-
-    J <- J + q J N J + q^2 J N J N J,    r <- r - q mu rho/(1 - mu q),    mu <- mu + mu^2 q.
-
-J and mu are in the scale of thrust (`thrust_scale`), and so is q; the heights are not. What is left out is of the third
-order in q mu, which an interval makes some 1e-4 at the most. p_k is a state beside those of a disturbance that stays
-as it is, and e_k a parameter; derivatives by these, by J, r, mu, thrust errors, s and forces of failed jets are taken
-to first order in q.
-
-Accelerometers have gathered what they have: r that moves by d in an interval moves c_s by O d, see `measurement`.
+Equations: theory page of the joint filter, "Tanks"; the slice's oracle is `vehicle.depletion`. The third order in q
+mu is left out, some 1e-4 of an interval's change at the most. Derivatives by propellant, flow errors, J, r, mu,
+thrust errors, s and forces of failed jets are taken to first order in q. Accelerometers have gathered what they have:
+r that moves by d in an interval moves c_s by O d, see `measurement`.
 """
 
 from __future__ import annotations
@@ -91,14 +77,13 @@ class TankChange(NamedTuple):
 
 @kernel
 def drawn(properties: Array, fill: Array, used: Array, scale: float, tanks: TankParams) -> TankChange:
-    """Computes the change by propellant drawn, see the module.
+    """Computes the change by propellant drawn.
 
     Args:
         properties: the ten parameters, shape (10,).
         fill: p_k, shape (n,).
         used: q_k, shape (n,).
         scale: 1 + sigma_T s.
-        tanks: see `TankParams`.
     """
     n = used.shape[0]
     change, by_used, by_state = np.zeros(_N + n), np.zeros((_N + n, n)), np.zeros((_N + n, _N + n))

@@ -1,16 +1,8 @@
-r"""Common scale of all thrusts, separated when jets first fire.
+"""Common scale of all thrusts, separated when jets first fire.
 
-More thrust of every jet by the same share and as much more inertia and mass change no reading: b_j -> b_j + e,
-J -> J (1 - sigma_T e), mu -> mu (1 - sigma_T e). Linearized at successive estimates, a filter that estimates all b
-breaks that symmetry and believes it sees the scale. In other variables it cannot: with s the mean of b over the jets
-that fire first,
-
-    b' = b - s,    J' = J (1 + sigma_T s),    mu' = mu (1 + sigma_T s),    f' = f (1 - sigma_T s),
-
-all readings follow from J', mu', b' and f' (forces of failures) to first order, and s is inert: a state with its
-covariances, which nothing but known outside forces shows. At the change no thrust error has been estimated, b^ = 0,
-so only errors are mapped; before, s has none. What is reported is J = J' (1 - sigma_T s) and mu likewise,
-f = f' (1 + sigma_T s).
+Equations: theory page of the joint filter, "Thrust errors and their scale"; forces of failures have f' = f (1 -
+sigma_T s). At the change no thrust error has been estimated, b^ = 0, so only errors are mapped; before, s has none.
+What is reported is J = J' (1 - sigma_T s) and mu likewise, f = f' (1 + sigma_T s).
 """
 
 from __future__ import annotations
@@ -37,7 +29,6 @@ def partitioned(state: JointState, amount: Array, params: JointParams) -> JointS
     Args:
         state: before an interval.
         amount: seconds for which each jet fires in it, shape (n_jets,).
-        params: see `JointParams`.
     """
     places, fires = params.places, amount > 0.0
     if places.n_scale == 0 or not fires.any() or state.root[places.scale].any():
@@ -72,9 +63,7 @@ def reported_force(state: JointState, slot: int, params: JointParams) -> tuple[f
     """Computes the force of a failed jet with the scale in it, and its 1-sigma, lbf or N.
 
     Args:
-        state: see `JointState`.
         slot: of the force.
-        params: see `JointParams`.
     """
     row = params.places.force + slot
     force, root = float(state.mean[row]), state.root[row]

@@ -1,37 +1,14 @@
-r"""Times within an interval between two readings at which commands switched, from the stamps of the readings.
+"""Times within an interval between two readings at which commands switched, from the stamps of the readings.
 
-Commands switch at ticks of the control computer, a sample period apart, unless it is said that they switch at stamps,
-whenever these are; a reading is stamped when it was taken, which may be a little before or after its tick. So the
-interval from one stamp to the next may begin with an end of the command before, or end with the beginning of the one
-that comes, and its length is the stamps' difference.
+Equations: theory page of the joint filter, "Stamps", "On-times" and "Unknown commands". Where pieces are cut is taken
+from stamps alone, which is the same for every hypothesis: the state counts what its own ticks are later than that. By
+how much stamps scatter about ticks is found from what they were off: with nu of the expected variance p + R that is
+`JITTER` squared, as if seen in `_SEEN` stamps, and the mean of nu^2 - p. What is random about a switch close to its
+reading counts as noise, here and once more in the next interval.
 
-Ticks are not recorded. Stamps on a grid of the sample period are ticks themselves. From the first that is off it the
-ticks lie on a line,
-
-    tick k at t_0 + k T + theta_0 + k theta_1,
-
-whose offset theta_0 and error of the period theta_1 are parameters of the joint state: a millisecond of a large jet
-moves a fine gyro by many steps, and what all that switches is late by is common to it. Where pieces are cut is taken
-from stamps alone, which is the same for every hypothesis, and no failed jet moves it: the state counts what its own
-ticks are later than that. A stamp is a reading of its tick; what jets give in an interval tells of ticks as well, by
-its derivatives (`impulses`). By how much stamps scatter about ticks is found from what they were off: with nu of the
-expected variance p + R that is `JITTER` squared, as if seen in `_SEEN` stamps, and the mean of nu^2 - p.
-
-A reading that comes close to its tick may be before it or after it. With t the tick, of estimate t^ and 1-sigma
-sigma, s the reading and z = (s - t^)/sigma, what switches has acted before the reading for
-
-    E max(s - t, 0) = sigma (z Phi(z) + phi(z)),    derivative by t: -Phi(z),
-
-and for a random rest of the variance sigma^2 ((z^2 + 1) Phi + z phi - (z Phi + phi)^2 - Phi^2), which counts as noise,
-here and once more in the next interval, to which what is left of that derivative belongs.
-
-*On-times.* Where jets open and close within a sample (`maths.vehicle.on_times`) a command's edges cut its part of the
-interval into further pieces, at times that go with its tick.
-
-Rows that are missing: one or two in a row are bridged. Their command is that of both sides where these are equal and
-the readings bear that out, and else not known (`unknown`). After a longer gap, and over the interval that follows it,
-in which thrust settles, rate and gathered velocity begin anew: nobody knows what happened meanwhile. Where a stamp is
-off any tick, ticks begin anew with it.
+One or two missing rows are bridged. Their command is that of both sides where these are equal and the readings bear
+that out, and else not known (`unknown`). After a longer gap, and over the interval that follows it, in which thrust
+settles, rate and gathered velocity begin anew. Where a stamp is off any tick, ticks begin anew with it.
 """
 
 from __future__ import annotations
@@ -225,7 +202,6 @@ def elapsed(
         clock: after the last reading.
         stamp_s: of this one, later.
         commands: of the row before, NaN where not known, and of this row, None: not known yet.
-        pace: see `Pace`.
     """
     (told, coming), (period_s, at_stamps) = commands, pace
     length = stamp_s - clock.stamp_s
@@ -258,15 +234,7 @@ def begun(stamp_s: float, told: Commanded) -> Clock:
 
 
 def _stamped(clock: Clock, stamp_s: float, since: tuple[int, float], sigma_s: Array, jitter: float) -> Clock:
-    """Updates the clock with one more stamp, before it is known what acted by then; as `stamped` has it.
-
-    Args:
-        clock: before, with a line.
-        stamp_s: later.
-        since: number of periods since the last tick, and the period.
-        sigma_s: of offset and period error where a line begins, shape (2,).
-        jitter: see `Timing`.
-    """
+    """Updates the clock with one more stamp, before it is known what acted by then; as `stamped` has it."""
     line_s, number = clock.tick_s + since[0] * since[1], clock.number + since[0]
     noise = _NOISE * np.array([[sigma_s[0], -number * sigma_s[1]], [0.0, sigma_s[1]]])
     covariance, row = clock.covariance + noise @ noise.T, np.array([1.0, number])
@@ -386,7 +354,6 @@ def stamped(state: JointState, timing: Timing, params: JointParams) -> tuple[Joi
     Args:
         state: before.
         timing: of the interval.
-        params: see `JointParams`.
     """
     places = params.places
     row, gain, correction = np.zeros(places.size), np.zeros(places.size), np.zeros(places.size)

@@ -1,17 +1,9 @@
-r"""Jets of unknown command, which may have given anything that they can over an interval.
+"""Jets of unknown command, which may have given anything that they can over an interval.
 
-How long such a jet was open is an unknown that lasts: one that stays off, or on, gives the same in every interval. A
-prior by which each interval is a coin of its own would be off by the same sigma each time, and the filter would learn
-that from it. So nothing is assumed: with D the effects of these jets on w and c in 1-sigmas of their readings, and U
-an orthonormal basis of what D spans, w and c are reopened along U, by `_WIDE` times what the strongest jet gives. No
-parameter is learned from what lies along U: derivatives by them are taken without it. Where D spans all six, the
-interval tells nothing, and w and c are what is then read.
-
-What lies across U is as well known as without these jets, but that an error of J or r turns what they gave. That is
-linearized at the openings that the readings show, the least squares solution with the least departure from a half.
-
-Along U there is nothing to be tested: it adds no degree of freedom, and to a log likelihood what it would add to that
-of a reading which is expected as well as it is read. So hypotheses are compared by what lies across U alone.
+Equations: theory page of the joint filter, "Unknown commands", with D and U as there. A prior by which each interval
+is a coin of its own would be off by the same sigma each time, and the filter would learn from it: so nothing is
+assumed. Along U nothing is learned or tested; across U an error of J or r turns what the jets gave, linearized at the
+openings that the readings show, the least squares solution with the least departure from a half.
 """
 
 from __future__ import annotations
@@ -53,8 +45,6 @@ def directions(mean: Array, firing: Firing, params: JointParams) -> Directions:
 
     Args:
         mean: state's estimate, shape (size,).
-        firing: see `Firing`.
-        params: see `JointParams`.
     """
     basis, dual = np.zeros((6, 6)), np.zeros((6, 6))
     if not firing.unknown.any():
@@ -89,7 +79,6 @@ def indifferent(rate_rows: Array, velocity_rows: Array, anything: Directions) ->
 
     Args:
         rate_rows, velocity_rows: of all, shape (3, size) each.
-        anything: see `Directions`.
     """
     if anything.number == 0.0:
         return rate_rows, velocity_rows
@@ -106,8 +95,6 @@ def shown_by(error: Array, mean: Array, firing: Firing, anything: Directions, pa
         error: of the predicted changes of w and c by the readings, NaN where none is there, shape (6,).
         mean: state's estimate, shape (size,).
         firing: as predicted.
-        anything: see `Directions`.
-        params: see `JointParams`.
     """
     if np.isnan(error).any():
         return firing

@@ -1,21 +1,12 @@
-r"""Reaction wheels, whose momentum is exchanged with the vehicle: a scale that does not depend on thrust.
+"""Reaction wheels, whose momentum is exchanged with the vehicle: a scale that does not depend on thrust.
 
-Wheel k with the inertia J_k about its axis a_k turns at W_k relative to the vehicle, h = sum J_k W_k a_k. With I the
-inertia of the vehicle with its wheels locked (Hughes, Spacecraft Attitude Dynamics, chapter 3),
-
-    d(I w + h)/dt + w x (I w + h) = torque.
-
-To the vehicle a wheel is so a known angular impulse, for speeds that are linear in time over an interval T and rates
-that are linear too,
+Equations: theory page of the joint filter, "Reaction wheels" (Hughes, Spacecraft Attitude Dynamics, chapter 3). For
+speeds and rates that are linear in time over an interval T, wheel k of inertia J_k is a known angular impulse,
 
     E_k = -J_k [ (W1 - W0) a_k + T w0 x a_k (2 W0 + W1)/6 + T w1 x a_k (W0 + 2 W1)/6 ].
 
-Known impulses are not scaled with thrust (`thrust_scale`): with wheels the common scale s is seen, and with it inertia
-and mass. J_k (1 + sigma p_k) are parameters.
-
-*Readings of speeds* have errors sigma_W z_k, which are states beside those of a disturbance: they come anew with each
-reading, and what is true less what is read of the impulse in between is J_k sigma_W (z1 - z0) a_k: nothing gathers.
-While a speed is not read it counts as what was read last, and z_k grows by all that the wheel may be accelerated.
+Errors of read speeds are states z_k that come anew with each reading: nothing gathers. While a speed is not read it
+counts as what was read last, and z_k grows by all that the wheel may be accelerated.
 """
 
 from __future__ import annotations
@@ -81,7 +72,6 @@ def spun(before: Array, read: Array, duration_s: float, wheels: WheelParams) -> 
         before: speeds that were read last, NaN where none has been, rad/s, shape (n,).
         read: at the end of the interval, NaN where missing, rad/s, shape (n,).
         duration_s: T.
-        wheels: see `WheelParams`.
     """
     missing = np.isnan(read)
     last = np.where(missing, before, read)
@@ -104,7 +94,6 @@ def believed(speeds: Spun, assumed: Array, duration_s: float, wheels: WheelParam
         speeds: as they are read.
         assumed: speed of each wheel whose readings are not believed, NaN: they are, rad/s, shape (n,).
         duration_s: of the interval.
-        wheels: see `WheelParams`.
     """
     if np.isnan(assumed).all():
         return speeds
@@ -136,9 +125,7 @@ def momenta(speeds: Spun, factors: Array, wheels: WheelParams) -> Array:
     """Computes angular momentum h at the start and at the end of an interval, body axes, shape (2, 3).
 
     Args:
-        speeds: see `Spun`.
         factors: 1 + sigma p_k, shape (n,).
-        wheels: see `WheelParams`.
     """
     result = np.zeros((2, 3))
     for k in range(factors.shape[0]):
@@ -153,10 +140,8 @@ def exchanged(speeds: Spun, start: Array, end: Array, duration_s: float, wheels:
     """Computes angular impulse E_k by each wheel, shape (n, 3).
 
     Args:
-        speeds: see `Spun`.
         start, end: w0 and w1, rad/s, shape (3,).
         duration_s: T.
-        wheels: see `WheelParams`.
     """
     result = np.zeros((speeds.end.shape[0], 3))
     for k in range(result.shape[0]):
@@ -173,10 +158,8 @@ def misread(wander: Wander, speeds: Spun, inverse: Array, turned: Array, wheels:
 
     Args:
         wander: of the disturbance alone.
-        speeds: see `Spun`.
         inverse: J, in the scale of known impulses, shape (3, 3).
         turned: integral of the rate over the interval, rad, shape (3,).
-        wheels: see `WheelParams`.
     """
     n, others = speeds.end.shape[0], wander.kept.shape[0]
     if n == 0:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.joint.layout import CENTER
-from massprop_drake.maths.estimation.joint.prediction import PARABOLA
+from massprop_drake.maths.estimation.joint.rate_coupling import PARABOLA
 from massprop_drake.maths.estimation.offline.thrust_course import Lengths, common_length
 from massprop_drake.maths.linear_algebra import Array, crosses
 from massprop_drake.maths.mass_properties import ELEMENT

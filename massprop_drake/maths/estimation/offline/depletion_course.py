@@ -12,14 +12,7 @@ from massprop_drake.maths.mass_properties import ELEMENT
 
 
 def _standing(at: Array, seconds: Array, model: FlightModel, more: Array | None = None) -> Array:
-    """Computes the ten parameters at some times of a flight, see `vehicle.depletion`, shape (..., 10).
-
-    Args:
-        at: all unknowns, of the end, shape (n,).
-        seconds: of full thrust of each jet until then, and from then to the end, shape (..., 2, n_jets).
-        model: see `FlightModel`.
-        more: further propellant that is still to be drawn from each tank, shape (n_tanks,).
-    """
+    """Computes the ten parameters at some times of a flight, see `vehicle.depletion`, shape (..., 10)."""
     places, tanks = columns(model), model.tanks
     flows = (tanks.feeds * model.flows) * (1.0 + at[places.flow])[:, None]
     both = (seconds * (1.0 + at[places.thrust])) @ flows.T

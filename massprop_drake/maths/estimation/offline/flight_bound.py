@@ -78,12 +78,7 @@ def _shown(stretch: Stretch, cuts: NDArray[np.int_], at: Array, model: FlightMod
 
 
 def _cuts(used: Array, rows: int) -> NDArray[np.int_]:
-    """Returns rows that cut a stretch into parts of similar propellant use and duration.
-
-    Args:
-        used: propellant since its beginning, shape (m,).
-        rows: of a part, on average.
-    """
+    """Returns rows that cut a stretch into parts of similar propellant use and duration."""
     last = used.shape[0] - 1
     if used[-1] <= 0.0 or rows >= last:
         return np.array([0, last])
@@ -160,14 +155,7 @@ def _informed(root: Array, information: Array) -> Array:
 
 
 def _learned(before: Array, shown: _Shown, drift: Array, used: Array) -> Array:
-    """Computes a root of the unknowns' covariance after a stretch from one before it.
-
-    Args:
-        before: shape (u, u).
-        shown: see `_Shown`.
-        drift: see `least_deviation`.
-        used: propellant in each part, shape (p,).
-    """
+    """Computes a root of the unknowns' covariance after a stretch from one before it."""
     u, size = before.shape[0], shown.information.shape[1]
     root = np.zeros((size, size))
     root[:u, :u], root[range(u, size), range(u, size)] = before, np.sqrt(shown.variances)
@@ -182,11 +170,6 @@ def _drifted(root: Array, drift: Array, gained: Array | None = None) -> Array:
 
     What a component has gained is as it was: from now on it is told from what it would have gained with the parameters
     as they have become.
-
-    Args:
-        root: of shape (k, l).
-        drift: variances, shape (10,).
-        gained: of the components, the last rows, shape (c, 10).
     """
     ways = np.zeros((root.shape[0], N_PROPERTIES))
     ways[:N_PROPERTIES] = np.diag(np.sqrt(drift))

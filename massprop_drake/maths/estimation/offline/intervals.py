@@ -294,14 +294,7 @@ def _refined_outputs(stretch: Stretch, at: Array, rate: Array, biases: Array, mo
 
 
 def _turned(since: Array, changes: Array, rate: Array, arm: Array, time_s: Array) -> Array:
-    """Computes changes of w x arm and of the integral of w x (w x arm) in an accelerometer, shape (3, u + 3, m).
-
-    Args:
-        since, changes: of the rate w, since the beginning and with it, shape (3, u + 3, m) each.
-        rate: w, shape (3, m).
-        arm: from the center of mass, shape (3,).
-        time_s: of the rows, shape (m,).
-    """
+    """Computes changes of w x arm and of the integral of w x (w x arm) in an accelerometer, shape (3, u + 3, m)."""
     lever = -crossing(arm)
     slope = np.einsum("ijm,jk->ikm", crossing(rate), lever) - crossing(lever @ rate)
     more = np.einsum("ij,jum->ium", lever, since)
@@ -468,11 +461,6 @@ class _Linear:
 
 def _widened(linear: _Linear, error: float, solve: Solve) -> tuple[Array | None, float]:
     """Finds extreme points with cells widened by as much as the model departs from its linearization there.
-
-    Args:
-        linear: about a point amid them.
-        error: of the model, by which cells are wider besides, quanta.
-        solve: see `Solve`.
 
     Returns:
         Points as `extremes` gives them, None where departures grow with the cells; and the largest departure, quanta.

@@ -114,15 +114,7 @@ def _of_stretch(
     at: Array,
     model: FlightModel,
 ) -> MotionDerivatives:
-    """Computes the design of a stretch, tanks and modes included.
-
-    Args:
-        found: derivatives of rate and velocity without these, shape (n, 3, m) each.
-        kept, place: see `MotionDerivatives`.
-        expected: see `ExpectedMotion`.
-        at: all unknowns, shape (n,).
-        model: see `FlightModel`.
-    """
+    """Computes the design of a stretch, tanks and modes included."""
     read, places, by_center = expected.course.read, columns(model), None
     if read.through is not None:
         _from_middle(found, kept, expected, at, model)
@@ -138,15 +130,7 @@ def _of_stretch(
 def _with_modes(
     expected: ExpectedMotion, locked: tuple[Array, Array], moving: NDArray[np.int_], at: Array, model: FlightModel
 ) -> tuple[Array, Array]:
-    """Adds the effects of modes to derivatives of rate and velocity, those by eta and eta' at the beginning last.
-
-    Args:
-        expected: see `ExpectedMotion`.
-        locked: derivatives of rate and velocity with the modes locked, shape (k, 3, m) each.
-        moving: places of the errors of the parts among them, shape (p,).
-        at: all unknowns, shape (n,).
-        model: see `FlightModel`.
-    """
+    """Adds the effects of modes to derivatives of rate and velocity, those by eta and eta' at the beginning last."""
     swings, k = with_swings(expected, locked, at, model), locked[0].shape[0]
     own = np.concatenate((np.arange(k), np.arange(k + moving.size, swings.by_rate.shape[0])))
     by_rate, by_velocity = swings.by_rate[own], swings.by_velocity[own]
@@ -158,15 +142,7 @@ def _with_modes(
 def _from_middle(
     found: tuple[Array, Array], kept: NDArray[np.int_], expected: ExpectedMotion, at: Array, model: FlightModel
 ) -> None:
-    """Turns derivatives by the ten parameters in the middle of a stretch into those by all unknowns, in place.
-
-    Args:
-        found: of rate and velocity, shape (n, 3, m) each.
-        kept: unknowns of the first k of these, the ten parameters first.
-        expected: see `ExpectedMotion`.
-        at: all unknowns about the middle, shape (n,).
-        model: see `FlightModel`.
-    """
+    """Turns derivatives by the ten parameters in the middle of a stretch into those by all unknowns, in place."""
     read, places, k = expected.course.read, columns(model), kept.size
     through = read.through
     assert through is not None
@@ -222,13 +198,7 @@ def _by_mounting(expected: ExpectedMotion, at: Array, model: FlightModel) -> tup
 
 
 def _by_bias_of(held: Array, turned: Array, lengths_s: Lengths) -> Array:
-    """Computes derivatives of the rate by gyro biases, through the torque that turns the wheels' momentum.
-
-    Args:
-        held: momentum of the wheels at the rows, shape (3, m).
-        turned: rate by a torque of one over an interval, or over a second, shape (3, 3).
-        lengths_s: of the intervals.
-    """
+    """Computes derivatives of the rate by gyro biases, through the torque that turns the wheels' momentum."""
     summed = accumulated(weighed_by_length(0.5 * (held[:, :-1] + held[:, 1:]), lengths_s))
     return np.asarray(np.einsum("ij,kjm->kim", turned, np.einsum("jkl,lm->kjm", CROSS, summed)))
 

@@ -376,12 +376,7 @@ def _tally(total: NormalEquations, batch: ComponentBatch, left: Array, fast: Arr
 
 
 def _without_own(information: Array, score: Array, variances: Array) -> tuple[Array, Array, Array]:
-    """Eliminates the unknowns of the stretch alone from the normal equations, and estimates these.
-
-    Args:
-        information, score: these unknowns last, shapes (k + o, k + o) and (k + o,).
-        variances: of them before the flight, shape (o,).
-    """
+    """Eliminates the unknowns of the stretch alone from the normal equations, and estimates these."""
     n = variances.size
     own, cross = information[-n:, -n:] + np.diag(1.0 / variances), information[:-n, -n:]
     solved = np.linalg.solve(own, np.column_stack((cross.T, score[-n:])))

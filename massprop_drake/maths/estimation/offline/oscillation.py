@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.maths.estimation.filters.joint import chi_square_limit
+from massprop_drake.maths.estimation.chi_square import chi_square_limit
 from massprop_drake.maths.estimation.offline.flight_model import FlightModel, Stretch
 from massprop_drake.maths.estimation.offline.normal_equations import Residuals, gathering, residuals
 from massprop_drake.maths.estimation.offline.regression import FlightFit

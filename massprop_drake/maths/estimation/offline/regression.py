@@ -109,7 +109,7 @@ def _fitted(stretches: Sequence[Stretch], start: Array, model: FlightModel, *, l
     at = best = start.copy()
     least = np.inf
     free = np.flatnonzero(model.sigma > 0.0)
-    sigma, lag = model.sigma[free], columns(model).lag
+    sigma, lag, moving = model.sigma[free], columns(model).lag, columns(model).moving
     read = [recorded(stretch, model) for stretch in stretches]
     told: list[ThrustCourse] = []
     told_for, wanted, complete, near = at, reckoned(model), False, False
@@ -140,17 +140,12 @@ def _fitted(stretches: Sequence[Stretch], start: Array, model: FlightModel, *, l
             continue  # it was the last one, but for the unknowns that are only put to the test
         move = np.zeros_like(at)
         move[free] = step * sigma
-        while not (possible(at + move) and _leaves_swinging(at + move, model)):
-            move *= 0.5
+        while not (possible(at + move) and can_swing((at + move)[:N_PROPERTIES], (at + move)[moving], model.modes)):
+            move *= 0.5  # modes that have more than all of the inertia run away
         at = at + move
     parts = [equations_about(best, thrust_course(one, best, model), model, None) for one in read]
     total = summed_equations(parts, model)
     return FlightFit(best, total, False)
-
-
-def _leaves_swinging(at: Array, model: FlightModel) -> bool:
-    """Tests whether modes swing: those that have more than all of the inertia run away."""
-    return can_swing(at[:N_PROPERTIES], at[columns(model).moving], model.modes)
 
 
 class Reckoned(NamedTuple):

@@ -161,12 +161,7 @@ def _course(read: RecordedStretch, lag_error: Array, model: FlightModel) -> Thru
 
 
 def _lag_by_each(level: Array, slope: Array, left: Lingering) -> None:
-    """Applies `lagged` over intervals of different lengths; before the stretch they are as long as its first.
-
-    Args:
-        level, slope: see there, shape (b + m - 1, j).
-        left: shares by interval, shape (m - 1, j) each.
-    """
+    """Applies `lagged` over intervals of different lengths; before the stretch they are as long as its first."""
     since = level.shape[0] - left.remaining.shape[0]
     for row in range(1, level.shape[0]):
         of = max(row - since, 0)
@@ -190,14 +185,7 @@ class _Pulses(NamedTuple):
 
 
 def _pulses(read: RecordedStretch, constants: Array, left: Lingering, period_s: Lengths) -> _Pulses | None:
-    """Computes the corrections of a stretch, see `_Pulses`; None: all jets switch with samples.
-
-    Args:
-        read: what the stretch shows.
-        constants: time constant of each jet, s, shape (j,).
-        left: what these leave over an interval.
-        period_s: of control.
-    """
+    """Computes the corrections of a stretch, see `_Pulses`; None: all jets switch with samples."""
     stretch, on = read.stretch, read.on
     if stretch.onsets_s is None or stretch.before_onsets_s is None:
         return None

@@ -118,10 +118,9 @@ def gain_ratios(stretches: Sequence[Stretch], at: Array, model: FlightModel) -> 
     found = np.full(model.variances.shape[0], np.nan)
     for package, variance in enumerate(model.variances.tolist()):
         for span in _SPANS:
-            gained = [_over(*own[package], span) for own in pairs]
-            read, given = (
-                (np.concatenate(part) for part in zip(*gained, strict=True)) if gained else np.zeros((2, 0, 3))
-            )
+            gained = [[np.diff(part[::span], axis=0) for part in own[package]] for own in pairs]
+            nothing = np.zeros((2, 0, 3))
+            read, given = (np.concatenate(part) for part in zip(*gained, strict=True)) if gained else nothing
             size = np.sum(given**2, axis=1)
             clear = size > _CLEAR**2 * variance
             if clear.sum() >= _FEWEST:
@@ -143,8 +142,3 @@ def _gains(stretch: Stretch, at: Array, model: FlightModel) -> Iterator[tuple[Ar
             given = impulse[3:] * expected.lightness + crosses(turned.T, np.broadcast_to(arm, turned.T.shape)).T
         there = ~np.isnan(readings).any(axis=0)
         yield readings[:, there].T, accumulated(given)[:, there].T
-
-
-def _over(read: Array, given: Array, span: int) -> tuple[Array, Array]:
-    """Computes gains over spans of so many rows, by both, shape (s, 3) each."""
-    return np.diff(read[::span], axis=0), np.diff(given[::span], axis=0)

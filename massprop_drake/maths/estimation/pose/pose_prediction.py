@@ -264,14 +264,7 @@ def _turn(after: Array, jacobian: Array, acting: _Acting, bank: PoseBank, params
 
 
 def _pushed(after: Array, jacobian: Array, acting: _Acting, known: tuple[PoseBank, Array], params: PoseParams) -> Array:
-    """Adds the effects of known outside forces, and derivatives; returns the angle turned, shape (n_filters, 3).
-
-    Args:
-        after, jacobian: filled in so far.
-        acting: see there.
-        known: the bank before, and torque and force.
-        params: see `PoseParams`.
-    """
+    """Adds the effects of known outside forces, and derivatives; returns the angle turned, shape (n_filters, 3)."""
     parts, duration, (bank, outside) = params.parts, acting.duration, known
     torque, force = np.split(outside / params.nominal_mass, 2)
     inverse = _inverse_mass(bank, params)
@@ -458,14 +451,7 @@ def _timing_products(acting: _Acting, bank: PoseBank, params: PoseParams) -> tup
 
 
 def _noise(acting: _Acting, product: Array, spread: Array, params: PoseParams) -> Array:
-    """Computes the covariance that the interval adds to the free elements, shape (n_filters, n, n).
-
-    Args:
-        acting: see there.
-        product: covariance on the rate of products of errors, shape (n_filters, 3, 3).
-        spread: of products of errors of g and of J, shape (n_filters, n_jets, n_jets).
-        params: see `PoseParams`.
-    """
+    """Computes the covariance that the interval adds to the free elements, shape (n_filters, n, n)."""
     parts, free, duration = params.parts, params.free, acting.duration
     count, n_jets = acting.once.shape
     columns = np.zeros((count, parts.size, n_jets + 1))

@@ -106,19 +106,6 @@ def test_an_unknown_command_is_half_open_with_the_variance_of_anything_between()
     assert float(found.variance[0, 0]) == pytest.approx(drawn.var(), rel=0.03)
 
 
-def test_jets_and_filters_side_by_side_are_as_each_alone() -> None:
-    commands = Commands(np.array([0.95, 1.02]), np.array([[1.0, 0.0], [0.0, 1.0]]))
-    valves = OpeningTimes(*(np.array(values) for values in ([[0.01, 0.03], [0.0, 0.02]], [[0.02, 0.05], [0.01, 0.03]])),
-                    np.array([[0.0, 0.01], [0.02, -0.01]]))  # fmt: skip
-    found = opened(commands, BEGIN_S, END_S, valves)
-    for row in range(2):
-        for jet in range(2):
-            own = OpeningTimes(*(part[row : row + 1, jet : jet + 1] for part in valves))
-            alone = opened(Commands(commands.time_s, commands.levels[:, [jet]]), BEGIN_S, END_S, own)
-            assert found.once[row, jet] == alone.once[0, 0]
-            np.testing.assert_array_equal(found.twice_by[:, row, jet], alone.twice_by[:, 0, 0])
-
-
 # ------------------------------------------------------------------------- a delay that is not known
 
 

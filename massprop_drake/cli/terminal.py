@@ -1,0 +1,133 @@
+"""Terminal on which every text of a user is printed as it is, and tables of which no cell is cut."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from rich.box import HEAVY_HEAD
+from rich.cells import cell_len
+from rich.console import Console
+from rich.style import Style
+from rich.table import Table
+from rich.text import Text
+
+from massprop_drake.cli.streams import visible
+
+ABOUT = ("parameter", "signal", "cause", "unit", "")  # headings of what a row is about
+_ANY_WIDTH = 10_000  # characters, for a table as wide as it needs
+
+
+class Terminal(Console):
+    """Standard output that prints every `str` as plain text, never as markup or control sequence.
+
+    The program's own styles are given apart from the words, as `words` takes them.
+
+    Args:
+        width: in characters where output goes to a file; a terminal has its own.
+    """
+
+    def __init__(self, width: int | None = None):
+        super().__init__(width=None if sys.stdout.isatty() else width, highlight=False)
+
+    def render_str(self, text: str, *, style: str | Style = "", **_: Any) -> Text:
+        """Makes the text of a `str` that is to be printed; rich calls it for lines, titles and cells."""
+        return Text(visible(text, self.encoding), style=style)
+
+    def words(self, *parts: str | tuple[str, str]) -> Text:
+        """Joins parts of a line; one with a style is a pair."""
+        pairs = ((part, "") if isinstance(part, str) else part for part in parts)
+        return Text.assemble(*(self.render_str(part, style=style) for part, style in pairs))
+
+    def say(self, *parts: str | tuple[str, str]) -> None:
+        """Prints parts as one line, however long; a terminal has it broken between words, each line below the text."""
+        line = self.words(*parts)
+        if not sys.stdout.isatty():
+            self.print(line, soft_wrap=True)
+            return
+        label = _LABEL.match(line.plain)
+        indent = label.end() if label else 0
+        for number, piece in enumerate(line.divide(_breaks(line.plain, self.width, indent))):
+            piece.rstrip()
+            self.print(Text(" " * indent if number else "") + piece, soft_wrap=True)
+
+
+_LABEL = re.compile(r"(?:[a-z]+:)?\s+")  # what a line begins with, `detected:    ` or the blanks below it
+_WORD = re.compile(r"\S+(?: ± \S+)?\s*")  # what stays together
+
+
+def _breaks(text: str, width: int, indent: int) -> list[int]:
+    """Finds places at which a line longer than the terminal's width is broken: where lines begin, but the first."""
+    begins, room = [0], width
+    for word in _WORD.finditer(text, indent):
+        if word.start() > max(begins[-1], indent) and cell_len(text[begins[-1] : word.end()].rstrip()) > room:
+            begins.append(word.start())
+            room = width - indent
+    return begins[1:]
+
+
+def print_table(
+    console: Terminal,
+    title: str,
+    headings: Sequence[str],
+    rows: Iterable[Sequence[Text | str] | None],
+    *,
+    spare: Sequence[str] = (),
+    absent: Sequence[str] = (),
+) -> None:
+    """Prints a table of which no cell is ever cut.
+
+    Where it is too wide for the terminal it goes without its frame, then closer, and then without columns. What is
+    still too wide is listed on a terminal, a line for each cell, and printed as wide as it is into a file.
+
+    Args:
+        console: to print on.
+        title: above it.
+        headings: of the columns, in one line or several.
+        rows: cells, "-" where one is missing at the end; None: a line between two sections.
+        spare: headings of columns that can be spared, the first one first.
+        absent: headings of columns that are never printed.
+    """
+    every = [row and [*row, *["-"] * (len(headings) - len(row))] for row in rows]
+    layouts = [(HEAVY_HEAD, 1, 0), (None, 2, 0), *((None, 1, count) for count in range(len(spare) + 1))]
+    for frame, gap, left_out in layouts:
+        kept = [place for place, heading in enumerate(headings) if heading not in (*absent, *spare[:left_out])]
+        padding = (0, gap, 0, 1 if frame else 0)
+        table = Table(title=title, title_justify="left", header_style="bold", box=frame, padding=padding)
+        for place in kept:
+            left = headings[place] in ABOUT
+            lines = Text("\n").join(map(console.render_str, headings[place].split("\n")))
+            table.add_column(lines, justify="left" if left else "right", no_wrap=True)
+        for row in every:
+            if row is None and frame:
+                table.add_section()
+            elif row is None:
+                table.add_row()
+            else:
+                table.add_row(*(row[place] for place in kept))
+        width = console.measure(table, options=console.options.update(max_width=_ANY_WIDTH)).maximum
+        if width <= console.width:
+            break
+    if width > console.width and sys.stdout.isatty():
+        shown = [[row[place] for place in kept] for row in every if row is not None]
+        _print_listed(console, title, [headings[place] for place in kept], shown)
+        return
+    console.width = max(console.width, width)
+    console.print(table)
+
+
+def _print_listed(console: Terminal, title: str, headings: Sequence[str], rows: Iterable[Sequence[Text | str]]) -> None:
+    """Prints a table cell by cell: the subject of a row, with its unit, and below it a line for each other cell."""
+    console.say((title, "italic"))
+    named = [heading.replace("\n", " ") for heading in headings]
+    longest = max(map(cell_len, named))
+    for row in rows:
+        about = [place for place, heading in enumerate(named) if heading in ABOUT]
+        console.say((", ".join(str(row[place]) for place in about), "bold"))
+        for place, cell in enumerate(row):
+            if place not in about:
+                padding = " " * (longest - cell_len(named[place]) + 2)
+                shown = cell if isinstance(cell, Text) else console.words(cell)
+                console.print(console.words(f"  {named[place]}{padding}") + shown, soft_wrap=True)

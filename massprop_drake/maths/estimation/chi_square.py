@@ -1,0 +1,36 @@
+"""Limits of chi-square, whose tail is elementary for whole degrees of freedom."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+
+@cache
+def chi_square_limit(rate: float, degrees: int) -> float:
+    """Computes the value that chi-square exceeds at a given rate.
+
+    It is found by bisection.
+
+    Args:
+        rate: probability, 1e-300 < rate < 1.
+        degrees: of freedom, at least 1.
+    """
+    low, high = 0.0, 2.0 * degrees - 4.0 * math.log(rate)
+    while True:
+        middle = 0.5 * (low + high)
+        if not low < middle < high:
+            return middle
+        low, high = (middle, high) if _tail(middle, degrees) > rate else (low, middle)
+
+
+def _tail(value: float, degrees: int) -> float:
+    """Computes the probability that chi-square is larger."""
+    half = 0.5 * value
+    odd = degrees % 2
+    tail = math.erfc(math.sqrt(half)) if odd else 0.0
+    term = math.exp(-half) * (math.sqrt(half) * 2.0 / math.sqrt(math.pi) if odd else 1.0)
+    for k in range(degrees // 2):
+        tail += term
+        term *= half / (k + 1.5 if odd else k + 1.0)
+    return tail

@@ -1,0 +1,91 @@
+"""Update by readings that were the last in their cells, before the interval in which they change."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.joint.covariance import widely_updated
+from massprop_drake.maths.estimation.joint.forcing import lag_of
+from massprop_drake.maths.estimation.joint.innovation import sites_of
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
+from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams, JointState, releveled, taken_in
+from massprop_drake.maths.estimation.joint.measurement import changed, outputs, readings
+from massprop_drake.maths.kernels import kernel
+from massprop_drake.maths.linear_algebra import Array, sparse_product
+
+
+class Crossing(NamedTuple):
+    """Update of the state before an interval by readings that change in it, each the last one in its cell.
+
+    Attributes:
+        rows: U^-T H, zero for readings that did not count, shape (m, size).
+        half_gain: G, likewise, shape (size, m); K H = G rows.
+        correction: of the mean, shape (size,).
+        log_likelihood: of these readings, nats.
+    """
+
+    rows: Array
+    half_gain: Array
+    correction: Array
+    log_likelihood: float
+
+
+@kernel
+def crossed(
+    state: JointState, about: Array, sample: JointSample, least: Array, params: JointParams
+) -> tuple[JointState, Crossing]:
+    """Updates the state by readings that were the last in their cells, and have not been taken in.
+
+    Args:
+        state: after the last sample.
+        about: the ten parameters at which outputs are linearized, shape (10,).
+        sample: the next one, whose readings show which have changed.
+        least: see `floors`.
+    """
+    places, m = params.places, state.read.shape[0]
+    rows, half_gain = np.zeros((m, places.size)), np.zeros((places.size, m))
+    chosen = (state.fresh > 0.0) & changed(
+        readings(sample.rates, sample.velocities, sample.attitudes), state.read, params
+    )
+    if not chosen.any():
+        return taken_in(state), Crossing(rows, half_gain, np.zeros(places.size), 0.0)
+    there = state.mean.copy()
+    there[:N_PROPERTIES] = about
+    values, jacobian = outputs(there, state.reference, state.spin, params)
+    values = values + jacobian @ (state.mean - there)
+    counts = np.flatnonzero(chosen)
+    projected = sparse_product(jacobian[counts], state.root)
+    told = sites_of(chosen, projected, state.read - values, (params.cells, least))
+    change = widely_updated(state.root, projected, told.variance, told.innovation)
+    whitened = np.linalg.solve(change.upper.T, jacobian[counts])
+    for place in range(counts.shape[0]):
+        rows[counts[place]], half_gain[:, counts[place]] = whitened[place], change.half_gain[:, place]
+    mean = state.mean + change.correction
+    level = levels_at((state.level, state.slope, state.tick_slope), state.mean, mean, params)
+    after = taken_in(releveled(state, mean, change.root, level, state.tick_slope))
+    return after, Crossing(rows, half_gain, change.correction, told.log_likelihood.sum())
+
+
+@kernel
+def levels_at(levels: tuple[Array, Array, Array], before: Array, after: Array, params: JointParams) -> Array:
+    """Computes the levels at the new estimates of lag and ticks, to first order.
+
+    Args:
+        levels: `level`, `slope` and `tick_slope` of a state.
+        before, after: estimates, shape (size,).
+    """
+    places, (level, slope, tick_slope) = params.places, levels
+    if places.n_lag > 0:
+        old, _ = lag_of(before, params)
+        new, _ = lag_of(after, params)
+        ratio = np.where(old > 0.0, new / np.where(old > 0.0, old, 1.0), 1.0)
+        at_least, at_most = np.minimum(level, 0.0), np.maximum(level, 1.0)  # off its tick, beyond for an interval
+        step = np.maximum(np.log(ratio), -1.0)  # a lag that goes takes along no more than the level was off
+        level = np.minimum(np.maximum(level + slope * step, at_least), at_most)
+    if places.n_ticks > 0 and tick_slope.any():
+        ticks = slice(places.ticks, places.ticks + 2)
+        moved_s = params.tick_sigma * (after[ticks] - before[ticks])
+        level = level + moved_s @ tick_slope
+    return level

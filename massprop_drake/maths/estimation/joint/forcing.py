@@ -1,0 +1,277 @@
+"""Impulses on the vehicle over an interval, and their derivatives by the errors of what gives them.
+
+A slot's force f of a failed jet acts for all of T on top of what its jet is told to give (a leak), for the time that
+the jet's level leaves, T - L (it is stuck on), or is missing for the time L (it gives less). In the last two cases
+the lag of that jet counts for 1 - f/F. Wheels turn the vehicle by what their momentum h changes by, and by what
+turning h takes. Known outside forces, engines and wheels are not in the common thrust scale s: they enter by 1 -
+sigma_T s.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.filters.rate_increments import angular_block
+from massprop_drake.maths.estimation.joint.burns import Burn, EngineImpulse, idle, push
+from massprop_drake.maths.estimation.joint.burns import believed as believed_of_engines
+from massprop_drake.maths.estimation.joint.lagged_impulses import Firing, fire, moments_of, regiven, time_constants
+from massprop_drake.maths.estimation.joint.layout import CENTER, INERTIA, MASS, JointParams, JointState
+from massprop_drake.maths.estimation.joint.ticks import Timing
+from massprop_drake.maths.estimation.joint.unknown import Directions, directions
+from massprop_drake.maths.estimation.joint.wheels import Spun
+from massprop_drake.maths.estimation.joint.wheels import momenta as of_wheels
+from massprop_drake.maths.kernels import kernel, picked
+from massprop_drake.maths.linear_algebra import Array, skew
+from massprop_drake.maths.mass_properties import ELEMENT
+from massprop_drake.maths.vehicle.mounting import displaced
+
+
+class Drive(NamedTuple):
+    """Forces and impulses on the vehicle over an interval.
+
+    Attributes:
+        firing: see `lagged_impulses.Firing`.
+        lag_slope: derivative of the logarithm of each jet's time constant by the error of its kind, shape (n_jets,).
+        outside: impulse of known outside forces, angular about the vehicle origin and linear, shape (6,).
+        spreads: see `Timing`.
+        by_ticks: derivative of L by offset and period error of the ticks, shape (2, n_jets).
+        tick_slope: of the level at the end of the interval, 1/s, likewise.
+        anything: directions in which jets whose commands are not known may have given anything, see `Directions`.
+        engines: what they give; see `burns.EngineImpulse`.
+    """
+
+    firing: Firing
+    lag_slope: Array
+    outside: Array
+    spreads: Array
+    by_ticks: Array
+    tick_slope: Array
+    anything: Directions
+    engines: EngineImpulse
+
+
+@kernel
+def drive(
+    state: JointState, durations_s: Array, commands: Array, outside: Array, timing: Timing, params: JointParams
+) -> Drive:
+    """Computes the drive of an interval, with lag and ticks at their present estimates.
+
+    Args:
+        state: before.
+        durations_s, commands: the interval's pieces, see `lagged_impulses.fire`.
+        outside: impulse of known outside forces, shape (6,).
+    """
+    constants, lag_slope = lag_of(state.mean, params)
+    levels = state.level, state.slope, state.level_std
+    firing = fire(levels, constants, durations_s, commands, timing.edges)
+    anything = directions(state.mean, firing, params)
+    if not timing.off or params.places.n_ticks == 0:
+        none = np.zeros_like(state.tick_slope)
+        return Drive(firing, lag_slope, outside, timing.spreads, none, none, anything, idle())
+    by_ticks, tick_slope = firing.by_level[0] * state.tick_slope, firing.by_level[1] * state.tick_slope
+    by_ticks[0] += timing.shares @ firing.by_tick
+    by_ticks[1] += (timing.numbers * timing.shares) @ firing.by_tick
+    tick_slope[0] += timing.shares @ firing.level_by_tick
+    tick_slope[1] += (timing.numbers * timing.shares) @ firing.level_by_tick
+    begin = params.places.ticks
+    away_s = state.mean[begin : begin + 2] * params.tick_sigma - timing.about_s
+    later_s = timing.beyond_s + timing.shares * (away_s[0] + timing.numbers * away_s[1])  # the level is at the estimate
+    amount, level = firing.amount + later_s @ firing.by_tick, firing.level + later_s @ firing.level_by_tick
+    moved = regiven(firing, amount, level)
+    return Drive(moved, lag_slope, outside, timing.spreads, by_ticks, tick_slope, anything, idle())
+
+
+@kernel
+def burning(acting: Drive, burn: Burn, state: JointState, params: JointParams) -> Drive:
+    """Adds the engines' impulse to a drive, their errors at the present estimates."""
+    places = params.places
+    if places.engines == 0:
+        return acting
+    errors = state.mean[places.engine : places.engine + places.n_engine]
+    seen = believed_of_engines(burn, state.assumed[places.wheels :])
+    return Drive(
+        acting.firing,
+        acting.lag_slope,
+        acting.outside,
+        acting.spreads,
+        acting.by_ticks,
+        acting.tick_slope,
+        acting.anything,
+        push(seen, errors, acting.firing.duration_s, params.engines),
+    )
+
+
+@kernel
+def lag_of(mean: Array, params: JointParams) -> tuple[Array, Array]:
+    """Computes each jet's time constant at the present estimate, and its logarithm's derivative by its kind's error."""
+    places = params.places
+    errors = mean[places.lag : places.lag + places.n_lag]
+    return time_constants(params.time_constants_s, params.kinds, params.lag_sigma, errors)
+
+
+@kernel
+def thrust_factors(state: JointState, params: JointParams) -> tuple[Array, Array]:
+    """Computes 1 + sigma_T b of each jet, and the factor of its lag, shape (n_jets,) each."""
+    places = params.places
+    factor = np.ones(places.jets)
+    if places.n_thrust > 0:
+        factor = factor + params.thrust_sigma * state.mean[places.thrust : places.thrust + places.n_thrust]
+    lagged = factor.copy()
+    for slot in range(places.n_force):
+        jet = int(state.slot_jet[slot])
+        if jet >= 0 and state.slot_on_top[slot] == 0.0:
+            lagged[jet] -= state.mean[places.force + slot] / params.thrusts[jet]
+    return factor, lagged
+
+
+@kernel
+def wrenches_of(mean: Array, params: JointParams) -> Array:
+    """Computes torque about the vehicle origin and force of each jet, mounted as it is estimated, shape (n_jets, 6)."""
+    places = params.places
+    return displaced(params.wrenches, mean[places.mount : places.mount + places.n_mount], params.mounting)
+
+
+@kernel
+def error_rows(state: JointState, acting: Drive, params: JointParams) -> tuple[Array, Array]:
+    """Computes derivatives of the changes of w and c by the parameters: thrust and lag errors, s, ticks, and forces.
+
+    Args:
+        state: where they are taken; shape of both results (3, size), zero for the rest of the state.
+    """
+    mean, places, firing = state.mean, params.places, acting.firing
+    inverse, reciprocal = picked(mean, ELEMENT), mean[MASS]
+    rate_rows, velocity_rows = np.zeros((3, places.size)), np.zeros((3, places.size))
+    wrenches = wrenches_of(mean, params)
+    rate_effect = moments_of(wrenches, mean) @ inverse
+    velocity_effect = reciprocal * wrenches[:, 3:]
+    _, lagged = thrust_factors(state, params)
+    if places.n_thrust > 0:
+        columns = slice(places.thrust, places.thrust + places.n_thrust)
+        sigma = (params.thrust_sigma * firing.amount).reshape(-1, 1)
+        rate_rows[:, columns] = (rate_effect * sigma).T
+        velocity_rows[:, columns] = (velocity_effect * sigma).T
+        outside = (acting.outside + acting.engines.impulse).reshape(1, 6)
+        rate_rows[:, places.scale] = -params.thrust_sigma * (moments_of(outside, mean) @ inverse)[0]
+        velocity_rows[:, places.scale] = -params.thrust_sigma * reciprocal * outside[0, 3:]
+    if places.n_engine > 0:
+        of_known, columns = scale_of_known(mean, params), slice(places.engine, places.engine + places.n_engine)
+        rate_rows[:, columns] = of_known * (moments_of(acting.engines.by_errors, mean) @ inverse).T
+        velocity_rows[:, columns] = (of_known * reciprocal) * acting.engines.by_errors[:, 3:].T
+    if places.n_mount > 0:
+        each, columns = params.mounting, slice(places.mount, places.mount + places.n_mount)
+        given = effective_seconds(state, firing, params)[each.jets].reshape(-1, 1) * each.wrenches
+        rate_rows[:, columns] = (moments_of(given, mean) @ inverse).T
+        velocity_rows[:, columns] = reciprocal * given[:, 3:].T
+    if places.n_lag > 0:
+        weight = firing.amount_slope * acting.lag_slope * lagged
+        of_kinds = weight * (np.arange(places.n_lag).reshape(-1, 1) == params.kinds)
+        columns = slice(places.lag, places.lag + places.n_lag)
+        rate_rows[:, columns] = (of_kinds @ rate_effect).T
+        velocity_rows[:, columns] = (of_kinds @ velocity_effect).T
+    if places.n_ticks > 0:
+        by_ticks = params.tick_sigma.reshape(2, 1) * acting.by_ticks * lagged
+        rate_rows[:, places.ticks : places.ticks + 2] = (by_ticks @ rate_effect).T
+        velocity_rows[:, places.ticks : places.ticks + 2] = (by_ticks @ velocity_effect).T
+    for slot in range(places.n_force):
+        jet = int(state.slot_jet[slot])
+        if jet >= 0:
+            seconds = slot_weight(state, slot, firing) / params.thrusts[jet]
+            rate_rows[:, places.force + slot] = rate_effect[jet] * seconds
+            velocity_rows[:, places.force + slot] = velocity_effect[jet] * seconds
+    return rate_rows, velocity_rows
+
+
+@kernel
+def slot_weight(state: JointState, slot: int, firing: Firing) -> float:
+    """Computes the seconds for which a slot's force acts: T or T - L if the jet gives more than commanded, else -L."""
+    amount = float(firing.amount[int(state.slot_jet[slot])])
+    if state.slot_on_top[slot] > 0.0:
+        return firing.duration_s
+    return firing.duration_s - amount if state.slot_sign[slot] > 0.0 else -amount
+
+
+@kernel
+def effective_seconds(state: JointState, firing: Firing, params: JointParams) -> Array:
+    """Computes seconds of full thrust of each jet with its thrust error and the forces of failures, shape (n_jets,)."""
+    factor, _ = thrust_factors(state, params)
+    seconds = firing.amount * factor
+    for slot in range(params.places.n_force):
+        jet = int(state.slot_jet[slot])
+        if jet >= 0:
+            force = state.mean[params.places.force + slot]
+            seconds[jet] += slot_weight(state, slot, firing) * force / params.thrusts[jet]
+    return seconds
+
+
+@kernel
+def impulse_rows(
+    state: JointState, acting: Drive, impulse: tuple[Array, Array], flow: float, params: JointParams
+) -> tuple[Array, Array]:
+    """Computes derivatives of the changes of w and c by impulses, shape (3, size) each.
+
+    Args:
+        state: before the interval.
+        impulse: linear, and angular about the center of mass, shape (3,) each.
+        flow: mass that is used, slug or kg.
+    """
+    rate_rows, velocity_rows = error_rows(state, acting, params)
+    linear, moment = impulse
+    rate_rows[:, INERTIA] = angular_block(moment)
+    rate_rows[:, CENTER] = picked(state.mean, ELEMENT) @ skew(linear)
+    velocity_rows[:, MASS] = linear * (1.0 + state.mean[MASS] * flow)
+    return rate_rows, velocity_rows
+
+
+@kernel
+def scale_of_known(mean: Array, params: JointParams) -> float:
+    """Computes 1 - sigma_T s, by which known impulses are smaller in the variables of `thrust_scale`."""
+    places = params.places
+    return 1.0 - params.thrust_sigma * mean[places.scale] if places.n_scale > 0 else 1.0
+
+
+@kernel
+def known_impulse(mean: Array, acting: Drive, speeds: Spun, params: JointParams) -> tuple[Array, Array, float]:
+    """Computes impulse of outside forces, engines, wheels, shape (6,); h at both ends, shape (2, 3); 1 - sigma_T s."""
+    scale = scale_of_known(mean, params)
+    momenta = scale * of_wheels(speeds, wheel_factors(mean, params), params.wheels)
+    impulse = scale * (acting.outside + acting.engines.impulse)
+    impulse[:3] -= momenta[1] - momenta[0]
+    return impulse, momenta, scale
+
+
+@kernel
+def wheel_factors(mean: Array, params: JointParams) -> Array:
+    """Computes 1 + sigma p of each wheel's inertia, shape (n_wheels,)."""
+    places, factors = params.places, np.ones(params.places.wheels)
+    if places.n_wheel > 0:
+        factors = factors + params.wheels.sigma * mean[places.wheel : places.wheel + places.n_wheel]
+    return factors
+
+
+@kernel
+def with_wheels(rows: Array, mean: Array, exchange: Array, scale: float, params: JointParams) -> Array:
+    """Adds derivatives of the change of w by errors of the wheels' inertias, and of s by the wheels' impulse.
+
+    Args:
+        rows: without that, shape (3, size).
+        mean: before the interval, shape (size,).
+        exchange: E_k, shape (n_wheels, 3).
+        scale: 1 - sigma_T s.
+    """
+    if exchange.shape[0] == 0:
+        return rows
+    places, result, turns = params.places, rows.copy(), exchange @ picked(mean, ELEMENT)
+    if places.n_wheel > 0:
+        result[:, places.wheel : places.wheel + places.n_wheel] = (scale * params.wheels.sigma) * turns.T
+    if places.n_scale > 0:
+        result[:, places.scale] -= params.thrust_sigma * (wheel_factors(mean, params) @ turns)
+    return result
+
+
+@kernel
+def bows_of_thrust(state: JointState, acting: Drive, params: JointParams) -> Array:
+    """Computes angular impulses of bows as thrust builds up or tails off: mean, first moment, RMS, shape (3, 3)."""
+    _, lagged = thrust_factors(state, params)
+    return moments_of((acting.firing.bow * lagged) @ wrenches_of(state.mean, params), state.mean)

@@ -1,0 +1,201 @@
+"""Innovation of a cycle: expected readings, which of them count, and what they tell, by kind of sensor."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.joint.covariance import Update, updated
+from massprop_drake.maths.estimation.joint.forcing import Drive
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
+from massprop_drake.maths.estimation.joint.layout import CENTER, N_PROPERTIES, RATE, VELOCITY, JointParams, JointState
+from massprop_drake.maths.estimation.joint.measurement import counted, outputs, rate_read, readings, told_by_trackers
+from massprop_drake.maths.estimation.joint.prediction import Prediction, predict
+from massprop_drake.maths.estimation.joint.propagation import propagated
+from massprop_drake.maths.estimation.joint.quantized import Sites, sites
+from massprop_drake.maths.estimation.joint.rate_coupling import turned_by
+from massprop_drake.maths.estimation.joint.unknown import EXPECTED
+from massprop_drake.maths.kernels import kernel
+from massprop_drake.maths.linear_algebra import Array, sparse_product
+
+_DIGITS = 1e3  # arithmetic: 1-sigmas of readings, of whose square a NIS across so wide directions has ten digits left
+
+
+class Expected(NamedTuple):
+    """Expected readings of a cycle, before it updates.
+
+    Attributes:
+        prediction: see `Prediction`.
+        root: predicted, with noise, not square, shape (size, k).
+        spin: integral of w w^T dt, with the interval's, shape (6,).
+        jacobian: H, shape (m, size).
+        projected: H times root, shape (m, k).
+        innovation: e of all components, NaN where missing, shape (m,).
+        used: which components count, shape (m,).
+        floors: variance of each prediction beyond the state's, shape (m,).
+        variances: of one reading of each component, shape (m,).
+    """
+
+    prediction: Prediction
+    root: Array
+    spin: Array
+    jacobian: Array
+    projected: Array
+    innovation: Array
+    used: np.ndarray
+    floors: Array
+    variances: Array
+
+
+@kernel
+def expect(state: JointState, acting: Drive, sample: JointSample, params: JointParams) -> Expected:
+    """Predicts the state and its outputs, and selects the components that count."""
+    read = rate_read(sample.rates, state.mean, params)
+    prediction = predict(state, acting, read, params, (sample.frames, sample.speeds))
+    root = propagated(state.root, prediction, params)
+    about = (prediction.mean[:N_PROPERTIES], floors(state, params))
+    return expected_at(state, prediction, root, about, sample, params)
+
+
+@kernel
+def expected_at(
+    state: JointState,
+    prediction: Prediction,
+    root: Array,
+    about: tuple[Array, Array],
+    sample: JointSample,
+    params: JointParams,
+) -> Expected:
+    """Predicts the readings of a sample; linearized at some mass properties and at the rate that gyros correct.
+
+    At the rate that was predicted, its error times that of the center of mass would be taken for an error of this.
+    """
+    spin = state.spin + prediction.spin
+    there = prediction.mean.copy()
+    properties, least = about
+    there[:N_PROPERTIES], there[RATE] = properties, prediction.end
+    values, jacobian = outputs(there, state.reference, spin, params)
+    values = values + jacobian @ (prediction.mean - there)
+    projected = sparse_product(jacobian, root)
+    read = readings(sample.rates, sample.velocities, sample.attitudes)
+    variances = params.variances
+    if params.places.n_attitude > 0:
+        variances, least = told_by_trackers(read - values, projected, prediction.end, least, params)
+    counts, least = counted(read, state.read, values, (projected**2).sum(axis=1), least, params)
+    return Expected(prediction, root, spin, jacobian, projected, read - values, counts, least, variances)
+
+
+@kernel
+def by_kind(values: Array, used: np.ndarray, nothing: float, params: JointParams) -> tuple[float, float]:
+    """Sums over the gyros' components that count, and over the accelerometers'.
+
+    Args:
+        values: of each that counts, shape (number,).
+        used: which components count, shape (m,).
+        nothing: in place of a sum of none.
+    """
+    places = params.places
+    gyros = int(used[: 3 * places.gyros].sum())
+    both = int(used[: 3 * (places.gyros + places.accelerometers)].sum())
+    of_gyros = values[:gyros].sum() if gyros > 0 else nothing
+    return of_gyros, values[gyros:both].sum() if both > gyros else nothing
+
+
+@kernel
+def floors(state: JointState, params: JointParams) -> Array:
+    """Computes each prediction's variance beyond the state's, shape (m,): before the guard holds, that of rounding.
+
+    Until then the second order counts, and no cell is told to a hundredth of a quantum. Passes over the start are
+    linearized where its end knows the mass properties to be, and need no such floor.
+    """
+    return params.floors if state.guarded else params.variances
+
+
+@kernel
+def sites_of(used: np.ndarray, projected: Array, innovation: Array, given: tuple[Array, Array]) -> Sites:
+    """Makes measurements that stand for the readings that count, see `quantized.sites`.
+
+    Args:
+        used: which components count, shape (m,).
+        projected: their rows of H times the root, shape (number, k).
+        innovation: of all components, shape (m,).
+        given: quanta, and floors, of all components, shape (m,).
+    """
+    counts, (cells, least) = np.flatnonzero(used), given
+    return sites(innovation[counts], projected @ projected.T, cells[counts], least[counts])
+
+
+@kernel
+def told_by(expected: Expected, params: JointParams) -> Sites:
+    """Makes measurements that stand for a sample's readings that count, as they are expected."""
+    projected = expected.projected[np.flatnonzero(expected.used)]
+    return sites_of(expected.used, projected, expected.innovation, (params.cells, expected.floors))
+
+
+@kernel
+def update_by(expected: Expected, root: Array, params: JointParams) -> tuple[Update, Sites]:
+    """Updates a root by a sample's readings that count; also returns the measurements that stand for them."""
+    projected = sparse_product(expected.jacobian[np.flatnonzero(expected.used)], root)
+    told = sites_of(expected.used, projected, expected.innovation, (params.cells, expected.floors))
+    return updated(root, projected, told.variance, told.innovation, params.places.thrust), told
+
+
+@kernel
+def opened_degrees(expected: Expected, acting: Drive, mean: Array, params: JointParams) -> tuple[float, float, float]:
+    """Counts components whose readings only show how long jets of unknown command were open, see `unknown`.
+
+    Args:
+        mean: before the interval, where it is linearized, shape (size,).
+
+    Returns:
+        Degrees of freedom of the gyros, of the accelerometers given these, and what the log likelihood lacks, nats.
+    """
+    counts = np.flatnonzero(expected.used)
+    if acting.anything.number == 0.0 or counts.shape[0] == 0:
+        return 0.0, 0.0, 0.0
+    jacobian, places = expected.jacobian[counts], params.places
+    opened = acting.anything.spread * acting.anything.basis
+    arms = params.accelerometer_positions - mean[CENTER]
+    turned = turned_by(mean[RATE], expected.prediction.end, arms, expected.prediction.duration_s)[1]
+    wide = jacobian[:, RATE] @ opened[:3]
+    for package in range(places.accelerometers):
+        part = jacobian[:, VELOCITY + 3 * package : VELOCITY + 3 * package + 3]
+        wide += part @ (opened[3:] + turned[package] @ opened[:3])
+    wide = wide / np.sqrt(expected.variances[counts]).reshape(-1, 1)
+    every = _degrees_of(wide)
+    number = int(expected.used[: 3 * places.gyros].sum())
+    gyros = _degrees_of(np.ascontiguousarray(wide[:number])) if number > 0 else 0.0
+    return gyros, max(every - gyros, 0.0), every * (np.log(acting.anything.spread) + EXPECTED)
+
+
+@kernel
+def _degrees_of(wide: Array) -> float:
+    """Computes the degrees of freedom that directions take from readings, by their effects in readings' 1-sigmas."""
+    squares = np.linalg.svd(wide)[1] ** 2
+    return float((squares / (1.0 + squares)).sum())
+
+
+@kernel
+def tested_across(nis: float, degrees: float, spread: float) -> tuple[float, float]:
+    """Returns a NIS and its expectation; none where less than half a component, or too few digits, are left.
+
+    Readings are compared across directions in which they may be off by `spread` of their own 1-sigmas.
+    """
+    return (nis, degrees) if (degrees > 0.5 and spread < _DIGITS) or np.isnan(nis) else (np.nan, 0.0)
+
+
+@kernel
+def counting(expected: Expected, used: np.ndarray) -> Expected:
+    """Returns the expectation with other components that count."""
+    return Expected(
+        expected.prediction,
+        expected.root,
+        expected.spin,
+        expected.jacobian,
+        expected.projected,
+        expected.innovation,
+        used,
+        expected.floors,
+        expected.variances,
+    )

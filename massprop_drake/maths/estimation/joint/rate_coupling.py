@@ -1,0 +1,267 @@
+"""Dynamic coupling of a rate that is linear in time but for its bows, and the turning of accelerometers.
+
+Equations: theory page of the joint filter, "Prediction" and "Measurement", with g, t, u0 = (2 l0 + l1)/6, u1 = (l0 +
+2 l1)/6, the bows' angular impulses dL, dL' and dL" (mean, first moment, root mean square), and D0, D1, G as there.
+The root mean square is exact where all jets that switch are bowed alike, and close to that otherwise. Before coupling
+counts, the most that it can be for any body, |w|^2 T, is noise on w: else an open-loop drift would be taken for what
+J and r are to explain. w1, coupling included, is solved for to the last digits: what is left of its equation has one
+sign while a vehicle turns fast, and gathers.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.filters.rate_increments import angular_block
+from massprop_drake.maths.estimation.joint.forcing import Drive, bows_of_thrust
+from massprop_drake.maths.estimation.joint.layout import INERTIA, N_PROPERTIES, RATE, JointParams, JointState
+from massprop_drake.maths.kernels import kernel, numbers, picked
+from massprop_drake.maths.linear_algebra import Array, cross, inverse_positive_definite, is_positive_definite, skew
+from massprop_drake.maths.mass_properties import ELEMENT
+
+_IDENTITY = np.eye(3)
+_PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
+PARABOLA = 1.2**0.5  # root mean square over mean
+_SETTLED = 1e-9  # of the rate at the end, that is left of the equation for it: a hundredth of that is in the coupling
+_ROUNDS = 4  # each squares what is left, which is a hundredth of the rate where a vehicle turns by a degree a sample
+
+
+class RateRead(NamedTuple):
+    """Rate that gyros show at the end of an interval.
+
+    Attributes:
+        rate: weighted mean of the packages, biases taken off, NaN where none reads, rad/s, shape (3,).
+        rows: its derivative by the state: by the biases, shape (3, size).
+        variance: of its error, (rad/s)^2, shape (3,).
+    """
+
+    rate: Array
+    rows: Array
+    variance: Array
+
+
+class Coupling(NamedTuple):
+    """Dynamic coupling over an interval.
+
+    Attributes:
+        change: g, rad/s, shape (3,).
+        by_inertia: its derivative by J, shape (3, 6).
+        by_start, by_end: by w0 and w1, shape (3, 3).
+    """
+
+    change: Array
+    by_inertia: Array
+    by_start: Array
+    by_end: Array
+
+
+@kernel
+def turning_back_of(state: JointState, duration_s: float) -> Array:
+    """Computes the change of the rate by its own coupling, as far as known, as modes feel it, shape (3,)."""
+    if not knows_inertia(state.mean, state.root[:N_PROPERTIES] @ state.root[:N_PROPERTIES].T):
+        return np.zeros(3)
+    inverse, rate = picked(state.mean, ELEMENT), state.mean[RATE]
+    return inverse @ cross(inverse_positive_definite(inverse, "inverse inertia") @ rate, rate) * duration_s
+
+
+@kernel
+def coupled_rate(
+    state: JointState,
+    acting: Drive,
+    change: Array,
+    read: tuple[RateRead, Array],
+    momenta: Array,
+    params: JointParams,
+) -> tuple[bool, Coupling, Array, Array]:
+    """Computes dynamic coupling with the rate as a reading corrects it, by its share; that rate; and its bows.
+
+    Before all these, whether coupling counts: where it does not, only that by the wheels' momentum is in it.
+
+    Args:
+        state: before the interval.
+        change: of the rate without coupling, rad/s, shape (3,).
+        read: see `RateRead`, and its share, shape (3,).
+        momenta: h at the start and the end, shape (2, 3).
+    """
+    mean, duration = state.mean, acting.firing.duration_s
+    inverse, start, none = picked(mean, ELEMENT), mean[RATE], np.zeros((3, 3))
+    counts = knows_inertia(mean, state.root[:N_PROPERTIES] @ state.root[:N_PROPERTIES].T)
+    if not (counts or params.places.wheels + params.places.n_swing > 0):
+        return (
+            False,
+            Coupling(none[0], np.zeros((3, 6)), none, none),
+            _corrected(start + change, read[0], read[1]),
+            none,
+        )
+    inertias = inverse, inverse_positive_definite(inverse, "inverse inertia") if counts else none
+    turning = inertias[1], momenta
+    of_thrust = bows_of_thrust(state, acting, params)
+    line = start + change
+    end = _corrected(line, read[0], read[1])
+    bows = of_thrust + bows_of_coupling(turning, start, end, duration)
+    found = coupling(inertias, (start, end), momenta, bows, duration)
+    for _ in range(_ROUNDS):  # by Newton's method: the rate at the end has the coupling in it
+        off = _corrected(line + found.change, read[0], read[1]) - end
+        if np.abs(off).max() <= _SETTLED * np.abs(end).max():
+            break
+        end = end + np.linalg.solve(_IDENTITY - (1.0 - read[1]).reshape(3, 1) * found.by_end, off)
+        bows = of_thrust + bows_of_coupling(turning, start, end, duration)
+        found = coupling(inertias, (start, end), momenta, bows, duration)
+    return counts, found, end, bows @ inverse
+
+
+@kernel
+def with_coupling(rate_rows: Array, through: Coupling, read: RateRead, share: Array) -> Array:
+    """Computes the derivative of the change of w with that by coupling, of which w1 is part and on which it depends."""
+    rows, own = rate_rows.copy(), (1.0 - share).reshape(3, 1)
+    rows[:, RATE] += through.by_start
+    rows[:, INERTIA] += through.by_inertia
+    end_rows = own * rows + share.reshape(3, 1) * read.rows
+    end_rows[:, RATE] += own * _IDENTITY
+    return rows + through.by_end @ np.linalg.solve(_IDENTITY - own * through.by_end, end_rows)
+
+
+@kernel
+def share_of_reading(half: Array, noise: Array, read: RateRead) -> tuple[Array, Array]:
+    """Computes the share by which a reading corrects the predicted rate, and the remaining variance, shape (3,) each.
+
+    Args:
+        half: root of the covariance of the predicted rate but for the noise, shape (3, k).
+        noise: of the interval, shape (6, 6).
+    """
+    share, left = np.zeros(3), np.empty(3)
+    for axis in range(3):
+        variance = half[axis] @ half[axis] + noise[axis, axis]
+        if not np.isnan(read.rate[axis]):
+            total = variance + read.variance[axis]
+            share[axis] = variance / total if total > 0.0 else 1.0
+        left[axis] = (1.0 - share[axis]) * variance
+    return share, left
+
+
+@kernel
+def _corrected(rate: Array, read: RateRead, share: Array) -> Array:
+    """Computes the rate as a reading corrects it."""
+    result = rate.copy()
+    for axis in range(3):
+        if share[axis] > 0.0:
+            result[axis] += share[axis] * (read.rate[axis] - rate[axis])
+    return result
+
+
+@kernel
+def turned_by(start: Array, end: Array, arms: Array, duration_s: float) -> Array:
+    """Computes D0 and D1 of each arm, shape (2, n, 3, 3).
+
+    Args:
+        start, end: w0 and w1, rad/s, shape (3,).
+        arms: ft or m, shape (n, 3).
+        duration_s: of the interval.
+    """
+    n, rates = arms.shape[0], np.empty((2, 3))  # G is linear in the rate
+    rates[0] = (duration_s / 6.0) * (2.0 * start + end)
+    rates[1] = (duration_s / 6.0) * (start + 2.0 * end)
+    turned = rates.reshape(2, 1, 3, 1) * arms.reshape(1, n, 1, 3)
+    turned -= 2.0 * rates.reshape(2, 1, 1, 3) * arms.reshape(1, n, 3, 1)
+    turned += (rates @ arms.T).reshape(2, n, 1, 1) * _IDENTITY
+    return turned
+
+
+@kernel
+def bows_of_coupling(turning: tuple[Array, Array], start: Array, end: Array, duration_s: float) -> Array:
+    """Computes angular impulses of the bow of the rate by coupling itself: mean, first moment, root mean square.
+
+    Args:
+        turning: inertia about the center of mass, shape (3, 3), and h at the start and the end, shape (2, 3).
+        start, end: w0 and w1, rad/s, shape (3,).
+        duration_s: T.
+    """
+    bows, (inertia, momenta) = np.zeros((3, 3)), turning
+    at_start, at_end = inertia @ start + momenta[0], inertia @ end + momenta[1]
+    bows[0] = (cross(end, at_end) - cross(start, at_start)) * (duration_s / 12.0)
+    bows[2] = PARABOLA * bows[0]
+    return bows
+
+
+@kernel
+def coupling(
+    inertias: tuple[Array, Array], rates: tuple[Array, Array], momenta: Array, bows: Array, duration_s: float
+) -> Coupling:
+    """Computes the change g of the rate by dynamic coupling, and its derivatives; those of the bows are left out.
+
+    Args:
+        inertias: J and its inverse, shape (3, 3) each; zero in its place: h alone is turned.
+        rates: w0 and w1, rad/s, shape (3,) each.
+        momenta: h at the start and the end, shape (2, 3).
+        bows: dL, dL' and dL", angular impulses about the center of mass, shape (3, 3).
+        duration_s: T.
+    """
+    (inverse, inertia), (start, end) = inertias, rates
+    own = inertia @ ((2.0 * start + end) / 6.0), inertia @ ((start + 2.0 * end) / 6.0)
+    at_start, at_end = inertia @ start + momenta[0], inertia @ end + momenta[1]
+    first, second = (2.0 * at_start + at_end) / 6.0, (at_start + 2.0 * at_end) / 6.0
+    turn = cross(start, first) + cross(end, second)
+    over_start, over_end = skew(start) @ inertia, skew(end) @ inertia
+    by_inertia = angular_block(turn) - inverse @ (over_start @ angular_block(own[0]) + over_end @ angular_block(own[1]))
+    by_start = inverse @ (over_start / 3.0 + over_end / 6.0 - skew(first))
+    by_end = inverse @ (over_start / 6.0 + over_end / 3.0 - skew(second))
+    bowed = bows @ inverse
+    bent = cross(0.5 * (start + end), bows[0]) + cross(bowed[0], 0.5 * (at_start + at_end))
+    bent += cross(end - start, bows[1]) + cross(bowed[1], at_end - at_start) + cross(bowed[2], bows[2])
+    through = inverse @ (turn + bent) * -duration_s
+    return Coupling(through, -duration_s * by_inertia, -duration_s * by_start, -duration_s * by_end)
+
+
+@kernel
+def largest_coupling(start: Array, end: Array, duration_s: float) -> float:
+    """Bounds the change of the rate by dynamic coupling, whatever the inertia: |w|^2 T.
+
+    No principal moment of a body exceeds the sum of the other two, so |J (w x J^-1 w)| <= |w|^2.
+
+    Args:
+        start, end: rates, rad/s, shape (3,).
+        duration_s: of the interval.
+    """
+    return max(float(start @ start), float(end @ end)) * duration_s
+
+
+@kernel
+def spin_integral(start: Array, end: Array, bowed: Array, duration_s: float) -> Array:
+    """Computes the integral of w w^T dt of a rate that is linear but for a bow, six elements, rad^2/s, shape (6,).
+
+    Args:
+        start, end: rates, rad/s, shape (3,).
+        bowed: what the rate lies off the line, by mean, first moment and root mean square, rad/s, shape (3, 3).
+        duration_s: of the interval.
+    """
+    result, middle, gained = np.empty(6), 0.5 * (start + end), end - start
+    for k, (i, j) in enumerate(_PAIRS):
+        straight = (start[i] * start[j] + end[i] * end[j]) / 3.0 + (start[i] * end[j] + end[i] * start[j]) / 6.0
+        bent = middle[i] * bowed[0, j] + middle[j] * bowed[0, i] + bowed[2, i] * bowed[2, j]
+        bent += gained[i] * bowed[1, j] + gained[j] * bowed[1, i]
+        result[k] = duration_s * (straight + bent)
+    return result
+
+
+@kernel
+def turning(rate: Array, reference: Array, spin: Array) -> Array:
+    """Computes O = [(w - w_ref) x] + C, shape (3, 3).
+
+    Args:
+        rate, reference: w and w_ref, rad/s, shape (3,).
+        spin: integral of w w^T dt since the last rebase, six elements, shape (6,).
+    """
+    xx, yy, zz, yz, xz, xy = numbers(spin, 6)
+    centripetal = np.array([[-(yy + zz), xy, xz], [xy, -(xx + zz), yz], [xz, yz, -(xx + yy)]])
+    return skew(rate - reference) + centripetal
+
+
+@kernel
+def knows_inertia(mean: Array, covariance: Array) -> bool:
+    """Tests whether J is positive definite and its diagonal known to half its size."""
+    for i in range(3):
+        if not np.sqrt(covariance[i, i]) < 0.5 * mean[i]:
+            return False
+    return is_positive_definite(picked(mean, ELEMENT))

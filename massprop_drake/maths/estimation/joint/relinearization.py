@@ -1,0 +1,173 @@
+"""Cycle that is linearized at another estimate, as passes over a start and over a fault are."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprop_drake.maths.estimation.joint.covariance import nothing_learned
+from massprop_drake.maths.estimation.joint.crossing import crossed, levels_at
+from massprop_drake.maths.estimation.joint.forcing import Drive
+from massprop_drake.maths.estimation.joint.innovation import by_kind, expected_at, opened_degrees, sites_of, update_by
+from massprop_drake.maths.estimation.joint.joint_cycle import Course, driven, learned
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
+from massprop_drake.maths.estimation.joint.lag_prior import reconsidered
+from massprop_drake.maths.estimation.joint.layout import (
+    MASS,
+    N_PROPERTIES,
+    RATE,
+    VELOCITY,
+    JointParams,
+    JointState,
+    relearned,
+    releveled,
+)
+from massprop_drake.maths.estimation.joint.measurement import rate_read
+from massprop_drake.maths.estimation.joint.prediction import Prediction, predict
+from massprop_drake.maths.estimation.joint.propagation import gathered_rows, propagated
+from massprop_drake.maths.estimation.joint.tanks import drawn
+from massprop_drake.maths.estimation.joint.thrust_scale import partitioned
+from massprop_drake.maths.estimation.joint.ticks import stamped
+from massprop_drake.maths.kernels import kernel
+from massprop_drake.maths.linear_algebra import Array
+
+
+@kernel
+def gone_over(
+    state: JointState, sample: JointSample, about: Array, params: JointParams
+) -> tuple[JointState, float, float]:
+    """Runs a cycle of a start that is gone over again, see `relinearized`.
+
+    Args:
+        state: after the last sample, not guarded.
+        about: a state's estimate at which it is linearized, shape (size,).
+
+    Returns:
+        The state after it, the NIS of the components that counted, and its expectation.
+    """
+    after, course, _ = relinearized(state, sample, about, params)
+    after, _ = reconsidered(after, params)
+    return after, course.nis, course.degrees
+
+
+@kernel
+def relinearized(
+    state: JointState, sample: JointSample, about: Array, params: JointParams
+) -> tuple[JointState, Course, tuple[float, float]]:
+    """Runs a cycle linearized at other mass properties, lags, biases and forces than the state's.
+
+    Args:
+        state: after the last sample, not guarded.
+        about: a state's estimate with these, shape (size,).
+
+    Returns:
+        The state after it, how it went, and NIS of the gyros with its expectation.
+    """
+    state, crossing = crossed(state, standing(about, state.mean, params), sample, params.floors, params)
+    state, stamp = stamped(state, sample.timing, params)
+    mean = _about(state.mean, about, params)
+    acting = driven(relearned(state, mean, state.root), sample, params)
+    state = partitioned(state, acting.firing.amount, params)
+    there = relearned(state, mean, state.root.copy())
+    there.root[:N_PROPERTIES] = 0.0  # nothing of second order is left
+    at = predict(there, acting, rate_read(sample.rates, mean, params), params, (sample.frames, sample.speeds))
+    away = state.mean - mean
+    mean = at.mean + away
+    swing = slice(params.places.swing, params.places.swing + params.places.n_swing)
+    mean[swing] = at.mean[swing] + at.swung.rows @ away
+    mean[RATE] += at.rate_rows @ away
+    for package in range(params.places.accelerometers):
+        part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
+        mean[part] += gathered_rows(at, package) @ away
+    if params.places.n_attitude > 0:
+        part = slice(params.places.attitude, params.places.attitude + 3)
+        mean[part] += at.attitude[0] @ away[RATE] + at.attitude[1] @ (away[RATE] + at.rate_rows @ away)
+    if params.places.tanks > 0:
+        more = at.tank_rows @ away
+        mean[:N_PROPERTIES] += more[:N_PROPERTIES]
+        mean[params.places.fill : params.places.fill + params.places.tanks] += more[N_PROPERTIES:]
+    prediction = Prediction(
+        mean,
+        at.rate_rows,
+        at.velocity_rows,
+        at.apart,
+        at.attitude,
+        at.mass_factor,
+        at.noise,
+        at.wander,
+        at.swung,
+        at.drift,
+        at.tank_rows,
+        at.turned,
+        at.spin,
+        at.end,
+        at.duration_s,
+        at.coupled,
+    )
+    root = propagated(state.root, prediction, params)
+    there_properties = standing(about, prediction.mean, params)
+    expected = expected_at(state, prediction, root, (there_properties, params.floors), sample, params)
+    change, told = (
+        nothing_learned(root),
+        sites_of(np.zeros_like(expected.used), root[:0], expected.innovation, (params.cells, params.floors)),
+    )
+    if expected.used.any():
+        change, told = update_by(expected, root, params)
+    after = learned(state, sample, acting, expected, change, params)
+    after = releveled(after, after.mean, after.root, _level_about(state, after, acting, params), acting.tick_slope)
+    anything = opened_degrees(expected, acting, there.mean, params)
+    nis, degrees = float(told.nis.sum()), max(float(told.degrees.sum()) - anything[0] - anything[1], 0.0)
+    log_likelihood = crossing.log_likelihood + float(told.log_likelihood.sum()) + anything[2]
+    gyro_nis, gyro_degrees = (
+        by_kind(told.nis, expected.used, 0.0, params)[0],
+        by_kind(told.degrees, expected.used, 0.0, params)[0],
+    )
+    course = Course(crossing, stamp, acting, expected, change, nis, degrees, log_likelihood)
+    return after, course, (gyro_nis, max(gyro_degrees - anything[0], 0.0))
+
+
+@kernel
+def _level_about(before: JointState, after: JointState, acting: Drive, params: JointParams) -> Array:
+    """Computes levels after a cycle, lags where it is linearized and ticks at their new estimates, shape (n_jets,)."""
+    places, mean = params.places, before.mean.copy()
+    lags = slice(places.lag, places.lag + places.n_lag)
+    mean[lags] = after.mean[lags]
+    return levels_at((acting.firing.level, acting.firing.slope, acting.tick_slope), mean, after.mean, params)
+
+
+@kernel
+def standing(about: Array, mean: Array, params: JointParams) -> Array:
+    """Returns the ten parameters of an estimate, with as much propellant in the tanks as another one has, shape (10,).
+
+    Args:
+        about: the estimate, shape (size,).
+        mean: the other, shape (size,).
+    """
+    places, result = params.places, about[:N_PROPERTIES].copy()
+    if places.tanks > 0:
+        fill = slice(places.fill, places.fill + places.tanks)
+        used = about[fill] - mean[fill]
+        result[:MASS] += drawn(result, about[fill], used, 1.0, params.tanks).change[:MASS]
+        result[MASS] /= 1.0 - result[MASS] * used.sum()
+    return result
+
+
+@kernel
+def _about(mean: Array, about: Array, params: JointParams) -> Array:
+    """Returns an estimate with mass properties, lags, forces and gyros' biases of another, and the rate to match."""
+    places = params.places
+    result = mean.copy()
+    result[:N_PROPERTIES] = standing(about, mean, params)
+    forces = slice(places.force, places.force + places.n_force)
+    result[forces] = about[forces]
+    lags = slice(places.lag, places.lag + places.n_lag)
+    result[lags] = about[lags]
+    moving = slice(places.moving, places.moving + places.n_moving)
+    result[moving] = about[moving]
+    if places.n_gyro_bias > 0:
+        biases = slice(places.gyro_bias, places.gyro_bias + places.n_gyro_bias)
+        result[biases] = about[biases]
+        for package in range(places.gyros):
+            begin = places.gyro_bias + 3 * package
+            own = slice(begin, begin + 3)
+            result[RATE] += params.gyro_bias_sigma / places.gyros * (mean[own] - about[own])
+    return result

@@ -1,0 +1,229 @@
+"""Rows, memory and past of cycles that one kernel takes, written in place."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.maths.arrays import Layout
+from massprop_drake.maths.estimation.joint.bank import ONSETS, Following, Roots, Since, empty
+from massprop_drake.maths.estimation.joint.burns import Burn
+from massprop_drake.maths.estimation.joint.crossing import Crossing
+from massprop_drake.maths.estimation.joint.disturbance_states import Wander
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
+from massprop_drake.maths.estimation.joint.layout import JointState, Places, state_layout
+from massprop_drake.maths.estimation.joint.measurement import readings
+from massprop_drake.maths.estimation.joint.orientation import STILL
+from massprop_drake.maths.estimation.joint.sensitivity import LINK, Traces
+from massprop_drake.maths.estimation.joint.swing import unswung
+from massprop_drake.maths.estimation.joint.ticks import Clock, Stamped, on_ticks, started
+from massprop_drake.maths.estimation.joint.wheels import Spun
+from massprop_drake.maths.estimation.whole import Samples, one_sample
+from massprop_drake.maths.kernels import kernel
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.vehicle.engine_thrust import N_CHANNELS
+from massprop_drake.maths.vehicle.thrust import LagFactors, lag_factors
+
+
+class JointMemory(NamedTuple):
+    """Memory between two cycles.
+
+    Attributes:
+        joint: see `JointState`.
+        clock: see `Clock`.
+        estimate, covariance: see `JointFilterState`.
+        since: see `bank.Since`.
+        command, level: see `cycle.EstimationState`.
+        cycle: number of the newest sample.
+        frame, speeds: see `JointFilterState`.
+    """
+
+    joint: JointState
+    clock: Clock
+    estimate: Array
+    covariance: Array
+    since: Since
+    command: Array
+    level: Array
+    cycle: float
+    frame: Array
+    speeds: Array
+
+
+class Past(NamedTuple):
+    """States and cycles of the past, written in place.
+
+    Attributes:
+        states: of the onsets, packed, in any order, shape (ONSETS, size of a state).
+        roots: of the same, shape (ONSETS, size, size).
+        places: of each onset's among them, oldest first, shape (ONSETS,).
+        links: of the last cycles, packed as `LINK`, each in the row of its number, shape (n, size of a link).
+        excess: by how much less likely the readings of each of these were than expected, nats, shape (n,).
+    """
+
+    states: Array
+    roots: Array
+    places: NDArray[np.int_]
+    links: Array
+    excess: Array
+
+
+class JointRows(NamedTuple):
+    """Log rows, one per cycle, as the layouts of the same names have them; one row of no cycle is empty."""
+
+    impulses: Array
+    rotation_report: Array
+    mass_report: Array
+    joint_report: Array
+    detector_report: Array
+    hypothesis_report: Array
+
+
+class Besides(NamedTuple):
+    """Readings and commands beside those of the samples, a row per cycle, and what cycles make of them, in place.
+
+    Attributes:
+        quaternions: that trackers read, NaN where missing, shape (n, n_trackers, 4).
+        speeds: of the wheels as they are read, NaN where missing, rad/s, shape (n, n_wheels).
+        onsets_s: of the commands, NaN where these are levels, shape (n, n_jets).
+        durations_s: of the intervals that end, shape (n,).
+        frames, attitudes: see `cycle.Sample`, shapes (n, 2, 4) and (n, n_trackers, 3).
+        before: speeds that were read last before each, NaN where none has been, rad/s, shape (n, n_wheels).
+    """
+
+    quaternions: Array
+    speeds: Array
+    onsets_s: Array
+    durations_s: Array
+    frames: Array
+    attitudes: Array
+    before: Array
+
+
+def besides(count: int, places: Places, tracked: Array | None = None, onsets_s: Array | None = None) -> Besides:
+    """Returns the layout of quantities that rows hold besides.
+
+    Args:
+        count: number of rows.
+        tracked: see `filter.Told`, shape (n, columns); None: nothing.
+        onsets_s: of the commands, shape (n, n_jets) at least; None: these are levels.
+    """
+    poses = 7 * places.trackers
+    read = np.full((count, poses + places.wheels), np.nan) if tracked is None else tracked
+    return Besides(
+        np.ascontiguousarray(read[:, :poses].reshape(count, -1, 7)[:, :, 3:]) if poses else np.zeros((count, 0, 4)),
+        np.ascontiguousarray(read[:, read.shape[1] - places.wheels :]),
+        np.full((count, places.jets), np.nan) if onsets_s is None else np.ascontiguousarray(onsets_s[:count]),
+        np.zeros(count),
+        np.zeros((count, 2, 4)),
+        np.zeros((count, places.trackers, 3)),
+        np.zeros((count, places.wheels)),
+    )
+
+
+class Rules(NamedTuple):
+    """Parameters of a cycle besides the filter's.
+
+    Attributes:
+        period_s, impulse_per_level, lag: see `cycle.EstimationParams`.
+        detector_row, hypothesis_row: what is logged of the detector where nothing is found.
+    """
+
+    period_s: float
+    impulse_per_level: Array
+    lag: LagFactors
+    detector_row: Array
+    hypothesis_row: Array
+
+
+class JointDesk(NamedTuple):
+    """Inputs of cycles, and the rows that they write.
+
+    Attributes:
+        samples: one a row.
+        stamps_s: see `cycle.Sample`, shape (n,).
+        besides: see `Besides`.
+        rows: to be filled in.
+        reached: the row that is being made, and that before which to stop, shape (2,).
+        past: see `Past`.
+        rules: see `Rules`.
+    """
+
+    samples: Samples
+    stamps_s: Array
+    besides: Besides
+    rows: JointRows
+    reached: NDArray[np.int_]
+    past: Past
+    rules: Rules
+
+
+@kernel
+def shut_engines(places: Places) -> Burn:
+    """Returns the burn of engines that are shut."""
+    return Burn(np.zeros((places.engines, 3, N_CHANNELS)), np.zeros((places.engines, N_CHANNELS)))
+
+
+def no_sample(places: Places) -> JointSample:
+    """Returns a sample of no readings, of the types of one."""
+    rates, velocities = np.zeros((places.gyros, 3)), np.zeros((places.accelerometers, 3))
+    attitudes, command = np.zeros((places.trackers, 3)), np.zeros((1, places.jets))
+    none = np.zeros(places.wheels)
+    around = STILL.copy(), Spun(none, none, none, none), shut_engines(places)
+    return JointSample(0.0, np.ones(1), command, np.zeros(6), rates, velocities, on_ticks(), attitudes, *around)
+
+
+def no_following(places: Places, sample: JointSample) -> Following:
+    """Returns inputs of `followed` of no onset, of their types."""
+    n, m = places.size, places.outputs
+    rows, learned = np.zeros((3, n)), (np.zeros((0, 0)), np.zeros((n, 0)), np.zeros(n))
+    told = (np.zeros((m, n)), np.zeros((m, n)), np.zeros(m), np.zeros(m, dtype=np.bool_), np.zeros(m))
+    given = (np.zeros(places.jets), readings(sample.rates, sample.velocities, sample.attitudes))
+    stamp = Stamped(np.zeros(n), np.zeros(n), np.zeros(n), 1.0)
+    nothing = Crossing(np.zeros((m, n)), np.zeros((n, m)), np.zeros(n), 0.0)
+    each, slow = np.zeros(places.n_slow), np.zeros((6, places.n_slow))
+    wander = Wander(each, slow, slow, each, each)
+    before = (
+        np.zeros(n),
+        rows,
+        rows,
+        np.zeros((2, places.n_attitude, 3)),
+        1.0,
+        np.zeros((6, 6)),
+        wander,
+        unswung(places.n_swing, places.size),
+        1.0,
+    )
+    seen = Traces(*before, *told, *learned, *given, nothing, stamp, 0.0, 0.0, 0.0)
+    return Following(Since(*empty(places)[1:]), Roots(np.zeros((0, n, n)), np.arange(0)), seen, 0.0, 0.0)
+
+
+def no_memory(state: JointState, places: Places) -> JointMemory:
+    """Returns memory before the first cycle."""
+    clock, none, since = started(0.0, state.level), np.zeros(places.jets), Since(*empty(places)[1:])
+    frame, speeds = np.zeros(4), np.zeros(places.wheels)
+    return JointMemory(state, clock, np.zeros(10), np.zeros((10, 10)), since, none, none, 0.0, frame, speeds)
+
+
+def no_past(places: Places, links: int) -> Past:
+    """Returns states and cycles of no past, and room for a number of links."""
+    states = np.zeros((ONSETS, state_layout(places).size))
+    kept = np.zeros((links, link_layout(places).size))
+    roots, order = np.zeros((ONSETS, places.size, places.size)), np.zeros(ONSETS, dtype=np.int_)
+    return Past(states, roots, order, kept, np.zeros(links))
+
+
+def no_desk(places: Places) -> JointDesk:
+    """Returns a desk with one row of nothing."""
+    samples, nothing = one_sample(places.gyros, places.accelerometers, places.jets), np.zeros(1)
+    rules = Rules(1.0, np.zeros((places.jets, 6)), lag_factors(np.zeros(places.jets), 1.0), nothing, nothing)
+    rows, reached = JointRows(*[np.zeros((1, 1))] * len(JointRows._fields)), np.zeros(2, dtype=np.int_)
+    return JointDesk(samples, np.zeros(1), besides(1, places), rows, reached, no_past(places, 2), rules)
+
+
+def link_layout(places: Places) -> Layout:
+    """Returns the layout of a vehicle's links."""
+    counts = {"jets": places.jets, "outputs": places.outputs, "attitude": places.n_attitude}
+    return LINK.sized(size=places.size, slow=places.n_slow, swing=places.n_swing, disturbed=6 + places.n_slow, **counts)

@@ -1,0 +1,213 @@
+"""Cycles in which nothing happens, taken by the kernel of `whole_joint` between those of `cycle.step`."""
+
+from __future__ import annotations
+
+from collections import deque
+from contextlib import suppress
+
+import numpy as np
+
+from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationState
+from massprop_drake.maths.estimation.detector import STATUS
+from massprop_drake.maths.estimation.faults import hypothesis_filter as faults
+from massprop_drake.maths.estimation.faults.alarms import Watch, WatchedCycle
+from massprop_drake.maths.estimation.faults.fault_report import HYPOTHESIS_REPORT, nothing_said
+from massprop_drake.maths.estimation.faults.tree import Tree
+from massprop_drake.maths.estimation.filters import joint
+from massprop_drake.maths.estimation.filters.joint import JointFilterParams, JointFilterState
+from massprop_drake.maths.estimation.joint import start as starts
+from massprop_drake.maths.estimation.joint.bank import OLDEST, ONSETS, Bank, Since
+from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Score
+from massprop_drake.maths.estimation.joint.joint_sample import JointSample
+from massprop_drake.maths.estimation.joint.layout import pack, unpack
+from massprop_drake.maths.estimation.joint.sensitivity import Link
+from massprop_drake.maths.estimation.joint.ticks import on_ticks
+from massprop_drake.maths.estimation.joint.wheels import spun
+from massprop_drake.maths.estimation.joint_desk import (
+    Besides,
+    JointDesk,
+    JointMemory,
+    JointRows,
+    Rules,
+    besides,
+    link_layout,
+    no_past,
+)
+from massprop_drake.maths.estimation.whole import Samples
+from massprop_drake.maths.estimation.whole_joint import Work
+from massprop_drake.maths.kernels import fill, held, released, shared
+from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
+from massprop_drake.maths.vehicle.on_times import pieces
+
+
+class Quiet:
+    """Cycles in which nothing happens, between those that are left to `cycle.step`.
+
+    Args:
+        made: parameters of the cycle, see `covers`.
+        compiled: whether the kernel is.
+
+    Attributes:
+        on: whether the last cycle was such that one of these may follow.
+    """
+
+    def __init__(self, made: EstimationParams, *, compiled: bool):
+        joint = made.filter_params.joint
+        self.on = False
+        self._work: Work = joint.compiled
+        self._places, self._wheels, self._compiled = joint.places, joint.wheels, compiled
+        self._links = OLDEST * joint.rates.steps + 2  # that are kept: the oldest onset's, and those since
+        self._past, self._reached = no_past(joint.places, self._links), np.zeros(2, dtype=np.int_)
+        jets = joint.places.jets
+        self._rules = Rules(
+            made.period_s,
+            np.ascontiguousarray(made.impulse_per_level),
+            made.lag,
+            np.zeros(STATUS.size + 4 * jets),
+            HYPOTHESIS_REPORT.sized(jets=jets).pack(nothing_said(jets)),
+        )
+        self._cycles: deque[JointSample | tuple[Samples, Besides, int]] = deque(
+            maxlen=self._links
+        )  # by row or as it was
+
+    def begin(
+        self, samples: Samples, stamps_s: Array, beside: tuple[Array | None, Array | None], rows: JointRows
+    ) -> None:
+        """Takes rows that cycles are to go through, and those that they fill in.
+
+        Args:
+            samples, stamps_s: see `JointDesk`.
+        beside: tracked readings and onsets, see `besides`.
+            rows: to be filled in.
+        """
+        self._samples, self._besides = samples, besides(samples.time_s.size, self._places, *beside)
+        desk = JointDesk(samples, stamps_s, self._besides, rows, self._reached, self._past, self._rules)
+        self._desk = shared(desk, self._compiled)
+
+    def take_up(self, state: EstimationState) -> None:
+        """Goes on from a state, if nothing is happening in it."""
+        filtered, detector = state.filter, state.detector
+        self.on = _is_quiet(filtered, detector.tree) and not detector.search.contradicted
+        if not self.on:
+            return
+        tree: Tree = detector.tree
+        watch: Watch = tree.leader.watch
+        self._before, bank, records = state, watch.bank, watch.records[-self._links :]
+        for place, each in enumerate(bank.states):
+            self._past.states[place], self._past.roots[place] = pack(each, self._places), each.root
+        self._past.places[:] = np.arange(ONSETS)
+        layout = link_layout(self._places)
+        self._cycles.clear()
+        for number, record in enumerate(records, start=tree.cycle - len(records) + 1):
+            self._past.links[number % self._links] = layout.pack(record.link)
+            self._past.excess[number % self._links] = 0.5 * (record.link.nis - record.link.degrees)
+            self._cycles.append(record.sample)
+        fill(self._rules.detector_row, faults.unremarkable(detector))
+        memory = JointMemory(
+            filtered.joint,
+            filtered.clock,
+            filtered.estimate,
+            filtered.covariance,
+            Since(*bank[1:]),
+            state.command,
+            state.level,
+            float(tree.cycle),
+            filtered.frame,
+            filtered.speeds,
+        )
+        self._memory = held(memory, self._compiled)
+
+    def advance(self, row: int, until: int) -> int:
+        """Advances from a row as long as nothing happens, or to another that is not taken any more; returns which."""
+        self._reached[:] = row, until
+        with suppress(NotPositiveDefiniteError, np.linalg.LinAlgError):  # the parts will say what it is
+            self._work.watch(self._memory, self._desk)
+        reached = int(self._reached[0])
+        self._cycles.extend((self._samples, self._besides, done) for done in range(row, reached))
+        self.on = reached == until
+        return reached
+
+    def state(self) -> EstimationState:
+        """Returns the state with which the next cycle begins."""
+        kept: JointMemory = released(self._memory)
+        since, places, cycle = kept.since, self._past.places.tolist(), int(kept.cycle)
+        states = self._past.states.copy()
+        onsets = tuple(unpack(states[places[index]], self._places) for index in range(since.cycles.size))
+        before = self._before.detector
+        records = self._records(cycle)
+        leader = before.tree.leader
+        run = leader.run._replace(state=kept.joint, cycle=cycle, score=records[-1].score)
+        of_bank = records[-(cycle - int(since.cycles[0]) + 1) :]
+        trail = tuple(record.score.likelihood for record in records)
+        watch = Watch(Bank(onsets, *since), of_bank)
+        leader = leader._replace(run=run, weight=run.score.likelihood, trail=trail, watch=watch)
+        tree = Tree(cycle, (leader,), samples=tuple((record.sample, record.link) for record in records))
+        filtered = JointFilterState(kept.joint, kept.clock, kept.estimate, kept.covariance, starts.OVER)
+        filtered = filtered._replace(frame=kept.frame, speeds=kept.speeds)
+        return EstimationState(kept.command, kept.level, filtered, before._replace(tree=tree))
+
+    def _records(self, cycle: int) -> tuple[WatchedCycle, ...]:
+        """Returns records of the last cycles; scores count from the first of them."""
+        layout, links, score = link_layout(self._places), self._past.links.copy(), NO_SCORE
+        seen, found = list(self._cycles), []
+        for number, each in enumerate(seen, start=cycle - len(seen) + 1):
+            over = Link(*layout.read(links[number % self._links]))
+            score = score.plus(Score(over.log_likelihood, over.nis, over.degrees))
+            found.append(WatchedCycle(self._sample(each), over, score))
+        return tuple(found)
+
+    def _sample(self, each: JointSample | tuple[Samples, Besides, int]) -> JointSample:
+        if isinstance(each, JointSample):
+            return each
+        samples, beside, row = each
+        duration_s = float(beside.durations_s[row])
+        outside, wheels = samples.outside[row] * duration_s, self._wheels
+        durations, commands = pieces(
+            samples.commands[row], beside.onsets_s[row], self._rules.period_s, (0.0, duration_s)
+        )
+        plain = JointSample(
+            float(samples.time_s[row]),
+            durations,
+            commands,
+            outside,
+            samples.rates[row],
+            samples.velocities[row],
+            on_ticks(),
+        )
+        if self._places.trackers:
+            plain = plain._replace(attitudes=beside.attitudes[row], frames=beside.frames[row])
+        if self._places.wheels:
+            plain = plain._replace(speeds=spun(beside.before[row], beside.speeds[row], duration_s, wheels)[0])
+        return plain
+
+
+def covers(made: EstimationParams) -> bool:
+    """Tests whether the kernel can make most cycles of these parameters."""
+    return (
+        made.filter is joint.FILTER
+        and made.detector is faults.DETECTOR
+        and made.filter_params.joint.compiled is not None
+        and made.filter_params.joint.places.accelerometers > 0
+        and made.filter_params.joint.places.engines == 0
+        and (made.filter_params.joint.rates.period_s > 0.0 or _is_plain(made.filter_params))
+    )
+
+
+def _is_plain(made: JointFilterParams) -> bool:
+    """Tests whether there are neither trackers, wheels nor on-times."""
+    return made.joint.places.trackers == 0 and made.joint.places.wheels == 0 and made.opens_at is None
+
+
+def _is_quiet(filtered: JointFilterState, tree: Tree) -> bool:
+    """Tests whether the next cycle may be one in which nothing happens: no start, no event, and no alarm."""
+    clock = filtered.clock
+    if len(tree.hypotheses) != 1 or tree.births or not filtered.joint.guarded or filtered.start.under_way:
+        return False
+    watch: Watch | None = tree.leader.watch
+    return (
+        not tree.leader.events
+        and watch is not None
+        and watch.alarm is None
+        and bool(watch.bank.states)
+        and not (clock.lost or clock.off or np.isnan(clock.earlier).any())
+    )

@@ -1,0 +1,46 @@
+"""Arrays as JSON has them, and back: NaN is null, and the ten parameters stand by name."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.maths import mass_properties
+from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, six_elements
+
+Array = NDArray[np.float64]
+
+
+def null_for_nan(values: Array) -> Any:
+    """Turns an array into nested lists, NaN into None."""
+    if values.ndim > 1:
+        return [null_for_nan(row) for row in values]
+    return [None if math.isnan(value) else value for value in values.tolist()]
+
+
+def kept_onsets(onset_s: Array) -> dict[str, Any]:
+    """Writes the onsets of a command, shape (n_jets,), into a saved state; nothing where all are levels."""
+    return {"command_onset": null_for_nan(onset_s)} if np.isfinite(onset_s).any() else {}
+
+
+def by_name(parameters: Array) -> dict[str, Any]:
+    """Writes the ten parameters as files have them: matrix, vector and number; NaN becomes None."""
+    values = null_for_nan(parameters)
+    matrix = [[values[index] for index in row] for row in mass_properties.ELEMENT.tolist()]
+    return {
+        "inverse_inertia": matrix,
+        "center_of_mass": values[CENTER_OF_MASS],
+        "mass_reciprocal": values[MASS_RECIPROCAL],
+    }
+
+
+def from_names(values: Mapping[str, Any]) -> Array:
+    """Reads what `by_name` writes: the ten parameters, None as NaN, shape (10,)."""
+    inverse = np.array(values["inverse_inertia"], dtype=float)
+    center = np.array(values["center_of_mass"], dtype=float)
+    reciprocal = np.array([values["mass_reciprocal"]], dtype=float)
+    return np.concatenate([six_elements(inverse), center, reciprocal])
