@@ -104,7 +104,7 @@ class RotationEstimator(FilterSystem):
         )
         reported, size = slice(0, ROTATION_REPORT.size), ROTATION_REPORT.size
         seen = [self._turning.slice(name) for name in ("innovation", "innovation_covariance")]
-        estimate, covariance = (
+        means, spreads = (
             slice(size + part.start, size + part.stop) for part in map(self._layout.slice, ("estimate", "covariance"))
         )
         self._declare_cycle(
@@ -113,7 +113,7 @@ class RotationEstimator(FilterSystem):
                 ("innovation", 3, lambda measured: self._turned(measured)[seen[0]]),
                 ("innovation_covariance", 9, lambda measured: self._turned(measured)[seen[1]]),
             ),
-            (("estimate", N_ROTATION, estimate), ("covariance", N_ROTATION**2, covariance), ("report", size, reported)),
+            (("estimate", N_ROTATION, means), ("covariance", N_ROTATION**2, spreads), ("report", size, reported)),
             params.period_s,
             slice(size, None),
         )
