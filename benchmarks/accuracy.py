@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake import load_scenario, simulate
+from massprop_drake.maths.signals import SYMBOLS
 from massprop_drake.results.json_arrays import from_names
-from massprop_drake.signals import SYMBOLS
 
 Array = NDArray[np.float64]
 

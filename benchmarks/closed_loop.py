@@ -18,8 +18,8 @@ import numpy as np
 
 import massprop_drake
 from massprop_drake import Estimator, load_scenario, simulate
+from massprop_drake.display.run import Run
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.results.run import Run
 
 _PACKAGE = Path(massprop_drake.__file__).parent
 

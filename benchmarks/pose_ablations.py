@@ -17,11 +17,11 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from massprop_drake.display.run import Run
 from massprop_drake.inputs.record_map import RecordMap
 from massprop_drake.inputs.scenario import resolved
 from massprop_drake.inputs.vehicle_file import load_vehicle
 from massprop_drake.inputs.yaml import Document
-from massprop_drake.results.run import Run
 from massprop_drake.runners.recorded import estimate
 
 FOLDER = Path(__file__).parent.parent / "docs" / "tutorials" / "air_bearing"

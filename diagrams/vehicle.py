@@ -189,9 +189,9 @@ def _connect_chance(builder: DiagramBuilder, scenario: Scenario, jets: System, o
 def _body(scenario: Scenario, lag_time_constants_s: tuple[float, ...], pieces: int) -> System:
     """Makes the body that a scenario flies; lags and pieces are those of its jets."""
     if not isinstance(scenario.plant, PlantBlock):
-        from massprop_drake.diagrams import multibody  # noqa: PLC0415 (loads Drake's multibody library)
+        from massprop_drake.diagrams import multibody_body  # noqa: PLC0415 (loads Drake's multibody library)
 
-        return multibody.body(scenario.plant, wheels=bool(scenario.vehicle_data.wheels))
+        return multibody_body.body(scenario.plant, wheels=bool(scenario.vehicle_data.wheels))
     return RigidBodyPlant(
         true_params.undrawn_properties(scenario),
         time_step=true_params.time_step(scenario),

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     __version__: str
 
+    from massprop_drake.display.run import Run as Run
     from massprop_drake.errors import InputError as InputError
     from massprop_drake.inputs.scenario import Scenario as Scenario
     from massprop_drake.inputs.scenario import load_scenario as load_scenario
     from massprop_drake.inputs.vehicle_file import Vehicle as Vehicle
     from massprop_drake.inputs.vehicle_file import load_vehicle as load_vehicle
-    from massprop_drake.results.run import Run as Run
     from massprop_drake.runners.estimator import Estimator as Estimator
     from massprop_drake.runners.estimator import EstimatorStep as EstimatorStep
     from massprop_drake.runners.foretelling import foretell as foretell
@@ -38,7 +38,7 @@ _HOMES = {
     "Estimator": "runners.estimator",
     "EstimatorStep": "runners.estimator",
     "foretell": "runners.foretelling",
-    "Run": "results.run",
+    "Run": "display.run",
     "Scenario": "inputs.scenario",
     "load_scenario": "inputs.scenario",
     "simulate": "runners.simulate",

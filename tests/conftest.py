@@ -26,10 +26,10 @@ from threadpoolctl import threadpool_limits
 from massprop_drake import load_scenario, load_vehicle, simulate
 from massprop_drake.cli import main as cli
 from massprop_drake.display import figures
+from massprop_drake.display.run import Run
 from massprop_drake.inputs import yaml
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle_file import Vehicle
-from massprop_drake.results.run import Run
 from massprop_drake.studies.threads import ONE_THREAD
 from reproduction import __main__ as program
 

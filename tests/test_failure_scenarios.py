@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from massprop_drake import Estimator, load_scenario, simulate
+from massprop_drake.display.run import Run
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.results.detections import DetectionRecord
-from massprop_drake.results.run import Run
 from massprop_drake.results.summarize import looked_back_on
 
 DEGREE = np.pi / 180.0

@@ -15,7 +15,7 @@ import pytest
 from script_probe import script
 
 from massprop_drake import Estimator, load_scenario, simulate
-from massprop_drake.results.run import Run
+from massprop_drake.display.run import Run
 
 LIVE = Path(__file__).parent.parent / "docs" / "live.py"
 

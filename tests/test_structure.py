@@ -23,23 +23,20 @@ LINKS = ("diagrams", "scenarios")
 FLOORS = (
     {"errors"},
     {"maths"},
-    {"signals"},
     {"systems", "inputs"},
     {"records"},
     {"results"},
     {"diagrams"},
-    {"runners"},
     {"display"},
+    {"runners"},
     {"studies"},
     {"cli"},
     {BESIDE},
 )
 FLOOR = {room: number for number, rooms in enumerate(FLOORS) for room in rooms}
-# a run shows itself: its figures, pages and notebook display are loaded when they are asked for
-EXCEPTIONS = {("results.run", "display")}
 MOST_ARROWS = 60  # between rooms at the top
 WITH_NUMBA = ("maths._bundles", "maths._holding", "maths._kept", "maths._linking")
-WITHOUT_DRAKE = ("inputs", "records", "results", "maths", "signals", "errors", "runners.estimator")
+WITHOUT_DRAKE = ("inputs", "records", "results", "maths", "errors", "runners.estimator")
 # what rooms import from outside, and rooms that they know besides themselves
 OUTSIDE = {"maths": {"numpy"}, "systems": {"numpy", "pydrake"}, "diagrams": {"numpy", "pydrake"}}
 KNOWN = {"systems": {"errors", "maths"}, "diagrams": {"maths", "systems", "inputs", "results"}}
@@ -153,7 +150,7 @@ def test_the_modules_are_found() -> None:
     assert "numpy" in _outside("maths.attitude")
     assert "diagrams.estimation" in _own(imports()["diagrams.closed_loop"])
     loose = {path.stem for path in (REPOSITORY / PACKAGE).glob("*.py")}
-    assert loose == {"__init__", "__main__", "errors", "signals"}
+    assert loose == {"__init__", "__main__", "errors"}
 
 
 def test_rooms_import_what_stands_below_them() -> None:
@@ -162,13 +159,10 @@ def test_rooms_import_what_stands_below_them() -> None:
         for name in MODULES
         if _top(name) in FLOOR
         for other in _rooms(name)
-        if (name, other) not in EXCEPTIONS and FLOOR.get(other, -1) >= FLOOR[_top(name)]
+        if FLOOR.get(other, -1) >= FLOOR[_top(name)]
     ]
     assert upward == []
     assert {name for name in MODULES if BESIDE in _rooms(name)} == set()
-    for name, room in EXCEPTIONS:  # inside functions
-        assert room in _rooms(name), "no longer needed"
-        assert room not in {_top(imported) for imported in _own(first_imports()[name])}
 
 
 def test_few_arrows_join_the_rooms() -> None:
@@ -187,10 +181,10 @@ def test_rooms_know_what_they_may() -> None:
         assert [name for name in _of(room) if not _rooms(name) <= known] == []
     assert _outside("runners.estimator") <= {"numpy"}
     assert not _rooms("runners.estimator") & {"systems", "diagrams", "display", "cli"}
-    assert not _own(imports()["runners.estimator"]) & {"results.run", "runners.simulate"}
+    assert not _own(imports()["runners.estimator"]) & {"display.run", "runners.simulate"}
     for name in set(_of("display")) - {"display.graphs"}:  # what is shown of a run does not run it
         assert not _rooms(name) & {"runners", "systems", "diagrams", "cli"}, name
-        assert "results.run" not in _own(imports()[name]), name
+        assert "display.run" not in _own(imports()[name]), name
 
 
 @pytest.mark.parametrize("package", USERS)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from massprop_drake.display import figures
-from massprop_drake.results.run import Run
+from massprop_drake.display.run import Run
 
 TUTORIALS = Path(__file__).parent.parent / "docs" / "tutorials"
 

@@ -301,7 +301,7 @@ def estimate(
     from massprop_drake.inputs.yaml import files_read
     from massprop_drake.records.rows import scenario_name
     from massprop_drake.results.folder import reserved
-    from massprop_drake.results.run import read_summary
+    from massprop_drake.results.run_content import read_summary
     from massprop_drake.runners.simulated_beside import beside, require_comparable
 
     telemetry: str | list[str] = records[0] if len(records) == 1 else records

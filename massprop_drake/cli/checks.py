@@ -126,7 +126,7 @@ def checked(name: str, whose: Vehicle | None) -> Vehicle | Scenario | CampaignSp
 def _with_model(scenario: Scenario, name: str) -> Scenario:
     """Returns a scenario whose multibody model, if any, Drake can fly; raises InputError for a bad one."""
     if scenario.plant.kind == "multibody":
-        from massprop_drake.diagrams.multibody import require_model  # noqa: PLC0415 (loads Drake's multibody library)
+        from massprop_drake.diagrams.multibody_body import require_model  # noqa: PLC0415 (loads Drake's multibody library)
 
         try:
             require_model(scenario)

@@ -10,10 +10,11 @@ from typing import NamedTuple
 
 from massprop_drake.cli.streams import note
 from massprop_drake.display import export
+from massprop_drake.display.run import Run
 from massprop_drake.errors import InputError
 from massprop_drake.results.folder import require_file, require_files, write_file, write_files
 from massprop_drake.results.manifest import read as read_manifest
-from massprop_drake.results.run import Run, read_summary
+from massprop_drake.results.run_content import read_summary
 
 
 class Written(NamedTuple):

@@ -9,11 +9,12 @@ from typing import Any
 
 from massprop_drake.cli import show
 from massprop_drake.cli.streams import say
+from massprop_drake.display.run import Run
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.scenario import load_scenario
 from massprop_drake.results.folder import is_ours, require_file, require_files, write_files, write_page
 from massprop_drake.results.manifest import read as read_manifest
-from massprop_drake.results.run import Run, read_summary
+from massprop_drake.results.run_content import read_summary
 from massprop_drake.results.summary import Summary
 
 REPORT, REPLAY = "report.html", "replay.html"

@@ -22,7 +22,7 @@ from massprop_drake.inputs.model import Key
 from massprop_drake.inputs.record_map import RecordMap
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle_file import Vehicle
-from massprop_drake.signals import SYMBOLS, mass_property_units
+from massprop_drake.maths.signals import SYMBOLS, mass_property_units
 
 if TYPE_CHECKING:
     from massprop_drake.results.against import Against

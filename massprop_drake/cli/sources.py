@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 from massprop_drake.cli.streams import note
+from massprop_drake.display.run import Run
 from massprop_drake.errors import InputError, in_words
 from massprop_drake.inputs.kinds import kind_of
 from massprop_drake.inputs.plausible import Finding
@@ -19,7 +20,6 @@ from massprop_drake.maths.kernels import compiler
 from massprop_drake.records.rows import vehicle_scenario
 from massprop_drake.results.exchange import recover
 from massprop_drake.results.folder import Place
-from massprop_drake.results.run import Run
 
 
 @contextlib.contextmanager

@@ -11,12 +11,12 @@ from massprop_drake.display import interactive, plots, templates
 from massprop_drake.display.plot_source import Source
 from massprop_drake.display.spec import Array, Band, Line, Mark, Panel, Plot, Points, SymmetricLog
 from massprop_drake.display.style import COLORS
+from massprop_drake.maths.signals import SYMBOLS, mass_property_units
 from massprop_drake.results.detections import in_words
 from massprop_drake.results.summary import Parameter
-from massprop_drake.signals import SYMBOLS, mass_property_units
 
 if TYPE_CHECKING:
-    from massprop_drake.results.run import Run
+    from massprop_drake.results.run_content import RunContent
 
 _HERE = Path(__file__).parent
 _BAND_OPACITY = 0.15  # of bands over each other
@@ -36,7 +36,7 @@ _OVERLAID = (
 )
 
 
-def comparison_html(runs: Sequence[tuple[str, Run]]) -> str:
+def comparison_html(runs: Sequence[tuple[str, RunContent]]) -> str:
     """Returns a page that needs no network.
 
     Args:
@@ -149,14 +149,14 @@ def _limits(parts: Sequence[Panel]) -> tuple[float, float] | None:
     return (min(low for low, _ in given), max(high for _, high in given)) if len(given) == len(parts) else None
 
 
-def _found(run: Run) -> tuple[str, str, str]:
+def _found(run: RunContent) -> tuple[str, str, str]:
     """Describes the duration of a run, whether its innovations are consistent, and its findings."""
     results = run.results
     declared = "; ".join(in_words(entry, run.scenario.vehicle_data.unit_names) for entry in results.detections)
     return f"{results.duration_s:.6g} s", results.consistency.verdict or "not judged", declared or "nothing"
 
 
-def _parameters(runs: Sequence[tuple[str, Run]]) -> list[dict[str, Any]]:
+def _parameters(runs: Sequence[tuple[str, RunContent]]) -> list[dict[str, Any]]:
     """Formats the ten parameters, a row for each with the cells of every run."""
     units = mass_property_units(runs[0][1].scenario.vehicle_data.unit_names)
     rows = []

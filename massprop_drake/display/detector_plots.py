@@ -21,8 +21,8 @@ from massprop_drake.display.spec import (
 )
 from massprop_drake.display.style import BAND_COLOR, COLORS, FAILED_COLOR, POINT_SIZE, TRUTH_COLOR
 from massprop_drake.maths.estimation.detector import Verdict as Code
+from massprop_drake.maths.signals import AXES
 from massprop_drake.results.fault_probabilities import LEAST_SHOWN, rounded
-from massprop_drake.signals import AXES
 
 if TYPE_CHECKING:
     pass

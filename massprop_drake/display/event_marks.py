@@ -9,7 +9,7 @@ from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.results.detections import in_words
 
 if TYPE_CHECKING:
-    from massprop_drake.results.run import Run
+    from massprop_drake.results.run_content import RunContent
 
 
 class Mark(NamedTuple):
@@ -42,7 +42,7 @@ def failures(scenario: Scenario, end_s: float) -> list[Mark]:
     ]
 
 
-def found(run: Run) -> list[Mark]:
+def found(run: RunContent) -> list[Mark]:
     """Lists the jets, or whole clusters, that the detector declared failed, and jumps, which have no jets."""
     vehicle, marks = run.scenario.vehicle_data, []
     for entry in run.results.detections:

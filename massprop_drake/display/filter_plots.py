@@ -21,8 +21,8 @@ from massprop_drake.display.spec import (
 )
 from massprop_drake.display.style import BAND_COLOR, COLORS, THIN_LINE
 from massprop_drake.inputs import params
+from massprop_drake.maths.signals import AXES, SYMBOLS, is_own, mass_property_units
 from massprop_drake.results.consistency import ruled
-from massprop_drake.signals import AXES, SYMBOLS, is_own, mass_property_units
 
 if TYPE_CHECKING:
     pass

@@ -31,12 +31,12 @@ from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.true_blocks import MultibodyBlock
 from massprop_drake.maths.attitude import propagated
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS
+from massprop_drake.maths.signals import JOINTS
 from massprop_drake.results.detections import in_words
 from massprop_drake.results.folder import write_page
-from massprop_drake.signals import JOINTS
 
 if TYPE_CHECKING:
-    from massprop_drake.results.run import Run
+    from massprop_drake.results.run_content import RunContent
 
 Array = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ DIGITS = 7  # of a number in the page
 _MESHCAT = {"style-src": "'unsafe-inline'", "connect-src": "data:"}
 
 
-def write_replay(run: Run, path: str | Path, *, force: bool = False) -> Path:
+def write_replay(run: RunContent, path: str | Path, *, force: bool = False) -> Path:
     """Writes the replay of a run.
 
     Where the truth is unknown, attitude is integrated from the gyro and thrust taken from the commands.
@@ -64,7 +64,7 @@ def write_replay(run: Run, path: str | Path, *, force: bool = False) -> Path:
     return target
 
 
-def replay_html(run: Run) -> str:
+def replay_html(run: RunContent) -> str:
     """Returns the replay as the text of one HTML file that needs no network."""
     run = run.shown()
     page, stage = scene(run.scenario, truth="truth" in run.signals, path=_positions(run))
@@ -177,7 +177,7 @@ def described(scenario: Scenario, stage: MeshcatStage, *, truth: bool) -> dict[s
     }
 
 
-def _flight(run: Run, stage: MeshcatStage) -> dict[str, Any]:
+def _flight(run: RunContent, stage: MeshcatStage) -> dict[str, Any]:
     """Collects all that the page shows and says, with times.
 
     Nothing is shown before its time: the page shows the last row at or before the time it stands at, and only the
@@ -233,7 +233,7 @@ def sizes(scenario: Scenario, levels: Array, given: NDArray[np.bool_], untold: N
     return [round(scale, 3) for scale in (*scales[given].tolist(), *scales[untold].tolist())]
 
 
-def _positions(run: Run) -> Array | None:
+def _positions(run: RunContent) -> Array | None:
     """Returns the positions of the center of mass in the fixed frame, true or estimated, shape (n, 3); None: not known.
 
     One that is not known yet is where the first that is known lies; later ones stay where they were.
@@ -249,7 +249,7 @@ def _positions(run: Run) -> Array | None:
     return np.asarray(places[rows])
 
 
-def _joints(run: Run) -> Array:
+def _joints(run: RunContent) -> Array:
     """Returns the positions of the joints at every sample, shape (n, n_joints)."""
     return np.asarray(run[JOINTS]) if JOINTS in run.signals else np.empty((np.asarray(run.time_s).size, 0))
 
@@ -261,7 +261,7 @@ def _listed(values: Array) -> list[Any]:
     return flat if width == 1 else [flat[start : start + width] for start in range(0, len(flat), width)]
 
 
-def _marked(run: Run, marks: Sequence[event_marks.Mark]) -> NDArray[np.bool_]:
+def _marked(run: RunContent, marks: Sequence[event_marks.Mark]) -> NDArray[np.bool_]:
     """Returns which jets are marked in which row, shape (n, n_jets)."""
     time_s = np.asarray(run.time_s)
     marked = np.zeros((time_s.size, len(run.scenario.vehicle_data.jets)), dtype=bool)
@@ -296,7 +296,9 @@ def narration(
     ]
 
 
-def _ticks(run: Run, failed: Sequence[event_marks.Mark], found: Sequence[event_marks.Mark]) -> list[dict[str, object]]:
+def _ticks(
+    run: RunContent, failed: Sequence[event_marks.Mark], found: Sequence[event_marks.Mark]
+) -> list[dict[str, object]]:
     """Lists the events for the slider: failures and jumps, and declarations."""
     end_s, units = float(run.time_s[-1]), run.scenario.vehicle_data.unit_names
     ticks = [{"at": mark.start_s, "kind": "failed", "text": mark.text} for mark in failed]
@@ -312,21 +314,21 @@ def _ticks(run: Run, failed: Sequence[event_marks.Mark], found: Sequence[event_m
     return sorted(ticks, key=lambda tick: float(str(tick["at"])))
 
 
-def _center(run: Run) -> Array:
+def _center(run: RunContent) -> Array:
     """Returns the point that the camera follows, the true center of mass or else the nominal one, shape (n, 3)."""
     if "truth" in run.signals:
         return np.asarray(run["truth"])[:, CENTER_OF_MASS]
     return np.tile(run.scenario.vehicle_data.nominal.center_of_mass, (np.asarray(run.time_s).size, 1))
 
 
-def _levels(run: Run) -> Array:
+def _levels(run: RunContent) -> Array:
     """Returns true over full thrust or, where the truth is unknown, the command, shape (n, n_jets)."""
     if "thrust" in run.signals:
         return np.asarray(run["thrust"]) / np.linalg.norm(run.scenario.vehicle_data.thrusts, axis=1)
     return np.nan_to_num(np.asarray(run["command"]))
 
 
-def _attitudes(run: Run) -> Array:
+def _attitudes(run: RunContent) -> Array:
     """Returns q_NB at every sample, the truth or else integrated from the gyro in use, shape (n, 4)."""
     if "attitude" in run.signals:
         return np.asarray(run["attitude"])

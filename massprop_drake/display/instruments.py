@@ -13,7 +13,7 @@ from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle_sensors import SensorPackage
 
 if TYPE_CHECKING:
-    from massprop_drake.results.run import Run
+    from massprop_drake.results.run_content import RunContent
 
 Array = NDArray[np.float64]
 
@@ -23,7 +23,7 @@ NIS_LIMITS = (4.3773, 5.9703)
 APART_LIMITS = (4.0, 6.0)  # 1-sigma
 
 
-def columns(run: Run) -> dict[str, Array]:
+def columns(run: RunContent) -> dict[str, Array]:
     """Returns the instruments at every sample, shape (n, 1) or (n, 3), NaN where one shows nothing.
 
     Returns:

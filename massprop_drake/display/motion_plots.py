@@ -22,8 +22,8 @@ from massprop_drake.display.style import BAND_COLOR, COLORS, FAILED_COLOR, THIN_
 from massprop_drake.inputs import params, pilot_params, true_params
 from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, commanded_rate
 from massprop_drake.maths.estimation.faults.declarations import Word
+from massprop_drake.maths.signals import AGAINST, AXES, SIGNALS, in_units
 from massprop_drake.results.against_followed import turned
-from massprop_drake.signals import AGAINST, AXES, SIGNALS, in_units
 
 if TYPE_CHECKING:
     pass

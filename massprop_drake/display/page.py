@@ -12,6 +12,7 @@ from massprop_drake.display.plot_source import PROMPT_S, Source, armed_from
 from massprop_drake.errors import moment
 from massprop_drake.inputs.model import yaml_text
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
+from massprop_drake.maths.signals import SYMBOLS
 from massprop_drake.results import detections, table, unconfirmed
 from massprop_drake.results import events as said
 from massprop_drake.results.against import Against
@@ -21,15 +22,14 @@ from massprop_drake.results.fault_probabilities import rounded
 from massprop_drake.results.folder import write_page
 from massprop_drake.results.identified import in_words
 from massprop_drake.results.summary import Summary
-from massprop_drake.signals import SYMBOLS
 
 if TYPE_CHECKING:
-    from massprop_drake.results.run import Run
+    from massprop_drake.results.run_content import RunContent
 
 _HERE = Path(__file__).parent
 
 
-def write_report(run: Run, path: str | Path, *, replay: str | None = None, force: bool = False) -> Path:
+def write_report(run: RunContent, path: str | Path, *, replay: str | None = None, force: bool = False) -> Path:
     """Writes the report of a run.
 
     Args:
@@ -46,7 +46,7 @@ def write_report(run: Run, path: str | Path, *, replay: str | None = None, force
     return target
 
 
-def summary_html(run: Run) -> str:
+def summary_html(run: RunContent) -> str:
     """Returns the verdict and the table of ten parameters as HTML for a notebook."""
     content = {
         "title": f"{run.results.vehicle}: {run.results.scenario}",
@@ -56,7 +56,7 @@ def summary_html(run: Run) -> str:
     return templates.fragment(_HERE / "summary.html", content)
 
 
-def report_html(run: Run, *, replay: str | None = None) -> str:
+def report_html(run: RunContent, *, replay: str | None = None) -> str:
     """Returns the report as the text of one HTML file that needs no network."""
     run = run.shown()
     results, scenario = run.results, run.scenario
@@ -113,7 +113,7 @@ def _lacking(results: Summary) -> Iterator[str]:
         yield f"Not all could be made: {'; '.join(results.missing)}."
 
 
-def _verdict(run: Run) -> list[dict[str, Any]]:
+def _verdict(run: RunContent) -> list[dict[str, Any]]:
     """Writes the few sentences that a reader wants first; `good` is None where there is nothing to judge."""
     results = run.results
     sentences: list[dict[str, Any]] = [{"good": False, "text": text} for text in _lacking(results)]
@@ -215,7 +215,7 @@ def _failing(source: Source) -> str | None:
     return next((name for name in ("fault_probabilities", "likelihoods", "consistency") if name in shown), None)
 
 
-def _jumps(run: Run) -> tuple[list[dict[str, Any]], dict[int, int]]:
+def _jumps(run: RunContent) -> tuple[list[dict[str, Any]], dict[int, int]]:
     """Lists times to visit: from before each failure or jump to after its declaration.
 
     Returns:
@@ -245,7 +245,7 @@ def _jumps(run: Run) -> tuple[list[dict[str, Any]], dict[int, int]]:
     return jumps, of_injected
 
 
-def _injected(run: Run, number: int, shown_by: Mapping[int, int]) -> dict[str, Any]:
+def _injected(run: RunContent, number: int, shown_by: Mapping[int, int]) -> dict[str, Any]:
     """Formats the outcome of an injected failure or jump."""
     results, units = run.results, run.scenario.vehicle_data.unit_names
     one = (results.injected or ())[number]
@@ -310,7 +310,7 @@ def _detection(entry: DetectionRecord, units: Mapping[str, str], by_hypotheses: 
     }
 
 
-def _autopilot(run: Run) -> list[str]:
+def _autopilot(run: RunContent) -> list[str]:
     """Describes in sentences the autopilot's activity."""
     found, units = run.results.autopilot, run.scenario.vehicle_data.unit_names
     lines = [f"{found.firings} firings, {found.propellant_mass:.3g} {units['mass']} of propellant."]

@@ -18,7 +18,7 @@ from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle_file import Vehicle
 
 if TYPE_CHECKING:
-    from massprop_drake.results.run import Run
+    from massprop_drake.results.run_content import RunContent
 
 DEGREES = 180.0 / np.pi
 Array = NDArray[np.float64]
@@ -72,7 +72,7 @@ class Source(NamedTuple):
         return np.flatnonzero(np.nan_to_num(self.signals[name][:, 0]) != 0.0)
 
 
-def source(run: Run) -> Source:
+def source(run: RunContent) -> Source:
     """Makes a source of plots of a run, or some of its rows."""
     return Source(run.time_s, run.signals, run.scenario, run.summary["consistency"] if run.thinned else None)
 

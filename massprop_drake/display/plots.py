@@ -56,7 +56,7 @@ from massprop_drake.display.plot_source import Source, plot
 from massprop_drake.display.plot_source import source as source  # noqa: PLC0414 (for those who ask for plots)
 from massprop_drake.display.spec import Line, Panel, Plot
 from massprop_drake.display.style import COLORS
-from massprop_drake.signals import AGAINST, SYMBOLS, is_own
+from massprop_drake.maths.signals import AGAINST, SYMBOLS, is_own
 
 
 def available(run: Source) -> dict[str, Callable[[Source], Plot]]:

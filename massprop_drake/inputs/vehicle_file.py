@@ -50,10 +50,10 @@ from massprop_drake.inputs.vehicle_sensors import (
 )
 from massprop_drake.inputs.yaml import Document, FieldPath, exists, read_text
 from massprop_drake.maths.mass_properties import MassProperties, could_be_inertia, six_elements, symmetric
+from massprop_drake.maths.signals import SIGNALS
 from massprop_drake.maths.vehicle.depletion import Tanks, emptied
 from massprop_drake.maths.vehicle.on_times import Place
 from massprop_drake.maths.vehicle.thrust import thrust_wrenches
-from massprop_drake.signals import SIGNALS
 
 Array = NDArray[np.float64]
 STANDARD_GRAVITY = {"us": plausible.GRAVITY / plausible.FOOT, "si": plausible.GRAVITY}  # ft/s^2, m/s^2

@@ -25,6 +25,7 @@ compiled, or cannot be kept, the logger `massprop_drake` says as a warning.
 from __future__ import annotations
 
 import hashlib
+import importlib
 import importlib.util
 import inspect
 import logging
@@ -232,15 +233,11 @@ class Compiler(NamedTuple):
 
 
 def _gathered() -> None:
-    """Loads every module that holds kernels, so that all are known."""
-    from massprop_drake.maths import attitude, flight, linear_algebra, mass_properties  # noqa: F401, PLC0415
-    from massprop_drake.maths.autopilot import autopilot_ports as of_autopilot  # noqa: F401, PLC0415
-    from massprop_drake.maths.autopilot import phase_space  # noqa: F401, PLC0415
-    from massprop_drake.maths.estimation import estimation_ports as of_estimation  # noqa: F401, PLC0415
-    from massprop_drake.maths.estimation import whole, whole_joint  # noqa: F401, PLC0415
-    from massprop_drake.maths.estimation.offline import record_kernels  # noqa: F401, PLC0415
-    from massprop_drake.maths.vehicle import reaction_jets, rigid_body, sensing, thrust  # noqa: F401, PLC0415
-    from massprop_drake.maths.vehicle import vehicle_ports as of_vehicle  # noqa: F401, PLC0415
+    """Loads every module of mathematics, so that all kernels are known."""
+    folder = Path(__file__).parent
+    for path in sorted(folder.rglob("*.py")):
+        if not path.name.startswith("_"):
+            importlib.import_module(".".join((__package__, *path.relative_to(folder).with_suffix("").parts)))
 
 
 def has_compiler() -> bool:

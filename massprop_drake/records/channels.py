@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from massprop_drake.inputs.record_map import RecordMap
 from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.maths.signals import AXES
 from massprop_drake.records.topics import Recording
-from massprop_drake.signals import AXES
 
 Array = NDArray[np.float64]
 Places = NDArray[np.int64]

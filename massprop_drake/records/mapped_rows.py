@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.attitude import propagated
+from massprop_drake.maths.signals import AXES
 from massprop_drake.maths.vehicle.on_times import onsets
 from massprop_drake.records.blocks import Block, require_meaningful
 from massprop_drake.records.channels import (
@@ -28,7 +29,6 @@ from massprop_drake.records.channels import (
 from massprop_drake.records.completeness import Loss, Ragged
 from massprop_drake.records.reader import JITTER
 from massprop_drake.records.rows import WRENCH, onset_columns
-from massprop_drake.signals import AXES
 
 FEWEST_INSTANTS = 4  # samples of an acceleration a row from which its integral can be told
 _SLOWER = 1.5  # times the rates' interval, above which PX4 is taken to have left out commands

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from massprop_drake.errors import InputError, moment
 from massprop_drake.inputs import factors
 from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.maths.signals import AXES
 from massprop_drake.maths.vehicle.on_times import onsets
 from massprop_drake.records.blocks import Block, Table
 from massprop_drake.records.cadence import FIRST_INTERVALS, Cadence, HeldRows, any_told
@@ -37,7 +38,6 @@ from massprop_drake.records.rows import (
     onset_columns,
 )
 from massprop_drake.records.tables import CsvTable, open_table
-from massprop_drake.signals import AXES
 
 JITTER = 0.05  # of the sample period: by so much rows may be early or late
 AT_STAMPS = 0.5  # of it where commands switch with them: what is farther is another row

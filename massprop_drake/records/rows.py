@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.inputs.scenario import Scenario, filter_of, resolved, set_field
 from massprop_drake.inputs.vehicle_file import Vehicle
-from massprop_drake.signals import AXES
+from massprop_drake.maths.signals import AXES
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -16,11 +16,11 @@ from massprop_drake.maths.estimation.chi_square import chi_square_limit
 from massprop_drake.maths.estimation.offline.flight_model import FlightModel, columns, possible
 from massprop_drake.maths.estimation.offline.normal_equations import NormalEquations, normal, summed_equations
 from massprop_drake.maths.estimation.pose.pose_hindsight import PoseEquations
+from massprop_drake.maths.signals import AGAINST, AXES, SYMBOLS, in_units, mass_property_units
 from massprop_drake.results.diagnoses import RATE
 from massprop_drake.results.record_stretches import pieces
 from massprop_drake.results.regression_model import Names, model, names_of, steady
 from massprop_drake.results.spool import Spool
-from massprop_drake.signals import AGAINST, AXES, SYMBOLS, in_units, mass_property_units
 
 Array = NDArray[np.float64]
 

@@ -14,10 +14,10 @@ from massprop_drake.maths import attitude
 from massprop_drake.maths.estimation.pose import pose_hindsight, setting
 from massprop_drake.maths.estimation.pose.pose_hindsight import Assumed, PoseRecord
 from massprop_drake.maths.estimation.pose.pose_layout import PoseParams
+from massprop_drake.maths.signals import AGAINST, AXES, SYMBOLS, mass_property_units
 from massprop_drake.results import against
 from massprop_drake.results.against import Called, Explanation, Residual, called_mass_property
 from massprop_drake.results.spool import Spool
-from massprop_drake.signals import AGAINST, AXES, SYMBOLS, mass_property_units
 
 Array = NDArray[np.float64]
 

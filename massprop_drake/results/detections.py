@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from massprop_drake.inputs.model import Count, NotNegative, Real, Text, Whole
 from massprop_drake.inputs.vehicle_file import Vehicle
+from massprop_drake.maths.signals import with_deviation
 from massprop_drake.results.events import EventRecord, gained, place, said, telling_apart
-from massprop_drake.signals import with_deviation
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from massprop_drake.maths.estimation.detector import STATUS
 from massprop_drake.maths.estimation.detector import Verdict as Code
 from massprop_drake.maths.estimation.faults.declarations import Word
 from massprop_drake.maths.estimation.faults.fault_report import HYPOTHESIS_REPORT, named
-from massprop_drake.signals import AXES, with_deviation
+from massprop_drake.maths.signals import AXES, with_deviation
 
 Array = NDArray[np.float64]
 

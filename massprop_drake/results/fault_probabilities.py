@@ -13,9 +13,9 @@ from pydantic import Field
 from massprop_drake.inputs.model import NotNegative, Real
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.estimation.faults.declarations import Mode as Code
+from massprop_drake.maths.signals import with_deviation
 from massprop_drake.results.detections import Mode
 from massprop_drake.results.spool import Spool
-from massprop_drake.signals import with_deviation
 
 Array = NDArray[np.float64]
 Probability = Annotated[Real, Field(ge=0.0, le=1.0)]

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.arrays import NUMBER, Layout
+from massprop_drake.maths.signals import SYMBOLS
 from massprop_drake.results.consistency import COMPONENTS, Consistency, Tally, fork_signals, judged
 from massprop_drake.results.detections import JUMP, DetectionRecord, followed, settled, weighed_before
 from massprop_drake.results.events import EventRecord, said
 from massprop_drake.results.recent import COLUMNS, Recent, nothing_seen
-from massprop_drake.signals import SYMBOLS
 
 Array = NDArray[np.float64]
 

@@ -15,9 +15,9 @@ from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.estimation.chi_square import chi_square_limit
 from massprop_drake.maths.estimation.joint.process_noise import propellant_drift
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
+from massprop_drake.maths.signals import SYMBOLS
 from massprop_drake.results.consistency import Diagnosis
 from massprop_drake.results.spool import Spool
-from massprop_drake.signals import SYMBOLS
 
 Array = NDArray[np.float64]
 

@@ -31,11 +31,11 @@ from massprop_drake.inputs.yaml import read_text
 from massprop_drake.maths.estimation.detector import STATUS
 from massprop_drake.maths.estimation.filter import MASS_REPORT, ROTATION_REPORT
 from massprop_drake.maths.estimation.filters.joint import JOINT_REPORT
+from massprop_drake.maths.signals import AXES, JOINTS, PROPELLANT, SIGNALS, is_own
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.events import EventRecord
 from massprop_drake.results.parts import PartsMade
 from massprop_drake.results.unconfirmed import UnconfirmedRecord
-from massprop_drake.signals import AXES, JOINTS, PROPELLANT, SIGNALS, is_own
 
 Array = NDArray[np.float64]
 

@@ -18,6 +18,7 @@ from massprop_drake.inputs.true_blocks import MultibodyBlock
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths import mass_properties
 from massprop_drake.maths.mass_properties import Derived
+from massprop_drake.maths.signals import SYMBOLS
 from massprop_drake.records.completeness import Loss, completeness
 from massprop_drake.results.consistency import (
     COMPONENTS,
@@ -40,7 +41,6 @@ from massprop_drake.results.parts import PartsMade
 from massprop_drake.results.shown_in_hindsight import looked_back
 from massprop_drake.results.spool import Spool, blocks
 from massprop_drake.results.summary import AutopilotSummary, Findings, Provenance, RunTiming, Summary
-from massprop_drake.signals import SYMBOLS
 
 Array = NDArray[np.float64]
 

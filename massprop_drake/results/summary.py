@@ -15,6 +15,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, field_validator
 from massprop_drake.inputs.model import Count, Flag, Model, NotNegative, Real, Text, Whole, validated
 from massprop_drake.maths import mass_properties, possible_inertia
 from massprop_drake.maths.mass_properties import N_ROTATION, Derived
+from massprop_drake.maths.signals import SYMBOLS
 from massprop_drake.records.completeness import Completeness
 from massprop_drake.results.against import Against
 from massprop_drake.results.allowed import Intervals
@@ -29,7 +30,6 @@ from massprop_drake.results.injected import InjectedRecord
 from massprop_drake.results.json_arrays import by_name, from_names, null_for_nan
 from massprop_drake.results.parts import Ended
 from massprop_drake.results.unconfirmed import UnconfirmedRecord, UntestedRecord
-from massprop_drake.signals import SYMBOLS
 
 Array = NDArray[np.float64]
 

@@ -14,9 +14,9 @@ import numpy as np
 from massprop_drake.maths import mass_properties
 from massprop_drake.maths.estimation.offline.identifiability import Flag
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, INVERSE_INERTIA, MASS_RECIPROCAL
+from massprop_drake.maths.signals import SYMBOLS, mass_property_units
 from massprop_drake.results.against import Against
 from massprop_drake.results.summary import Parameter, Summary
-from massprop_drake.signals import SYMBOLS, mass_property_units
 
 INERTIA = (("Ixx", 0, 0), ("Iyy", 1, 1), ("Izz", 2, 2), ("Iyz", 1, 2), ("Ixz", 0, 2), ("Ixy", 0, 1))
 _NOTHING = 1e-3  # of a 1-sigma, below which it gives the power of ten

@@ -12,6 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from massprop_drake.display.run import Run
 from massprop_drake.errors import InputError
 from massprop_drake.inputs import params, true_params
 from massprop_drake.inputs.scenario import Scenario
@@ -27,15 +28,14 @@ from massprop_drake.maths.estimation.pose.pose_prediction import predicted
 from massprop_drake.maths.estimation.pose.pose_start import begins, first_place, tracked_point
 from massprop_drake.maths.estimation.pose.turning import rotation_vectors
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, INVERSE_INERTIA, MASS_RECIPROCAL
+from massprop_drake.maths.signals import AGAINST
 from massprop_drake.maths.vehicle import true_failures
 from massprop_drake.maths.vehicle.on_times import levels_alone, pieces
 from massprop_drake.results.against import Against
 from massprop_drake.results.against_followed import explained, residuals
-from massprop_drake.results.run import Run
 from massprop_drake.results.spool import Spool, blocks
 from massprop_drake.results.stored import STATE_FILE
 from massprop_drake.runners.logs import restored
-from massprop_drake.signals import AGAINST
 
 Array = NDArray[np.float64]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from massprop_drake.display.run import Run
 from massprop_drake.results.allowed import allowed_intervals
-from massprop_drake.results.run import Run
 from massprop_drake.results.spool import Spool, blocks
 from massprop_drake.systems.estimation.interval_program import solved
 

@@ -33,6 +33,7 @@ from massprop_drake.maths.flight import (
 from massprop_drake.maths.kernels import chosen, held, released, shared
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.maths.mass_properties import converged
+from massprop_drake.maths.signals import PROPELLANT
 from massprop_drake.maths.vehicle import vehicle_cycle
 from massprop_drake.maths.vehicle.depletion import OutOfPropellantError
 from massprop_drake.maths.vehicle.on_times import levels_alone
@@ -41,7 +42,6 @@ from massprop_drake.runners.cycles import ESTIMATOR, Cycles, RecordRows, Whole, 
 from massprop_drake.runners.logs import EstimationLog
 from massprop_drake.runners.moment import Moment
 from massprop_drake.runners.tracker_readings import Trackers
-from massprop_drake.signals import PROPELLANT
 from massprop_drake.systems.autopilot.selector import Reconfiguration, SelectionState, Selector
 from massprop_drake.systems.layouts import REQUEST
 from massprop_drake.systems.stopwatch import JET_SELECTION, Stopwatch

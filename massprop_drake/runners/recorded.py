@@ -13,6 +13,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from massprop_drake.display.run import Run
 from massprop_drake.errors import InputError
 from massprop_drake.inputs import params
 from massprop_drake.inputs.model import validated
@@ -24,6 +25,7 @@ from massprop_drake.inputs.vehicle_sensors import SensorPackage
 from massprop_drake.maths.estimation import cycle
 from massprop_drake.maths.estimation.whole import Samples
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
+from massprop_drake.maths.signals import SYMBOLS
 from massprop_drake.maths.vehicle.on_times import levels_alone
 from massprop_drake.records import mapped_rows, mapping
 from massprop_drake.records.blocks import Table
@@ -40,14 +42,12 @@ from massprop_drake.results.events import EventRecord
 from massprop_drake.results.exchange import recover
 from massprop_drake.results.json_arrays import kept_onsets, null_for_nan
 from massprop_drake.results.parts import PartsMade
-from massprop_drake.results.run import Run
 from massprop_drake.results.shown_in_hindsight import Hindsight, looked_back
 from massprop_drake.results.stored import STATE_FILE, FilterState, read_json, require_made_with
 from massprop_drake.results.summarize import composed, explained, firings, not_summed_up
 from massprop_drake.results.summary import AutopilotSummary, Findings, RunTiming, Summary
 from massprop_drake.runners.cycles import RecordRows, cycles
 from massprop_drake.runners.logs import EstimationLog, Intake, estimation_signals, kept, restored
-from massprop_drake.signals import SYMBOLS
 
 Array = NDArray[np.float64]
 

@@ -14,6 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from massprop_drake.display.run import Run
 from massprop_drake.errors import InputError, moment
 from massprop_drake.inputs import params, true_params
 from massprop_drake.inputs.scenario import Scenario
@@ -22,6 +23,7 @@ from massprop_drake.maths.autopilot.jet_selection import activity_vectors
 from massprop_drake.maths.estimation.filter import Groups
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, N_ROTATION, MassProperties, symmetric
+from massprop_drake.maths.signals import JOINTS, PROPELLANT, is_own
 from massprop_drake.maths.vehicle.depletion import OutOfPropellantError
 from massprop_drake.maths.vehicle.rigid_body import (
     MASS,
@@ -33,13 +35,11 @@ from massprop_drake.maths.vehicle.rigid_body import (
     SpunUpError,
 )
 from massprop_drake.results.parts import PartsMade
-from massprop_drake.results.run import Run
 from massprop_drake.results.spool import Spool
 from massprop_drake.results.summarize import looked_back_on, not_summed_up, summarize
 from massprop_drake.results.summary import Findings, RunTiming
 from massprop_drake.runners.logs import Intake, estimation_signals, for_json
 from massprop_drake.runners.moment import Moment
-from massprop_drake.signals import JOINTS, PROPELLANT, is_own
 from massprop_drake.systems.autopilot.jet_selection_program import JetSelectionProgram
 from massprop_drake.systems.layouts import STRUCTURE
 

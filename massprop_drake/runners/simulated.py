@@ -21,10 +21,10 @@ from massprop_drake.inputs import true_params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.estimation.filter import Groups
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS
+from massprop_drake.maths.signals import JOINTS, PROPELLANT, is_own
 from massprop_drake.maths.vehicle.rigid_body import QUATERNION, RATE
 from massprop_drake.runners.logs import ESTIMATION, state_groups
 from massprop_drake.runners.moment import Moment
-from massprop_drake.signals import JOINTS, PROPELLANT, is_own
 from massprop_drake.systems.layouts import RECONFIGURATION, ROTATION_REPORT, STRUCTURE
 from massprop_drake.systems.stopwatch import DETECTOR, ESTIMATORS, JET_SELECTION, Stopwatch
 

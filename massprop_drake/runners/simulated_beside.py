@@ -11,21 +11,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from massprop_drake.display.run import Run
 from massprop_drake.errors import InputError, moment
 from massprop_drake.inputs import params, true_params
 from massprop_drake.inputs.scenario import Scenario, load_scenario
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.inputs.vehicle_parts import MassPropertiesModel
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, all_ten
+from massprop_drake.maths.signals import AGAINST
 from massprop_drake.maths.vehicle import vehicle_cycle
 from massprop_drake.maths.vehicle.depletion import OutOfPropellantError
 from massprop_drake.maths.vehicle.on_times import levels_alone
 from massprop_drake.maths.vehicle.rigid_body import RATE, OutOfMassError, SpunUpError
 from massprop_drake.results.against import Against, SimulatedSide, explained, residuals
-from massprop_drake.results.run import Run, read_summary
+from massprop_drake.results.run_content import read_summary
 from massprop_drake.results.spool import Spool, blocks
 from massprop_drake.runners import followed_beside
-from massprop_drake.signals import AGAINST
 
 Array = NDArray[np.float64]
 

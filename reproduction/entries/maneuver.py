@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from massprop_drake.inputs.scheduled import HandControllerWindow
-from massprop_drake.signals import AXES
+from massprop_drake.maths.signals import AXES
 from reproduction.claims import (
     Array,
     AtLeast,

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from massprop_drake.display.figures import symmetric_log
-from massprop_drake.signals import AXES, SYMBOLS, mass_property_units
+from massprop_drake.maths.signals import AXES, SYMBOLS, mass_property_units
 from reproduction.cases import Calculation
 from reproduction.checks import first_update, first_updates
 from reproduction.claims import (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from massprop_drake.signals import SYMBOLS
+from massprop_drake.maths.signals import SYMBOLS
 from reproduction.claims import (
     Array,
     AtLeast,

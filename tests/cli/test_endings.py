@@ -19,7 +19,7 @@ import pytest
 from command_probe import FILES, Massprop, everything
 
 from massprop_drake.cli import show
-from massprop_drake.results.run import Run
+from massprop_drake.display.run import Run
 
 RUN = ("run", "sample_maneuver", "--no-report", "--out", "there")
 PROGRAM = (sys.executable, "-m", "massprop_drake")

@@ -12,8 +12,8 @@ from conftest import Massprop
 from record_probe import Flight, flight, px4_topics, usual_columns, usual_map, write_csv, write_ulog
 
 from massprop_drake import load_scenario, simulate
+from massprop_drake.display.run import Run
 from massprop_drake.inputs.vehicle_file import load_vehicle
-from massprop_drake.results.run import Run
 
 FREE_FLYER = ("--vehicle", "free_flyer")
 

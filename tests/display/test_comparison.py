@@ -14,8 +14,8 @@ from contrast_probe import faint
 from massprop_drake import estimate, load_scenario, simulate
 from massprop_drake.display import plots
 from massprop_drake.display.comparison import comparison_html, overlaid
+from massprop_drake.display.run import Run
 from massprop_drake.display.spec import Band, Line
-from massprop_drake.results.run import Run
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import dataclasses
 import json
 import re
 import socket
@@ -20,7 +19,7 @@ import pytest
 from numpy.typing import NDArray
 
 from massprop_drake import InputError, Run, estimate, load_scenario, load_vehicle, simulate
-from massprop_drake.display import event_marks, export, solids
+from massprop_drake.display import export, solids
 from massprop_drake.display.export import protobuf
 from massprop_drake.display.export.content import Content, component_units
 from massprop_drake.inputs.vehicle_file import bundled_vehicles
@@ -308,32 +307,6 @@ def test_every_signal_is_in_a_recording_bit_for_bit(run: Run, written: Callable[
         assert all(label.endswith(unit) for label, unit in zip(labels, units, strict=True) if unit != "-")
 
 
-def test_a_recording_has_frames_scene_and_events(leak: Run, written: Callable[[Run, str], Path]) -> None:
-    found = columns(written(leak, "rerun"))
-    turned = found["/world/vehicle", "Transform3D:quaternion"]
-    assert len(turned) == len(leak.time_s)
-    # Rerun's transforms are of single precision
-    np.testing.assert_allclose([row[0] for _, row in turned], leak["attitude"][:, [1, 2, 3, 0]], atol=1e-7)
-    center = [row[0] for _, row in found["/world/vehicle/center_of_mass", "Transform3D:translation"]]
-    np.testing.assert_allclose(center, leak["truth"][:, CENTER_OF_MASS], rtol=1e-6)
-    texts = [row[0] for _, row in found["/events", "TextLog:text"]]
-    assert "scenario: jet L4D: leak begins" in texts
-    assert texts[-1].startswith("run: verdict: ")
-    marks = found["/world/vehicle/marks", "Ellipsoids3D:centers"]
-    place = leak.scenario.vehicle_data.positions[leak.scenario.vehicle_data.designations.index("L4D")]
-    suspects = event_marks.found(leak)[0].jets
-    assert [len(row) for _, row in marks] == [0, 1, 1 + len(suspects)]  # nothing, failed, and those found as well
-    np.testing.assert_allclose(marks[1][1], [place], rtol=1e-6)
-
-
-def test_an_epoch_moves_all_times(followed: Run, tmp_path: Path) -> None:
-    followed.export("mcap", tmp_path / "a.mcap", epoch_s=1.7e9)
-    first, *_, last = File.read(tmp_path / "a.mcap").order
-    assert (first, last) == (1_700_000_000_000_000_000, round(1e9 * (1.7e9 + followed.time_s[-1])))
-    followed.export("rerun", tmp_path / "a.rrd", epoch_s=1.7e9)
-    assert columns(tmp_path / "a.rrd")["/signals/rate", "Scalars:scalars"][0][0] == first
-
-
 @pytest.mark.parametrize(("epoch_s", "said"), [(-10.0, r"has the time -10 s"), (1e11, r"has the time 1e\+11 s")])
 def test_times_that_no_file_holds_are_refused(followed: Run, tmp_path: Path, epoch_s: float, said: str) -> None:
     with pytest.raises(InputError, match=said):
@@ -446,11 +419,3 @@ def test_a_port_that_is_taken_or_has_no_viewer_is_told(followed: Run) -> None:
         port = silent.getsockname()[1]
         with pytest.raises(InputError, match=rf"--port {port}: no viewer of Rerun listens there on this machine"):
             export.Replay(followed, "rerun", port=port)
-
-
-def test_messages_of_every_kind_are_told(followed: Run, tmp_path: Path) -> None:
-    results = dataclasses.replace(followed.results, missing=("figures: OSError",), events=())
-    Run(followed.scenario, results, followed.time_s, followed.signals).export("mcap", tmp_path / "a.mcap")
-    said = [(one["name"], one["message"]) for one in decoded(tmp_path / "a.mcap", "/run/events")]
-    assert ("run", "left out: figures: OSError") in said
-    assert ("scenario", "jet T2: stuck off begins") in said

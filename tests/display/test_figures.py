@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from massprop_drake.display import figures, plots
+from massprop_drake.display.run import Run
 from massprop_drake.display.spec import (
     Band,
     Bars,
@@ -30,7 +31,6 @@ from massprop_drake.display.spec import (
     Zone,
 )
 from massprop_drake.inputs.vehicle_sensors import PoseSensor
-from massprop_drake.results.run import Run
 
 TIME = np.linspace(0.0, 10.0, 11)
 BLUE = "#0072B2"

@@ -21,6 +21,7 @@ from telemetry_probe import Log
 from massprop_drake import load_scenario
 from massprop_drake.display import write_replay, write_report
 from massprop_drake.display.page import summary_html
+from massprop_drake.display.run import Run
 from massprop_drake.display.stage import MeshcatStage
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.model import Model, validated
@@ -28,7 +29,6 @@ from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.scheduled import StuckOn
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.results.detections import DetectionRecord
-from massprop_drake.results.run import Run
 from massprop_drake.runners.recorded import estimate
 from reproduction import report as reproduction
 from reproduction.claims import AtMost, Claim, Outcome, Verdict
@@ -259,22 +259,6 @@ def test_a_record_with_hostile_columns_in_a_hostile_file(visited: Any, toy_data:
     page = visited(write_report(run, tmp_path / "report.html"), HOVER)
     assert shown(record.name) in words(page, "td")
     assert "column 'known_<b>torque_x' is not used; is 'known_torque_x' meant?" in words(page, "#verdict li")
-
-
-def test_names_that_complete_each_other_do_not_run(visited: Any, stuck_run: Run, tmp_path: Path) -> None:
-    """A place to be filled in one name, and in another what would run there if places were filled one by one."""
-    vehicle = stuck_run.scenario.vehicle_data
-    places = ("/*NAME*/", "/*NARRATION*/", "</body>", "{{ title }}", "{{ data }}")
-    jets = tuple(changed(jet, designation=place) for jet, place in zip(vehicle.jets, places, strict=False))
-    scenario = changed(
-        stuck_run.scenario,
-        vehicle=changed(vehicle, name=f"+({RUN})+", jets=(*jets, *vehicle.jets[len(jets) :])),
-        failures=tuple(StuckOn(kind="stuck_on", jet=place, start_s=1.0) for place in places),
-    )
-    run = Run(scenario, stuck_run.results, stuck_run.time_s, stuck_run.signals)
-    page = visited(write_replay(run, tmp_path / "replay.html"), "massprop.seek(2)")
-    assert page.title() == f"+({RUN})+: stuck_on_29"
-    assert all(f"jet {place}: stuck on" in page.inner_text("#mp-now") for place in places)
 
 
 class _Policies(HTMLParser):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from massprop_drake.display import interactive, plots
+from massprop_drake.display.run import Run
 from massprop_drake.display.spec import (
     Band,
     Bars,
@@ -16,7 +17,6 @@ from massprop_drake.display.spec import (
     Line,
     Mark,
     MomentLine,
-    Over,
     Panel,
     Plot,
     Points,
@@ -25,7 +25,6 @@ from massprop_drake.display.spec import (
     Whiskers,
     Zone,
 )
-from massprop_drake.results.run import Run
 
 TIME = np.linspace(0.0, 10.0, 11)
 BLUE = "#0072B2"
@@ -98,24 +97,6 @@ def test_panels_stand_one_above_the_other_over_one_axis_of_time() -> None:
     assert (layout["xaxis"]["anchor"], layout["xaxis"]["range"]) == ("y3", [0.0, 10.0])
     assert [shape["x0"] for shape in layout["shapes"]] == [1.0, 3.0, 4.0] * 3
     assert {shape["yref"] for shape in layout["shapes"]} == {"y domain", "y2 domain", "y3 domain"}
-
-
-def test_panels_over_a_quantity_have_axes_of_their_own_and_a_path_to_read() -> None:
-    marks = (Line(TIME, TIME, BLUE, "path"), Line(TIME[:2], TIME[:2], BLUE, "wanted"))
-    over = (Over(f"error {letter}", "deg", (-2.0, 2.0)) for letter in "xy")
-    panels = tuple(Panel(f"rate {each.label[-1]}", "deg/s", marks, over=each) for each in over)
-    figure = interactive.drawn(Plot("some", "T", "c", TIME, panels, (), (MomentLine(3.0, declared=False),)))
-    layout, read = (
-        figure["layout"],
-        ({"label": f"rate {a}", "unit": "deg/s", "over": [f"error {a}", "deg"]} for a in "xy"),
-    )
-    assert [(trace["xaxis"], trace["yaxis"]) for trace in figure["traces"]] == [("x", "y")] * 2 + [("x2", "y2")] * 2
-    assert [trace.get("meta") for trace in figure["traces"]] == [next(read), None, next(read), None]
-    assert layout["shapes"] == []  # a moment in time has no place
-    places = [(label["text"], label["xref"], label["yref"]) for label in layout["annotations"]]
-    assert places == [("rate x, deg/s", "x domain", "y domain"), ("rate y, deg/s", "x2 domain", "y2 domain")]
-    assert [layout[axis]["title"]["text"] for axis in ("xaxis", "xaxis2")] == ["error x, deg", "error y, deg"]
-    assert layout["xaxis2"]["range"] == [-2.0, 2.0]
 
 
 def test_a_page_holds_every_list_of_numbers_of_a_run_once(stuck_run: Run) -> None:

@@ -15,8 +15,8 @@ from massprop_drake.display import write_replay
 from massprop_drake.display.flight3d import replay_html
 from massprop_drake.display.links import Links
 from massprop_drake.display.live import Live
+from massprop_drake.display.run import Run
 from massprop_drake.inputs.true_blocks import MultibodyBlock
-from massprop_drake.results.run import Run
 
 
 def _story(page: str) -> dict[str, Any]:

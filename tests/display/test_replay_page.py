@@ -18,7 +18,7 @@ from massprop_drake import load_scenario, simulate
 from massprop_drake.display import event_marks, instruments, write_replay
 from massprop_drake.display.flight3d import replay_html
 from massprop_drake.display.live import Live
-from massprop_drake.results.run import Run
+from massprop_drake.display.run import Run
 
 
 def test_a_long_run_plays_at_its_own_times_from_one_file(stuck_run: Run) -> None:

@@ -16,12 +16,12 @@ from massprop_drake import load_scenario, simulate
 from massprop_drake.cli import show
 from massprop_drake.display import interactive, plots, write_report
 from massprop_drake.display.page import report_html, summary_html
+from massprop_drake.display.run import Run
+from massprop_drake.maths.signals import SYMBOLS
 from massprop_drake.results import table
 from massprop_drake.results.allowed import Intervals
 from massprop_drake.results.detections import size
 from massprop_drake.results.fault_probabilities import FaultProbabilities, JetProbability
-from massprop_drake.results.run import Run
-from massprop_drake.signals import SYMBOLS
 
 FAILURE = '<th scope="row">R4R stuck on</th>'
 
@@ -233,43 +233,6 @@ def test_one_cursor_reads_every_signal_with_its_unit(report: Any, stuck_run: Run
     assert (len(of_jets), of_jets) == (5, sorted(of_jets, reverse=True))
     tested = np.flatnonzero((stuck_run["tested"][:, 0] > 0) & (stuck_run.time_s <= 1.5 + 1e-9))[-1]
     assert of_jets[0] == pytest.approx(stuck_run["likelihood"][tested].max(), rel=1e-3)
-
-
-def test_the_phase_plane_follows_cursor_and_zoom(report: Any, stuck_run: Run) -> None:
-    page = report.page
-    error, rate = (np.degrees(stuck_run[name][:, 0]) for name in ("attitude_error", "gyro"))
-    row = int(np.flatnonzero(error)[-5])
-    page.evaluate(f"massprop.cursor({stuck_run.time_s[row] + 0.01})")
-    figure = "massprop.figures.find(f => f.name === 'phase_plane')"
-    read = page.evaluate(f"massprop.reading({figure}, {stuck_run.time_s[row] + 0.01})")
-    assert [label for label, _, _ in read[:2]] == ["attitude error x", "rate x"]
-    np.testing.assert_allclose([float(value) for _, value, _ in read[:2]], [error[row], rate[row]], rtol=1e-4)
-    plot = "document.querySelector('#plot-phase_plane .js-plotly-plot')"
-    report.until(f"Math.abs({plot}.data[{plot}.data.length - 3].x[0] - {error[row]}) < 1e-4 * {abs(error[row])}")
-    page.evaluate(f"massprop.zoom({stuck_run.time_s[row - 10]}, {stuck_run.time_s[row]})")
-    report.until(f"{plot}.data[0].x.filter(value => value !== null).length <= 11")
-    low, high = page.evaluate(f"{plot}._fullLayout.xaxis.range")
-    assert low < np.nanmin(error[row - 10 : row + 1]) <= np.nanmax(error[row - 10 : row + 1]) < high
-
-
-def test_innovations_show_most_of_the_window_and_mark_the_rest(report: Any, stuck_run: Run) -> None:
-    page, plot = report.page, "document.querySelector('#plot-innovations .js-plotly-plot')"
-    source = plots.source(stuck_run)
-    panel = plots.innovations(source).panels[0]
-    np.testing.assert_allclose(page.evaluate(f"{plot}._fullLayout.yaxis.range"), panel.limits, rtol=1e-5)
-    edges = f"{plot}.data.filter(t => /^triangle/.test(t.marker && t.marker.symbol) && (t.yaxis || 'y') === 'y')"
-    for start_s, end_s in ((0.5, 3.0), (0.9, 1.3)):
-        page.evaluate(f"massprop.zoom({start_s}, {end_s})")
-        there = (source.time_s >= start_s) & (source.time_s <= end_s)
-        part = {name: values[there] for name, values in source.signals.items()}
-        panel = plots.innovations(source._replace(time_s=source.time_s[there], signals=part)).panels[0]
-        assert panel.limits is not None
-        report.until(f"Math.abs({plot}._fullLayout.yaxis.range[1] / {panel.limits[1]} - 1) < 1e-5")
-        marked = sorted(page.evaluate(f"{edges}.flatMap(trace => trace.x)"))
-        beyond = sorted(x for mark in panel.marks if getattr(mark, "symbol", "") in ("up", "down") for x in mark.x)
-        np.testing.assert_allclose(marked, beyond, rtol=1e-5)
-        names = page.evaluate(f"{edges}.filter(trace => trace.showlegend).map(trace => trace.name)")
-        assert names == ([f"{len(beyond)} beyond the axis"] if beyond else [])
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

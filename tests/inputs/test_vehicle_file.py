@@ -197,10 +197,10 @@ def test_numbers_are_read_as_people_write_them(text: str, value: float) -> None:
     assert Document(f"quantum: {text}\n", "toy.yaml").data == {"quantum": value}
 
 
-points = arrays.arrays(float, (20, 3), elements=st.floats(-3.0, 3.0).filter(lambda x: x == 0.0 or abs(x) > 1e-3))
+points = arrays.arrays(float, (6, 3), elements=st.floats(-3.0, 3.0).filter(lambda x: x == 0.0 or abs(x) > 1e-3))
 
 
-@settings(max_examples=50, derandomize=True, deadline=None, database=None)
+@settings(max_examples=25, derandomize=True, deadline=None, database=None)
 @given(points=points)
 def test_inertia_of_point_masses_is_accepted_and_beyond_the_triangle_refused(points: Any) -> None:
     second = points.T @ points + 1e-3 * np.eye(3)

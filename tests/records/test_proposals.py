@@ -184,6 +184,7 @@ CLOCKS: dict[str, Callable[[Array], dict[str, Any]]] = {
     "a clock alone": lambda t: {"time": [f"9:00:{10 + s:06.3f}" for s in t]},
     "a date beside": lambda t: {"date": ["2024-02-28"] * len(t), "time": [f"23:59:{10 + s:06.3f}" for s in t]},
     "no name of a time": lambda t: {"alpha": 1e3 * t + 7.0},
+    "stamps without a name": lambda t: {"alpha": [f"2024-05-01T12:00:{10 + s:06.3f}Z" for s in t]},
     "a counter before it": lambda t: {"tick": np.arange(len(t)), "gps_us": 1e6 * t},
     "a change of zones": lambda t: {
         "t": [f"2024-03-31T0{1 + (s >= 5)}:59:{30 + s:06.3f}+0{int(s >= 5)}:00" for s in t]

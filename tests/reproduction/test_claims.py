@@ -20,7 +20,6 @@ from reproduction.claims import (
     Verdict,
     decide,
     judge,
-    number,
 )
 
 TWENTY = np.arange(1.0, 21.0)
@@ -109,8 +108,3 @@ def test_a_pooled_claim_has_the_spread_of_drawing_phases_anew() -> None:
     # the first of phases drawn anew is any of the twenty: it is judged by the same half
     first = [claim(AtMost(limit), measure=lambda some: of_one(some[0]), pooled=True) for limit in (13.0, 7.0)]
     assert [judge(one, phases(TWENTY)).verdict for one in first] == [SPREAD, DIFFERS]
-
-
-def test_numbers_are_short() -> None:
-    texts = {0.0: "0", 0.0123456: "0.0123", 289.4: "289", 1938.4: "1938", 17804.0: "1.78e4", -4.5e-7: "-4.5e-7"}
-    assert {value: number(value) for value in texts} == texts

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import json
 import re
 import subprocess
@@ -20,8 +19,7 @@ from conftest import REPOSITORY
 from massprop_drake.errors import InputError
 from reproduction import catalog
 from reproduction.cases import Calculation, Case, Flight
-from reproduction.claims import AtMost, Claim, Outcome, Source, Verdict
-from reproduction.report import Reproduced, write
+from reproduction.claims import AtMost, Claim, Source
 from reproduction.reproduce import reproduce
 
 TEXT = (REPOSITORY / "docs" / "reproduction.md").read_text(encoding="utf-8")
@@ -148,22 +146,6 @@ def test_the_example_of_the_docs_is_an_entry(tmp_path: Path) -> None:
     (result,) = reproduce([replace(scope["ENTRY"], cases={"flight": quick})], tmp_path)
     assert result.outcomes[0].verdict == "holds"
     assert [picture.name for picture in result.pictures] == ["fig_release.png"]
-
-
-def test_the_report_holds_every_claim(tmp_path: Path) -> None:
-    results = [
-        Reproduced(entry, tuple(Outcome(claim, np.zeros(1), 0.0, Verdict.HOLDS, 1.0, "") for claim in entry.claims), ())
-        for entry in catalog.ENTRIES
-    ]
-    write(tmp_path, results)
-    lines = (tmp_path / "reproduction.md").read_text(encoding="utf-8").splitlines()
-    page = html.unescape((tmp_path / "reproduction.html").read_text(encoding="utf-8"))
-    data = json.loads((tmp_path / "reproduction.json").read_text(encoding="utf-8"))
-    rows = [tuple(line.split(" | ")[:3]) for line in lines if line.startswith("| ") and line.count(" | ") == 5]
-    wanted = [("| " + claim.text.replace("|", "\\|"), claim.source.value, claim.thesis) for claim in CLAIMS]
-    assert [row for row in rows if row[1] in set(Source)] == wanted
-    assert all(f"<td>{claim.text}</td>" in page and f"<td>{claim.thesis}</td>" in page for claim in CLAIMS)
-    assert [row["claim"] for entry in data["entries"] for row in entry["claims"]] == [claim.text for claim in CLAIMS]
 
 
 def test_the_command_prints_claims_and_verdicts(reproduction: Massprop, tmp_path: Path) -> None:

@@ -73,12 +73,3 @@ def test_claims_that_are_not_the_thesis_s_are_counted_apart(results: list[report
     }
     sources = [claim["source"] for entry in data["entries"] for claim in entry["claims"]]
     assert sources == ["thesis"] * 3 + ["reference"] * 3 + ["errata"]
-
-
-def test_a_table_of_markdown_keeps_its_columns(results: list[report.Reproduced]) -> None:
-    *_, row = report.table(results[0])
-    escaped = EVIL.replace("|", "\\|")
-    assert row == f"| {escaped} | thesis | 10 % | ≤ 10 % (small) | 2 % | differs: {escaped} |"
-    assert ["![Rates" in report.markdown(results, pictures=shown) for shown in (True, False)] == [True, False]
-    names = {"fig_5_2": "Figure 5-2", "table_5_3": "Table 5-3", "section_5_3_2": "Section 5.3.2", "errata": "Errata"}
-    assert {name: report.label(Entry(name, "", {}, ())) for name in names} == names

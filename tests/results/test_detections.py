@@ -9,7 +9,15 @@ import pytest
 
 from massprop_drake.inputs.vehicle_file import Vehicle
 from massprop_drake.maths.estimation.detector import STATUS, Verdict
-from massprop_drake.results.detections import JUMP, DetectionRecord, detection_entries, fault_mode, in_words, settled
+from massprop_drake.results.detections import (
+    JUMP,
+    DetectionRecord,
+    detection_entries,
+    fault_mode,
+    in_words,
+    settled,
+    weighed_before,
+)
 
 SI = {"force": "N", "mass": "kg", "length": "m"}
 JET = DetectionRecord(10.0, 11.0, "jet_on", 3, "T7", "jet", 0.05, 0.0012, 50.0, 2, jets=("T7",), thrust=1.0)
@@ -112,3 +120,20 @@ def test_the_force_of_a_jet_stuck_on_is_given_as_known_at_the_end() -> None:
     assert {record.jet_index for record in found} == {None}
     (unknown,) = settled((STUCK_ON,), known, np.zeros(44))
     assert unknown.magnitude == 868.0
+
+
+def test_a_jump_is_as_large_as_the_mass_before_and_after_differ(orbiter: Vehicle) -> None:
+    """Two payloads in a row, of 5 and of 20, on a mass of 100; what a method has measured itself stays."""
+    later = PAYLOAD._replace(time_s=21.0)
+    time_s, reciprocal = np.array([10.0, 11.0, 20.0, 21.0]), 1.0 / np.array([100.0, 104.0, 105.0, 120.0])
+    deviation = np.array([1e-4, 2e-4, 1e-4, 1e-4])
+    found = weighed_before([PAYLOAD, later, JET._replace(time_s=11.0)], time_s, reciprocal, deviation)
+    assert [one.before for one in found] == [(reciprocal[0], 1e-4), (reciprocal[2], 1e-4), None]
+    first, second, jet = settled(found, np.zeros(44), np.zeros(44), 1.0 / 125.0, 1e-4)
+    assert (first.mass, second.mass, jet.mass) == (pytest.approx(5.0), pytest.approx(20.0), None)
+    assert first.mass_std == pytest.approx(np.hypot(1.0, 1.1025))  # 1e-4 m^2, before and after
+    assert (first.mode, second.mode) == ("docking", "docking")
+    unknown = np.array([np.nan, *reciprocal[1:]])
+    (at_once, blind) = (weighed_before([PAYLOAD], *given, deviation)[0] for given in
+                        ((time_s + 1.0, reciprocal), (time_s, unknown)))  # fmt: skip
+    assert (at_once.before, blind.before) == (None, None)

@@ -294,18 +294,6 @@ def test_what_a_kill_leaves_is_brought_back_or_removed(tmp_path: Path, moment: s
     assert os.listdir(tmp_path) == ["run"]
 
 
-def test_what_others_put_into_a_replaced_folder_survives_a_kill(tmp_path: Path) -> None:
-    run = tmp_path / "run"
-    _write(run, summary="earlier")
-    _killed(run, "removal")
-    (left,) = tmp_path.glob(".massprop-*/whole/run")
-    (left / "notes.txt").write_text("mine", encoding="utf-8")
-    (left / "summary").write_text("changed", encoding="utf-8")
-    require_writable(run)
-    assert set(os.listdir(tmp_path)) == {"run", "run.1"}
-    assert _names(tmp_path / "run.1") == {"notes.txt", "summary"}
-
-
 def test_the_work_of_the_living_and_hidden_folders_of_others_are_left_alone(tmp_path: Path) -> None:
     kept = {".massprop-abcdefgh/mine", ".massprop-notes/partial", ".massprop/partial"}
     for name in kept:

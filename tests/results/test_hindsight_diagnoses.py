@@ -166,9 +166,9 @@ def sloshing(run: Run, frequency_hz: float, share: float) -> Array:
     return -np.cross(arm, momentum) @ np.linalg.inv(vehicle.nominal.inertia)
 
 
-def test_slosh_is_told_with_its_frequency(sample_run: Run) -> None:
+@pytest.mark.parametrize("frequency_hz", [0.06, 0.5])
+def test_slosh_is_told_with_its_frequency(sample_run: Run, frequency_hz: float) -> None:
     """And a walk has none."""
-    frequency_hz = 0.5
     added = sloshing(sample_run, frequency_hz, 0.02)
     (found,) = looked(sample_run, gyro=lambda rates: rates + added).diagnoses
     assert found.kind == "oscillation"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from massprop_drake import Run, load_scenario, simulate
+from massprop_drake import load_scenario, simulate
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.results.detections import JUMP, DetectionRecord
@@ -129,10 +129,3 @@ def test_an_alarm_after_a_declaration_is_of_something_else_and_others_are_false(
     found = [declared(2.0, jet="F1F"), declared(4.5), declared(5.0, jet="F2F"), declared(7.0, jet="F3F")]
     causes = false_declarations(case.vehicle_data, what_became(case, flown(case), found), found)
     assert causes == {0: "healthy", 2: "failure", 3: "jump"}
-
-
-def test_a_summary_tells_it(stuck_run: Run) -> None:
-    (told,), (entry,) = stuck_run.summary["injected"], stuck_run.results.detections
-    assert (told["outcome"], told["declared_s"], told["magnitude"]) == ("named", entry.time_s, entry.magnitude)
-    assert told["force"] == pytest.approx(entry.magnitude, rel=1e-3)
-    assert told["start_s"] <= told["first_acted_s"] <= told["first_alarm_s"] <= told["declared_s"]

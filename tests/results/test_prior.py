@@ -71,7 +71,7 @@ def test_what_no_factor_explains_is_told_by_the_parameter_that_is_farthest() -> 
     assert contradiction(zero, known_well(zero), 10.0 * zero.vehicle_data.nominal.vector()) is None
 
 
-def test_propellant_that_was_used_is_no_contradiction() -> None:
+def test_propellant_that_was_used_is_no_contradiction(monkeypatch: pytest.MonkeyPatch) -> None:
     """A fifth of the mass is used, of which 1 % is stated."""
     scenario = case("orbiter_maneuver", 0.01)
     vehicle = scenario.vehicle_data
@@ -81,3 +81,12 @@ def test_propellant_that_was_used_is_no_contradiction() -> None:
     end[9] = 1.0 / (vehicle.nominal.mass - used)
     assert contradiction(scenario, known_well(scenario), end) is not None
     assert contradiction(scenario, known_well(scenario, samples), end) is None
+    # where sensors have their own rates, a command lasts until the next row
+    rows, period = 5, vehicle.sample_period_s
+    signals, jets = Spool(None, index="time_s"), len(vehicle.jets)
+    share = np.array([0.0, 0.0, 1.0, 0.5, 9.0])[:, None]  # the last row commands nothing more
+    command = np.repeat(share * samples, jets, axis=1) / 2.0
+    sigmas = np.full((rows, 10), 1e-12)
+    signals.append({"time_s": period * np.array([0, 1, 2, 3, 5.0]), "standard_deviation": sigmas, "command": command})
+    monkeypatch.setattr(params, "steps_by_readings", lambda _: True)
+    assert contradiction(scenario, signals, end) is None

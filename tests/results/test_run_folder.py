@@ -184,15 +184,6 @@ def test_telemetry_has_the_promised_columns_and_its_numbers_read_back_exactly(sh
     assert rows[-1][13:] == [""] * 44  # nothing is commanded beyond the end
 
 
-def test_missing_readings_are_empty_cells(short_run: Run, tmp_path: Path) -> None:
-    signals = {**short_run.signals, "gyro": short_run["gyro"].copy()}
-    signals["gyro"][2, 1] = np.nan
-    Run(short_run.scenario, short_run.results, short_run.time_s, signals).save(tmp_path / "run", **LEAN)
-    with (tmp_path / "run" / "telemetry.csv").open(encoding="utf-8", newline="") as file:
-        row = list(csv.DictReader(file))[2]
-    assert (row["gyro_y"], row["gyro_x"] != "") == ("", True)
-
-
 def test_the_history_describes_itself(short_run: Run, folder: Path) -> None:
     with np.load(folder / "history.npz", allow_pickle=False) as stored:
         description = json.loads(str(stored["_description"]))
@@ -205,8 +196,8 @@ def test_the_history_describes_itself(short_run: Run, folder: Path) -> None:
 
 BROKEN = {
     "telemetry.csv": "records.reader.write_csv",
-    "history.npz": "results.run.write_npz",
-    "scenario.yaml": "results.run.yaml_text",
+    "history.npz": "results.run_content.write_npz",
+    "scenario.yaml": "display.run.yaml_text",
     "figures": "display.figures.Plots.save",
     "replay.html": "display.flight3d.replay_html",
     "report.html": "display.page.report_html",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from massprop_drake.display.page import summary_html
-from massprop_drake.results.run import Run
+from massprop_drake.display.run import Run
 
 
 def test_a_run_is_seen_in_notebooks_and_tables(short_run: Run) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from massprop_drake import InputError, Run
 from massprop_drake.maths.mass_properties import NAMES, derived
-from massprop_drake.results.json_arrays import by_name, from_names, null_for_nan
+from massprop_drake.results.json_arrays import from_names
 from massprop_drake.results.summary import Parameter, Summary
 
 
@@ -109,16 +109,6 @@ ESTIMATES = {"inverse_inertia": [[1.0]], "center_of_mass": [], "mass_reciprocal"
 def test_what_is_no_summary_is_refused(short_run: Run, change: dict[str, Any] | None, words: str) -> None:
     with pytest.raises(InputError, match=f"the summary: {words}"):
         Summary.from_json([] if change is None else {**short_run.summary, **change})
-
-
-def test_arrays_with_missing_numbers_are_null_and_back() -> None:
-    # Ixx, Iyy, Izz, Iyz, Ixz, Ixy
-    parameters = np.array([1.0, 2.0, 3.0, np.nan, 5.0, 6.0, 7.0, 8.0, np.nan, 10.0])
-    named = by_name(parameters)
-    matrix = [[1.0, 6.0, 5.0], [6.0, 2.0, None], [5.0, None, 3.0]]
-    assert named == {"inverse_inertia": matrix, "center_of_mass": [7.0, 8.0, None], "mass_reciprocal": 10.0}
-    np.testing.assert_array_equal(from_names(named), parameters)
-    assert null_for_nan(np.array([[1.0, np.nan], [-0.0, 2.5]])) == [[1.0, None], [0.0, 2.5]]
 
 
 def test_the_parameters_stand_by_name(short_run: Run) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprop_drake.results.run import Run
+from massprop_drake.display.run import Run
 from massprop_drake.results.spool import Spool
 from massprop_drake.results.thinning import outstanding_rows, picked
 

@@ -96,10 +96,10 @@ def test_flights_are_compiled_alike(what: str, tmp_path: Path) -> None:
         for asked in ("false", "true")
     )
     require_close(compiled, plain)
-    assert plain["rotation_used"].any()
-    assert name == "orbiter_maneuver" or "failures" not in overrides[-1] or plain.summary["detections"]
     assert compiled.summary["provenance"]["engine"].startswith("loop, compiled by numba ")
     if what == "a jet that sticks on":  # its record, read by the same kernels: the same bits
+        assert plain["rotation_used"].any()
+        assert plain.summary["detections"]
         compiled.save(tmp_path / "run", pictures=False, report=False)
         again = estimate(tmp_path / "run" / "telemetry.csv", load_scenario(tmp_path / "run"))
         np.testing.assert_array_equal(again["estimate"], compiled["estimate"])

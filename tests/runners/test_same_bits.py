@@ -115,7 +115,8 @@ FLIGHTS: dict[str, tuple[str, ...] | Callable[[], Scenario]] = {
     "engine": ("lander_burn", "duration_s=3"),
     "wheels": ("servicer_on_wheels_leak", "duration_s=3"),
 }
-UNSEEN = {"on-times", "pose", "pose, docking", "wheels"}  # what has failed is named later than there is time for here
+# what has failed is named later than there is time for here
+UNSEEN = {"engine", "on-times", "pose", "pose, docking", "wheels"}
 COPIES = (copy.copy, copy.deepcopy, lambda held: pickle.loads(pickle.dumps(held)))
 
 

@@ -14,7 +14,7 @@ from massprop_drake.display.export.content import Outline, SampleBlock
 from massprop_drake.errors import InputError
 
 if TYPE_CHECKING:
-    from massprop_drake.results.run import Run
+    from massprop_drake.results.run_content import RunContent
 
 _FRAME_S = 0.05  # between two things that are sent to a viewer
 _LOOK_S = 0.5  # between two looks at whether a viewer has come
@@ -84,7 +84,9 @@ class Replay:
         InputError: as `write`; or there is no viewer, the port is taken, or the speed is not above zero.
     """
 
-    def __init__(self, run: Run, to: str, *, port: int | None = None, speed: float = 1.0, epoch_s: float | None = None):
+    def __init__(
+        self, run: RunContent, to: str, *, port: int | None = None, speed: float = 1.0, epoch_s: float | None = None
+    ):
         if not (math.isfinite(speed) and speed > 0.0):
             raise InputError(f"--speed {speed:g}: must be a number above zero, such as 10 for ten times real time")
         stream = _stream(chosen(to))

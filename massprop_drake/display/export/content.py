@@ -29,7 +29,7 @@ from massprop_drake.results.events import in_words as event_in_words
 from massprop_drake.results.spool import Spool
 
 if TYPE_CHECKING:
-    from massprop_drake.results.run import Run
+    from massprop_drake.results.run_content import RunContent
 
 Array = NDArray[np.float64]
 Color = tuple[int, int, int, int]  # red, green, blue and opacity, 0 to 255
@@ -181,7 +181,7 @@ class Content:
         InputError: when the run has no samples, or its times are none that files can hold.
     """
 
-    def __init__(self, run: Run, *, epoch_s: float | None = None):
+    def __init__(self, run: RunContent, *, epoch_s: float | None = None):
         self._run, self._scenario = run, run.scenario
         self._vehicle = run.scenario.vehicle_data
         self._names = list(run.descriptions)
@@ -388,7 +388,7 @@ def component_units(unit: str, count: int) -> tuple[str, ...]:
     return tuple(found) if len(found) == count else (unit,) * count
 
 
-def _messages(run: Run, notes: Sequence[str]) -> list[LogEntry]:
+def _messages(run: RunContent, notes: Sequence[str]) -> list[LogEntry]:
     """Returns all messages about a run, in the order of time."""
     scenario, results = run.scenario, run.results
     units = scenario.vehicle_data.unit_names
@@ -433,7 +433,7 @@ def _messages(run: Run, notes: Sequence[str]) -> list[LogEntry]:
     return [*found, LogEntry(end_s, *_verdict(run))]
 
 
-def _verdict(run: Run) -> tuple[Literal["info", "warning"], str, str]:
+def _verdict(run: RunContent) -> tuple[Literal["info", "warning"], str, str]:
     """Returns level, source and words of the message that closes a run."""
     judged, standing = run.results.consistency, [one for one in run.results.detections if one.withdrawn_s is None]
     reasons = f": {'; '.join(judged.reasons)}" if judged.reasons else ""

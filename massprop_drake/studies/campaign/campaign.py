@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from massprop_drake.errors import InputError
-from massprop_drake.inputs.campaign_file import CampaignSpec, campaign_from, load_campaign
+from massprop_drake.inputs.campaign_file import CampaignSpec, load_campaign
 from massprop_drake.inputs.model import yaml_text
-from massprop_drake.inputs.yaml import Document, exists, files_read, read_text
+from massprop_drake.inputs.yaml import exists, files_read
 from massprop_drake.maths.kernels import require_compiler
 from massprop_drake.results.folder import resumable_folder
-from massprop_drake.studies.campaign import TO_FLY, engine, require, store
+from massprop_drake.studies.campaign import TO_FLY, engine, reading, require, store
 from massprop_drake.studies.campaign.counts import Status
 from massprop_drake.studies.campaign.plan import PlannedCase, case_name, planned
 
@@ -74,7 +74,7 @@ class Campaign:
         if exists(folder / store.PLAN):
             if overrides:
                 raise InputError(f"--set {overrides[0]}: {folder} has its plan already; change the file and plan anew")
-            return Campaign(_kept(folder), folder)
+            return Campaign(store.planned_spec(folder), folder)
         with files_read() as files:
             spec = load_campaign(campaign, overrides)
         if spec.file.gates:
@@ -250,8 +250,6 @@ class Campaign:
 
     def status(self) -> Status:
         """Returns progress and outcomes of its cases, from the folder alone."""
-        from massprop_drake.studies.campaign import reading  # noqa: PLC0415 (it needs this module)
-
         return reading.status(self._need_folder(), self.spec)
 
     def to_pandas(self) -> pandas.DataFrame:
@@ -272,7 +270,7 @@ class Campaign:
         """Shows in a notebook the beginning of the report; nothing of its own before any case has been flown."""
         if self.folder is None or not store.flown_ids(self.folder):
             return None
-        from massprop_drake.studies.campaign import campaign_report, reading  # noqa: PLC0415 (they need this module)
+        from massprop_drake.studies.campaign import campaign_report  # noqa: PLC0415 (templates and scipy are slow to load)
 
         return campaign_report.notebook(reading.read(self.folder))
 
@@ -280,15 +278,6 @@ class Campaign:
         if self.folder is None:
             raise InputError(f"campaign '{self.spec.file.name}' has not been run; give the folder of one that has")
         return self.folder
-
-
-def _kept(folder: Path) -> CampaignSpec:
-    """Returns the campaign that a folder was planned for, independent of where its file was."""
-    text = read_text(folder / store.FILE)
-    document = Document(text, str(folder / store.FILE))
-    document.data["base"] = str((folder / store.BASE).resolve())
-    document.data.pop("set", None)  # is in the base
-    return campaign_from(document, folder)
 
 
 def _digest(spec: CampaignSpec) -> str:

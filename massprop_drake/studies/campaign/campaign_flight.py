@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from massprop_drake.display.run import Run
 from massprop_drake.inputs.scenario import Scenario, resolved
-from massprop_drake.results.run import Run
 from massprop_drake.results.spool import Spool
 from massprop_drake.results.summarize import looked_back_on
 from massprop_drake.studies.campaign.measure import failing_reasons, measured

@@ -16,7 +16,7 @@ from scipy import stats
 from massprop_drake.display.interactive import numbers, plain
 from massprop_drake.display.style import BAND_COLOR, COLORS, ESTIMATE_COLOR, FAILED_COLOR, TRUTH_COLOR
 from massprop_drake.maths.mass_properties import NAMES
-from massprop_drake.signals import SYMBOLS
+from massprop_drake.maths.signals import SYMBOLS
 from massprop_drake.studies.campaign.merit import InjectedEvent, OperatingPoint, size_of
 from massprop_drake.studies.campaign.statistics import Detections, Figure, SizeCurve
 

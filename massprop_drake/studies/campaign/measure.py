@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from massprop_drake.display.run import Run
 from massprop_drake.maths.mass_properties import N_ROTATION, NAMES
 from massprop_drake.results.injected import false_declarations
-from massprop_drake.results.run import Run
 from massprop_drake.studies.campaign.counts import ends_wrong
 
 Array = NDArray[np.float64]

@@ -13,7 +13,6 @@ from massprop_drake.errors import InputError
 from massprop_drake.inputs.campaign_file import CampaignSpec
 from massprop_drake.inputs.overrides import parsed_key
 from massprop_drake.studies.campaign import store
-from massprop_drake.studies.campaign.campaign import Campaign
 from massprop_drake.studies.campaign.counts import COLUMNS, Counts, Row, Status, counted, total
 from massprop_drake.studies.campaign.plan import case_name
 
@@ -99,7 +98,7 @@ def read(folder: str | Path) -> Study:
     """
     path = Path(folder)
     facts = store.read_facts(path)
-    spec = Campaign.load(path).spec
+    spec = store.planned_spec(path)
     wanted = [name for name in store.schema(spec.file.times_s).names if name.partition(".")[0] not in _NOT_SHOWN]
     drawn = store.read_draws(path)
     cells = _cells(path, spec, drawn, wanted)

@@ -15,6 +15,8 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from massprop_drake.errors import InputError
+from massprop_drake.inputs.campaign_file import CampaignSpec, campaign_from
+from massprop_drake.inputs.yaml import Document, read_text
 from massprop_drake.maths.mass_properties import NAMES
 from massprop_drake.results.exchange import stage
 from massprop_drake.results.injected import InjectedRecord
@@ -43,6 +45,15 @@ _TEXTS = ("kind", "jet", "outcome", "taken_for")
 _INJECTED = pa.struct(
     [(name, pa.string() if name in _TEXTS else pa.float64()) for name in InjectedRecord._fields]
 )  # fmt: skip
+
+
+def planned_spec(folder: Path) -> CampaignSpec:
+    """Returns the campaign that a folder was planned for, independent of where its file was."""
+    text = read_text(folder / FILE)
+    document = Document(text, str(folder / FILE))
+    document.data["base"] = str((folder / BASE).resolve())
+    document.data.pop("set", None)  # is in the base
+    return campaign_from(document, folder)
 
 
 def schema(times_s: Sequence[float]) -> pa.Schema:

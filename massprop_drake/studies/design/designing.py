@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from massprop_drake.display.run import Run
 from massprop_drake.errors import InputError, suggestion
 from massprop_drake.inputs import asked, crafts
 from massprop_drake.inputs import params as inputs
@@ -22,7 +23,6 @@ from massprop_drake.maths.maneuver.actions import Craft, candidates
 from massprop_drake.maths.maneuver.aims import Aims, Known, reached
 from massprop_drake.maths.maneuver.information import prior_information
 from massprop_drake.maths.maneuver.planning import Choice, Cost, SearchResult, Task, best, characterized, rebuilt
-from massprop_drake.results.run import Run
 from massprop_drake.results.stored import STATE_FILE
 from massprop_drake.runners.logs import restored
 from massprop_drake.studies.design import reach, writing

@@ -15,7 +15,7 @@ from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, thrust_si
 from massprop_drake.maths.maneuver.actions import candidates
 from massprop_drake.maths.maneuver.aims import Reached
 from massprop_drake.maths.maneuver.planning import ManeuverLimits, Plan, Task, characterized, floor_of, unseen
-from massprop_drake.signals import SYMBOLS
+from massprop_drake.maths.signals import SYMBOLS
 
 Array = NDArray[np.float64]
 _UNKNOWN = "the vehicle is not known well enough for failures to be looked for"

@@ -9,13 +9,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from massprop_drake.display.run import Run
 from massprop_drake.inputs.asked import Suspicion, Target
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.scheduled import JetPulse, WheelPulse
 from massprop_drake.maths.maneuver.actions import FlownAction, coasting, stepped
 from massprop_drake.maths.maneuver.aims import FOLLOWED, Aims, Reached, reached
 from massprop_drake.maths.maneuver.planning import Plan, SearchResult, Task, begun
-from massprop_drake.results.run import Run
 from massprop_drake.studies.design.found import LISTENING_S, Design, PairFound, TargetFound, Trace
 
 Array = NDArray[np.float64]

@@ -52,5 +52,6 @@ class PhaseSpaceController(LeafSystem):
         declare_update(self, step, params.period_s, slice(REQUEST.size, None))
 
     def _compute(self, context: Any) -> Array:
-        row: Array = self._kernel(state_of(context), *(port.Eval(context) for port in self._sensed), self._held)
+        given = [state_of(context), *(port.Eval(context) for port in self._sensed), self._held]
+        row: Array = self._kernel(*given)
         return row

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import LeafSystem
@@ -14,6 +14,14 @@ from massprop_drake.systems.caching import Cached, Part, declare_outputs
 from massprop_drake.systems.layouts import MASS_ESTIMATE
 
 _NOT_OBSERVED = np.full(MASS_ESTIMATE.size, np.nan)
+
+
+class Ten(NamedTuple):
+    """Estimate, 1-sigma and covariance of the ten parameters."""
+
+    estimate: Array
+    deviation: Array
+    covariance: Array
 
 
 class ConvergenceMonitor(LeafSystem):
@@ -41,17 +49,16 @@ class ConvergenceMonitor(LeafSystem):
         self._mass = self.DeclareVectorInputPort("mass_estimate", 2)
         known = Cached(self, "ten", self._ten, {self.all_input_ports_ticket()})
         outputs: list[tuple[str, int, Part]] = [
-            ("estimate", 10, lambda ten: ten[0]),
-            ("standard_deviation", 10, lambda ten: ten[1]),
-            ("covariance", 100, lambda ten: ten[2].ravel()),
-            ("converged", 1, lambda ten: np.array([float(converged(ten[1], ten[0], limits))])),
+            ("estimate", 10, lambda ten: ten.estimate),
+            ("standard_deviation", 10, lambda ten: ten.deviation),
+            ("covariance", 100, lambda ten: ten.covariance.ravel()),
+            ("converged", 1, lambda ten: np.array([float(converged(ten.deviation, ten.estimate, limits))])),
         ]
         declare_outputs(self, known, outputs)
 
-    def _ten(self, context: Any) -> tuple[Array, Array, Array]:
-        """Returns estimate, 1-sigma and covariance of the ten parameters."""
+    def _ten(self, context: Any) -> Ten:
         mass = MASS_ESTIMATE.read(self._mass.Eval(context) if self._mass.HasValue(context) else _NOT_OBSERVED)
         covariance = self._covariance.Eval(context).reshape(N_ROTATION, N_ROTATION)
         estimate = all_ten(self._rotation.Eval(context), mass.mass_reciprocal)
         deviation = np.sqrt(all_ten(covariance.diagonal(), mass.variance))
-        return estimate, deviation, joint_covariance(covariance, mass.variance)
+        return Ten(estimate, deviation, joint_covariance(covariance, mass.variance))

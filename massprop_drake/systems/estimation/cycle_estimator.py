@@ -134,8 +134,8 @@ class CycleEstimator(LeafSystem):
 
         outputs: list[tuple[str, int, Any]] = [
             ("estimate", 10, lambda now: self._known_in(now)[0]),
-            ("standard_deviation", 10, lambda now: np.sqrt(self._known_in(now)[1].diagonal())),
-            ("covariance", 100, lambda now: self._known_in(now)[1].ravel()),
+            ("standard_deviation", 10, lambda now: np.sqrt(self._covariance_in(now).diagonal())),
+            ("covariance", 100, lambda now: self._covariance_in(now).ravel()),
             ("converged", 1, self._converged),
             (IMPULSES.name, IMPULSES.size, lambda now: impulse_row(now.step.interval.impulses)),
             (ROTATION_REPORT.name, ROTATION_REPORT.size, lambda now: ROTATION_REPORT.pack(now.step.filtered.rotation)),
@@ -204,6 +204,10 @@ class CycleEstimator(LeafSystem):
         """Returns estimate and covariance of the ten parameters after the cycle."""
         step = _step(now)
         return step.filtered.known or cycle.known(step.state, self._params)
+
+    def _covariance_in(self, now: Memory) -> Array:
+        _, covariance = self._known_in(now)
+        return covariance
 
     def _converged(self, now: Memory) -> Array:
         estimate, covariance = self._known_in(now)

@@ -103,17 +103,17 @@ class RotationEstimator(FilterSystem):
             "predicted_estimate", N_ROTATION, self._calc_predicted, prerequisites_of_calc={self.xd_ticket()}
         )
         reported, size = slice(0, ROTATION_REPORT.size), ROTATION_REPORT.size
-        seen = [self._turning.slice(name) for name in ("innovation", "innovation_covariance")]
-        estimate, covariance = (
+        innovation, spread = map(self._turning.slice, ("innovation", "innovation_covariance"))
+        means, spreads = (
             slice(size + part.start, size + part.stop) for part in map(self._layout.slice, ("estimate", "covariance"))
         )
         self._declare_cycle(
             (
                 ("turning", self._turning.size, self._turned),
-                ("innovation", 3, lambda measured: self._turned(measured)[seen[0]]),
-                ("innovation_covariance", 9, lambda measured: self._turned(measured)[seen[1]]),
+                ("innovation", 3, lambda measured: self._turned(measured)[innovation]),
+                ("innovation_covariance", 9, lambda measured: self._turned(measured)[spread]),
             ),
-            (("estimate", N_ROTATION, estimate), ("covariance", N_ROTATION**2, covariance), ("report", size, reported)),
+            (("estimate", N_ROTATION, means), ("covariance", N_ROTATION**2, spreads), ("report", size, reported)),
             params.period_s,
             slice(size, None),
         )

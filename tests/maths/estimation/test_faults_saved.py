@@ -136,6 +136,7 @@ def test_a_hypothesis_that_no_run_has_is_refused(flown: Flown, change: Callable[
         (lambda vector: np.append(0.5, vector[1:]), "an index is out of its range"),
         (lambda vector: np.concatenate((vector[:1], [-1.0], vector[2:])), "counts must be whole numbers"),
         (lambda _: np.array([0.0, 0, 0, 0, 1, 3, 0, 1, 2, 0]), "a group must be of jets and signs"),
+        (lambda _: np.array([0.0, 0, 0, 0, 1, 2, 6, 1, 0]), "an index is out of its range"),
     ],
 )
 def test_a_vector_that_no_run_can_have_left_is_refused(

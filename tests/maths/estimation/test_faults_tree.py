@@ -112,6 +112,22 @@ def test_a_false_reading_is_named_and_costs_nothing(params: Params, component: i
     assert worst(flown) < 4.0
 
 
+@PARAMETERS
+def test_a_failure_beside_a_known_one_is_named(params: Params) -> None:
+    changes = {20: fail(3, 0.3 * THRUSTS[3], 1, 1), 35: fail(1, THRUSTS[1], -1)}
+    flown = flight(params, COMMANDS, changes=changes)
+    assert [of(one, JetsDeclared).jets for _, one in flown.said] == [(3,), (1,)]
+    assert [one.word for _, one in flown.said if isinstance(one, JetsDeclared)] == [Word.FAILED] * 2
+
+
+@PARAMETERS
+def test_what_was_likely_before_a_failure_is_let_go(params: Params) -> None:
+    """Once a review of what is likely now looks for what may have happened instead."""
+    flown = flight(params, COMMANDS, changes={ONSET: fail(3, THRUSTS[3], 1, 0)})
+    assert any(not each.events for each in flown.trees[ONSET + 1].hypotheses)
+    assert min(each.weight for each in flown.tree.hypotheses) > flown.tree.leader.weight - 30.0
+
+
 def test_a_jet_that_is_well_again_is_withdrawn() -> None:
     changes = {20: fail(3, 0.3 * THRUSTS[3], 1, 1), 35: fail(3, 0.0, 1, 1)}
     flown = flight(NOISY, COMMANDS, changes=changes)

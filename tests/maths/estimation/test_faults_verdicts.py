@@ -20,7 +20,7 @@ from massprop_drake.maths.estimation.faults.declarations import (
 from massprop_drake.maths.estimation.faults.fault_events import ANEW, Event, Hypothesis, begun
 from massprop_drake.maths.estimation.faults.proposals import Birth
 from massprop_drake.maths.estimation.faults.tree import Tree
-from massprop_drake.maths.estimation.faults.verdicts import Verdicts, judged, odds, unheard
+from massprop_drake.maths.estimation.faults.verdicts import Verdicts, judged, odds, of_jets, unheard
 from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Cause, Kind, opened
 from massprop_drake.maths.estimation.joint.joint_cycle import JointEvidence, step
 
@@ -122,6 +122,19 @@ def test_the_smallest_set_of_jets_of_which_one_has_failed_is_a_group_after_two_s
     assert declared(alike, 25, verdicts)[1] == []
     _, later = declared(tree_of(LEAKS, NOTHING), 3, verdicts)
     assert [(one.word, one.jets) for one in later] == [(Word.FAILED, (3,))]
+
+
+def test_four_jets_are_no_group() -> None:
+    alike = tree_of(*(hypothesis(0.0, (jet, 1, 0.3)) for jet in range(4)))
+    assert declared(alike, 40)[1] == []
+
+
+def test_a_force_below_what_is_called_a_failure_is_none() -> None:
+    """A leak of less than two thousandths of full thrust, a loss of less than a tenth."""
+    for sign, floor in ((1, 0.002), (-1, 0.1)):
+        for share, expected in ((floor, 0.5), (floor + 0.01, 0.8413), (floor - 0.01, 0.1587)):
+            found = of_jets(tree_of(hypothesis(0.0, (3, sign, share))), JOINT)
+            assert found[3, sign] == pytest.approx(expected, abs=1e-3)
 
 
 def test_a_fault_mode_is_what_its_force_is_like() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -186,29 +186,20 @@ BUT_17, BUT_11, BUT_11_AND_12 = (~np.isin(np.arange(N), jets) for jets in ([16],
 # Table 5-2 truth, Y of section 5.5, whole-interval failure, no noise; reference section 6, each number to half its last
 # printed digit. All jets are off but those that the case says
 @pytest.mark.parametrize(
-    ("number", "force", "off", "statistic", "within", "between", "next_cluster", "deviation"),
+    ("number", "force", "off", "expected"),  # statistic, lead within and between clusters, the next one, 1-sigma
     [
-        (29, 868.819, OFF, (8.07e5, 0.005e5), (289.0, 0.5), (17_800.0, 50.0), 7, 0.97),
-        (39, 24.483, OFF, (1121.0, 0.5), (2.8, 0.05), (582.0, 0.5), 2, 0.73),
-        (24, 0.015 * 691.018, OFF, (260.0, 0.5), (0.04, 0.005), (81.0, 0.5), 8, 0.64),
-        (27, 10.0, OFF, (7.7, 0.05), None, (0.11, 0.005), 8, None),
+        (29, 868.819, OFF, ((8.07e5, 0.005e5), (289.0, 0.5), (17_800.0, 50.0), 7, 0.97)),
+        (39, 24.483, OFF, ((1121.0, 0.5), (2.8, 0.05), (582.0, 0.5), 2, 0.73)),
+        (24, 0.015 * 691.018, OFF, ((260.0, 0.5), (0.04, 0.005), (81.0, 0.5), 8, 0.64)),
+        (27, 10.0, OFF, ((7.7, 0.05), None, (0.11, 0.005), 8, None)),
         # the opposing jet fires, so that it may have failed off: the lead over its cluster is small
-        (29, 868.819, BUT_17, (8.07e5, 0.005e5), None, (32.8, 0.05), 8, 0.97),
-        (11, -874.185, BUT_11_AND_12, (1.08e6, 0.005e6), (2.0e4, 0.05e4), (1940.0, 5.0), 2, 0.84),
-        (11, -874.185, BUT_11, (1.08e6, 0.005e6), (1.08e6, 0.005e6), (1940.0, 5.0), 2, 0.84),
+        (29, 868.819, BUT_17, ((8.07e5, 0.005e5), None, (32.8, 0.05), 8, 0.97)),
+        (11, -874.185, BUT_11_AND_12, ((1.08e6, 0.005e6), (2.0e4, 0.05e4), (1940.0, 5.0), 2, 0.84)),
+        (11, -874.185, BUT_11, ((1.08e6, 0.005e6), (1.08e6, 0.005e6), (1940.0, 5.0), 2, 0.84)),
     ],
 )
-def test_separations_of_the_thesis(
-    case: Case,
-    number: int,
-    force: float,
-    off: Array,
-    statistic: tuple[float, float],
-    within: tuple[float, float] | None,
-    between: tuple[float, float],
-    next_cluster: int,
-    deviation: float | None,
-) -> None:
+def test_separations_of_the_thesis(case: Case, number: int, force: float, off: Array, expected: Any) -> None:
+    statistic, within, between, next_cluster, deviation = expected
     result, found = case.failing(number, force, off)
     jet = number - 1
     assert found[:2] == (jet, case.clusters[jet])

@@ -51,7 +51,7 @@ from massprop_drake.maths.estimation.joint.modes import ModeParams
 from massprop_drake.maths.estimation.joint.orientation import STILL
 from massprop_drake.maths.estimation.joint.prediction import Prediction, predict
 from massprop_drake.maths.estimation.joint.propagation import propagated
-from massprop_drake.maths.estimation.joint.sensitivity import link
+from massprop_drake.maths.estimation.joint.sensitivity import carried, link
 from massprop_drake.maths.estimation.joint.tanks import TankParams, drawn
 from massprop_drake.maths.estimation.joint.wheels import UNSPUN, Spun, WheelParams
 from massprop_drake.maths.estimation.offline.swings import Locked, with_modes
@@ -523,3 +523,16 @@ def test_after_a_gap_is_known_what_is_left_of_each_part() -> None:
         (turned_on, part(WITH_WHEELS, "slow"), [1.0, 1e3 / 0.02, 1.0]),
     ):
         np.testing.assert_allclose(np.sqrt(np.sum(found.root[own] ** 2, axis=1)), expected)
+
+
+def test_a_force_beside_the_filter_shakes_modes_as_thrust_does_within_it() -> None:
+    places, thrust = SWINGING.places, part(SWINGING, "thrust")
+    state = state_of(SWINGING)._replace(started=True, guarded=True)
+    state, sample = state._replace(root=1e-3 * state.root), some_sample(SWINGING, time_s=PERIOD)
+    state.mean[SWING] = 0.0  # what is displaced swings otherwise, to second order
+    _, report = step(state, sample, SWINGING)
+    over = link(state, report, sample, SWINGING)
+    by_jets = report.course.expected.prediction.swung.rows[:, thrust]
+    shares = report.course.acting.firing.amount * SWINGING.thrust_sigma * SWINGING.thrusts / over.duration_s
+    shaken = carried(np.zeros((places.size, 6)), over.duration_s * over.effects.T, over, places)[SWING]
+    np.testing.assert_allclose(by_jets, shaken * shares, atol=0.05 * np.abs(by_jets).max())

@@ -107,10 +107,11 @@ TRANSVERSE = mass_params(compensation=Compensation.TRANSVERSE, compensation_cova
 
 
 def weighed(velocities: Array = VELOCITIES, **params: Any) -> tuple[mass_filter.MassCycle, mass_filter.MassMeasurement]:
-    """A cycle of the mass filter from rest."""
+    """A cycle of the mass filter with these increments."""
     chosen = mass_params(positions=POSITIONS, variances=ACCELEROMETER_VARIANCES, **params)
     state, interval = MassState(0.3, 0.02, empty_window(1)), mass_filter.MassInterval(PUSH)
-    measurement = mass_filter.measure(state, np.zeros((3, 3)), velocities, interval, ROTATION, chosen)
+    before = np.full((3, 3), 0.5)
+    measurement = mass_filter.measure(state, before, velocities + before, interval, ROTATION, chosen)
     return mass_filter.finish(state, measurement, True, True, NO_ADAPTATION, chosen), measurement
 
 
@@ -169,13 +170,13 @@ def test_a_wild_accelerometer_does_not_get_through_the_middle_value() -> None:
     wild[1] = [1e6, -1e6, 1e6]
     # the middle of each component is one of the two others'; the noise, the mean of all, stays
     middle, measurement = weighed(wild, rule=Rule.MID_VALUE)
-    assert_array_equal(measurement.sample.measured, [1.2, -0.5, 0.9])
+    assert_allclose(measurement.sample.measured, [1.2, -0.5, 0.9], rtol=1e-12)
     assert_allclose(measurement.sample.noise, 2.0 * ACCELEROMETER_VARIANCES.mean() * np.eye(3), rtol=1e-14)
     assert abs(middle.state.mass_reciprocal - 0.3) < 0.2
     # where others are missing, the one that is there stands for all
     wild[[0, 1], 0] = np.nan
     _, measurement = weighed(wild, rule=Rule.AVERAGE)
-    assert_array_equal(measurement.sample.measured, VELOCITIES[2])
+    assert_allclose(measurement.sample.measured, VELOCITIES[2], rtol=1e-12)
 
 
 TWIST = np.array([0.7, -1.1, 0.4])
@@ -221,6 +222,7 @@ def test_where_one_gyro_is_missing_the_other_stands_for_both(rule: int) -> None:
         rates[missing, 2] = np.nan  # one axis is enough
         _, measurement = turned(rates, rule=rule)
         assert_array_equal(measurement.sample.increment, RATES[there])
+        assert_array_equal(measurement.sample.rate, 0.5 * RATES[there])
         assert measurement.sample.gyro_variance == 2.0 * GYRO_VARIANCES[there]
         assert measurement.each == ()
     done, measurement = turned(np.full((2, 3), np.nan), rule=rule)

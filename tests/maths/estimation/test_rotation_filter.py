@@ -213,27 +213,17 @@ def test_coupling_increment_is_what_a_torque_free_body_shows() -> None:
 
 
 @pytest.mark.parametrize("firing", [True, False])
-def test_subtracted_coupling_leaves_the_innovation_of_the_impulse(firing: bool) -> None:
-    # a measured increment of prediction plus coupling: nothing is left when it is subtracted, and the coupling
-    # when it is not, or where the estimated inverse inertia is impossible, as at the start
-    of = {"rate": TUMBLING, "firing": firing}
-    coupling = coupling_increment(INVERSE, TUMBLING, PERIOD)
-    increment = coupling + firing * rate_increment(STATE, ANGULAR, LINEAR)
-    subtracted = innovated(1e-12 * np.eye(9), increment, of=of, coupling=RotationCoupling.SUBTRACT)
-    ignored = innovated(1e-12 * np.eye(9), increment, True, of=of)
-    assert_allclose(subtracted.innovation, NONE, rtol=0.0, atol=1e-15)
-    assert_allclose(ignored.innovation, coupling, rtol=0.0, atol=1e-15)
-    assert subtracted.subtract_coupling
-    assert not ignored.subtract_coupling
-    assert_array_equal(subtracted.covariance, ignored.covariance)
-    for elements in ([0.0] * 6, [1.0, 1.0, -1.0, 0.0, 0.0, 0.0], [1.0, 1.0, 1.0, 0.0, 0.0, 2.0]):
-        estimate = np.array([*elements, 0.5, -0.3, 0.2])
-        dut, plain = (
-            innovated(COVARIANCE, increment, of=of, estimate=estimate, coupling=coupling)
-            for coupling in (RotationCoupling.SUBTRACT, RotationCoupling.IGNORE)
-        )
-        assert_array_equal(dut.innovation, plain.innovation)
-        assert dut.subtract_coupling  # the rule asks, the estimate does not allow
+def test_coupling_is_subtracted_where_the_rule_asks_and_the_inertia_is_possible(firing: bool) -> None:
+    possible, *impossible = STATE[:6], np.zeros(6), [1, 1, -1, 0, 0, 0], [1, 1, 1, 0, 0, 2]  # as at the start, ...
+    for elements in (possible, *impossible):
+        estimate = np.append(elements, STATE[6:])
+        coupling = coupling_increment(INVERSE, TUMBLING, PERIOD) if elements is possible else NONE
+        for rule in (RotationCoupling.SUBTRACT, RotationCoupling.IGNORE):
+            asks, of = rule == RotationCoupling.SUBTRACT, {"rate": TUMBLING, "firing": firing}
+            dut = innovated(1e-12 * np.eye(9), NONE, not asks, of=of, estimate=estimate, coupling=rule)
+            assert dut.subtract_coupling == asks  # whatever the estimate allows
+            expected = -firing * rate_increment(estimate, ANGULAR, LINEAR) - asks * coupling
+            assert_allclose(dut.innovation, expected, rtol=0.0, atol=1e-11)
 
 
 @pytest.mark.parametrize(("factor", "subtract"), [(50.1, False), (49.9, True), (2.0, True), (1e6, False)])

@@ -10,7 +10,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from params_probe import PERFECT_SENSOR
 
 from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.noise import uniform_phase
 from massprop_drake.maths.vehicle.sensing import (
+    Draws,
     SensorModel,
     Tone,
     point_velocity,
@@ -19,6 +21,7 @@ from massprop_drake.maths.vehicle.sensing import (
     smoothing_factor,
     unsaturated,
     vibration,
+    with_draws,
 )
 
 PERIOD = 0.5  # s
@@ -151,6 +154,11 @@ def test_an_accelerometers_vibration_is_the_integral_of_the_acceleration() -> No
 
 def test_bandwidth_takes_of_a_vibration_what_it_takes_at_its_own_frequency() -> None:
     # at the corner: 1 / sqrt 2 of it, an eighth of a turn late
-    found = vibration([tone(4.0, 1, 1, 1)], np.array([1.5, 1.0, 0.5]), 4.0, integrates=False)
-    assert_allclose(found.amplitude, [np.array([1.5, 1.0, 0.5]) / np.sqrt(2.0)])
-    assert_allclose(found.phase, np.full((1, 3), -np.pi / 4.0))
+    # at the scale of the package; a seed draws its phases and those of the quantizer's marks
+    scaled, draws = model(scale_factor=SCALE, phase=BIAS), Draws("gyro", True, (tone(4.0, 1, 1, 1),), 4.0)
+    drawn = with_draws(scaled, draws, 3)
+    found, phases = drawn.vibration, uniform_phase(3, "vibration 0 of gyro", 3)
+    assert found is not None
+    assert_allclose(found.amplitude, [(1.0 + SCALE) / np.sqrt(2.0)])
+    assert_allclose(found.phase, [2.0 * np.pi * phases - np.pi / 4.0])
+    assert_array_equal(drawn.phase, BIAS + uniform_phase(3, "gyro", 3))

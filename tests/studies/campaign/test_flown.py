@@ -11,8 +11,8 @@ import pytest
 from campaign_probe import BAD, CASES, outcome, row, study
 
 from massprop_drake import InputError, load_scenario, simulate
+from massprop_drake.display.run import Run
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.results.run import Run
 from massprop_drake.studies.campaign import engine, store
 from massprop_drake.studies.campaign.campaign import Campaign
 from massprop_drake.studies.campaign.measure import measured

@@ -1,35 +1,23 @@
-"""Finished run: its summary, its signals, and their storage on disk."""
+"""Content of a finished run: its summary and its signals, and what is stored of them."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel
 
 from massprop_drake.errors import InputError, in_words, suggestion
 from massprop_drake.inputs import params
 from massprop_drake.inputs.kinds import about_folder, bundled
-from massprop_drake.inputs.model import validated, yaml_text
-from massprop_drake.inputs.scenario import Scenario, load_scenario
+from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.true_blocks import MultibodyBlock
-from massprop_drake.inputs.yaml import exists, read_text
-from massprop_drake.records import rows
-from massprop_drake.results.exchange import recover
-from massprop_drake.results.folder import Place, require_writable, whole_folder, write_file
-from massprop_drake.results.json_arrays import null_for_nan
-from massprop_drake.results.parts import Ended, PartsMade
-from massprop_drake.results.spool import Signals, Spool, blocks, write_npz
-from massprop_drake.results.stored import STATE_FILE, FilterState, read_history, read_json, storable
-from massprop_drake.results.summary import Summary, SummaryFile
-from massprop_drake.results.thinning import outstanding_rows, picked
-from massprop_drake.signals import (
+from massprop_drake.inputs.yaml import exists
+from massprop_drake.maths.signals import (
     JOINTS,
     PROPELLANT,
     SIGNALS,
@@ -47,16 +35,20 @@ from massprop_drake.signals import (
     velocity_signal,
     wheel_signal,
 )
-
-if TYPE_CHECKING:
-    from massprop_drake.display.figures import Plots
+from massprop_drake.records import rows
+from massprop_drake.results.exchange import recover
+from massprop_drake.results.json_arrays import null_for_nan
+from massprop_drake.results.parts import Ended
+from massprop_drake.results.spool import Signals, Spool, blocks, write_npz
+from massprop_drake.results.stored import read_json
+from massprop_drake.results.summary import Summary
+from massprop_drake.results.thinning import outstanding_rows, picked
 
 Array = NDArray[np.float64]
 
 # signals that no figure of recorded telemetry shows
 _NOT_SHOWN = ("angular_impulse", "linear_impulse", "failure_magnitude")
 _MANY_ROWS = 5000  # longer runs are downsampled for plots and pages
-_END = "...\n"  # closes a YAML document: a file without it was cut short
 _PEAKS = ("rotation_nis", "mass_nis")  # signals whose maxima a plot must not lose
 _EVENTS = ("alarm", "detector_event", "gap")  # signals whose rows a plot must not lose
 
@@ -88,7 +80,7 @@ def _runs_like(folder: Path) -> str:
     return suggestion(folder, same[:1] or there)
 
 
-class Run:
+class RunContent:
     """Scenario that has been run.
 
     Attributes:
@@ -185,15 +177,7 @@ class Run:
         jets = self.scenario.vehicle_data.designations
         return {name: signal.components or jets for name, signal in self.descriptions.items()}
 
-    @property
-    def plot(self) -> Plots:
-        """Plots of the run: `run.plot.rates()` and the others return matplotlib figures."""
-        from massprop_drake.display.figures import Plots  # noqa: PLC0415 (matplotlib is slow to load)
-        from massprop_drake.display.plot_source import source  # noqa: PLC0415
-
-        return Plots(source(self.shown()))
-
-    def shown(self) -> Run:
+    def shown(self) -> Self:
         """Downsamples a long run for plots and pages; a short one is returned as it is.
 
         Kept are the rows at which the rates and the NIS are extreme within each of many stretches of equal
@@ -204,126 +188,9 @@ class Run:
         keys = (params.main_sensor(self.scenario),)
         rows = outstanding_rows(self.signals, self._n_rows, keys=keys, peaks=_PEAKS, events=_EVENTS)
         signals = picked(self._rows, rows, leaving_out=_NOT_SHOWN)
-        shown = Run(self.scenario, self.results, signals.pop("time_s"), signals, self.state)
+        shown = type(self)(self.scenario, self.results, signals.pop("time_s"), signals, self.state)
         shown.thinned = True
         return shown
-
-    def save(
-        self,
-        folder: str | Path | Place,
-        *,
-        force: bool = False,
-        pictures: bool = True,
-        report: bool = True,
-        replay: bool = False,
-    ) -> Path:
-        """Writes the run's folder, whole or not at all.
-
-        A part that cannot be made is left out and noted in `summary.json`; what it raised is raised once the rest is
-        written. A run that lacks data takes no earlier run's place, which is kept as `<folder>.1`, `<folder>.2`, ....
-
-        Args:
-            folder: where to write. A folder of an earlier run is replaced, when every file in it is in its
-                `manifest.json` and unchanged. A place that was found before the work says what was there then.
-            force: keep what is there as `<folder>.1`, `<folder>.2`, ...; nothing is replaced then.
-            pictures: draw the figures, which takes most of the time.
-            report: write `report.html`.
-            replay: write `replay.html`, the run in three dimensions.
-
-        Raises:
-            InputError: when the folder holds anything else, cannot be written, or has been changed by others since
-                it was found; the message then says where the run is.
-        """
-        place = folder if isinstance(folder, Place) else require_writable(Path(folder), force=force)
-        try:
-            error = self._write(place, {"figures": pictures, "replay.html": replay, "report.html": report})
-        except Exception:
-            raise
-        except BaseException as interruption:  # without pages, which take most of the time
-            if place.is_as_found:
-                self._write(place, {}, f"figures and pages: {in_words(interruption)}")
-            raise
-        if error is not None:
-            raise error
-        return place.shown
-
-    def _write(self, place: Place, pages: Mapping[str, bool], *missing: str) -> Exception | None:
-        """Writes the run's folder; parts that cannot be made are noted in its summary.
-
-        Args:
-            place: of the folder.
-            pages: whether figures, replay and report are wanted.
-            missing: parts that are known to be missing.
-
-        Returns:
-            The first error that was noted.
-        """
-        data, drawn = PartsMade(), PartsMade()
-        with whole_folder(place, beside=lambda: bool(self.results.ended or data.missing)) as partial:
-
-            def put(name: str, write: Callable[[Path], object], parts: PartsMade) -> None:
-                try:
-                    write(partial / name)
-                except Exception as error:
-                    if parts is data and isinstance(error, OSError):
-                        raise
-                    _remove(partial / name)
-                    parts.note(name, error)
-
-            put("scenario.yaml", lambda path: _put(path, yaml_text(self.scenario) + _END), data)
-            put("telemetry.csv", self._write_telemetry, data)
-            put("history.npz", self._write_history, data)
-            if self.state:
-                put(STATE_FILE, lambda path: _put(path, _json(self._filter_state(), FilterState, data)), data)
-            shown = self.shown() if any(pages.values()) else self  # once: it takes a while
-            if pages.get("figures"):
-                put("figures", shown._draw, drawn)
-            if pages.get("replay.html"):
-                put("replay.html", shown._write_replay, drawn)
-            if pages.get("report.html"):
-                put("report.html", shown._write_report, drawn)
-            noted = (*self.results.missing, *data.missing, *drawn.missing, *missing)
-            results = replace(self.results, missing=noted) if noted else self.results
-            content = storable(results.as_json(), SummaryFile, lost := PartsMade())
-            if lost.missing:
-                content["missing"] = [*noted, *lost.missing]
-            _put(partial / "summary.json", _text(content))
-        return data.error or drawn.error or lost.error
-
-    def _draw(self, folder: Path) -> None:
-        folder.mkdir()
-        self.plot.save(folder)
-
-    def _write_replay(self, path: Path) -> None:
-        from massprop_drake.display.flight3d import replay_html  # noqa: PLC0415 (loads Drake)
-
-        _put(path, replay_html(self))
-
-    def _write_report(self, path: Path) -> None:
-        from massprop_drake.display.page import report_html  # noqa: PLC0415 (loads templates)
-
-        replay = path.with_name("replay.html")
-        _put(path, report_html(self, replay=replay.name if replay.exists() else None))
-
-    def export(self, to: str, path: str | Path, *, epoch_s: float | None = None, force: bool = False) -> Path:
-        """Writes the run for viewers of others: signals with units, frames, a scene and messages.
-
-        Args:
-            to: "mcap", for Foxglove and PlotJuggler, or "rerun".
-            path: of the file; it appears whole or not at all, and replaces nothing.
-            epoch_s: time of the run's time zero, s since 1970; None: times are those of the run.
-            force: keep a file that is there as `<path>.1`, `<path>.2`, ....
-
-        Raises:
-            InputError: when there is no such format, the package that writes it is missing, a file is there, or it
-                cannot be written.
-        """
-        from massprop_drake.display import export  # noqa: PLC0415 (loads an extra)
-
-        target, kind = Path(path), export.chosen(to).name
-        content = export.Content(self, epoch_s=epoch_s)
-        write_file(target, lambda ready: export.write(content, to, ready), kind, force=force)
-        return target
 
     def note_end(self, error: BaseException, *, early: bool) -> None:
         """Notes in the results the reason for the end of the run.
@@ -343,12 +210,6 @@ class Run:
         """Notes in the results a part that is left out, with the reason."""
         self.__dict__.pop("summary", None)
         self.results = replace(self.results, missing=(*self.results.missing, part))
-
-    def _repr_html_(self) -> str:
-        """Shows the ten parameters and what was found in a notebook."""
-        from massprop_drake.display.page import summary_html  # noqa: PLC0415 (loads templates)
-
-        return summary_html(self)
 
     def to_pandas(self) -> Any:
         """Returns the signals as a pandas DataFrame: rows by time in seconds, columns by signal and component.
@@ -380,28 +241,8 @@ class Run:
         coordinates = {f"{name}_component": list(self.components[name]) for name in self.units}
         return xarray.Dataset(variables, coords={"time_s": np.asarray(self.time_s), **coordinates})
 
-    @staticmethod
-    def load(folder: str | Path) -> Run:
-        """Reads a run back from its folder, also where a killed process has left it unfinished beside.
-
-        Raises:
-            InputError: when the folder holds no run that can be read.
-        """
-        path = Path(folder)
-        results = read_summary(path)
-        scenario = load_scenario(path / "scenario.yaml")
-        if not read_text(path / "scenario.yaml").endswith(_END):
-            raise InputError(f"{path / 'scenario.yaml'}: is cut short: it must end with '...'; run the scenario anew")
-        joints = len(scenario.plant.joint_columns) if isinstance(scenario.plant, MultibodyBlock) else 0
-        whole = results.ended is None and not results.missing
-        time_s, signals = read_history(path / "history.npz", scenario.vehicle_data, joints=joints, whole=whole)
-        state: dict[str, Any] = {}
-        if exists(path / STATE_FILE):
-            state = read_json(path / STATE_FILE)
-            validated(FilterState, state, source=str(path / STATE_FILE))
-        return Run(scenario, results, time_s, signals, state)
-
-    def _write_telemetry(self, path: Path) -> None:
+    def write_telemetry(self, path: Path) -> None:
+        """Writes readings and commands as a CSV file."""
         rows.write_csv(path, self.scenario.vehicle_data, self._telemetry())
 
     def _telemetry(self) -> Iterator[rows.Rows]:
@@ -424,33 +265,15 @@ class Run:
             more = block.get("outside_wrench"), there, followed, block.get("command_onset")
             yield rows.Rows(block["time_s"], readings, commands, *more)
 
-    def _write_history(self, path: Path) -> None:
+    def write_history(self, path: Path) -> None:
+        """Writes every signal with its unit and components as an NPZ file."""
         described = {name: {"unit": self.units[name], "components": self.components[name]} for name in self.units}
         write_npz(path, self._rows, described)
 
-    def _filter_state(self) -> dict[str, Any]:
+    def filter_state(self) -> dict[str, Any]:
+        """Returns what `filter_state.json` holds: the estimators' state, estimates and covariance."""
         return {
             **self.state,
             "estimate": null_for_nan(self.results.estimates),
             "covariance": null_for_nan(self.covariance),
         }
-
-
-def _json(content: Any, schema: type[BaseModel], parts: PartsMade) -> str:
-    return _text(storable(content, schema, parts))
-
-
-def _text(content: Any) -> str:
-    return json.dumps(content, indent=2, allow_nan=False) + "\n"
-
-
-def _put(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8", newline="")
-
-
-def _remove(path: Path) -> None:
-    """Removes a file that has been begun, or an empty folder."""
-    if not path.is_dir():
-        path.unlink(missing_ok=True)
-    elif not any(path.iterdir()):
-        path.rmdir()

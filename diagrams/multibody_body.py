@@ -1,0 +1,74 @@
+"""The body of a scenario that is a MultibodyPlant."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+
+from massprop_drake.inputs import true_params
+from massprop_drake.inputs.model_file import blamed, model_joints, model_kind
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.true_blocks import JointMove, JointStart, MultibodyBlock
+from massprop_drake.systems.multibody.multibody_vehicle import MultibodyVehicle
+from massprop_drake.systems.multibody.plants import (
+    body_of,
+    floating_base,
+    joint_named,
+    parsed_plant,
+    require_motion,
+    require_within,
+)
+
+
+def body(block: MultibodyBlock, *, wheels: bool = False) -> MultibodyVehicle:
+    """Makes the multibody plant of a scenario's block, with the ports of a rigid one.
+
+    Args:
+        block: of the scenario.
+        wheels: whether its vehicle has reaction wheels.
+
+    Raises:
+        InputError: when Drake cannot make a plant of its model, or body and joints that it names are not in it.
+    """
+    plant = _checked(block)
+    with blamed("plant"):
+        return MultibodyVehicle(
+            plant,
+            block.body,
+            positions={joint.joint: joint.position for joint in block.joints},
+            rates={joint.joint: joint.rate for joint in block.joints},
+            rate=np.array(block.initial_rate),
+            moves=true_params.joint_moves(block),
+            drive_frequency_hz=block.drive_frequency_hz,
+            shown=[joint.name for joint in model_joints(block.model)],
+            wheels=wheels,
+        )
+
+
+def _checked(block: MultibodyBlock) -> MultibodyPlant:
+    """Makes the plant of a block, and checks that everything that the block names exists in it."""
+    with blamed("plant.model"):
+        plant = parsed_plant(block.model, model_kind(block.model))
+    with blamed("plant.body"):
+        floating_base(plant, body_of(plant, block.body))
+    entries: dict[str, Sequence[JointStart | JointMove]] = {"joints": block.joints, "moves": block.moves}
+    for name, index, entry in ((name, *numbered) for name, of in entries.items() for numbered in enumerate(of)):
+        with blamed(f"plant.{name}[{index}].joint"):
+            joint = joint_named(plant, entry.joint)
+        with blamed(f"plant.{name}[{index}].position"):
+            require_within(joint, entry.position)
+    with blamed("plant.model"):
+        require_motion(plant)
+    return plant
+
+
+def require_model(scenario: Scenario) -> None:
+    """Checks that a scenario's multibody plant, if it has one, can be flown.
+
+    Raises:
+        InputError: as `body`.
+    """
+    if isinstance(scenario.plant, MultibodyBlock):
+        body(scenario.plant)

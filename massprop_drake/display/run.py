@@ -1,0 +1,206 @@
+"""Finished run with its figures, report and replay: loaded, saved, exported, shown in a notebook."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pydantic import BaseModel
+
+from massprop_drake.errors import InputError, in_words
+from massprop_drake.inputs.model import validated, yaml_text
+from massprop_drake.inputs.scenario import load_scenario
+from massprop_drake.inputs.true_blocks import MultibodyBlock
+from massprop_drake.inputs.yaml import exists, read_text
+from massprop_drake.results.folder import Place, require_writable, whole_folder, write_file
+from massprop_drake.results.parts import PartsMade
+from massprop_drake.results.run_content import RunContent, read_summary
+from massprop_drake.results.stored import STATE_FILE, FilterState, read_history, read_json, storable
+from massprop_drake.results.summary import SummaryFile
+
+if TYPE_CHECKING:
+    from massprop_drake.display.figures import Plots
+
+_END = "...\n"  # closes a YAML document: a file without it was cut short
+
+
+class Run(RunContent):
+    """Scenario that has been run.
+
+    Arguments and attributes are those of `RunContent`.
+    """
+
+    @staticmethod
+    def load(folder: str | Path) -> Run:
+        """Reads a run back from its folder, also where a killed process has left it unfinished beside.
+
+        Raises:
+            InputError: when the folder holds no run that can be read.
+        """
+        path = Path(folder)
+        results = read_summary(path)
+        scenario = load_scenario(path / "scenario.yaml")
+        if not read_text(path / "scenario.yaml").endswith(_END):
+            raise InputError(f"{path / 'scenario.yaml'}: is cut short: it must end with '...'; run the scenario anew")
+        joints = len(scenario.plant.joint_columns) if isinstance(scenario.plant, MultibodyBlock) else 0
+        whole = results.ended is None and not results.missing
+        time_s, signals = read_history(path / "history.npz", scenario.vehicle_data, joints=joints, whole=whole)
+        state: dict[str, Any] = {}
+        if exists(path / STATE_FILE):
+            state = read_json(path / STATE_FILE)
+            validated(FilterState, state, source=str(path / STATE_FILE))
+        return Run(scenario, results, time_s, signals, state)
+
+    @property
+    def plot(self) -> Plots:
+        """Plots of the run: `run.plot.rates()` and the others return matplotlib figures."""
+        from massprop_drake.display.figures import Plots  # noqa: PLC0415 (matplotlib is slow to load)
+        from massprop_drake.display.plot_source import source  # noqa: PLC0415
+
+        return Plots(source(self.shown()))
+
+    def save(
+        self,
+        folder: str | Path | Place,
+        *,
+        force: bool = False,
+        pictures: bool = True,
+        report: bool = True,
+        replay: bool = False,
+    ) -> Path:
+        """Writes the run's folder, whole or not at all.
+
+        A part that cannot be made is left out and noted in `summary.json`; what it raised is raised once the rest is
+        written. A run that lacks data takes no earlier run's place, which is kept as `<folder>.1`, `<folder>.2`, ....
+
+        Args:
+            folder: where to write. A folder of an earlier run is replaced, when every file in it is in its
+                `manifest.json` and unchanged. A place that was found before the work says what was there then.
+            force: keep what is there as `<folder>.1`, `<folder>.2`, ...; nothing is replaced then.
+            pictures: draw the figures, which takes most of the time.
+            report: write `report.html`.
+            replay: write `replay.html`, the run in three dimensions.
+
+        Raises:
+            InputError: when the folder holds anything else, cannot be written, or has been changed by others since
+                it was found; the message then says where the run is.
+        """
+        place = folder if isinstance(folder, Place) else require_writable(Path(folder), force=force)
+        try:
+            error = self._write(place, {"figures": pictures, "replay.html": replay, "report.html": report})
+        except Exception:
+            raise
+        except BaseException as interruption:  # without pages, which take most of the time
+            if place.is_as_found:
+                self._write(place, {}, f"figures and pages: {in_words(interruption)}")
+            raise
+        if error is not None:
+            raise error
+        return place.shown
+
+    def _write(self, place: Place, pages: Mapping[str, bool], *missing: str) -> Exception | None:
+        """Writes the run's folder; parts that cannot be made are noted in its summary.
+
+        Args:
+            place: of the folder.
+            pages: whether figures, replay and report are wanted.
+            missing: parts that are known to be missing.
+
+        Returns:
+            The first error that was noted.
+        """
+        data, drawn = PartsMade(), PartsMade()
+        with whole_folder(place, beside=lambda: bool(self.results.ended or data.missing)) as partial:
+
+            def put(name: str, write: Callable[[Path], object], parts: PartsMade) -> None:
+                try:
+                    write(partial / name)
+                except Exception as error:
+                    if parts is data and isinstance(error, OSError):
+                        raise
+                    _remove(partial / name)
+                    parts.note(name, error)
+
+            put("scenario.yaml", lambda path: _put(path, yaml_text(self.scenario) + _END), data)
+            put("telemetry.csv", self.write_telemetry, data)
+            put("history.npz", self.write_history, data)
+            if self.state:
+                put(STATE_FILE, lambda path: _put(path, _json(self.filter_state(), FilterState, data)), data)
+            shown = self.shown() if any(pages.values()) else self  # once: it takes a while
+            if pages.get("figures"):
+                put("figures", shown._draw, drawn)
+            if pages.get("replay.html"):
+                put("replay.html", shown._write_replay, drawn)
+            if pages.get("report.html"):
+                put("report.html", shown._write_report, drawn)
+            noted = (*self.results.missing, *data.missing, *drawn.missing, *missing)
+            results = replace(self.results, missing=noted) if noted else self.results
+            content = storable(results.as_json(), SummaryFile, lost := PartsMade())
+            if lost.missing:
+                content["missing"] = [*noted, *lost.missing]
+            _put(partial / "summary.json", _text(content))
+        return data.error or drawn.error or lost.error
+
+    def _draw(self, folder: Path) -> None:
+        folder.mkdir()
+        self.plot.save(folder)
+
+    def _write_replay(self, path: Path) -> None:
+        from massprop_drake.display.flight3d import replay_html  # noqa: PLC0415 (loads Drake)
+
+        _put(path, replay_html(self))
+
+    def _write_report(self, path: Path) -> None:
+        from massprop_drake.display.page import report_html  # noqa: PLC0415 (loads templates)
+
+        replay = path.with_name("replay.html")
+        _put(path, report_html(self, replay=replay.name if replay.exists() else None))
+
+    def export(self, to: str, path: str | Path, *, epoch_s: float | None = None, force: bool = False) -> Path:
+        """Writes the run for viewers of others: signals with units, frames, a scene and messages.
+
+        Args:
+            to: "mcap", for Foxglove and PlotJuggler, or "rerun".
+            path: of the file; it appears whole or not at all, and replaces nothing.
+            epoch_s: time of the run's time zero, s since 1970; None: times are those of the run.
+            force: keep a file that is there as `<path>.1`, `<path>.2`, ....
+
+        Raises:
+            InputError: when there is no such format, the package that writes it is missing, a file is there, or it
+                cannot be written.
+        """
+        from massprop_drake.display import export  # noqa: PLC0415 (loads an extra)
+
+        target, kind = Path(path), export.chosen(to).name
+        content = export.Content(self, epoch_s=epoch_s)
+        write_file(target, lambda ready: export.write(content, to, ready), kind, force=force)
+        return target
+
+    def _repr_html_(self) -> str:
+        """Shows the ten parameters and what was found in a notebook."""
+        from massprop_drake.display.page import summary_html  # noqa: PLC0415 (loads templates)
+
+        return summary_html(self)
+
+
+def _json(content: Any, schema: type[BaseModel], parts: PartsMade) -> str:
+    return _text(storable(content, schema, parts))
+
+
+def _text(content: Any) -> str:
+    return json.dumps(content, indent=2, allow_nan=False) + "\n"
+
+
+def _put(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8", newline="")
+
+
+def _remove(path: Path) -> None:
+    """Removes a file that has been begun, or an empty folder."""
+    if not path.is_dir():
+        path.unlink(missing_ok=True)
+    elif not any(path.iterdir()):
+        path.rmdir()
