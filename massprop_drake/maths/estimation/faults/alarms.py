@@ -96,7 +96,7 @@ class Watch(NamedTuple):
 
 
 def watched(each: Hypothesis, evidence: JointEvidence, cycle: int, params: JointParams, *, likely: bool) -> Hypothesis:
-    """Advances the watch of a hypothesis whose filter has made a plain cycle.
+    """Advances the bank of onsets and the alarm of a hypothesis whose filter has made a plain cycle.
 
     Args:
         each: before it.
@@ -143,7 +143,7 @@ def _is_judged(evidence: JointEvidence, params: JointParams) -> bool:
 
 
 def loss(each: Hypothesis) -> float:
-    """Computes the loss of likelihood of the newest readings against those before, nats.
+    """Computes how far the newest sample's log likelihood falls below its expectation, over the usual shortfall, nats.
 
     Each as it is expected, since not every sample has a reading of every sensor.
     """
@@ -156,7 +156,7 @@ def loss(each: Hypothesis) -> float:
 
 
 def surprised(each: Hypothesis, cycle: int, params: JointParams) -> Hypothesis:
-    """Raises an alarm for a watched hypothesis if another makes the newest readings far likelier."""
+    """Raises an alarm at the last onset but one of a watched hypothesis that has none."""
     watch = each.watch
     if watch is None or watch.alarm is not None or len(watch.bank.states) < _FEWEST:
         return each
@@ -166,7 +166,7 @@ def surprised(each: Hypothesis, cycle: int, params: JointParams) -> Hypothesis:
 
 
 def _uncertain(seen: Traces, before: JointState, walks: Array, params: JointParams) -> Traces:
-    """Returns a link's traces with the noise of walking forces added to that of its interval."""
+    """Adds the noise of forces that walk to the first-order effects of errors over an interval."""
     noise = seen.noise
     for slot in np.flatnonzero(walks):
         column = params.places.force + int(slot)
@@ -182,6 +182,7 @@ def newest_link(evidence: JointEvidence, params: JointParams) -> Link:
 
 
 def _alarm(bank: Bank, records: tuple[WatchedCycle, ...], index: int, cycle: int, params: JointParams) -> Alarm:
+    """Makes an alarm with a screen from two onsets before the likeliest one on, brought to the newest sample."""
     first, chosen = max(index - 2, 0), range(max(index - 2, 0), min(index + 2, len(bank.states)))
     cycles = bank.cycles.astype(np.intp)
     onsets = tuple(int(cycles[k]) for k in chosen)

@@ -124,19 +124,19 @@ class Hypothesis(NamedTuple):
 
 
 def begun(state: JointState, cycle: int, params: JointParams) -> Hypothesis:
-    """Returns the hypothesis that nothing has happened."""
+    """Makes the hypothesis that no fault has happened, from a filter state."""
     n = params.places.n_force
     return Hypothesis(Runner(NOTHING, cycle, (), cycle, state, NO_SCORE), (), 0.0, np.full(n, np.nan), np.zeros(n))
 
 
 def force_of(state: JointState, slot: int, params: JointParams) -> tuple[float, float]:
-    """Returns the force in a slot, and its 1-sigma, lbf or N."""
+    """Returns the estimate of a failed jet's force in a slot of the state, and its 1-sigma, lbf or N."""
     row = params.places.force + slot
     return float(state.mean[row]), float(np.sqrt(np.sum(state.root[row] ** 2)))
 
 
 def weighed(each: Hypothesis, params: Params) -> Hypothesis:
-    """Computes the log weight of a hypothesis: likelihood, priors of events and lags, and correction for its forces."""
+    """Updates the log weight of a hypothesis: likelihood, priors of events and lags, and correction for its forces."""
     state = each.run.state
     total = each.run.score.likelihood + each.prior + log_mixture(state, params.joint)
     if each.run.age > 0:
@@ -164,7 +164,7 @@ def special(each: Hypothesis, duration_s: float, params: JointParams) -> bool:
 
 
 def readied(each: Hypothesis, over: Link, params: JointParams) -> JointState:
-    """Returns the state with the noise of walking forces and unknown pushes over the next interval.
+    """Adds the noise of walking forces and unknown pushes over the next interval to the filter state.
 
     Args:
         each: the hypothesis.
@@ -176,19 +176,19 @@ def readied(each: Hypothesis, over: Link, params: JointParams) -> JointState:
 
 
 def shares(each: Hypothesis, duration_s: float) -> Array:
-    """Returns shares of full thrust by which forces may change over an interval, see `restless`, shape (n_force,)."""
+    """Computes 1-sigmas of the forces' walks over an interval, in full thrusts, at most 1, shape (n_force,)."""
     walks: Array = np.minimum(each.walks * duration_s, 1.0)
     return walks
 
 
 def gone_on(each: Hypothesis, run: Runner, params: JointParams) -> Hypothesis:
-    """Returns the hypothesis with its filter one cycle further."""
+    """Records a filter cycle: replaces the filter of a hypothesis, and appends its log likelihood to the trail."""
     kept = OLDEST * params.rates.steps
     return each._replace(run=run, trail=(*each.trail, run.score.likelihood)[-kept:])
 
 
 def behind(each: Hypothesis, other: Hypothesis) -> float:
-    """Computes the deficit of a hypothesis against another at its own last cycle, nats; zero where not known."""
+    """Computes the log-weight deficit against another hypothesis, at the cycle of the first, nats; 0: not known."""
     since = other.run.cycle - each.run.cycle
     if each.run.age <= 0 or not 0 <= since < len(other.trail):
         return 0.0
@@ -213,7 +213,7 @@ def moved(each: Hypothesis, sample: JointSample, over: Link, params: JointParams
 
 
 def split(each: Hypothesis, sample: JointSample) -> tuple[Hypothesis, ...]:
-    """Splits a hypothesis in two if a jet that gives too much is commanded for the first time since.
+    """Splits a hypothesis in two when a jet that gives too much thrust is first commanded after its failure.
 
     In the one the force comes on top of the command, in the other it is in its place; both are as likely.
     """
@@ -234,7 +234,7 @@ def split(each: Hypothesis, sample: JointSample) -> tuple[Hypothesis, ...]:
 
 
 def regained(each: Hypothesis, sample: JointSample, cycle: int, params: JointParams) -> Hypothesis:
-    """Restarts a hypothesis after an interval of which nothing is known."""
+    """Restarts the filter of a hypothesis after a gap, an interval of which nothing is known."""
     after, _ = restart(each.run.state, sample, params)
     begun_anew = gone_on(each, each.run._replace(state=after, cycle=cycle), params)
     return begun_anew._replace(watch=None, origin=None, review=None)

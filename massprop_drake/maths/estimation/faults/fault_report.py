@@ -99,7 +99,7 @@ class Odds(NamedTuple):
 
 @cache
 def certain(n_jets: int) -> Odds:
-    """Returns the odds while nothing has happened and no alternative is considered; shared, do not modify."""
+    """Returns the odds while nothing has failed and no alternative is considered; shared, do not modify."""
     nothing, unknown = np.zeros(n_jets), np.full(n_jets, np.nan)
     return Odds(1, 1.0, 0.0, nothing, nothing, unknown, unknown)
 
@@ -126,7 +126,7 @@ def own_row(said: tuple[Declaration, ...], odds: Odds, history: History | None =
 
 @cache
 def _nothing_told(n_jets: int) -> Any:
-    """Returns `_told` of cycles without declarations; its arrays are shared, do not modify."""
+    """Returns the log row of a sample without declarations; its arrays are shared, do not modify."""
     return _told((), n_jets)
 
 

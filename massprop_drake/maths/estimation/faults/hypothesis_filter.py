@@ -102,7 +102,7 @@ def judge(state: HypothesisFilterState, evidence: JointEvidence, params: Params)
 def _searched(
     search: StartSearch, evidence: JointEvidence, params: Params
 ) -> tuple[StartSearch, tuple[SearchOutcome, ...]]:
-    """Advances the search for failures in the start after a cycle; returns it with the tree that it has found."""
+    """Advances the search for failures in the start by a cycle; returns it, and the hypotheses that it has found."""
     report = evidence.report
     if report.course is None or params.joint.places.n_force == 0:
         return BEGUN, ()
@@ -130,7 +130,7 @@ def unremarkable(state: HypothesisFilterState) -> tuple[Any, ...]:
 
 
 def _removed(removed: Array, said: tuple[Declaration, ...]) -> Array:
-    """Returns 1 for each jet that is to be taken out of use."""
+    """Updates the flags of jets out of use, 1: removed, with the declarations at a sample, shape (n_jets,)."""
     for one in said:
         if isinstance(one, JetsDeclared) and len(one.jets) == 1:
             removed = removed.copy()

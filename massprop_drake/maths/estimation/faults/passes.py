@@ -69,7 +69,7 @@ class PassFit(NamedTuple):
 
 
 def begin_fit(contender: Contender, log_prior: float, about: Array, entry: JointState, params: JointParams) -> PassFit:
-    """Begins the first pass of a hypothesis.
+    """Begins the first Gauss-Newton pass over the start under a hypothesis.
 
     Args:
         contender: see `PassFit`.
@@ -85,7 +85,7 @@ def begin_fit(contender: Contender, log_prior: float, about: Array, entry: Joint
 
 
 def begin_pass(fit: PassFit, entry: JointState, params: JointParams) -> PassFit:
-    """Begins the next pass where the last has ended."""
+    """Begins the next Gauss-Newton pass, linearized about the end of the last."""
     contender = fit.contender._replace(cause=_cause(fit, params), force=_forces(fit, params)[0])
     begins = begun_as(entry, fit.state, params)
     again = begin_fit(contender, fit.log_prior, linearization(fit.state, entry, params), begins, params)
@@ -93,7 +93,7 @@ def begin_pass(fit: PassFit, entry: JointState, params: JointParams) -> PassFit:
 
 
 def linearization(state: JointState, entry: JointState, params: JointParams) -> Array:
-    """Returns a state's estimate as the next x*, shape (size,), with the forces that were known at entry.
+    """Returns the next linearization point x*: a state's estimate, with the forces known at entry, shape (size,).
 
     Mass properties that no body has are replaced by those of the nominal vehicle.
     """
@@ -106,7 +106,7 @@ def linearization(state: JointState, entry: JointState, params: JointParams) -> 
 
 
 def step_fit(fit: PassFit, kept: Kept, params: JointParams) -> PassFit | None:
-    """Takes in the next sample; None: the filter has lost definiteness.
+    """Advances a pass by the next kept sample; None: the filter has lost definiteness.
 
     In its first two intervals a jet may give an impulse besides, since its onset lies within one.
     """
@@ -121,6 +121,7 @@ def step_fit(fit: PassFit, kept: Kept, params: JointParams) -> PassFit | None:
 
 
 def _stepped(fit: PassFit, kept: Kept, params: JointParams) -> tuple[JointState, Score]:
+    """Filters the next kept sample, linearized about x*; returns the state after it, and the score until then."""
     state, score, about, sample = fit.state, fit.score, fit.about, kept.sample
     cause, kicks, age = fit.contender.cause, fit.contender.kicks, fit.done - fit.contender.onset
     if cause.kind == Kind.WANDER and age == 0:
@@ -141,7 +142,7 @@ def _stepped(fit: PassFit, kept: Kept, params: JointParams) -> tuple[JointState,
 
 
 def end_pass(fit: PassFit, entry: JointState, params: JointParams) -> PassFit:
-    """Ends a pass that has gone over all samples: it has arrived, or begins again."""
+    """Ends a pass over all samples: marks the fit as arrived, or begins another pass where it may still converge."""
     wanders = fit.passes > 2 and fit.scores[len(fit.earlier) - 1].likelihood < fit.reached
     stays_so = stays(fit.state, fit.about, params.places) and _cause(fit, params) == fit.contender.cause
     if wanders or fit.passes >= MOST or stays_so:
@@ -155,12 +156,12 @@ def has_moved(fit: PassFit, params: JointParams) -> bool:
 
 
 def follow_up(fit: PassFit, entry: JointState, params: JointParams) -> PassFit:
-    """Begins a last pass if one is due since newer samples have moved the end of the one before."""
+    """Begins a last pass if newer samples have moved the end of the one before; else returns the fit as it is."""
     return begin_pass(fit, entry, params)._replace(arrived=True) if has_moved(fit, params) else fit
 
 
 def _cause(fit: PassFit, params: JointParams) -> Cause:
-    """Returns the cause with its jet leaking or stuck on, whichever its force shows."""
+    """Returns the cause with each jet taken as leaking or stuck on, by its estimated force."""
     cause = fit.contender.cause
     shares = np.array(_forces(fit, params)[0]) / params.thrusts[list(cause.jets)]
     on_top = (int(sign > 0 and share < screens.LEAK) for sign, share in zip(cause.signs, shares.tolist(), strict=True))
@@ -168,7 +169,7 @@ def _cause(fit: PassFit, params: JointParams) -> Cause:
 
 
 def _forces(fit: PassFit, params: JointParams) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Returns the force of the failed jet, if there is one, and its 1-sigma, lbf or N."""
+    """Returns estimates and 1-sigmas of the failed jets' forces, lbf or N; empty without a failed jet."""
     cause = fit.contender.cause
     rows = [params.places.force + slot_of(fit.state, *way) for way in zip(cause.jets, cause.signs, strict=True)]
     mean, root = fit.state.mean[rows], fit.state.root[rows]

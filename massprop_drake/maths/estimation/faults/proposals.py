@@ -98,7 +98,7 @@ class Origin(NamedTuple):
 
 
 def drawn(each: Hypothesis, cycle: int, among: Sequence[Hypothesis], params: Params) -> tuple[list[Birth], Rest | None]:
-    """Draws proposals from a hypothesis with an alarm; returns them and the probability of the rest.
+    """Draws proposals from a hypothesis with an alarm; returns them, and the sum of those not followed; None: no more.
 
     Args:
         each: the hypothesis.
@@ -126,7 +126,7 @@ def drawn(each: Hypothesis, cycle: int, among: Sequence[Hypothesis], params: Par
 def ranked(
     each: Hypothesis, alarm: Alarm, level: float, among: Sequence[Hypothesis], params: Params, *, off: float
 ) -> tuple[list[Birth], Rest | None]:
-    """Ranks the proposals of an alarm to first order; returns them and the probability of the rest.
+    """Ranks the proposals of an alarm to first order; returns those to follow, and the sum of the rest; None: no rest.
 
     Args:
         each: hypothesis of which they are children.
@@ -199,7 +199,7 @@ def ranked(
 def _known_one(
     each: Hypothesis, causes: list[Cause], since_s: float, among: Sequence[Hypothesis]
 ) -> tuple[int, Hypothesis] | None:
-    """Finds a proposal that is a likely hypothesis already: its place, and the likeliest such one; None: none is."""
+    """Finds a proposal that is a likely hypothesis already: its index, and the likeliest such one; None: none is."""
     n, found = len(each.events), list[tuple[int, Hypothesis]]()
     best = max(other.weight for other in among)
     for other in among:
@@ -216,7 +216,7 @@ def _known_one(
 
 
 def _place_of(cause: Cause, causes: list[Cause]) -> int | None:
-    """Finds the first cause with the same failures as another, however their forces are taken; None: there is none."""
+    """Finds the index of the first cause with the same failures as another, whatever its forces; None: none."""
     return next(
         (at for at, one in enumerate(causes) if one.kind == cause.kind and one.failures == cause.failures), None
     )
@@ -225,7 +225,7 @@ def _place_of(cause: Cause, causes: list[Cause]) -> int | None:
 def _alike(
     each: Hypothesis, causes: list[Cause], alarm: Alarm, among: Sequence[Hypothesis]
 ) -> tuple[int, Hypothesis, float] | None:
-    """Finds a proposal of which another parent has a likely child: its place, that child, and its lead; or None.
+    """Finds a proposal that is a likely child of another parent: its index, that child, and its lead, nats; or None.
 
     What happens next is as probable whatever has happened before: it is ahead by as much as its parent was, nats.
     """
@@ -259,7 +259,7 @@ def born_key(child: Hypothesis) -> object:
 
 
 def _seconds(alarm: Alarm, place: int) -> float:
-    """Returns the time that an onset of the screen stands for, s."""
+    """Returns the length of the time span that one onset of the screen represents, s."""
     states = alarm.states
     if place > 0:
         return states[place].time_s - states[place - 1].time_s
@@ -321,7 +321,7 @@ def _children(
 def _child(
     each: Hypothesis, one: Contender, prior: float, alarm: Alarm, at: tuple[int, int, int], params: Params
 ) -> Hypothesis:
-    """Makes a hypothesis of a proposal."""
+    """Makes the child of a proposal at an onset; ``at``: its index in the screen, its cycle, and cycles in its span."""
     place, onset, apart = at
     begins, state, score = alarm.screen.onsets[place], alarm.states[place], alarm.scores[place]
     kicks = tuple(tuple(kick / apart for kick in kicks) for kicks in one.kicks)
@@ -343,7 +343,7 @@ def origin_of(each: Hypothesis, alarm: Alarm) -> Origin:
 
 
 def _born(each: Hypothesis, run: Runner, prior: float, params: JointParams, origin: Origin | None = None) -> Hypothesis:
-    """Makes a child of a hypothesis, at its onset."""
+    """Branches a child hypothesis off at the onset of its new event."""
     opened_at, walks, state = each.opened_at.copy(), each.walks.copy(), run.state
     slots = state.slot_jet.copy()
     for way in run.cause.failures if run.cause.kind == Kind.JETS else ():
@@ -381,7 +381,7 @@ def _may_drift(one: Contender, known: Array, params: Params) -> bool:
 
 
 def _drifting(each: Hypothesis, one: Contender, alarm: Alarm, params: Params) -> Hypothesis:
-    """Returns a single failure as one whose force grows slowly from nothing."""
+    """Makes the child in which the failed jet of a proposal drifts: its force grows slowly from nothing."""
     priors, place = params.priors, alarm.screen.onsets.index(one.onset)
     seconds = _seconds(alarm, place)
     rate = priors.jet_per_hour * float(params.rates[one.cause.jets[0]])
@@ -404,7 +404,7 @@ def _pushed(each: Hypothesis, push: float, alarm: Alarm, params: Params) -> Hypo
 
 
 def _wandering(each: Hypothesis, alarm: Alarm, entry: float, cycle: int, params: Params) -> list[Birth]:
-    """Proposes disturbances that are not stated, stronger than those that are thought to act already.
+    """Proposes unstated disturbances, stronger than those already in the hypothesis.
 
     What such a hypothesis spends is that of a filter that follows, beside a rate, an acceleration that walks: with s
     what the walk over a sample is in sigmas of the reading, the innovation is as good as that of the reading alone for
@@ -437,7 +437,7 @@ def _wandering(each: Hypothesis, alarm: Alarm, entry: float, cycle: int, params:
 
 
 def _followed(level: float, constant_s: float, unit: Array, seconds: float) -> float:
-    """Computes the cost of following an acceleration that walks, nats a sample; see `_wandering`."""
+    """Computes the log-likelihood cost of estimating an acceleration that walks, nats a sample."""
     walked = level * unit * math.sqrt(2.0 * seconds / constant_s)
     return 0.5 * float(np.log1p(np.sqrt(2.0 * walked) + walked**2).sum())
 
@@ -489,7 +489,7 @@ def _false(each: Hypothesis, alarm: Alarm, entry: float, cycle: int, params: Par
 
 
 def _of_engines(each: Hypothesis, finest: float, params: JointParams) -> list[tuple[Cause, float]]:
-    """Proposes failures of the engines that burn, with the change of each in log likelihood, nats."""
+    """Lists failures of the engines that burn, each with its cost in log likelihood, nats."""
     burn, mean, found = each.watch.records[-1].sample.burn, each.run.state.mean, list[tuple[Cause, float]]()
     inverse, seconds = mean[:6][ELEMENT], each.watch.records[-1].link.duration_s
     for engine, points in enumerate(burn.points):

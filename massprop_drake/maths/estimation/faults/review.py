@@ -101,7 +101,7 @@ def tells(review: Review, each: Hypothesis, params: JointParams) -> bool:
 def drawn(
     review: Review, each: Hypothesis, among: Sequence[Hypothesis], params: Params
 ) -> tuple[Review, list[Birth], Rest | None]:
-    """Draws alternatives to the newest event; returns the review, them, and the probability of the rest.
+    """Draws alternatives to the newest event; returns the review, the proposals, and the sum of those not followed.
 
     Args:
         review: at the present.
@@ -122,13 +122,13 @@ def drawn(
 
 
 def _instead(review: Review, each: Hypothesis, params: JointParams) -> tuple[Screen, float]:
-    """Sets the forces of the newest event in the screen back; returns it and the change in log likelihood, nats."""
+    """Resets the newest event's forces in the screen; returns it, and the change in log likelihood, nats."""
     (rows, away, covariance), posterior = _before(review, each, params)
     return screens.constrained(review.screen, rows, away, covariance), posterior
 
 
 def _before(review: Review, each: Hypothesis, params: JointParams) -> tuple[tuple[np.ndarray, Array, Array], float]:
-    """Finds the newest event's forces: rows, deviation, covariance; and log posterior over prior density.
+    """Computes rows, deviation and covariance of the newest event's forces, and log posterior over prior density.
 
     By the ratio of Savage and Dickey: posterior over prior density of the forces where they were, nats.
     """

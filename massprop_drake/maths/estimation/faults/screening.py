@@ -49,7 +49,7 @@ class Screening(NamedTuple):
 def begin_screening(
     entry: JointState, about: Array, kept: tuple[Kept, ...], around: tuple[int, int] | None, params: JointParams
 ) -> Screening:
-    """Begins a screening of the kept samples.
+    """Begins a first-order comparison of all jets over the kept samples.
 
     Args:
         entry: see `Screening`.
@@ -68,7 +68,7 @@ def begin_screening(
 
 
 def step_screening(screening: Screening, kept: Kept, params: JointParams) -> Screening:
-    """Takes in the next kept sample."""
+    """Advances a screening by the next kept sample."""
     screen, sample = screening.screen, kept.sample
     if kept.anew:
         state, _ = restart(screening.state, sample, params)
@@ -109,7 +109,7 @@ def rank_jets(screening: Screening, params: JointParams) -> list[Contender]:
 
 
 def log_prior(contender: Contender, screening: Screening, kept: tuple[Kept, ...], priors: Priors) -> float:
-    """Computes the log prior of a jet's failure at its onset and those the first order does not tell from it, nats."""
+    """Computes the log prior of a jet's failure at its onset or at those that the first order takes for it, nats."""
     interval_s = (kept[-1].sample.time_s - screening.entry.time_s) / len(kept)
     gaps = dict(zip(screening.screen.onsets, screening.screen.gaps, strict=True))
     among = [(gaps.get(onset, 1), lead - contender.lead) for onset, lead in contender.at_onsets]

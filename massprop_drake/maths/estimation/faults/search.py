@@ -171,6 +171,7 @@ def followed(
 
 
 def _with_sample(search: StartSearch, before: JointState, latest: Kept, params: JointParams) -> StartSearch:
+    """Adds a sample to those kept; forgets older ones while nothing acts."""
     entry, kept = (before if search.entry is None else search.entry), (*search.kept, latest)
     acted = search.acted or acts(latest.sample, params)
     if not (acted or search.contradicted) and latest.sample.time_s - entry.time_s > _QUIET_S:
@@ -179,6 +180,7 @@ def _with_sample(search: StartSearch, before: JointState, latest: Kept, params: 
 
 
 def _begun(search: StartSearch, priors: Priors, params: JointParams) -> StartSearch:
+    """Begins a search over the kept samples with the hypothesis that no jet has failed."""
     entry = search.beginning
     about = passes.linearization(entry, entry, params)
     nothing = passes.begin_fit(_NOTHING, math.log(priors.start), about, entry, params)
@@ -199,17 +201,17 @@ def _disturbed(search: StartSearch, priors: Priors, params: JointParams) -> tupl
 
 
 def _given_up(search: StartSearch) -> StartSearch:
-    """Gives up a search that has found nothing: it begins again once twice as many samples are there."""
+    """Postpones a search that has found nothing until twice as many samples are kept."""
     return _anew(search, 2.0 * search.kept[-1].sample.time_s - search.beginning.time_s)
 
 
 def _anew(search: StartSearch, due_s: float) -> StartSearch:
-    """Begins the search again at some time, s, with all kept samples."""
+    """Restarts the search with all kept samples, due at some time, s."""
     return StartSearch(True, search.entry, search.kept, search.acted, True, due_s)
 
 
 def _gone_on(search: StartSearch, priors: Priors, params: JointParams) -> StartSearch:
-    """Advances the search by the steps of a cycle."""
+    """Advances the search by the filter steps that one cycle may spend."""
     left = STEPS
     while left > 0 and search.until > 0:
         screening = search.screening
@@ -233,7 +235,7 @@ def _gone_on(search: StartSearch, priors: Priors, params: JointParams) -> StartS
 
 
 def _proposed(search: StartSearch, screening: Screening, priors: Priors, params: JointParams) -> StartSearch:
-    """Begins passes of the jets that a screening finds near, or goes on to the newest sample if none is new."""
+    """Begins passes of the likely jets of a screening; if none is new, extends all fits to the newest sample."""
     found, entry, about = screenings.rank_jets(screening, params), search.beginning, screening.about
     told = _near(_undisturbed(search), priors, params)
     sure = search.rounds > 1 and bool(told) and told[0].score.misfit < _MISFIT
@@ -254,12 +256,12 @@ def _tried(contender: Contender, sure: bool) -> object:
 
 
 def _turn(fit: PassFit) -> tuple[bool, bool, float]:
-    """Orders the passes: each hypothesis's first, then those that have explained most."""
+    """Returns the sort key of fits to advance: arrived ones, then first passes, then the largest log likelihood."""
     return not fit.arrived, fit.passes > 1, -fit.reached
 
 
 def _passed(search: StartSearch, fit: PassFit, params: JointParams) -> StartSearch:
-    """Advances the search by one step of a fit, and drops the fit if it is far behind."""
+    """Advances a fit by one filter step, and drops it if it is far behind."""
     after = passes.step_fit(fit, search.kept[fit.done], params)
     if after is not None and after.done == search.horizon and not after.arrived:
         after = passes.end_pass(after, search.beginning, params)
@@ -274,7 +276,7 @@ def _passed(search: StartSearch, fit: PassFit, params: JointParams) -> StartSear
 
 
 def _turned(search: StartSearch, priors: Priors, params: JointParams) -> StartSearch:
-    """Goes on once all passes have ended: another screening about the likeliest, or on to the newest sample.
+    """Begins another screening about the likeliest once all passes have ended, or extends these to the newest sample.
 
     Where nothing that has failed explains the readings, screenings begin at the end of its passes.
     """
@@ -294,7 +296,7 @@ def _turned(search: StartSearch, priors: Priors, params: JointParams) -> StartSe
 
 
 def _brought_forward(search: StartSearch, priors: Priors, params: JointParams) -> StartSearch:
-    """Advances the hypotheses that are near to the newest sample; gives up if none explains the readings.
+    """Extends the fits near the likeliest to the newest sample; postpones the search if none explains the readings.
 
     Before that it has those of what acts unstated.
     """
@@ -325,6 +327,7 @@ def _near(search: StartSearch, priors: Priors, params: JointParams) -> tuple[Pas
 
 
 def _found(fit: PassFit, search: StartSearch, params: JointParams) -> SearchOutcome:
+    """Makes the outcome of a fit: its state, cause, onset, score and prior."""
     onset, state = fit.contender.onset, guarded(fit.state, acts(search.kept[-1].sample, params), params)
     since_s = search.beginning.time_s
     onset_s = search.kept[onset - 1].sample.time_s if onset > 0 else since_s

@@ -171,7 +171,7 @@ def _stepped(
 def _kicked(
     each: Hypothesis, evidence: JointEvidence, cycle: int, over: Link, params: JointParams, *, likely: bool
 ) -> Hypothesis:
-    """Advances a hypothesis whose newest failure may still give a further impulse, with its watch.
+    """Advances a hypothesis and its watch while its newest failure may still give a further impulse.
 
     What else fails meanwhile is proposed from its own state.
     """
@@ -184,7 +184,7 @@ def _kicked(
 def _watched_from(
     before: JointState, each: Hypothesis, evidence: JointEvidence, cycle: int, params: JointParams, *, likely: bool
 ) -> Hypothesis:
-    """Advances a hypothesis and its watch by a cycle that its own filter makes from some state."""
+    """Advances a hypothesis and its watch by a cycle of its own filter from a given state."""
     after, report = step(before, evidence.sample, params)
     after = unguarded(after) if evidence.report.starting else after
     report = report._replace(rotation_known=evidence.report.rotation_known)
@@ -238,7 +238,7 @@ def _proposed(tree: Tree, params: Params) -> Tree:
 
 
 def _is_told(alarm: Alarm, leader: Hypothesis, tree: Tree) -> bool:
-    """Tests whether further draws of an alarm tell nothing: by first orders nothing, or a review looks further."""
+    """Tests whether further draws of an alarm are useless: first orders tell nothing, or a review looks further."""
     untold = alarm.rest == UNTOLD and not reviews.may_be(leader)
     return alarm.drawn >= 0 and (untold or _is_calm(leader, tree))
 
@@ -273,7 +273,7 @@ def _due(age: int, drawn: int) -> bool:
 
 
 def draws_that_count(tree: Tree) -> tuple[Hypothesis, ...]:
-    """Returns hypotheses whose draws may have a rest; those far behind a reviewed one do not count."""
+    """Returns hypotheses whose draws may leave proposals out; those far behind a reviewed leader do not count."""
     leader = tree.leader
     if leader.review is None or leader.review.drawn < 0:
         return tree.hypotheses
@@ -339,7 +339,7 @@ def _is_rival(birth: Birth, each: Hypothesis) -> bool:
 
 
 def _in_turn(births: Sequence[Birth], leads: Leads) -> tuple[Birth, ...]:
-    """Orders proposals to be followed: the best of each draw, the second of each, and so on.
+    """Orders proposals for their replay: the best of each draw, then the second of each, and so on.
 
     What different draws neglect differs, and so what jets and jumps do; a draw that is too sure of itself must not keep
     all others waiting. Those are best that might be likeliest, by what the first order may be off: they keep
@@ -365,7 +365,7 @@ def _born_as(child: Hypothesis) -> tuple[object, int]:
 
 
 def _without(births: Sequence[Birth], origin: object) -> list[Birth]:
-    """Returns the proposals that other draws have made."""
+    """Removes the proposals of one draw, given by its origin."""
     return [birth for birth in births if birth.origin != origin]
 
 
@@ -386,7 +386,7 @@ def _redrawn(
 
 
 def _replayed(tree: Tree, params: Params, *, starting: bool) -> Tree:
-    """Replays the proposals within the budget; those that have arrived are hypotheses.
+    """Replays proposals to the newest sample within the step budget; those that arrive become hypotheses.
 
     One that falls behind the likeliest on its way is as little worth following as a hypothesis that does.
     """

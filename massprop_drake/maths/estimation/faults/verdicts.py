@@ -86,7 +86,7 @@ def above_floor(way: Way, each: Hypothesis, params: JointParams) -> float:
 
 
 def of_jets(tree: Tree, params: JointParams) -> dict[Way, float]:
-    """Computes the probability of each failure of a jet."""
+    """Computes the posterior probability of each jet failure, by jet and sign."""
     found: dict[Way, float] = {}
     for each, share in probabilities(tree):
         for way in each.ways if each.run.age > 0 else ():
@@ -95,7 +95,7 @@ def of_jets(tree: Tree, params: JointParams) -> dict[Way, float]:
 
 
 def of_others(tree: Tree) -> dict[Part, float]:
-    """Computes the probability of every other part of a history, each with the number of its earlier occurrences."""
+    """Computes the posterior probability of all events but jet failures, by kind, component and earlier occurrences."""
     found: dict[Part, float] = {}
     for each, share in probabilities(tree):
         for part in each.parts:
@@ -142,7 +142,7 @@ def mode_of(way: Way, each: Hypothesis, params: JointParams) -> Mode:
 
 
 def judged(verdicts: Verdicts, tree: Tree, params: Params) -> tuple[Verdicts, tuple[Declaration, ...]]:
-    """Updates the declarations with a sample.
+    """Updates the verdicts with a sample; returns them, and the new declarations.
 
     Args:
         verdicts: before it.
@@ -177,7 +177,7 @@ def _enough(part: Part, priors: Priors) -> float:
 
 
 def unheard(part: Part | frozenset[Way], tree: Tree) -> float:
-    """Bounds, to first order, the probability of proposals that wait or are left, without a part that may be declared.
+    """Bounds, to first order, the probability of proposals not yet followed that lack a part about to be declared.
 
     Args:
         part: a part; or jets, of which one is enough.
@@ -192,13 +192,13 @@ def unheard(part: Part | frozenset[Way], tree: Tree) -> float:
 
 
 def _waiting(tree: Tree, counts: Callable[[Hypothesis], bool]) -> float:
-    """Computes the odds, to first order, of proposals of some kind that wait."""
+    """Computes the first-order odds of waiting proposals whose hypothesis passes a test."""
     leads = leads_of(tree)
     return sum(math.exp(min(birth.lead(leads) + birth.doubt, 0.0)) for birth in tree.births if counts(birth.child))
 
 
 def _has(part: Part | frozenset[Way], each: Hypothesis) -> bool:
-    """Tests whether a hypothesis has a part, or one of some jets."""
+    """Tests whether a hypothesis has an event as a part of its history, or one of several jet failures."""
     if isinstance(part, frozenset):
         return bool(part & each.ways)
     return part in each.ways or part in each.parts
@@ -307,7 +307,7 @@ def _apart(ways: list[Way], forces: list[float], tree: Tree, params: JointParams
 
 
 def _known_now(verdicts: Verdicts, tree: Tree, params: JointParams) -> tuple[Verdicts, list[Declaration]]:
-    """Declares what has become known only now: forces that have changed, and the size of a jump."""
+    """Declares forces that have changed, and the size of a jump once it is measured."""
     leader, said = tree.leader, list[Declaration]()
     now = leader.run.state
     earlier = verdicts.earlier

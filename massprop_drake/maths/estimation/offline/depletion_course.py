@@ -43,7 +43,7 @@ _STEP = 1e-4  # arithmetic, relative: of central differences, which have half th
 
 
 def about_middle(course: ThrustCourse, at: Array, model: FlightModel) -> tuple[ThrustCourse, Array]:
-    """Expands a stretch and all unknowns about its middle; without tanks both stay.
+    """Converts a stretch and all unknowns to the mass properties at its middle; without tanks both stay.
 
     Args:
         course: of the stretch.

@@ -58,7 +58,7 @@ class MotionDerivatives(NamedTuple):
 def motion_derivatives(
     expected: ExpectedMotion, at: Array, model: FlightModel, wanted: NDArray[np.bool_]
 ) -> MotionDerivatives:
-    """Computes derivatives by at least the wanted unknowns; those of a group, but jets and gains, come together."""
+    """Computes derivatives of the expected motion by at least the wanted unknowns; most groups come as a whole."""
     places, course, read, light = columns(model), expected.course, expected.course.read, expected.lightness
     there = wanted[places.thrust][read.on]
     if there.any():
@@ -114,7 +114,7 @@ def _of_stretch(
     at: Array,
     model: FlightModel,
 ) -> MotionDerivatives:
-    """Computes the design of a stretch, tanks and modes included."""
+    """Completes the derivatives of a stretch with tanks, modes, ticks and the rate's initial value."""
     read, places, by_center = expected.course.read, columns(model), None
     if read.through is not None:
         _from_middle(found, kept, expected, at, model)

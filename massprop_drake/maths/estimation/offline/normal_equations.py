@@ -106,7 +106,7 @@ def _own(package: int, model: FlightModel) -> tuple[slice, slice]:
 def components_of(
     expected: ExpectedMotion, fixed: TurningEffects, at: Array, model: FlightModel, held: HeldRows | None = None
 ) -> Iterator[ReadComponent]:
-    """Yields every component of which there are two rows, gyros first; rows that are held are taken, others noted."""
+    """Yields sensor components with two new readings at least, gyros first; takes rows from `held`, or notes them."""
     read, held = expected.course.read, {} if held is None else held
     for package in range(read.readings.shape[0]):
         (gains, biases), number = _own(package, model), package - model.gyros
@@ -160,7 +160,7 @@ def _batch(parts: Sequence[ReadComponent]) -> ComponentBatch:
 
 
 def batches_of(parts: Iterator[ReadComponent], gyros: int) -> Iterator[ComponentBatch]:
-    """Yields components that are processed at once."""
+    """Groups components into batches that are processed at once."""
     waiting: list[ReadComponent] = []
     for part in parts:
         count = sum(other.rows.size for other in waiting) + part.rows.size
@@ -233,7 +233,7 @@ def equations_about(
     wanted: NDArray[np.bool_] | None = None,
     held: HeldRows | None = None,
 ) -> NormalEquations:
-    """Computes `normal` from the course of the thrust; rows that are held count, others are noted there."""
+    """Computes the normal equations from a thrust course; takes rows from `held`, or notes them there."""
     course, at = about_middle(course, at, model)
     expected, followed = expected_motion(at, course, model), model.followed and bool(course.read.known.all())
     if followed:
@@ -376,7 +376,7 @@ def _tally(total: NormalEquations, batch: ComponentBatch, left: Array, fast: Arr
 
 
 def _without_own(information: Array, score: Array, variances: Array) -> tuple[Array, Array, Array]:
-    """Eliminates the unknowns of the stretch alone from the normal equations, and estimates these."""
+    """Eliminates a stretch's own unknowns; returns information and score of the others, and estimates of its own."""
     n = variances.size
     own, cross = information[-n:, -n:] + np.diag(1.0 / variances), information[:-n, -n:]
     solved = np.linalg.solve(own, np.column_stack((cross.T, score[-n:])))
@@ -392,5 +392,5 @@ def empty(model: FlightModel) -> NormalEquations:
 
 
 def summed_equations(parts: Sequence[NormalEquations], model: FlightModel) -> NormalEquations:
-    """Adds the equations of stretches up."""
+    """Sums the normal equations of stretches."""
     return reduce(NormalEquations.plus, parts) if parts else empty(model)

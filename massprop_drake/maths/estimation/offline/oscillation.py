@@ -197,7 +197,7 @@ class Lines(NamedTuple):
 
 
 def lines_of(left: Array, time_s: Array) -> Lines:
-    """Computes the lines of residuals, shape (n,), at some times, s, shape (n,)."""
+    """Computes the power spectrum of the increments of residuals, shape (n,), read at some times, s, shape (n,)."""
     count = left.size - 1
     length_s = float(time_s[-1] - time_s[0]) / count
     evenly = np.interp(time_s[0] + length_s * np.arange(count + 1), time_s, left)
@@ -213,7 +213,7 @@ def _of_neighbors(lines: Array) -> Array:
 def _all_lines(
     stretches: Sequence[Stretch], fit: FlightFit, model: FlightModel, change: Array
 ) -> Iterator[tuple[Residuals, Lines]]:
-    """Yields every component, and its lines."""
+    """Yields sensor components with enough readings, and the spectra of their residuals' increments."""
     for stretch in stretches:
         components, _ = residuals(stretch, fit.at, model)
         for one in components:
@@ -240,6 +240,7 @@ def _frequencies(length_s: float, period_s: float) -> Array:
 
 
 def _part(stretch: Stretch, at: Array, model: FlightModel) -> _Part:
+    """Linearizes a stretch about the fit: residuals, and steps of the structure's acceleration."""
     components, moved = residuals(stretch, at, model)
     time_s = stretch.time_s - stretch.time_s[0]
     acceleration = np.diff(moved) / np.diff(time_s)

@@ -78,7 +78,7 @@ def decayed_sums(rows: Array, remaining: Array) -> None:
 
 @kernel
 def lag(level: Array, slope: Array, remaining: Array, by_logarithm: Array) -> None:
-    """Applies the lag, see `lagged`."""
+    """Applies the jets' first-order lag to levels in place, see `lagged`."""
     lagged(level, slope, remaining, by_logarithm)
 
 

@@ -1,4 +1,4 @@
-r"""ComponentBatch regression of a flight: all readings explained at once, and tests of what is left over.
+r"""Batch regression of a flight: all readings explained at once, and tests of what is left over.
 
 Over a stretch of a record the rate is its value at the beginning and the sum of what jets, coupling and known forces
 have added since, the velocity likewise, so that with theta all that may be unknown,
@@ -102,7 +102,7 @@ def fitted(stretches: Sequence[Stretch], start: Array, model: FlightModel) -> Fl
 
 
 def _fitted(stretches: Sequence[Stretch], start: Array, model: FlightModel, *, last: bool = True) -> FlightFit:
-    """Iterates until the fit settles; where others follow, unknowns that are only tested are left out.
+    """Iterates Gauss-Newton passes until they converge; leaves out unknowns that are only tested unless `last`.
 
     Once they are near, the readings that count stay the same: else each pass may choose those that the next does not.
     """

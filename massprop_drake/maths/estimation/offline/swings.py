@@ -104,7 +104,7 @@ def with_modes(locked: Locked, properties: Array, errors: Array, modes: ModePara
 
 
 def can_swing(properties: Array, errors: Array, modes: ModeParams) -> bool:
-    """Tests whether parts that move leave some inertia to what they move in.
+    """Tests whether the parts that move leave a positive inertia to the rest of the vehicle.
 
     Args:
         properties, errors, modes: see `with_modes`.

@@ -24,7 +24,7 @@ def weighed_by_length(each: Array, lengths_s: Lengths) -> Array:
 
 
 def common_length(lengths_s: Lengths) -> float:
-    """Returns the factor of sums of `weighed_by_length`."""
+    """Returns the common length of all intervals, s, or 1 where each has its own: see `weighed_by_length`."""
     return 1.0 if isinstance(lengths_s, np.ndarray) else lengths_s
 
 
@@ -50,7 +50,7 @@ class RecordedStretch(NamedTuple):
 
 
 def recorded(stretch: Stretch, model: FlightModel) -> RecordedStretch:
-    """Collects what of a stretch depends on no unknown."""
+    """Collects the data of a stretch that do not depend on the unknowns."""
     told = (stretch.commands[:-1] != 0.0).any(axis=0)
     on = np.flatnonzero(told | (stretch.before != 0.0).any(axis=0))
     rates = _by_columns(stretch.readings[:, : model.gyros].swapaxes(0, 1))
@@ -123,6 +123,7 @@ class ThrustCourse(NamedTuple):
 
 
 def _course(read: RecordedStretch, lag_error: Array, model: FlightModel) -> ThrustCourse:
+    """Computes the course of the jets' thrust over a stretch with some errors of their time constants, s."""
     on, commands, period, late = read.on, read.commands, read.period_s, read.late_s
     m = late.shape[0]
     given, lag_error = model.time_constants_s[on], lag_error[on]
@@ -251,12 +252,12 @@ def interpolated(rate: Array, there: NDArray[np.bool_], rows: Array) -> Array:
 
 
 def _by_columns(rows: Array) -> Array:
-    """Puts the rows of a stretch side by side."""
+    """Transposes the last two axes, contiguous in memory."""
     return np.ascontiguousarray(np.swapaxes(rows, -1, -2))
 
 
 def centered_counts(number: int) -> Array:
-    """Numbers the rows from the middle on."""
+    """Returns row numbers counted from the middle, shape (number,)."""
     return np.arange(0.5 * (1.0 - number), 0.5 * number)
 
 

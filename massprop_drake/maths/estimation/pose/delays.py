@@ -54,7 +54,7 @@ def parts_of(delays_s: Array, stds_s: Array, period_s: float) -> Delays:
 
 
 def split(bank: PoseBank, params: PoseParams) -> list[PoseBank]:
-    """Copies one filter at the first sample for each part."""
+    """Copies the one filter at the first sample for each part of the possible delays."""
     delays, places = params.delays, _places(params)
     kinds = params.free[places] - params.parts.delay.start
     result = []
@@ -73,7 +73,7 @@ def _places(params: PoseParams) -> np.ndarray:
 
 
 def gathered(parts: list[Tried], params: PoseParams) -> Tried:
-    """Joins the hypotheses of each part, the likeliest first.
+    """Joins the hypotheses of all parts of the possible delays, the likeliest part first.
 
     Args:
         parts: of each, as at the first sample.
@@ -117,7 +117,7 @@ def advanced(
 def judged(
     tried: Tried, time_s: float, rules: PoseRules, params: PoseParams
 ) -> tuple[Tried, pose_hypotheses.PoseOutcome | None]:
-    """Judges a sample, see `pose_hypotheses.judged`; no failure is named while another delay is as likely."""
+    """Names a failure after a sample, see `pose_hypotheses.judged`; none while another delay is as likely."""
     others = tuple(pose_hypotheses.renewed(one, time_s, params) for one in tried.elsewhere)
     alone = tried._replace(elsewhere=())
     after, found = pose_hypotheses.judged(alone, time_s, rules, params, waits=not settled(tried, rules.lead))
@@ -153,7 +153,7 @@ def weight(tried: Tried) -> float:
 
 
 def _ordered(parts: list[Tried]) -> Tried:
-    """Orders parts by weight, without those that are far behind."""
+    """Orders parts by weight, without those far behind; returns the first, with the others as `elsewhere`."""
     weights = np.array([weight(one) for one in parts])
     order = np.argsort(-weights, kind="stable")
     kept = [parts[place] for place in order if weights[order[0]] - weights[place] < BEHIND]
@@ -161,7 +161,7 @@ def _ordered(parts: list[Tried]) -> Tried:
 
 
 def _merged(parts: list[Tried], params: PoseParams) -> list[Tried]:
-    """Merges parts that one filter can hold."""
+    """Merges the parts of the possible delays that one filter can hold."""
     if any(one.doubt is not None for one in parts):
         return parts
     result: list[Tried] = []

@@ -113,6 +113,7 @@ def _part(part: Tried) -> list[Array]:
 
 
 def _taken(read: _PoseReader, params: PoseParams) -> Tried:
+    """Reads one part as `_part` packs it."""
     numbers = _Numbers(*read.take(len(_Numbers._fields)).tolist())
     jets = params.pushes.shape[0]
     if numbers.filters not in (1.0, 2.0 + 2.0 * jets):

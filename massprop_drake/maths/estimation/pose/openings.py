@@ -75,6 +75,7 @@ class _Grown(NamedTuple):
 
 
 def _grown(since_s: Array, lag_s: Array) -> _Grown:
+    """Integrates the response of valves with a lag to a step: see `_Grown`; zero before it."""
     time_s = np.maximum(since_s, 0.0)
     left = np.exp(-time_s / lag_s)
     level = 1.0 - left

@@ -87,7 +87,7 @@ class PoseUpdate(NamedTuple):
 
 
 def shifted(bank: PoseBank, correction: Array, covariance: Array, params: PoseParams) -> PoseBank:
-    """Returns the bank with a correction of the free elements, shape (n_filters, n), and another covariance."""
+    """Applies a correction of the free elements, shape (n_filters, n), to a bank, and replaces its covariance."""
     mean = bank.mean.copy()
     mean[:, params.free] += correction
     turn = mean[:, params.parts.attitude].copy()
@@ -103,7 +103,7 @@ def step(
     params: PoseParams,
     doubt: Doubt | None = None,
 ) -> PoseCycled:
-    """Runs a whole cycle.
+    """Advances a bank of filters by a sample: predicts, updates, and merges those kept apart in the last one's doubt.
 
     Args:
         bank: after the last sample.
@@ -157,7 +157,7 @@ def merged(one: PoseBank, other: PoseBank, share: Array, params: PoseParams) -> 
 def _step(
     bank: PoseBank, commands: Commands, span_s: tuple[float, float], readings: PoseReadings, params: PoseParams
 ) -> PoseCycled:
-    """Runs a cycle without doubt of the last sample."""
+    """Advances a bank by a sample without doubt of the last one."""
     with np.errstate(all="ignore"):  # a filter that has run off is seen by what it expects
         ahead = predicted(bank, commands, *span_s, params)
         beside = compared(ahead.bank, readings, params)
@@ -219,7 +219,7 @@ def _run_off(bank: PoseBank, beside: Compared, shown: Array, time_s: float) -> n
 
 
 def _of_first(values: Array, chosen: np.ndarray) -> Array:
-    """Returns values by filter, those of the chosen ones as the first has them."""
+    """Returns values by filter, with the first filter's in place of those of the chosen ones."""
     return np.where(chosen.reshape(-1, *(1,) * (values.ndim - 1)), values[:1], values)
 
 
@@ -330,7 +330,7 @@ def _possible(mean: Array, correction: Array, params: PoseParams) -> np.ndarray:
 
 
 def noisier(beside: Compared, scale: float) -> Compared:
-    """Returns the readings with poses so many times as noisy."""
+    """Scales the 1-sigma of the pose readings by a factor."""
     grown = np.where(beside.poses, scale, 1.0)
     return beside._replace(variance=beside.variance * grown[:, None] * grown)
 
@@ -370,7 +370,7 @@ def _whitened(shown: Array, beside: Compared) -> Array:
 
 
 def _updated(happened: list[Happened], taken: Array) -> list[PoseUpdate]:
-    """Computes all updates at once, by a form which holds for any gain.
+    """Computes the Kalman updates by all possibilities at once, in a form that holds for any gain.
 
     It is Joseph's, (1 - K H) P (1 - K H)^T + K R K^T, multiplied out: P - K C^T - C K^T + K S K^T with C = P H^T, which
     are products of few columns, as many as there are readings.

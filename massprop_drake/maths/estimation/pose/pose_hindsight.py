@@ -106,7 +106,7 @@ class PoseEquations(NamedTuple):
 
 
 def vehicle_of(state: Array, mass_reciprocal: float, params: PoseParams) -> Array:
-    """Computes the unknowns of an estimator's state with a mass, shape (size,)."""
+    """Converts an estimator's state, with a mass, to the unknowns, shape (size,)."""
     parts, at = params.parts, state.copy()
     scale = mass_reciprocal * params.nominal_mass
     at[parts.thrust] = state[parts.thrust] / scale
@@ -117,7 +117,7 @@ def vehicle_of(state: Array, mass_reciprocal: float, params: PoseParams) -> Arra
 
 
 def state_of(at: Array, params: PoseParams) -> Array:
-    """Computes the estimator's state from unknowns: the inverse of `vehicle_of`, shape (size,)."""
+    """Converts the unknowns to an estimator's state: the inverse of `vehicle_of`, shape (size,)."""
     parts, state = params.parts, at.copy()
     reciprocal = at[parts.common]
     state[parts.thrust] = at[parts.thrust] * reciprocal * params.nominal_mass
@@ -149,7 +149,7 @@ def unknown(parts: Parts) -> np.ndarray:
 
 
 def possible(at: Array, parts: Parts) -> bool:
-    """Tests whether a body can have these unknowns."""
+    """Tests whether the unknowns are physical: mass and inverse inertia positive, no lag negative."""
     inverse = symmetric_matrices(at[parts.spin])
     return bool(at[parts.common] > 0.0 and np.linalg.eigvalsh(inverse)[0] > 0.0 and (at[parts.lag] >= 0.0).all())
 

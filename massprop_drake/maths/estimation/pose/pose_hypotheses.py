@@ -108,7 +108,7 @@ class PoseOutcome(NamedTuple):
 
 
 def begun(bank: PoseBank, time_s: float, params: PoseParams) -> Tried:
-    """Returns the hypotheses at the first sample.
+    """Makes the hypotheses at the first sample: no failure, each jet weak, each jet open, and a push.
 
     Args:
         bank: one filter that knows of no failure.
@@ -122,7 +122,7 @@ def begun(bank: PoseBank, time_s: float, params: PoseParams) -> Tried:
 
 
 def alone(bank: PoseBank, known: Array, time_s: float) -> Tried:
-    """Returns a filter without hypotheses.
+    """Wraps a bank of one filter, without other hypotheses.
 
     Args:
         bank: of one filter.
@@ -191,7 +191,7 @@ def _stacked(first: PoseBank, rest: PoseBank) -> PoseBank:
 
 
 def renewed(tried: Tried, time_s: float, params: PoseParams) -> Tried:
-    """Merges into every hypothesis the possibility that its jet fails now, where that is due."""
+    """Merges into every hypothesis the possibility that its jet fails now, once that is due."""
     if tried.doubt is not None or time_s - tried.renewed_s < RENEWAL_S:
         return tried
     return _renewed(tried, time_s, params)
@@ -220,7 +220,7 @@ def _renewed(tried: Tried, time_s: float, params: PoseParams) -> Tried:
 
 
 def _possible(tried: Tried) -> np.ndarray:
-    """Returns hypotheses that may yet become true: not known, and no second jet that stands open."""
+    """Selects hypotheses that may yet become true: not known, and no second open jet, shape (1 + 2 n_jets,)."""
     jets = tried.known.size // 2
     possible = tried.known == 0.0
     if tried.bank.opens[0] >= 0:
@@ -259,7 +259,7 @@ def _further_apart(apart: Array | None, whitened: Array | None) -> Array | None:
 def judged(
     tried: Tried, time_s: float, rules: PoseRules, params: PoseParams, *, waits: bool = False
 ) -> tuple[Tried, PoseOutcome | None]:
-    """Judges a sample: returns the hypotheses that go on, and the failure that is named.
+    """Decides after a sample whether a failure is named; returns the hypotheses that go on, and the failure or None.
 
     Args:
         tried: after the sample.
@@ -324,6 +324,7 @@ def ahead(tried: Tried, rules: PoseRules) -> Tried | None:
 
 
 def _judged(tried: Tried, time_s: float, rules: PoseRules, params: PoseParams) -> tuple[PoseOutcome | None, Tried]:
+    """Finds the failure to name, None: none yet; returns it, and the hypotheses with their leader and times updated."""
     odds = np.where(_possible(tried), tried.likelihood[1:], _NEVER)
     leader = int(np.argmax(odds))
     best = float(odds[leader])
@@ -357,7 +358,7 @@ def _taken(tried: Tried, member: int, time_s: float, params: PoseParams) -> Trie
 
 
 def anew(first: PoseBank, known: Array, time_s: float, params: PoseParams) -> Tried:
-    """Makes hypotheses that begin with one filter.
+    """Restarts all hypotheses from one filter.
 
     Args:
         first: that filter.

@@ -95,7 +95,7 @@ class _Acting(NamedTuple):
 
 
 def timing(mean: Array, params: PoseParams) -> OpeningTimes:
-    """Returns the valves' timing by the state."""
+    """Reads delay, lag and opening time of each jet's valve from the state."""
     parts, kinds = params.parts, params.kinds
     return OpeningTimes(
         mean[:, parts.delay][:, kinds], np.exp(mean[:, parts.lag][:, kinds]), mean[:, parts.opening][:, kinds]
@@ -156,9 +156,9 @@ def predicted(bank: PoseBank, commands: Commands, begin_s: float, end_s: float, 
 
 
 def _pulsed(bank: PoseBank, openings: Openings, params: PoseParams) -> tuple[PoseBank, Array | None]:
-    """Returns the bank with new, independent strengths of the pulses that begin.
+    """Resets the strengths of pulses that begin; returns the bank, and the share that remains of each free element.
 
-    And what of the state goes on, zero for those, shape (n_filters, n); None: all of it.
+    They are drawn anew, independent; the share is zero for those, else one, shape (n_filters, n); None: all is kept.
     """
     scattered = np.flatnonzero(params.pulse_scatter > 0.0)
     begins = openings.begins[:, scattered]
@@ -175,6 +175,7 @@ def _pulsed(bank: PoseBank, openings: Openings, params: PoseParams) -> tuple[Pos
 
 
 def _acting(bank: PoseBank, openings: Openings, duration: float, params: PoseParams) -> _Acting:
+    """Computes the thrust of the jets over an interval, with the jet that a hypothesis takes to stand open."""
     parts, mean = params.parts, bank.mean
     once, twice, shut = openings.once.copy(), openings.twice.copy(), np.ones_like(openings.once)
     strength = 1.0 + mean[:, parts.pulse]
@@ -320,7 +321,7 @@ def _coupling(rate: Array, spin: Array, params: PoseParams) -> tuple[Array, Arra
 
 
 def _effects(acting: _Acting, params: PoseParams) -> Iterator[tuple[Array, slice, bool]]:
-    """Returns effects of the jets, shape (n_filters, n_jets, 3), elements that integrate them, and whether twice."""
+    """Yields each effect of the jets, shape (n_filters, n_jets, 3), elements that integrate it, and whether twice."""
     parts = params.parts
     yield from ((acting.forces, parts.velocity, False), (acting.forces, parts.position, True))
     yield from ((acting.turns, parts.rate, False), (acting.turns, parts.attitude, True))
@@ -329,7 +330,7 @@ def _effects(acting: _Acting, params: PoseParams) -> Iterator[tuple[Array, slice
 
 
 def _triples(part: slice) -> Iterator[slice]:
-    """Returns the elements of each sensor's vector."""
+    """Returns the slices of the three elements of each sensor's vector."""
     return (slice(begin, begin + 3) for begin in range(part.start, part.stop, 3))
 
 
@@ -345,7 +346,7 @@ def _by_timing(jacobian: Array, acting: _Acting, params: PoseParams) -> None:
 
 
 def _by_opening(jacobian: Array, acting: _Acting, bank: PoseBank, params: PoseParams) -> None:
-    """Fills in the derivative by how far a jet stands open."""
+    """Fills in the derivatives by how far a jet stands open."""
     column, which = params.parts.open.start, np.flatnonzero(bank.opens >= 0)
     jets, duration = bank.opens[which], acting.duration
     factor = acting.factor[which, jets]

@@ -62,7 +62,7 @@ def prior(known: Beforehand, fixed: np.ndarray, parts: Parts) -> tuple[Array, Ar
 
 
 def begun(readings: PoseReadings, params: PoseParams) -> PoseBank:
-    """Returns one filter after the first sample: attitude and position as they are read.
+    """Initializes one filter by the first sample: attitude and position as they are read.
 
     Nothing tells whether a first reading is a poor one: where there are such, it counts as one.
     """
@@ -123,7 +123,7 @@ def tracked_point(place: int, parts: Parts) -> slice:
 
 
 def _own(whole: Array, part: slice, variance: float) -> None:
-    """Makes a part independent, with a variance of its own."""
+    """Replaces a part's covariance by an independent variance, in place."""
     whole[part] = 0.0
     whole[:, part] = 0.0
     whole[part, part] = variance * np.eye(part.stop - part.start)

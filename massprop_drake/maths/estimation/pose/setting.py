@@ -184,6 +184,7 @@ def _supposed(known: Beforehand, parts: Parts, *, hypotheses: bool) -> np.ndarra
 
 
 def _beforehand(setup: Setup, tracking: Tracking, parts: Parts, mass_std: float) -> Beforehand:
+    """Makes the prior before the first sample from the vehicle's data."""
     valves, around, mass = tracking.valves, tracking.around, 1.0 / float(setup.nominal[MASS_RECIPROCAL])
     rest, deviation = np.zeros(parts.size), np.zeros(parts.size)
     inertia = np.linalg.inv(symmetric(setup.nominal[:6]))
