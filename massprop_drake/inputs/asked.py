@@ -61,7 +61,7 @@ class Target(NamedTuple):
 
 
 def targets(asked: Mapping[str, str], properties: Array, vehicle: Vehicle) -> list[Target]:
-    """Reads targets such as ``{"mass": "1%", "center": "2 mm"}``, groups taken apart.
+    """Parses 1-sigma targets such as ``{"mass": "1%", "center": "2 mm"}``, with one target per quantity of a group.
 
     Args:
         asked: 1-sigma by name, a share or with a unit.
@@ -196,7 +196,7 @@ class Suspicion(NamedTuple):
 
 
 def suspicion(suspects: Sequence[str], force: str, vehicle: Vehicle, fires: NDArray[np.int_]) -> Suspicion:
-    """Reads suspects: one is to be distinguished from every other jet, several from each other.
+    """Parses suspected jets: one is to be separated from every other jet, several from each other.
 
     Args:
         suspects: designations.
@@ -231,7 +231,7 @@ def suspicion(suspects: Sequence[str], force: str, vehicle: Vehicle, fires: NDAr
 
 
 def forces(text: str, vehicle: Vehicle, places: Sequence[int]) -> Array:
-    """Reads a force by which jets fail, of each jet, lbf or N; a negative one is missing thrust, shape (n_jets,).
+    """Parses the failure force of each jet, lbf or N, shape (n_jets,); a negative one is missing thrust.
 
     Args:
         text: a share of the thrust, or with a unit.
@@ -276,7 +276,7 @@ class Judged(NamedTuple):
 
 
 def aims(wanted: Sequence[Target], suspected: Suspicion, params: JointParams, judged: Judged) -> Aims:
-    """Makes the aims of a search: targets and suspects with a margin, since it goes by the nominal vehicle.
+    """Makes the aims of the maneuver search, with a margin since it plans on the nominal vehicle.
 
     A failure is looked for once estimates have converged, so with suspects that is an aim.
 

@@ -268,7 +268,7 @@ def campaign_keys() -> list[Key]:
 
 
 def _quantities(key: str, value: Any, path: FieldPath, vehicle: Vehicle, document: Document) -> Iterator[Quantity]:
-    """Lists all that is drawn in a value, in its order."""
+    """Yields the drawn quantities in a value of the block `draw`, in its order."""
     where = document.where(("draw", *path))
     label = dotted(path)
     if key == MASS_PROPERTIES and len(path) == 1 and _is_dispersion(value):
@@ -317,7 +317,7 @@ def _jets(which: str, vehicle: Vehicle, where: str) -> tuple[str, ...]:
 
 
 def settings_of(campaign: CampaignSpec, drawn: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns the fields of one draw, by dotted key.
+    """Returns the scenario settings of one draw, by dotted key.
 
     Args:
         campaign: with what is drawn.
@@ -337,7 +337,7 @@ def settings_of(campaign: CampaignSpec, drawn: Mapping[str, Any]) -> dict[str, A
 
 
 def _filled(value: Any, path: FieldPath, drawn: Mapping[str, Any]) -> Any:
-    """Replaces each distribution in a value by what was drawn."""
+    """Replaces each distribution in a value of the block `draw` by its drawn value."""
     label = dotted(path)
     if label in drawn:
         return drawn[label]
@@ -360,7 +360,7 @@ _SIZES = set[str]().union(*_OF_KIND.values())
 
 
 def _told_apart(campaign: CampaignSpec, failures: Any) -> Any:
-    """Adjusts drawn failures: each has the sizes of its own kind alone, and a jet of its own.
+    """Adjusts a case's drawn failures: each keeps the sizes of its own kind alone, and gets a jet of its own.
 
     Where the kind is drawn, a block may give sizes for all kinds. The force of a degraded jet without a fraction is
     what it has lost. A force that is drawn is at most the jet's thrust. A jet that an earlier failure of the case has

@@ -35,12 +35,12 @@ class Factor(NamedTuple):
 
 
 def in_words(size: float) -> str:
-    """Formats a factor, a small one as a fraction: 57.3, 1/57.3."""
+    """Formats a factor, one below 1 as a fraction: 57.3, 1/57.3."""
     return f"{size:.4g}" if size >= 1.0 else f"1/{1.0 / size:.4g}"
 
 
 def of_rates(period_s: float) -> tuple[Factor, ...]:
-    """Returns common factors of rates in rad/s, at a sample period in s."""
+    """Returns common unit-error factors of rates in rad/s, at a sample period in s."""
     return (
         Factor(1.0 / _DEGREE, "degrees in place of radians"),
         Factor(_DEGREE, "radians in place of degrees"),
@@ -54,7 +54,7 @@ def of_rates(period_s: float) -> tuple[Factor, ...]:
 
 
 def of_velocities(units: str, period_s: float) -> tuple[Factor, ...]:
-    """Returns common factors of velocities, integrals of acceleration, of a vehicle in `units`, "us" or "si"."""
+    """Returns common unit-error factors of integrated acceleration, of a vehicle in `units`, "us" or "si"."""
     own, other, feet = ("meters", "feet", 1.0 / FOOT) if units == "si" else ("feet", "meters", FOOT)
     weight, gravity = ("m/s^2", GRAVITY) if units == "si" else ("ft/s^2", GRAVITY / FOOT)
     return (
@@ -69,7 +69,7 @@ def of_velocities(units: str, period_s: float) -> tuple[Factor, ...]:
 
 
 def of_impulses(units: str, period_s: float) -> tuple[Factor, ...]:
-    """Returns common factors of impulses by commands and thrusts over the true ones."""
+    """Returns common unit-error factors of impulses computed from commands and thrusts."""
     own, other, force = ("N", "lbf", 1.0 / _FORCES) if units == "si" else ("lbf", "N", _FORCES)
     return (
         Factor(period_s, "on-times in s in place of fractions of the sample period"),
@@ -82,7 +82,7 @@ def of_impulses(units: str, period_s: float) -> tuple[Factor, ...]:
 
 
 def of_times() -> tuple[Factor, ...]:
-    """Returns common factors of stamps in s."""
+    """Returns common unit-error factors of time stamps in s."""
     return (
         *(Factor(10.0**n, f"{unit} in place of s") for n, unit in ((3, "ms"), (6, "us"), (9, "ns"))),
         *(Factor(10.0**-n, f"s in place of {unit}") for n, unit in ((3, "ms"), (6, "us"), (9, "ns"))),

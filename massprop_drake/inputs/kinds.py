@@ -26,7 +26,7 @@ _USES: dict[Kind, str] = {
 
 
 def bundled(kind: Kind) -> list[str]:
-    """Lists the bundled files of a kind.
+    """Lists the names of the bundled files of a kind.
 
     Raises:
         InputError: when the package lacks them.

@@ -13,7 +13,7 @@ from massprop_drake.maths.vehicle.engine_thrust import NO_ENGINES, EngineParams
 
 
 def wheels(vehicle: Vehicle) -> WheelParams:
-    """Makes the reaction wheels, of exact inertia."""
+    """Makes the parameters of the reaction wheels, of exact inertia."""
     axes = np.array([wheel.axis for wheel in vehicle.wheels]).reshape(-1, 3)
     return WheelParams(
         axes=axes / np.linalg.norm(axes, axis=1, keepdims=True),
@@ -25,7 +25,7 @@ def wheels(vehicle: Vehicle) -> WheelParams:
 
 
 def engines(vehicle: Vehicle) -> EngineParams:
-    """Makes the engines, without errors."""
+    """Makes the parameters of the engines, without errors."""
     stated = vehicle.engines
     if not stated:
         return NO_ENGINES
@@ -63,13 +63,13 @@ def engines(vehicle: Vehicle) -> EngineParams:
 
 
 def _flows(engine: RocketEngine, levels: Array, gravity: float) -> Array:
-    """Returns flows of propellant at some levels, shape (k,)."""
+    """Computes an engine's propellant flow at some throttle levels, shape (k,)."""
     given, impulses = np.array(engine.impulses).T
     return np.asarray(engine.thrust * levels / (gravity * np.interp(levels, given, impulses)))
 
 
 def engine_sigmas(vehicle: Vehicle) -> Array:
-    """Returns 1-sigma of the errors of the engines, shape (6 n,)."""
+    """Returns 1-sigma of each engine's errors: two each of thrust, direction and position, shape (6 n,)."""
     return np.array(
         [
             sigma
@@ -81,7 +81,7 @@ def engine_sigmas(vehicle: Vehicle) -> Array:
 
 
 def tanks(vehicle: Vehicle) -> TankParams:
-    """Makes the tanks that jets empty, as they are stated."""
+    """Makes the parameters of the tanks that jets empty, as they are stated."""
     stated, geometry = vehicle.tanks, vehicle.tank_geometry
 
     def each(key: str) -> Array:

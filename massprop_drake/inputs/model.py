@@ -278,7 +278,7 @@ def _models_at(model: type[Model], path: FieldPath, data: Any) -> list[type[Mode
 
 
 def _chosen(members: list[type[Model]], data: Any, tags: tuple[str | int, ...] = ()) -> type[Model]:
-    """Returns the member of a union that the data name, or where they do not the tags."""
+    """Returns the member of a union that the `kind` of the data selects, or else the tags."""
     if len(members) > 1 and isinstance(data, dict):
         named = (data["kind"],) if "kind" in data else tags
         return next((member for member in members if any(tag in _tags_of(member) for tag in named)), members[0])

@@ -245,7 +245,7 @@ def _of_length_1(direction: Array) -> None:
 def not_followed(
     parts: Sequence[Slosh | HingedPanel | StatedMode], nominal: tuple[float, Array, Array], period_s: float
 ) -> str | None:
-    """Explains why a filter cannot follow some parts that move; None: it can.
+    """Describes the problem that keeps a filter from estimating parts that move; None: there is none.
 
     Args:
         parts: as they are stated.
@@ -276,7 +276,7 @@ def _leaves_something(parts: Sequence[Slosh | HingedPanel | StatedMode], nominal
 
 
 def _crossing(parts: Sequence[Slosh | HingedPanel | StatedMode], push: Array, owners: NDArray[np.int_]) -> Array:
-    """Computes `ModeParams.crossing`, see there: that of masses that move along several axes."""
+    """Computes `ModeParams.crossing`, zero but for masses that slosh along several axes, shape (n, n, 3)."""
     result = np.zeros((owners.size, owners.size, 3))
     for one, owner in enumerate(owners):
         part = parts[owner]

@@ -99,7 +99,7 @@ def setup(scenario: Scenario) -> Setup:
 
 
 def rates(scenario: Scenario) -> Rates:
-    """Returns the steps of the joint filter."""
+    """Returns how many steps the joint filter takes in a sample period."""
     vehicle = scenario.vehicle_data
     if not steps_by_readings(scenario):
         return EVERY_PERIOD
@@ -143,7 +143,7 @@ def disturbance_sigmas(vehicle: Vehicle) -> Array:
 
 
 def tracking(scenario: Scenario) -> Tracking:
-    """Collects the data of a vehicle that is followed in a fixed frame."""
+    """Collects the pose filter's data of a vehicle that is tracked in a fixed frame."""
     vehicle = scenario.vehicle_data
     kinds, around = list(vehicle.jet_kinds.values()), vehicle.surroundings
     poses, speeds = vehicle.poses, vehicle.velocities
@@ -256,7 +256,7 @@ def estimation_params(scenario: Scenario) -> EstimationParams:
 
 
 def convergence_limits(scenario: Scenario) -> Array:
-    """Returns limits of `mass_properties.converged`, shape (3,)."""
+    """Returns the 1-sigmas below which estimates are converged, see `mass_properties.converged`, shape (3,)."""
     limits = scenario.estimation.convergence
     center = limits.center_of_mass or 0.03 * scenario.vehicle_data.rms_arm
     return np.array([limits.diagonal, center, limits.mass_reciprocal])
@@ -406,7 +406,7 @@ def _manifolds(vehicle: Vehicle) -> NDArray[np.int_]:
 
 
 def jets(scenario: Scenario) -> KnownJets:
-    """Makes the jets as a detector knows them."""
+    """Makes the jet parameters that a detector knows."""
     vehicle = scenario.vehicle_data
     return KnownJets(
         period_s=vehicle.sample_period_s,

@@ -110,7 +110,7 @@ def flight_params(scenario: Scenario, true: VehicleParams) -> FlightParams:
 
 
 def wheel_control(scenario: Scenario) -> WheelControlParams | None:
-    """Makes the law by which the autopilot turns the vehicle by its wheels; None: it does not."""
+    """Makes the parameters of attitude control by reaction wheels; None: the autopilot does not use them."""
     vehicle, block = scenario.vehicle_data, scenario.autopilot.wheels
     if block is None:
         return None
@@ -159,7 +159,7 @@ def engine_commands(scenario: Scenario) -> Array:
 
 
 def pieces(scenario: Scenario) -> int:
-    """Returns the largest number of pieces of a sample, as true jets switch within it; 1: they do not."""
+    """Returns the largest number of pieces into which jet switching splits a sample; 1: no jet switches within one."""
     if not scenario.open_loop:
         return 1 + most_edges(pulses(scenario))
     table, onset_s = commands(scenario)

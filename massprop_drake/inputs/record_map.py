@@ -365,7 +365,7 @@ class CommandMap(_Sampled):
 
 
 def _columns(data: Any, within: str = "") -> Iterator[str]:
-    """Returns names of columns in the data of a part of a map."""
+    """Yields the column names in the data of a part of a map."""
     if isinstance(data, dict):
         for key, value in data.items():
             if key == "columns" and isinstance(value, dict):

@@ -67,7 +67,7 @@ def with_present_detector(data: dict[str, Any], usual: str) -> tuple[dict[str, A
 
 
 def keys_left_behind(former: Any, kind: Any) -> tuple[str, ...]:
-    """Returns keys that the detector of the joint filter had, where another kind takes its place.
+    """Returns the keys to drop where another kind replaces the joint filter's detector.
 
     Args:
         former: kind that the block had; None: it was not written out.

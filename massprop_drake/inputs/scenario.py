@@ -284,7 +284,7 @@ def _present(data: Any, path: tuple[str, ...]) -> bool:
 
 
 def _part(block: Any, key: str, otherwise: str | None) -> Any:
-    """Returns a key of a block, validated or not."""
+    """Returns the value of a key of a block, validated or not."""
     return block.get(key, otherwise) if isinstance(block, dict) else getattr(block, key, otherwise)
 
 
@@ -388,7 +388,7 @@ def _with_model(data: Any, document: Document | None, folder: Path) -> Any:
 
 
 def _named_vehicle(vehicle: Any, folder: Path | None) -> Vehicle | None:
-    """Returns the vehicle that data name; None where there is none, which is reported when it is loaded for good."""
+    """Loads the vehicle of a name; None where there is none, which is reported when it is loaded for good."""
     try:
         return _find_vehicle(vehicle, folder or Path(), None) if isinstance(vehicle, str) else None
     except InputError:
@@ -396,7 +396,7 @@ def _named_vehicle(vehicle: Any, folder: Path | None) -> Vehicle | None:
 
 
 def _with_filter(data: Any, vehicle: Vehicle | None) -> Any:
-    """Returns data that name the filter which alone goes with a vehicle, where they name none."""
+    """Returns data with the pose filter named, where the vehicle needs it and they name no filter."""
     if vehicle is None or not vehicle.needs_pose_filter or not isinstance(data, dict):
         return data
     estimation = data.get("estimation", {})

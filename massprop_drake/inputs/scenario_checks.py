@@ -200,7 +200,7 @@ def _of_true_tanks(plant: PlantBlock, vehicle: Vehicle) -> Iterator[tuple[FieldP
 
 
 def _not_followed(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
-    """Finds a filter, or an engine, that does not match whether the vehicle is followed in a fixed frame."""
+    """Finds a filter that does not go with the vehicle's moving parts, wheels, engines, tanks or pose sensors."""
     named = scenario.estimation.filter
     if scenario.moving and named != "joint":
         yield ("moving",), f"plays no part in estimation.filter: {named}; use joint, or leave it out"

@@ -19,7 +19,7 @@ _T = TypeVar("_T", bound=Any)
 
 
 def in_order(timed: _T) -> _T:
-    """Returns an interval as it is; raises ValueError where it does not end after its beginning."""
+    """Returns an interval unchanged; raises ValueError unless it ends after its beginning."""
     start_s, end_s = timed.start_s, timed.end_s
     if end_s is not None and end_s <= start_s:
         raise ValueError(f"end_s must be later than start_s, got {moment(start_s)} to {moment(end_s)}")

@@ -72,7 +72,7 @@ def sensor_model(scenario: Scenario, sensor: SensorPackage) -> SensorModel:
 
 
 def undrawn_model(scenario: Scenario, sensor: SensorPackage) -> SensorModel:
-    """Makes the errors of `sensor_model` before the seed draws phases."""
+    """Makes a sensor package's true errors before the seed draws their phases."""
     period, errors = scenario.vehicle_data.sample_period_s, _errors_of(scenario, sensor)
     tones, integrates = _tones(errors), isinstance(sensor, Accelerometer)
     scale_factor = np.array(errors.scale_factor)
@@ -94,7 +94,7 @@ def undrawn_model(scenario: Scenario, sensor: SensorPackage) -> SensorModel:
 
 
 def sensor_draws(scenario: Scenario, sensor: SensorPackage) -> Draws:
-    """Draws phases of a sensor package by the seed."""
+    """Describes the phases of a sensor package that the seed draws."""
     errors = _errors_of(scenario, sensor)
     quantum = sensor.quantum if errors.quantum is None else errors.quantum
     marks = quantum > 0.0 and scenario.sensors.quantizer_phase == "seeded"
@@ -145,7 +145,7 @@ def vehicle_params(scenario: Scenario) -> VehicleParams:
 
 
 def mass_jumps(scenario: Scenario) -> tuple[Jump, ...]:
-    """Lists the payloads that leave or come."""
+    """Lists the mass-property jumps: payloads that are released or docked."""
     return tuple(Jump(jump.time_s, *jump_terms(jump)) for jump in scenario.jumps)
 
 
@@ -160,7 +160,7 @@ def joint_moves(plant: MultibodyBlock) -> dict[str, tuple[Move, ...]]:
 
 
 def disturbance(scenario: Scenario) -> DisturbanceModel | None:
-    """Returns torque and force on the true vehicle besides its jets'; None: there are none."""
+    """Makes the model of the true vehicle's disturbance torque and force; None: there is none."""
     block = scenario.plant.disturbance
     mean, std = np.array([*block.torque, *block.force]), np.array([*block.torque_std, *block.force_std])
     if not (mean.any() or std.any()):

@@ -111,7 +111,7 @@ def parsed(text: str) -> Unit:
 
 
 def factor(text: str, *kinds: str) -> float:
-    """Returns the SI value of one of a unit, which must be of one of some kinds of quantities.
+    """Returns the factor from a unit to SI; the unit must measure one of the given kinds of quantity.
 
     Args:
         text: the unit.

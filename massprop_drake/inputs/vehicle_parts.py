@@ -32,7 +32,7 @@ Positive3 = tuple[Positive, Positive, Positive]
 
 
 def of_length_1(value: Vector3) -> Vector3:
-    """Returns the direction as it is; raises ValueError if it is none."""
+    """Returns a direction unchanged; raises ValueError if its length is not 1."""
     length = float(np.linalg.norm(value))
     if abs(length - 1.0) > _UNIT_LENGTH_TOLERANCE:
         raise ValueError(f"must have length 1 within {_UNIT_LENGTH_TOLERANCE}, got {length:.6g}")
@@ -40,7 +40,7 @@ def of_length_1(value: Vector3) -> Vector3:
 
 
 def symmetric_inertia(value: Matrix3) -> Matrix3:
-    """Returns the inertia as it is; raises ValueError if it is not symmetric."""
+    """Returns an inertia unchanged; raises ValueError if it is not symmetric."""
     inertia = np.array(value)
     if not np.allclose(inertia, inertia.T, rtol=1e-9, atol=0.0):
         raise ValueError("must be symmetric: element (i, j) equal to element (j, i)")
@@ -243,7 +243,7 @@ class Surroundings(Model):
 
 
 def _each_axis(value: Any) -> Any:
-    """Returns three numbers, of one that holds for each axis."""
+    """Repeats a single number for each of three axes; returns any other value unchanged."""
     return (value,) * 3 if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 

@@ -32,7 +32,7 @@ _OVER_S = 10.0  # for which times of readings are counted
 
 
 def times_per_s(rates_hz: Sequence[float]) -> float:
-    """Counts different times a second of what recurs at several rates, from zero on."""
+    """Counts the distinct reading times of sensors at several rates, 1/s, all being read at zero."""
     every = np.concatenate([np.arange(math.ceil(_OVER_S * rate)) / rate for rate in set(rates_hz)])
     return float(np.unique(np.round(every, 6)).size) / _OVER_S
 

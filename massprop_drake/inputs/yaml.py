@@ -78,7 +78,7 @@ class _Composer(Composer):
 
 
 def _fits(event: Any) -> bool:
-    """Tests whether a part's tag says the same as the part without it, or that a scalar is text."""
+    """Tests whether a YAML tag agrees with its value's own type, or marks a scalar as text."""
     if isinstance(event, ScalarEvent):
         match = _Resolver.plain.fullmatch(event.value)
         kinds = {"str"} if match is None else {"str", match.lastgroup}
@@ -199,7 +199,7 @@ _noted: ContextVar[list[Path] | None] = ContextVar("noted", default=None)
 
 @contextlib.contextmanager
 def files_read() -> Iterator[list[Path]]:
-    """Yields a list that gets every file that `read_text` reads within."""
+    """Yields a list to which `read_text` adds the path of every file read within the context."""
     found: list[Path] = []
     token = _noted.set(found)
     try:

@@ -366,7 +366,7 @@ class _Gathered:
 
 
 def _flat(message: Any, before: str = "", depth: int = 0) -> Iterator[tuple[str, Any]]:
-    """Returns fields of a message by name: numbers, text, and arrays that are not too long."""
+    """Yields a message's fields by name: numbers, text, and arrays that are not too long."""
     for name in message.__dataclass_fields__:
         if name == "__msgtype__":
             continue

@@ -80,7 +80,7 @@ def require_unique(header: list[str], where: str) -> None:
 
 
 def infinite(where: str, column: str) -> str:
-    """Message of a value that is infinite."""
+    """Returns the error message for an infinite value."""
     return f"{where}, column {column}: is infinite; leave the cell empty where there is no value"
 
 

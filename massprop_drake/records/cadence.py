@@ -83,7 +83,7 @@ class Cadence:
         self._last_s = self._before_s = math.nan
 
     def lacking(self, times: Array, reading: Array) -> int:
-        """Counts readings that lack, or have not all axes."""
+        """Counts the missing readings, or those that lack an axis where these are more."""
         there = ~np.isnan(reading).any(axis=1)
         partly = int((~there & ~np.isnan(reading).all(axis=1)).sum())
         read = np.append(self._last_s, times[there]) if math.isfinite(self._last_s) else times[there]

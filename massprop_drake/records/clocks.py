@@ -57,7 +57,7 @@ class _ClockColumn(NamedTuple):
 
 
 def find_clock(topic: Topic, names: Sequence[ColumnName], period_s: float) -> TopicClock | None:
-    """Finds the column of time, or two that belong together; None where nothing is one.
+    """Finds a topic's time column, or a pair of whole seconds and fractions; None where there is none.
 
     Args:
         topic: whose rows are timed.
@@ -91,7 +91,7 @@ def _is_text(topic: Topic, name: ColumnName) -> bool:
 
 
 def _is_about(steps: Array, period_s: float) -> bool:
-    """Tests whether steps are a sample period, or that is a multiple of them."""
+    """Tests whether the sample period is a whole multiple of the median step, within the jitter."""
     step = float(np.median(steps))
     count = max(round(period_s / step), 1) if step > 0.0 else 1
     return abs(step * count - period_s) <= JITTER * period_s
@@ -224,7 +224,7 @@ def _by_numbers(topic: Topic, names: Sequence[ColumnName], period_s: float) -> T
 
 
 def _coarse(read: _ClockColumn, period_s: float, *, rises: bool) -> str:
-    """Describes stamps that are rounded more coarsely than rows may be off."""
+    """Describes time stamps that are too coarse to time the rows; "": these are fine enough."""
     steps = read.steps
     column = read.data["column"]
     if not rises:

@@ -160,7 +160,7 @@ class CommandTally:
 
 
 def _few_of(opened: int) -> int:
-    """Returns the number of commands that open a jet, of all these, that may be errors."""
+    """Returns how many of the commands that open a jet may be errors."""
     few = max(int(_FEW * opened), 1)
     return few if few <= _RARE * opened else 0
 

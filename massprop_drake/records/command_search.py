@@ -164,14 +164,14 @@ def _pulse_widths(values: Array) -> tuple[float, float]:
 
 
 def _as_data(scale: CommandScale) -> dict[str, Any]:
-    """Returns keys of a map's commands for a scale."""
+    """Returns the keys of a map's `commands` that state a scale."""
     if scale.unit != "1":
         return {"unit": scale.unit}
     return {} if scale.full == 1.0 else {"on": scale.full}
 
 
 def _is_unit_of(unit: str, scale: CommandScale) -> bool:
-    """Tests whether a unit that a name has is that of a scale."""
+    """Tests whether the unit in a column's name is that of a command scale."""
     kind = "time" if scale.is_timed else "number"
     own, wanted = factor_or_none(unit, kind), factor_or_none(scale.unit, kind)
     return own is not None and own == wanted

@@ -137,7 +137,7 @@ def _are_zeros(begin: str, text: TextIO) -> bool:
 
 
 def unreadable(path: object, error: Exception) -> str:
-    """Message of a file that is not there, or cannot be read."""
+    """Returns the error message for a file that is missing or cannot be read."""
     if isinstance(error, FileNotFoundError):
         return f"{path}: no such file"
     return f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}"

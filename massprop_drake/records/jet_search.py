@@ -60,7 +60,7 @@ class JetSearch(CommandSearch):
                 self._tell_sums(name, shown)
 
     def _look_for_a_lag(self, gyro: str, after: evidence.JetEvidence, taken: evidence.JetEvidence) -> None:
-        """Warns where neither interval next to a row fits: of the lag that does, or that none is known."""
+        """Warns where commands act at a lag other than a row's two neighboring intervals, or at none that is known."""
         farthest = min(_FARTHEST, len(after.meant) // 2)
         lags = {lag: after.shifted(lag) for lag in range(-farthest, farthest + 1)}
         best = max(lags, key=lambda lag: np.nan_to_num(lags[lag].explained))

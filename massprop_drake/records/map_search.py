@@ -1,4 +1,4 @@
-"""Search for what a map says: what is found, and what is said of it."""
+"""State that the searches for sensors and commands share: the map so far, and the reasons for it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _FOLDED = 4  # elements of an array that are listed as from the first to the las
 
 
 class MapSearch:
-    """State of a search for a vehicle's sensors and jets: the map so far, and what is said of it."""
+    """State of a search for a vehicle's sensors and jets: the map so far, and the reasons for it."""
 
     def __init__(self, recording: Recording, vehicle: Vehicle):
         self.recording, self.vehicle = recording, vehicle

@@ -35,7 +35,7 @@ _SLOWER = 1.5  # times the rates' interval, above which PX4 is taken to have lef
 
 
 class MappedTable:
-    """Rows of telemetry made by a map, as `telemetry.reader.Reader` takes them.
+    """Rows of telemetry made by a map, as `records.reader.Reader` takes them.
 
     Attributes:
         source: name of the record.
@@ -274,7 +274,7 @@ def _require_usable(record: Mapped, gyro: str) -> None:
 
 
 def _at(channel: Channel, time_s: Array, period_s: float) -> Array:
-    """Returns the readings taken at times, NaN where none was, shape (n, m)."""
+    """Returns a channel's readings at some times, NaN where none was taken then, shape (n, m)."""
     nearest = np.clip(np.searchsorted(channel.time_s, time_s), 0, channel.time_s.size - 1)
     before = np.maximum(nearest - 1, 0)
     closer = np.abs(channel.time_s[before] - time_s) < np.abs(channel.time_s[nearest] - time_s)
@@ -334,7 +334,7 @@ def _mean_acceleration(channel: Channel, time_s: Array, vehicle: Vehicle, notes:
 
 
 def mean_over(held: HeldValues, time_s: Array) -> Array:
-    """Computes the mean over the interval that starts at each row, NaN where part is unknown, shape (n, m)."""
+    """Computes the mean of held values from each row to the next, NaN where part is unknown, shape (n, m)."""
     count, width = time_s.size, held.values.shape[1]
     if not held.begin_s.size or count < 2:
         return np.full((count, width), np.nan)
@@ -384,7 +384,7 @@ def _told(record: Mapped, time_s: Array, fractions: Array) -> dict[str, Array]:
 
 
 def _partial(fractions: Array) -> NDArray[np.bool_]:
-    """Tests whether jets are open for a part of a row, in the shape given."""
+    """Marks the fractions of jets that are open for a part of a row, in the shape given."""
     return (fractions > 0.0) & (fractions < 1.0)
 
 

@@ -495,7 +495,7 @@ def _many(flags: NDArray[np.bool_]) -> bool:
 
 
 def _turned(vectors: Array, matrix: Array) -> Array:
-    """Turns vectors into other axes; a component is missing where one is missing that it is made of."""
+    """Rotates vectors into other axes; a component is NaN where one that it is made of is."""
     missing = np.isnan(vectors) @ (np.abs(matrix.T) > 1e-12)
     return np.where(missing > 0, np.nan, np.nan_to_num(vectors) @ matrix.T)
 
@@ -512,7 +512,7 @@ def _quantum(values: Array) -> float:
 
 
 def _held(time_s: Array, values: Array, *, until: bool = False, on_change: bool = False) -> HeldValues:
-    """Makes values that hold from their time until the next one's, or since the one's before."""
+    """Makes values that hold from their time until the next; with `until`, from the previous time to their own."""
     if time_s.size == 1 and on_change and not until:
         return HeldValues(time_s, np.array([math.inf]), values)
     if time_s.size < 2:

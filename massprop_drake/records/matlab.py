@@ -151,7 +151,7 @@ def _of_hdf(h5py: Any, file: Any, item: Any) -> Any:
 
 
 def _by_topic(content: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """Groups variables: those at the top, of topic "", and those of each structure, or array of structures."""
+    """Groups variables by topic: those at the top, of topic "", and those of each structure or array of structures."""
     topics: dict[str, dict[str, Any]] = {"": {}}
     for name, value in content.items():
         if isinstance(value, dict):
@@ -164,7 +164,7 @@ def _by_topic(content: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def _structures(value: Any) -> list[dict[str, Any]] | None:
-    """Returns the structures of an array whose fields are single numbers; None where it is another one."""
+    """Returns the structures of an array whose fields are single numbers; None for any other value."""
     rows = list(value.ravel()) if isinstance(value, np.ndarray) else value if isinstance(value, list) else []
     if not rows or not all(isinstance(row, dict) and row.keys() == rows[0].keys() for row in rows):
         return None

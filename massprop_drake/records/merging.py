@@ -120,7 +120,7 @@ class MergedTable:
             yield Block(numbers[rows], values[rows])
 
     def _take(self, number: int, part: _SourceFile, wanted: dict[str, int], values: Array) -> None:
-        """Puts columns of a part in."""
+        """Copies the wanted columns of a source file into the merged values."""
         names, places = list(wanted), list(wanted.values())
         table = open_table(part.path)
         try:
@@ -155,7 +155,7 @@ class MergedTable:
 
 
 def _opened(path: Path) -> _SourceFile:
-    """Opens a file; returns it and its times."""
+    """Reads a telemetry file's header and row times."""
     table = open_table(path)
     try:
         if "time_s" not in table.header:

@@ -198,7 +198,7 @@ def kind_of(name: ColumnName) -> str:
 
 
 def factor_or_none(unit: str, kind: str) -> float | None:
-    """Returns the SI value of one of a unit; None where it is of another kind, or none."""
+    """Returns the factor from a unit to SI; None where it measures another kind of quantity, or is no unit."""
     try:
         return factor(unit, kind)
     except InputError:
@@ -287,7 +287,7 @@ def _tokens(name: str) -> tuple[str, ...]:
 
 
 def _found(tokens: tuple[str, ...], called: Mapping[tuple[str, ...], str]) -> list[tuple[tuple[int, int], str]]:
-    """Finds places of the designations of jets in a name, the longest alone."""
+    """Finds jet designations in the tokens of a name, the longest alone: their place (begin, end), and which."""
     for length in sorted({len(one) for one in called}, reverse=True):
         places = [(begin, begin + length) for begin in range(len(tokens) - length + 1)]
         found = [((begin, end), called[tokens[begin:end]]) for begin, end in places if tokens[begin:end] in called]

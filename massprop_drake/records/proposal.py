@@ -56,7 +56,7 @@ class Proposal(NamedTuple):
 
 
 def propose(recording: Recording, vehicle: Vehicle) -> Proposal:
-    """Proposes a map.
+    """Proposes a map from a recording's columns to a vehicle's sensors and jets.
 
     Args:
         recording: as `open_recording` gives it; some thousand rows are enough.

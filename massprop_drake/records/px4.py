@@ -40,7 +40,7 @@ class Made(NamedTuple):
 
 
 def vehicle_of(recording: Recording, name: str, mass: float | None, inertia: tuple[float, float, float] | None) -> Made:
-    """Makes a vehicle of a log's parameters.
+    """Makes a vehicle file from the parameters of a PX4 log.
 
     A thruster's axis is the direction of the force on the vehicle, its coefficient the thrust in N at full command, in
     body axes forward, right, down, as PX4's allocation takes them.

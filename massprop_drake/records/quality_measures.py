@@ -138,7 +138,7 @@ class Repeats:
         self.changed = False  # whether the newest reading was another one than that before
 
     def add(self, increments: Array, meant: NDArray[np.bool_]) -> None:
-        """Takes in a block.
+        """Counts the repeats in a block.
 
         Args:
             increments: of the reading, NaN where one is missing, shape (n, 3).
@@ -188,7 +188,7 @@ class Answer(NamedTuple):
 
 
 def exceeds_doubt(total: Array, alone: Array, before: tuple[float, float], entry: Package) -> bool:
-    """Tests whether a predicted change counts, and exceeds at some sample what jets against each other leave.
+    """Tests whether the predicted change is significant at some sample, also where jets cancel each other.
 
     Args:
         total: change since the beginning, shape (n,).
@@ -251,5 +251,5 @@ def likely_cause(slope: float, known: Sequence[factors.Factor]) -> str:
 
 
 def from_to(entry: dict[str, Any]) -> str:
-    """Words of a stretch of time."""
+    """Formats a stretch of time, such as "from 1 to 2 s"."""
     return f"from {moment(entry['from_s'])} to {moment(entry['to_s'])} s"

@@ -521,7 +521,7 @@ class Reader:
 
 
 def _added_up(start: float, steps: Array) -> float:
-    """Adds each step to a sum, one after the other: as it would be row by row."""
+    """Adds steps to a sum in their order, so that it rounds as row by row."""
     return float(np.add.accumulate([start, *steps.tolist()])[-1])
 
 
@@ -538,6 +538,6 @@ def _close(word: str, valid: Iterable[str]) -> str:
 
 
 def meant(missing: str, strange: Iterable[str]) -> str:
-    """Suggests ' (is it ...?)' when a column that is there looks like the missing one."""
+    """Returns a hint when a column that is there looks like the missing one; "": none does."""
     found = _close(missing, strange)
     return f" (is '{found}' meant to be '{missing}'?)" if found else ""

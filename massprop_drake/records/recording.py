@@ -116,7 +116,7 @@ def _parquet(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
 
 
 def _from_the_first(columns: dict[str, Column]) -> tuple[str, ...]:
-    """Converts dates and times to seconds from the first second of them: a double cannot hold the whole."""
+    """Converts date columns in place to seconds from the first second of them; returns notes of this."""
     dated = {name: values for name, values in columns.items() if values.dtype.kind == "M"}
     firsts = [values[~np.isnat(values)].min() for values in dated.values() if not np.isnat(values).all()]
     if not firsts:

@@ -262,7 +262,7 @@ def _columns(members: Mapping[int, ColumnName]) -> list[str | None]:
 
 
 def _every(readings: Array) -> int:
-    """Returns rows for each reading, shape (n, m), where rows repeat one until there is another; else 1."""
+    """Returns the number of rows per reading where rows, shape (n, m), repeat one until the next; else 1."""
     rows = mapping.changes(readings)
     return int(np.gcd.reduce(np.diff(rows))) if rows.size >= _FEWEST else 1
 
@@ -272,7 +272,7 @@ def _listed(members: Mapping[int, ColumnName]) -> str:
 
 
 def _steps(topic: Topic, value: tuple[str, str], rate: tuple[str, str]) -> Array | None:
-    """Finds the steps by which a rate would be the backward difference of a value; None where it is none."""
+    """Computes the time steps, s, that make a rate the backward difference of a value; None where none do."""
     change = np.diff(topic.numbers(value[0])) * factor(value[1], "length", "angle")
     if factor_or_none(value[1], "angle") is not None:
         change = (change + np.pi) % (2.0 * np.pi) - np.pi

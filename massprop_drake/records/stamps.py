@@ -19,7 +19,7 @@ _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct",
 
 
 def stamp_of(text: str) -> np.datetime64 | None:
-    """Parses a stamp in UTC, of a clock alone on the first day; None for other text.
+    """Parses a UTC time stamp, one without a date as of 1970-01-01; None for other text.
 
     A stamp is one of ISO 8601, also with the day of the year, or a date like 01 Jan 2000. One without a zone is UTC.
     """

@@ -364,7 +364,7 @@ class Storage:
 
 
 def _text(body: memoryview, place: int) -> tuple[str, int]:
-    """Reads a text after its length; returns where it ends."""
+    """Reads a length-prefixed text; returns it and the place where it ends."""
     begin = place + 4
     end = begin + int.from_bytes(body[place:begin], "little")
     if end > len(body):

@@ -268,7 +268,7 @@ def require_regular(ragged: Ragged, source: str, good: int, width: int, *, at_en
 
 
 def _picker(wanted: list[int], width: int) -> Callable[[list[str]], Sequence[str]]:
-    """Makes a function that returns the wanted cells of a row of so many."""
+    """Makes a function that returns the wanted cells of a row of `width` cells."""
     if wanted == list(range(width)):
         return lambda row: row
     if len(wanted) == 1:

@@ -70,7 +70,7 @@ def read(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
 
 
 def _losses(path: Path, log: Any, cut: tuple[int, int]) -> Iterator[Loss]:
-    """Returns the parts of a log that are missing, given its last message's begin and the bytes that it lacks."""
+    """Yields the losses of a log, given its last message's begin and the bytes that it lacks."""
     place, lacking = cut
     if log.file_corruption:
         yield Loss("damaged", f"{path}: is damaged in places, which are left out")

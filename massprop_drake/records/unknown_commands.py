@@ -30,7 +30,7 @@ class UnknownCommands:
         self.count, self.samples, self.until_s = 0, 0, -math.inf
 
     def add(self, time_s: Array, unknown: NDArray[np.bool_], recorded: NDArray[np.bool_]) -> None:
-        """Takes in samples.
+        """Notes the samples with unknown commands.
 
         Args:
             time_s: their ends, s, shape (n,).
