@@ -194,7 +194,7 @@ def _advise(chosen: Campaign, *, quiet: bool) -> None:
 
 
 def _say_kept(flown: Campaign, only: list[int], *, as_json: bool, quiet: bool) -> None:
-    """Lists where the folders of cases flown alone are, and which could not be flown."""
+    """Prints the folders of cases flown by `--only`; exits with a status if any failed to run."""
     from massprop_drake.cli import show
 
     kept = {number: flown.case_folder(number) for number in only}
@@ -211,7 +211,7 @@ def _say_kept(flown: Campaign, only: list[int], *, as_json: bool, quiet: bool) -
 
 
 def _conclude(said: Concluded, folder: Path, *, force: bool, as_json: bool, quiet: bool) -> None:
-    """Writes the report, prints its verdict, and ends with the status that the gates and the cases ask for."""
+    """Writes the report, prints its verdict, and exits with a status if a case failed to run or a gate fails."""
     from massprop_drake.cli import show
     from massprop_drake.results.folder import write_files
 

@@ -39,12 +39,12 @@ KEYS: Mapping[Schema, Callable[[], list[Key]]] = {
 
 
 def keys_of(schema: Schema) -> list[Key]:
-    """Lists the keys of a kind of file; those of a whole vehicle in a scenario are the other schema's."""
+    """Lists the keys of a kind of file; those of a scenario leave out its vehicle's, a schema of their own."""
     return [key for key in KEYS[schema]() if not key.name.startswith("vehicle.")]
 
 
 class Checked(NamedTuple):
-    """What is said of files.
+    """Findings of a check of files.
 
     Attributes:
         findings: of each file, as JSON has it.
@@ -100,7 +100,7 @@ class Described(NamedTuple):
 
 
 def checked(name: str, whose: Vehicle | None) -> Vehicle | Scenario | CampaignSpec | Described:
-    """Reads a file and returns its content, telemetry and maps in words; raises InputError for a bad one."""
+    """Reads and validates a file; returns its content, telemetry and maps in words; raises InputError for a bad one."""
     require_file(Path(name))
     if Path(name).suffix.lower() in _TELEMETRY:
         found = check_telemetry(Path(name), whose)
@@ -124,7 +124,7 @@ def checked(name: str, whose: Vehicle | None) -> Vehicle | Scenario | CampaignSp
 
 
 def _with_model(scenario: Scenario, name: str) -> Scenario:
-    """Returns a scenario whose multibody model, if any, Drake can fly; raises InputError for a bad one."""
+    """Checks that Drake can fly a scenario's multibody model, if it has one, and returns the scenario."""
     if scenario.plant.kind == "multibody":
         from massprop_drake.diagrams.multibody_body import require_model  # noqa: PLC0415 (loads Drake's multibody library)
 

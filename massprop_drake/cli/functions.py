@@ -132,7 +132,7 @@ def _function(module: ModuleType, name: str, target: str) -> Callable[[], Any]:
 
 
 def _place(error: BaseException) -> str:
-    """Returns file and line from which an error comes: the last outside of packages, ours included, and of Python."""
+    """Formats file and line of the user's code at which an error arose, in parentheses; empty if there are none."""
     if isinstance(error, SyntaxError) and error.filename:
         return f" ({_shown(error.filename)}, line {error.lineno})"
     frames = traceback.extract_tb(error.__traceback__)
@@ -145,6 +145,6 @@ def _is_installed(filename: str) -> bool:
 
 
 def _shown(filename: str) -> str:
-    """Returns a path from the current folder on, where it is below that."""
+    """Shortens a path that lies below the current folder to one relative to it."""
     path, here = Path(filename), Path.cwd()
     return str(path.relative_to(here) if path.is_relative_to(here) else path)

@@ -135,7 +135,7 @@ def _failed(error: Any, kept: SavedWork) -> int:
 
 
 def _printed(output: Stream, kept: SavedWork, status: int) -> int:
-    """Reports that a result could not be printed, and what is saved; returns the exit status."""
+    """Reports, if a result could not be printed, that and what is saved; returns the exit status."""
     if output.failure is None:
         return status
     saved = [str(kept)] if kept.saved else []

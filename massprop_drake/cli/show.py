@@ -265,7 +265,7 @@ def declared(entry: DetectionRecord, vehicle: Vehicle) -> None:
 
 
 def told(event: EventRecord, vehicle: Vehicle) -> None:
-    """Prints at once a declaration that is no new detection."""
+    """Prints an event at once, while rows come in, unless it is a new detection."""
     if event.kind not in _DETECTIONS:
         say(_told(event, vehicle))
 

@@ -52,7 +52,7 @@ class _Noted(logging.Handler):
 
 
 def saving(place: Place, *, pictures: bool, report: bool, replay: bool) -> Callable[[Run], Path]:
-    """Makes a function that saves a run in a place; returns it and its folder.
+    """Makes a function that saves a run in a place and returns the run's folder.
 
     While an error is handled, that one is told; after an interruption figures and pages, which take a while, are left
     out.

@@ -83,7 +83,7 @@ class _Blind(Mapping[str, Array]):
 
 
 def _alike(runs: Sequence[tuple[str, Source]]) -> list[tuple[str, Source]]:
-    """Returns the sources in a form in which they can be overlaid.
+    """Prepares the runs' sources for plots over each other, with common kinds of signals and times.
 
     Beside a record, whose truth nobody knows, a simulated run shows its estimates, too, not their errors. Runs that
     have no time in common all begin at zero.
@@ -126,7 +126,7 @@ def _laid_over(same: Sequence[Plot], names: Sequence[str]) -> Plot:
 
 
 def _of_run(mark: Mark, color: str, name: str) -> Mark | None:
-    """Returns a mark in the color of its run; None for one that is the same for all."""
+    """Recolors a mark of a plot in the color of its run; None for a mark that all runs share."""
     match mark:
         case Line() | Points():
             return mark._replace(color=color, label=f"{name}: {mark.label}" if mark.label else name)

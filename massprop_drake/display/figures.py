@@ -105,7 +105,7 @@ class _Figures(Mapping[str, Figure]):
 
 
 def _figure(describe: Callable[[Source], Plot]) -> Callable[[Plots], Figure]:
-    """Makes a method that draws a plot, and says what it shows."""
+    """Makes a method of `Plots` that draws what a function describes; it has that function's name and docstring."""
 
     @functools.wraps(describe, assigned=("__name__", "__doc__"), updated=())
     def draw(self: Plots) -> Figure:

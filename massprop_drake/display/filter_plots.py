@@ -155,7 +155,7 @@ def _estimate(run: Source, element: int) -> Panel:
 
 
 def _beside(run: Source, others: Mapping[str, tuple[Array, str]], unit: str, digits: int) -> list[Line]:
-    """Makes lines of others' estimates or errors, by name, each with its color."""
+    """Makes lines of estimates or errors of the user's own systems, by name, each with its color."""
     return [
         Line(run.time_s, values, color, f"{name}, at the end {values[-1]:.{digits}g} {unit}", width=THIN_LINE)
         for name, (values, color) in others.items()
@@ -172,7 +172,7 @@ def _last_half(value: Array, band: Array) -> tuple[float, float]:
 
 
 def consistency(run: Source) -> Plot:
-    """Describes the plot of NIS of rotation and of mass at the samples used (figures 5-8, 5-13)."""
+    """Plots NIS of rotation and of mass at the samples used (figures 5-8, 5-13)."""
     panels = []
     filters = [name for name in ("rotation", "mass") if f"{name}_nis" in run.signals]
     for name, color in zip(filters, COLORS, strict=False):

@@ -122,7 +122,7 @@ def _scripts(page: str) -> list[str]:
 
 
 def scene(scenario: Scenario, *, truth: bool, path: Array | None = None) -> tuple[str, MeshcatStage]:
-    """Returns Meshcat's page with the vehicle, in which no text of the user's is, and its stage.
+    """Builds Meshcat's page with the vehicle, free of texts of the user's; returns the HTML and its stage.
 
     Args:
         scenario: that is flown.
@@ -148,7 +148,7 @@ LISTS = ("given", "untold", "withheld", "failed", "found")  # of jets, for each 
 
 
 def described(scenario: Scenario, stage: MeshcatStage, *, truth: bool) -> dict[str, Any]:
-    """Returns the page's data of a scenario, before its rows."""
+    """Collects the replay page's data that a scenario determines: scene, columns, limits and colors."""
     vehicle = scenario.vehicle_data
     return {
         "scene": {
@@ -178,7 +178,7 @@ def described(scenario: Scenario, stage: MeshcatStage, *, truth: bool) -> dict[s
 
 
 def _flight(run: RunContent, stage: MeshcatStage) -> dict[str, Any]:
-    """Collects all that the page shows and says, with times.
+    """Collects the replay page's data of a finished run: rows by sample, jets by state, texts and events.
 
     Nothing is shown before its time: the page shows the last row at or before the time it stands at, and only the
     attitude is turned on between two rows.
@@ -222,7 +222,7 @@ def _flight(run: RunContent, stage: MeshcatStage) -> dict[str, Any]:
 
 
 def sizes(scenario: Scenario, levels: Array, given: NDArray[np.bool_], untold: NDArray[np.bool_]) -> list[float]:
-    """Lists lengths of plumes over those at full thrust, of the jets given and then of those untold.
+    """Lists plume lengths relative to full thrust: of jets with regular thrust, then of those that fire uncommanded.
 
     Args:
         scenario: of the vehicle.
@@ -262,7 +262,7 @@ def _listed(values: Array) -> list[Any]:
 
 
 def _marked(run: RunContent, marks: Sequence[event_marks.Mark]) -> NDArray[np.bool_]:
-    """Returns which jets are marked in which row, shape (n, n_jets)."""
+    """Mask of the jets that are marked at each sample, shape (n, n_jets)."""
     time_s = np.asarray(run.time_s)
     marked = np.zeros((time_s.size, len(run.scenario.vehicle_data.jets)), dtype=bool)
     for mark in marks:
@@ -275,7 +275,7 @@ def _marked(run: RunContent, marks: Sequence[event_marks.Mark]) -> NDArray[np.bo
 def narration(
     scenario: Scenario, start_s: float, failed: Sequence[event_marks.Mark], found: Sequence[event_marks.Mark]
 ) -> list[dict[str, object]]:
-    """Lists the starts of all intervals, with the text of each."""
+    """Lists the texts shown during a flight, on commands, failures and detections, each with its starting time, s."""
     edges = {start_s}
     for window in scenario.maneuver:
         edges |= {window.start_s, window.end_s}
@@ -322,7 +322,7 @@ def _center(run: RunContent) -> Array:
 
 
 def _levels(run: RunContent) -> Array:
-    """Returns true over full thrust or, where the truth is unknown, the command, shape (n, n_jets)."""
+    """Returns true thrust over full thrust or, where the truth is unknown, the command, shape (n, n_jets)."""
     if "thrust" in run.signals:
         return np.asarray(run["thrust"]) / np.linalg.norm(run.scenario.vehicle_data.thrusts, axis=1)
     return np.nan_to_num(np.asarray(run["command"]))

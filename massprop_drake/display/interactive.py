@@ -136,7 +136,7 @@ class _Lists:
         self._places: dict[tuple[float | None, ...], int | list[Any]] = {}
 
     def place(self, values: list[float | None], *, mirrored: bool) -> int | list[Any]:
-        """Returns the number of a list, kept if it is new; or of a kept one, with `minus` or `abs` that makes it.
+        """Stores a list once and returns its number; or that of a stored one, with `minus` or `abs` to apply to it.
 
         Args:
             values: the list.
@@ -219,7 +219,7 @@ def _horizontal(over: Over, suffix: str) -> Json:
 
 
 def _run_over(traces: Sequence[Json], panel: Panel, over: Over, suffix: str) -> None:
-    """Puts the traces of a panel over its quantity; the first is the path, which alone is read at a time."""
+    """Assigns a panel's traces to the axis of its quantity, not of time; only the first, the path, has readings."""
     for trace in traces:
         trace["xaxis"] = f"x{suffix}"
         trace.pop("meta", None)
@@ -300,7 +300,7 @@ def _line(plot: Plot, mark: Line) -> Json:
 
 
 def _read_as(label: str, **more: Any) -> Json:
-    """Returns the name of a trace in readings: its label without its final value."""
+    """Makes the metadata that name a trace in readings: its label without its final value."""
     return {"label": label.partition(",")[0], **more}
 
 
@@ -358,12 +358,12 @@ def _trace(label: str, content: Json) -> Json:
 
 
 def plain(text: str) -> str:
-    """Writes a text so that plotly, which takes some HTML and TeX between dollars in texts, shows it as it is."""
+    """Escapes HTML and dollar signs in a text, which plotly would take for markup and TeX."""
     return html.escape(text, quote=False).replace("$", "&#36;")
 
 
 def _over(plot: Plot, x: Array) -> Json:
-    """Returns the times of a trace, unless they are the sample times."""
+    """Returns the horizontal values of a trace as plotly data; empty where they are the sample times."""
     return {} if x is plot.time_s else {"x": numbers(x)}
 
 

@@ -27,7 +27,7 @@ def rate(scenario: Scenario, signals: Mapping[str, Array]) -> Array:
 
 
 def read(scenario: Scenario, signals: Mapping[str, Array]) -> Array:
-    """Returns the angular rate as known aboard, rad/s, shape (n, 3): by the gyro in use, or estimated."""
+    """Returns the angular rate known on board, rad/s, shape (n, 3): the reading of the gyro in use, or the estimate."""
     packages = params.gyros(scenario)
     return np.asarray(signals[packages[0].name if packages else "rate_estimate"])
 

@@ -106,7 +106,7 @@ def report_html(run: RunContent, *, replay: str | None = None) -> str:
 
 
 def _lacking(results: Summary) -> Iterator[str]:
-    """Describes what a run lacks that ended early, or a part of which could not be made."""
+    """Yields sentences on an early end of a run, and on parts of its output that could not be made."""
     if results.ended is not None:
         yield f"Ended early, at {moment(results.ended.time_s)} s: {results.ended.reason}."
     if results.missing:
@@ -192,7 +192,7 @@ def _of_failures(results: Summary, units: Mapping[str, str]) -> Iterator[tuple[b
 
 
 def _when(entry: DetectionRecord, results: Summary) -> str:
-    """Says since when something is so, when it was declared, and how probable it is at the end."""
+    """Formats onset and declaration time of a detection, and its probability at the end."""
     since = f"since {entry.onset_s:.2f} s, declared at {entry.time_s:.2f} s"
     of_jets = {} if results.fault_probability is None else results.fault_probability.jets
     sure = of_jets.get(entry.jet or "")
@@ -200,7 +200,7 @@ def _when(entry: DetectionRecord, results: Summary) -> str:
 
 
 def _of(probability: float) -> str:
-    """Says a probability after the word."""
+    """Formats a probability to follow the word 'probability', such as 'of 0.97'."""
     words = rounded(probability)
     return words if words.startswith("above") else f"of {words}"
 
@@ -216,10 +216,10 @@ def _failing(source: Source) -> str | None:
 
 
 def _jumps(run: RunContent) -> tuple[list[dict[str, Any]], dict[int, int]]:
-    """Lists times to visit: from before each failure or jump to after its declaration.
+    """Lists time windows for the page's links, each from before a failure or jump to after its declaration.
 
     Returns:
-        The places, and the number of that of each injected failure.
+        The windows as JSON has them, and the place in that list by the number of each injected failure.
     """
     results, (first, last) = run.results, (float(run.time_s[0]), float(run.time_s[-1]))
     places: list[tuple[float, float, str]] = []  # from when, until when, and of what
@@ -274,7 +274,7 @@ def _injected(run: RunContent, number: int, shown_by: Mapping[int, int]) -> dict
 
 
 def _armed(source: Source, results: Summary) -> list[dict[str, Any]]:
-    """Describes from when on the detector tested at all, where it did not from the first moments."""
+    """Writes sentences on a detector that is off, never tested a sample, or began to test late; else none."""
     if "tested" not in source.signals:
         return [{"good": None, "text": "No failure was looked for: the detector is off."}]
     from_s = armed_from(source)

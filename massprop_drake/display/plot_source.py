@@ -78,7 +78,7 @@ def source(run: RunContent) -> Source:
 
 
 def failing(time_s: Array, scenario: Scenario) -> NDArray[np.bool_]:
-    """Finds samples, each from its row to the next, in which a jet truly fails, shape (n, n_jets)."""
+    """Mask of the jets that truly fail during each sample, from its row to the next, shape (n, n_jets)."""
     vehicle = scenario.vehicle_data
     found = np.zeros((time_s.size, len(vehicle.jets)), dtype=bool)
     for failure in scenario.failures:

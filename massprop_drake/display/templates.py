@@ -84,7 +84,7 @@ def environment(folder: Path) -> jinja2.Environment:
 
 
 def _digests(texts: Sequence[str], element: str) -> str:
-    """Names inline styles or scripts as a Content-Security-Policy does."""
+    """Lists SHA-256 digests of inline styles or scripts, as a Content-Security-Policy has them."""
     if any(f"</{element}" in text.lower() for text in texts):
         raise ValueError(f"the text of a {element} ends its element")
     digests = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in texts]

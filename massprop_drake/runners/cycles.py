@@ -48,7 +48,7 @@ class RecordRows(NamedTuple):
 
 
 class Cycles(Protocol):
-    """Interface of estimation that goes on from cycle to cycle.
+    """Interface of an estimation that advances cycle by cycle, a row each.
 
     Attributes:
         spent_s: time spent in "estimators" and "detector"; in the former alone where they are not apart.
@@ -62,14 +62,14 @@ class Cycles(Protocol):
         """Returns the state with which the next cycle begins."""
 
     def begin(self, record: RecordRows, log: EstimationLog) -> None:
-        """Takes rows that cycles are to go through, and the log whose rows they fill in."""
+        """Sets the rows to estimate from, and the log to fill in."""
 
     def advance(self, until: int) -> None:
-        """Advances to a row, which is not taken any more."""
+        """Runs the cycles of all rows before a row."""
 
     @property
     def done(self) -> int:
-        """Number of rows that have been taken, also after an error."""
+        """Number of rows whose cycles are complete, also after an error."""
 
     def reported(self) -> tuple[Array, Array]:
         """Returns estimate and 1-sigma of the ten parameters that the last cycle published, shape (10,) each."""
@@ -82,7 +82,7 @@ class Cycles(Protocol):
 
 
 class Stepped:
-    """Cycles by `cycle.step`, whatever filter and detector, see `Cycles`.
+    """Cycles by `cycle.step`, with any filter and detector, see `Cycles`.
 
     Args:
         made: parameters of the cycle.
@@ -103,18 +103,18 @@ class Stepped:
         return self._state
 
     def begin(self, record: RecordRows, log: EstimationLog) -> None:
-        """Takes rows that cycles are to go through, and the log whose rows they fill in."""
+        """Sets the rows to estimate from, and the log to fill in."""
         self._record, self._log, self._next = record, log, 0
 
     def advance(self, until: int) -> None:
-        """Advances to a row, which is not taken any more."""
+        """Runs the cycles of all rows before a row."""
         for row in range(self._next, until):
             self._one(row_sample(self._record, row), row)
             self._next = row + 1
 
     @property
     def done(self) -> int:
-        """Number of rows that have been taken, also after an error."""
+        """Number of rows whose cycles are complete, also after an error."""
         return self._next
 
     def _one(self, sample: Sample, row: int) -> None:
@@ -180,7 +180,7 @@ class Watched(Stepped):
         return self._watch.state() if self._watch.on else super().state()
 
     def begin(self, record: RecordRows, log: EstimationLog) -> None:
-        """Takes rows that cycles are to go through, and the log whose rows they fill in."""
+        """Sets the rows to estimate from, and the log to fill in."""
         super().begin(record, log)
         self._apart = record.onsets_s is not None and not self._own_times  # the kernel's jets switch with samples
         if self._apart and self._watch.on:
@@ -193,7 +193,7 @@ class Watched(Stepped):
         self._watch.begin(samples, stamps_s, (record.tracked, onsets_s), rows)
 
     def advance(self, until: int) -> None:
-        """Advances to a row, which is not taken any more."""
+        """Runs the cycles of all rows before a row."""
         while self._next < until:
             if self._watch.on:
                 self._watch_on(until)
@@ -204,7 +204,7 @@ class Watched(Stepped):
                 self._watch.take_up(self._state)
 
     def _watch_on(self, until: int) -> None:
-        """Advances as long as nothing happens."""
+        """Runs cycles by the kernel up to a row, or to the first row at which something happens."""
         began = time.perf_counter()
         reached = self._watch.advance(self._next, until)
         if reached > self._next:
@@ -282,7 +282,7 @@ class Whole:
         return state
 
     def begin(self, record: RecordRows, log: EstimationLog) -> None:
-        """Takes rows that cycles are to go through, and the log whose rows they fill in."""
+        """Sets the rows to estimate from, and the log to fill in."""
         samples, rows = _writable(record.samples), log.rows
         self._rows = ThesisRows(
             rows["impulses"], rows["rotation_report"], rows["mass_report"], rows.get("detector_report", _NO_ROWS)
@@ -292,7 +292,7 @@ class Whole:
         self._times_s, self._next = samples.time_s, 0
 
     def advance(self, until: int) -> None:
-        """Advances to a row, which is not taken any more."""
+        """Runs the cycles of all rows before a row."""
         reached = self._reached
         reached[:] = self._next, until
         began = time.perf_counter()
@@ -308,15 +308,15 @@ class Whole:
 
     @property
     def done(self) -> int:
-        """Number of rows that have been taken, also after an error."""
+        """Number of rows whose cycles are complete, also after an error."""
         return self._next
 
     def went_on(self, until: int) -> None:
-        """Notes that a kernel has advanced to a row, which is not taken any more."""
+        """Notes that another kernel has run the cycles of all rows before a row."""
         self._next = until
 
     def restart(self) -> None:
-        """Returns to the first of the rows, whose samples may be others by now."""
+        """Goes back to the first row, whose sample may have been replaced."""
         self._next = 0
 
     def reports(self) -> tuple[Any, Any, Any]:
@@ -345,7 +345,7 @@ class Whole:
 
 
 class Unattended(Stepped):
-    """Cycles without estimation, for a flight of which only the course is wanted, see `Cycles`."""
+    """Cycles without estimation, for a flight of which only states, commands and readings are wanted, see `Cycles`."""
 
     def _one(self, _sample: Sample, _row: int) -> None:
         pass
@@ -356,7 +356,7 @@ class Unattended(Stepped):
 
 
 def cycles(scenario: Scenario, made: EstimationParams, state: EstimationState | None = None) -> Cycles:
-    """Makes the cycles of a scenario.
+    """Makes the cycles of a scenario, by a kernel that covers its filter and detector or else by `cycle.step`.
 
     Args:
         scenario: for its `execution`.

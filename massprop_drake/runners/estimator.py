@@ -446,7 +446,7 @@ class Estimator:
         )
 
     def _of_no_jet(self, own: Any) -> dict[str, Any]:
-        """Returns size and place of a jump, and which reading is false."""
+        """Returns the fields of a `Detection` that concern no jet: of a faulty sensor, a disturbance or a jump."""
         if math.isfinite(own.lying_component):
             named = reading_of(int(own.lying_component), params.read(self._scenario), self._vehicle)
             return dict(zip(("sensor", "axis"), named, strict=True))
@@ -462,7 +462,7 @@ class Estimator:
 
 
 def _kind(own: Any, sensor: str | None, vehicle: Vehicle) -> str:
-    """Returns the kind of an event of the detector by hypotheses that is not of jets and no new jump."""
+    """Classifies an event of the hypothesis detector that concerns neither a jet nor a new jump."""
     if not math.isnan(own.jump_measured):
         return "jump_measured"
     if not math.isnan(own.disturbed_since):
@@ -471,7 +471,7 @@ def _kind(own: Any, sensor: str | None, vehicle: Vehicle) -> str:
 
 
 def _seen(readings: Mapping[str, ArrayLike] | None, vehicle: Vehicle) -> Array | None:
-    """Returns readings besides gyros' and accelerometers', NaN where missing, shape (columns,); None: none exist."""
+    """Returns readings of the vehicle's `tracked` sensors, NaN where missing, shape (columns,); None: it has none."""
     given = dict(readings or {})
     names = [sensor.name for sensor in vehicle.tracked]
     unknown, or_wheel = [name for name in given if name not in names], ", and no wheel" if vehicle.wheels else ""
@@ -506,7 +506,7 @@ def _readings(
 
 
 def _numbers(values: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
-    """Copies numbers, for the caller may reuse its buffers; NaN stands for what is missing."""
+    """Copies the caller's numbers after a check of shape and size; NaN stands for a missing value."""
     try:
         numbers = np.array(values, dtype=float)
     except (TypeError, ValueError, OverflowError):

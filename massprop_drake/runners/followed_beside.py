@@ -73,7 +73,7 @@ def beside(record: Run, other: Run, folder: str, spool: Spool) -> Against:
 
 
 def _until(record: Run, time_s: Array) -> float:
-    """Finds when the first failure within the record began, or its rows are too many; infinity: never."""
+    """Finds the end of the comparison, s: the first onset within the record, or its most rows; infinity: no limit."""
     begun_s = [one.onset_s for one in record.results.detections if one.withdrawn_s is None]
     late = [onset_s for onset_s in begun_s if onset_s > time_s[0]]  # what was so all along is to be explained
     return float(min([*late, *time_s[_MOST_ROWS : _MOST_ROWS + 1]], default=math.inf))
@@ -83,7 +83,7 @@ def _until(record: Run, time_s: Array) -> float:
 
 
 def _vehicle(other: Run, scenario: Scenario, made: PoseParams, folder: str) -> Assumed:
-    """Returns the vehicle of another run, in terms of the record's file.
+    """Returns the vehicle of another run, its thrust factors relative to the thrusts of the record's vehicle.
 
     Raises:
         InputError: when nothing tells it.
@@ -158,7 +158,7 @@ def _delivered(told: Array, opening_s: Array, time_s: Array, other: Run) -> tupl
         other: the run of that vehicle.
 
     Returns:
-        When levels change, s, and what they are from then on, shape (k,) and (k, n_jets).
+        Times at which levels change, s, shape (k,), and the levels from then on, shape (k, n_jets).
     """
     failures = true_params.vehicle_params(other.scenario).jets.failures if other.scenario.failures else ()
     table, period_s = true_failures.failure_table(failures), other.scenario.vehicle_data.sample_period_s
@@ -202,7 +202,7 @@ def _simulated(told: PoseRecord, vehicle: Assumed, made: PoseParams, record: Run
 
 
 def _begun(motion: list[Array], readings: PoseReadings, vehicle: Assumed, known: PoseParams) -> PoseBank:
-    """Makes one filter that is certain of a motion; a tracked point stands where it is read."""
+    """Makes a filter with zero covariance at a motion, its position corrected by the first tracked point read."""
     (position, quaternion, velocity, rate), parts = motion, known.parts
     mean, rotation, size = known.start.copy(), attitude.rotation_matrix(quaternion), known.free.size
     mean[parts.position], mean[parts.velocity], mean[parts.rate] = position, velocity, rate

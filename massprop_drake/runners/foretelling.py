@@ -35,7 +35,7 @@ SHARE = 0.05  # of its thrust that a suspect jet leaks
 
 
 class Suspect(NamedTuple):
-    """Suspect jet, and how soon its leak is found from some time on.
+    """Suspect jet, with the times after which its leak is noticed and isolated.
 
     Attributes:
         jet: designation.
@@ -125,7 +125,7 @@ def as_data(found: Forecast) -> dict[str, Any]:
 
 
 def _as_stated(scenario: Scenario, *, nominal: bool) -> Scenario:
-    """Returns the scenario with everything as it is stated, and the joint filter."""
+    """Returns the scenario with the joint filter, without dispersions, disturbance, failures, jumps and detector."""
     plant = scenario.plant
     exact: dict[str, Any] = {"thrust_dispersion": 0.0, "mounting_dispersion": 0.0, "wheel_dispersion": 0.0}
     exact |= {"disturbance": DisturbanceBlock(), "lag_factor": 1.0}
@@ -157,7 +157,7 @@ def _flown(scenario: Scenario, estimation: EstimationParams) -> Mapping[str, Arr
 def _forecast(
     scenario: Scenario, logs: Mapping[str, Array], made: JointFilterParams, fails_s: float, share: float
 ) -> Forecast:
-    """Follows the joint filter along a flight.
+    """Runs the joint filter along a flight and collects the forecast.
 
     Args:
         scenario: as it is foretold.
@@ -227,7 +227,7 @@ def _floors(properties: Array, commands: Array, made: JointFilterParams) -> Arra
 def _suspects(
     scenario: Scenario, since_s: Array, shown: Array, share: float, params: JointFilterParams
 ) -> Iterator[Suspect]:
-    """Yields how soon each jet's leak is found.
+    """Yields the times after which each jet's leak is noticed and isolated.
 
     Args:
         scenario: for the vehicle, and how likely faults are.
@@ -263,6 +263,6 @@ def _suspects(
 
 
 def _first(since_s: Array, holds: NDArray[np.bool_]) -> float:
-    """Returns the first time at which something holds; infinity: it never does."""
+    """Returns the first time at which a condition holds, s; infinity: it never does."""
     at = np.flatnonzero(holds)
     return float(since_s[at[0]]) if at.size else math.inf

@@ -134,7 +134,7 @@ class EstimationLog:
 
 
 class Intake:
-    """Intake of the signals of a run block by block: spools them, and keeps what is reported at the end.
+    """Spools the signals of a run block by block, and collects its events and detections.
 
     Args:
         scenario: as run.
@@ -251,12 +251,12 @@ def state_groups(diagram: Any, context: Any) -> Groups:
 
 
 def kept(state: EstimationState, params: EstimationParams) -> SavedState:
-    """Converts a cycle's state for a file."""
+    """Converts the state of an estimation to JSON data for `filter_state.json`."""
     return for_json(cycle.saved(state, params))
 
 
 def restored(states: SavedState, params: EstimationParams, source: str) -> EstimationState:
-    """Restores a cycle's state: the inverse of `kept`; arguments as those of `from_json`.
+    """Restores the state of an estimation: the inverse of `kept`; arguments as those of `from_json`.
 
     Raises:
         InputError: when they are of other parameters, or no run can have left them.
@@ -272,12 +272,12 @@ def restored(states: SavedState, params: EstimationParams, source: str) -> Estim
 
 
 def for_json(groups: Groups) -> SavedState:
-    """Converts a state for a file."""
+    """Converts state vectors by name to JSON data, NaN as null."""
     return {name: [null_for_nan(vector)] for name, vector in groups.items()}
 
 
 def from_json(states: SavedState, like: Groups, source: str, growing: Collection[str] = ()) -> Groups:
-    """Reads a state: the inverse of `for_json`; a part may be in several pieces, as version 0.1 kept it.
+    """Converts JSON data to state vectors by name, joining vectors in pieces (version 0.1): the inverse of `for_json`.
 
     Args:
         states: as a file has them.

@@ -129,7 +129,7 @@ class Loop:
         self._stopwatch = Stopwatch()
 
     def _covered(self) -> Whole | None:
-        """Returns the estimation, where one kernel has it and the flight: nothing is to be done between the two."""
+        """Returns the estimation, where one kernel covers it together with vehicle and autopilot; else None."""
         apart = not self._compiled or self._made.pilot.adapts or self._trackers.size > 0
         return None if apart or not isinstance(self._known, Whole) else self._known
 
@@ -169,7 +169,7 @@ class Loop:
             self._sample += 1
 
     def _fill_at_once(self, known: Whole, reached_s: float) -> None:
-        """Advances likewise, by the kernel that has vehicle, autopilot and estimation."""
+        """Advances to a time, or to the end of a block, by the kernel that has vehicle, autopilot and estimation."""
         onward, block, reached = chosen(flight.onward, self._compiled), self._blocks[-1], self._reached
         times_s = np.arange(self._sample, self._sample + self._size - self._row) * self._period_s
         reached[UNTIL] = self._row + np.count_nonzero(times_s <= reached_s)

@@ -177,7 +177,7 @@ def _source(
 
 
 def _at_own_times(scenario: Scenario, per_s: float | None) -> Scenario:
-    """Returns the scenario with a step for every reading, where a record has rows at so many times a second."""
+    """Returns the scenario with a filter step for each of a record's readings per second; None: unchanged."""
     if per_s is None:
         return scenario
     period_s = scenario.vehicle_data.sample_period_s
@@ -243,7 +243,7 @@ class _Estimation:
         return self._taken_in(rows, log.rows, coming, outside)
 
     def _begun(self, rows: Rows) -> tuple[EstimationLog, Array, Array]:
-        """Begins a log of the estimation; commands and outside wrench, with those before the first row."""
+        """Hands rows to the estimation; returns its log, commands and outside wrench, from before the first row on."""
         count = rows.time_s.size
         rates, velocities = _stacked(rows, self._gyros), _stacked(rows, self._accelerometers)
         log = EstimationLog(self._scenario, self._params, count)
@@ -262,7 +262,7 @@ class _Estimation:
     def _taken_in(
         self, rows: Rows, logs: Mapping[str, Array], coming: Array, outside: Array
     ) -> tuple[list[EventRecord], list[DetectionRecord]]:
-        """Takes in rows that have been estimated from; returns the result of `take`."""
+        """Adds estimated rows to signals, counts and quality; returns events and detections as `take` does."""
         count = rows.time_s.size
         if not count:
             return [], []
@@ -460,7 +460,7 @@ def _saved(folder: Path, scenario: Scenario) -> FilterState:
 
 
 def _require_alike(state: FilterState, known: tuple[Array, Array], source: str) -> None:
-    """Checks that a state in its form for readers equals the one from which the estimators go on.
+    """Checks that estimate and covariance of a saved state equal those restored from its `states`.
 
     Raises:
         InputError: when it is not.

@@ -50,7 +50,7 @@ BLOCK_ROWS = 1024  # that logs hold, at least, before they are emptied
 
 
 class Engine(Protocol):
-    """Interface of what runs a scenario; every engine gives the same bits."""
+    """Interface of an engine that runs a scenario; all engines give bit-identical results."""
 
     @property
     def logged(self) -> int:
@@ -228,7 +228,7 @@ class _FlyingRun:
 
 @contextlib.contextmanager
 def _scenario_to_blame(scenario: Scenario) -> Iterator[None]:
-    """Converts errors that the numbers of a scenario cause into messages that say so."""
+    """Converts numerical errors of a flight into InputErrors that name the scenario and the likely cause."""
     try:
         yield
     except OutOfMassError as error:

@@ -325,7 +325,7 @@ class Simulated:
 
 @contextlib.contextmanager
 def _to_blame(diagram: Any) -> Iterator[None]:
-    """Converts what Drake refuses in a diagram of the user's own into one message."""
+    """Converts Drake's errors about a diagram of the user's own into one InputError."""
     if diagram is not None and not isinstance(diagram, (DiagramBuilder, System)):
         raise InputError(f"simulate: diagram: must be a Diagram or a DiagramBuilder, got {type(diagram).__name__}")
     try:
@@ -382,14 +382,14 @@ def _require_fractions(commands: Array, times_s: Array, jets: Sequence[str]) -> 
 
 
 def _require_known(name: str) -> bool:
-    """Raises InputError when a table of the truth names something that no run keeps."""
+    """Raises InputError when a table of the truth names a signal that no run keeps; else returns True."""
     if name not in TRUTH:
         raise InputError(f"truth: no run keeps a true {name!r}{suggestion(name, list(TRUTH))}")
     return True
 
 
 def _feeding(estimation: System | None, builder: DiagramBuilder) -> dict[str, OutputPort]:
-    """Returns the output ports connected to an estimator's input ports, by these ones' names."""
+    """Returns the output ports connected to an estimator, by the names of its input ports."""
     if estimation is None:
         return {}
     return {

@@ -121,14 +121,14 @@ def _places(vehicle: Vehicle) -> list[Any]:
 
 
 def _properties(other: Run) -> Array:
-    """Returns the ten parameters of a simulation of a run's vehicle: its truth or, unknown, its estimates."""
+    """Returns the ten parameters to simulate a run's vehicle with: truth, else estimate, else nominal, shape (10,)."""
     found = other.results
     known = np.where(np.isfinite(found.truth), found.truth, found.estimates)
     return np.where(np.isfinite(known), known, params.setup(other.scenario).nominal)
 
 
 def _before_jumps(other: Run) -> Array:
-    """Returns parameters before payloads come or leave, but for the propellant, which counts to the end.
+    """Returns the ten parameters before the first payload jump, less the propellant used to the end, shape (10,).
 
     What is explained are the readings before anything was declared, with what was simulated then.
     """

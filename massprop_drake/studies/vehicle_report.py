@@ -105,7 +105,7 @@ def reaches(activity: Array) -> list[float]:
 
 
 def _unobservable(vehicle: Vehicle) -> list[dict[str, float]]:
-    """Returns the combinations that stay hidden, as weights by name."""
+    """Returns unobservable combinations of the ten parameters, as weights by name."""
     return [
         {name: float(weight) for name, weight in zip(NAMES, row, strict=True) if weight != 0.0}
         for row in _hidden(vehicle)
@@ -119,14 +119,14 @@ def _hidden(vehicle: Vehicle) -> Array:
 
 
 def _not_estimated(vehicle: Vehicle) -> NDArray[np.bool_]:
-    """Selects parameters that are fixed, or play no part in a plane, shape (10,)."""
+    """Mask of the parameters that are fixed, or have no effect in a plane, shape (10,)."""
     if not vehicle.needs_pose_filter:
         return np.zeros(10, dtype=bool)
     return params.known_parameters(resolved({"vehicle": vehicle}))
 
 
 def _weighs(vehicle: Vehicle) -> bool:
-    """Tests whether any sensor shows how fast the vehicle moves."""
+    """Tests whether any sensor shows the vehicle's translation: accelerometers, velocity or position sensors."""
     placed = any(pose.position_std is not None for pose in vehicle.poses)
     return bool(vehicle.accelerometers or vehicle.velocities or placed)
 

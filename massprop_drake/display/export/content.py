@@ -155,7 +155,7 @@ class SampleBlock(NamedTuple):
     messages: list[tuple[int, LogEntry]]
 
     def part(self, first: int, last: int) -> SampleBlock:
-        """Returns the rows from one up to another, with the messages since the row before, the last with all others."""
+        """Returns rows `first` to `last - 1` with the messages due by then; the last rows take all that are left."""
         since = int(self.time_ns[first - 1]) if first else -1
         until = int(self.time_ns[last - 1]) if last < self.time_ns.size else _MOST_NS
         return SampleBlock(

@@ -210,7 +210,7 @@ def operating(
 
 
 def _drawn_rate(point: OperatingPoint) -> float:
-    """Returns the place of a rate on a logarithmic axis: none at half a declaration."""
+    """Returns the rate to draw on a logarithmic axis, that of half a declaration where there was none."""
     figure = point.false_per_hour
     return figure.value or 0.5 / figure.n
 

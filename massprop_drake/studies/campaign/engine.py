@@ -174,7 +174,7 @@ def flown(client: Client, work: CampaignWork, execution: Mapping[str, str] | Non
 
 
 def _in_time(tidy: Callable[..., Any], *arguments: Any, **options: Any) -> None:
-    """Tidies up, or leaves it after a while: workers that are being lost may never answer, and end by themselves."""
+    """Calls a cleanup for a limited time: workers that are being lost may never answer, and end by themselves."""
 
     def tried() -> None:
         with contextlib.suppress(*_LOST_ERRORS, RuntimeError):  # lost anyway

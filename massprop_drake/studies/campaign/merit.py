@@ -41,7 +41,7 @@ class InjectedEvent(NamedTuple):
 
     @property
     def right(self) -> bool:
-        """True if it was declared as what it is."""
+        """True if the declaration is right: the jet, a group with it, or the payload's jump."""
         return self.injected["outcome"] in ("named", "group")
 
     @property
@@ -55,7 +55,7 @@ class InjectedEvent(NamedTuple):
 
 
 def events(rows: Iterable[Row], *, payloads: bool = False) -> list[InjectedEvent]:
-    """Returns injected failures of jets that acted, or payloads that came or left."""
+    """Returns injected failures that acted, or payloads that docked or were released."""
     found = []
     for row in flown(rows):
         for one in row["injected"]:
@@ -103,7 +103,7 @@ def hours(rows: Iterable[Row], cause: str | None = None) -> float:
 
 
 def _at_risk_s(row: Row) -> dict[str, float]:
-    """Splits the time of a case, s: nothing had acted yet, a failure had acted last, or a payload had moved last."""
+    """Splits a case's duration, s, by what had acted last: nothing, a failure or a payload."""
     acted = sorted(
         (one["first_acted_s"], "jump" if one["kind"] in PAYLOADS else "failure")
         for one in row["injected"]
@@ -410,7 +410,7 @@ def _struck(event: InjectedEvent) -> InjectedEvent:
 
 
 def operating_curve(rows: Sequence[Row], most: int = 40) -> list[OperatingPoint]:
-    """Computes the points of thresholds from the least likelihood argument declared to the largest."""
+    """Computes operating points at thresholds from the least declared likelihood argument to the largest."""
     declared = [entry["statistic"] for entry in false_declarations(rows) if entry["kind"] != JUMP]
     declared += [event.statistic for event in events(rows) if event.right and not math.isnan(event.statistic)]
     levels = np.unique([level for level in declared if level > 0.0])

@@ -108,7 +108,7 @@ def planned(campaign: CampaignSpec) -> list[PlannedCase]:
 
 
 def _told(problem: str, drawn: Mapping[str, Any]) -> str:
-    """Describes a problem of a case, with the draws in the block of fields that it names."""
+    """Formats the error message of a case, with the draws in the block of fields that it names."""
     problem = problem.removeprefix("scenario: ")
     block = re.split(r"[.\[:]", problem, maxsplit=1)[0]
     what = [f"{label} = {value}" for label, value in drawn.items() if re.split(r"[.\[]", label, maxsplit=1)[0] == block]

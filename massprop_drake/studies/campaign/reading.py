@@ -201,7 +201,7 @@ def _drawn(labels: Sequence[str]) -> list[str]:
 
 
 def _reference(spec: CampaignSpec, settings: Sequence[Mapping[str, Any]]) -> int:
-    """Returns the cell that changes nothing about the base scenario, or the first."""
+    """Returns the number of the cell with the base scenario's own settings, or 0."""
     base = spec.base.model_dump(mode="json")
     for number, one in enumerate(settings):
         if all(_same(_at(base, key), value) for key, value in one.items()):

@@ -161,7 +161,7 @@ def write_plan(folder: Path, cases: Sequence[PlannedCase], facts: Mapping[str, s
 
 
 def note(folder: Path, facts: Mapping[str, str]) -> None:
-    """Writes other facts to the plan."""
+    """Replaces the facts that are stored with the plan."""
     _write(folder / PLAN, _plan(folder, None).replace_schema_metadata(facts))
 
 

@@ -133,7 +133,7 @@ def _best(choice: Choice, task: Task, converging: Aims, n: int) -> tuple[SearchR
 
 
 def _usual(vehicle: Vehicle) -> Scenario:
-    """Makes a scenario of a vehicle whose thrusts are off as its file says, with the usual settings."""
+    """Makes a scenario of a vehicle with default settings, its thrusts dispersed by the uncertainty in its file."""
     return Scenario(vehicle=vehicle, plant=PlantBlock(thrust_dispersion=float(vehicle.thrust_uncertainties.max())))
 
 
@@ -152,7 +152,7 @@ def _joint(scenario: Scenario) -> Scenario:
 
 
 def _start(scenario: Scenario, run: Run | None, without: Sequence[str]) -> tuple[Craft, JointFilterState]:
-    """Returns the vehicle as a maneuver commands it, and the filter's state before."""
+    """Returns the craft that a maneuver commands, and the joint filter's state before the maneuver."""
     vehicle = scenario.vehicle_data
     for name in without:
         if name not in vehicle.designations:

@@ -16,7 +16,7 @@ LISTENING_S = 10.0  # s, after a maneuver, for which a suspect may still be name
 
 
 class TargetFound(NamedTuple):
-    """A target, and how well it will be known.
+    """Target quantity with its 1-sigma: asked for, before, predicted and flown.
 
     Attributes:
         name: of the quantity.
@@ -42,7 +42,7 @@ class TargetFound(NamedTuple):
 
 
 class PairFound(NamedTuple):
-    """Two suspects, and when they are separable.
+    """Pair of suspects, and the time after which they are separable.
 
     Attributes:
         jet: that fails.
@@ -58,7 +58,7 @@ class PairFound(NamedTuple):
 
 
 class Trace(NamedTuple):
-    """Knowledge against propellant and time.
+    """Predicted 1-sigma of each target over propellant and time.
 
     Attributes:
         propellant: that is used, slug or kg, shape (n,).
@@ -87,7 +87,7 @@ class ManeuverCommand(NamedTuple):
 
 
 class Design(NamedTuple):
-    """A maneuver that makes known what was asked.
+    """Maneuver that reaches the requested targets, with its forecast and its flights.
 
     Attributes:
         scenario: that flies it.

@@ -49,7 +49,7 @@ def _one_flight(scenario: Scenario, seed: int, wanted: Sequence[Target]) -> tupl
 
 
 def named_s(made: Design, jet: str, force: float, seed: int, vehicle: Vehicle) -> float | None:
-    """Computes the time from a suspect's failure, as the maneuver begins, until it is named, s; None: it is not."""
+    """Flies a design whose suspect fails as it begins; returns the time until the jet is named, s; None: it is not."""
     at_s = made.begins_s + LEAD * vehicle.sample_period_s
     thrust = float(np.linalg.norm(vehicle.thrusts[vehicle.designations.index(jet)]))
     failure = (
