@@ -261,7 +261,7 @@ def _add_detector(
 
 
 def _add_findings(builder: DiagramBuilder, scenario: Scenario) -> None:
-    """Adds the system that follows the reports of filters and detector."""
+    """Adds the `FindingsMonitor`, fed by the reports of filters and detector."""
     found = {}
     for system in builder.GetSystems():
         for index in map(OutputPortIndex, range(system.num_output_ports())):

@@ -128,7 +128,7 @@ def build(scenario: Scenario, body: System | None = None, trackers: Sequence[Sys
 
 
 def _with_others(builder: DiagramBuilder, scenario: Scenario, jets: System, body: System, pieces: int) -> list[System]:
-    """Puts engines and a disturbance between jets and body; returns these.
+    """Adds engines and a disturbance between jets and body; returns the systems added.
 
     Args:
         builder: of the diagram.
@@ -167,7 +167,7 @@ def _with_others(builder: DiagramBuilder, scenario: Scenario, jets: System, body
 
 
 def _connect_chance(builder: DiagramBuilder, scenario: Scenario, jets: System, others: list[System]) -> None:
-    """Connects noise to the systems that are noisy, and the seed to those that draw."""
+    """Connects the noise source to noisy systems, and the seed to those that draw random numbers."""
     quiet = {one.name for one in scenario.vehicle_data.sensors if not true_params.undrawn_model(scenario, one).noisy}
     noisy = [system for system in others if system.get_name() not in quiet and system.HasInputPort("noise")]
     drawn = [system for system in others if system.HasInputPort("seed")]

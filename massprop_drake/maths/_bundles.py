@@ -122,7 +122,7 @@ def _construct(context: Any, builder: Any, sig: Any, args: Any) -> Any:
 
 
 def _at_hand(c: Any, value: Any) -> Any:
-    """Returns a borrowed reference to a Python object among the constants of compiled code."""
+    """Adds a Python object to the constants of compiled code; returns a borrowed reference to it."""
     return c.env_manager.read_const(c.env_manager.add_const(value))
 
 

@@ -64,7 +64,7 @@ class _CheckedFile(IndexDataCacheFile):  # type: ignore[misc] # numba has no typ
 
 
 def _require_whole(content: bytes) -> None:
-    """Raises ValueError for the content of a file that is not what was written."""
+    """Raises ValueError when a file's content does not match the digest at its end."""
     if hashlib.sha256(content[:-_DIGEST]).digest() != content[-_DIGEST:]:
         raise ValueError("not what was written")
 

@@ -143,7 +143,7 @@ class Desk(NamedTuple):
 
 
 def desk(n_jets: int, asked: ThesisAsked) -> Desk:
-    """Makes an empty desk.
+    """Makes a desk of zeros, for the exchange between kernel and Python.
 
     Args:
         n_jets: number of jets.
@@ -155,7 +155,7 @@ def desk(n_jets: int, asked: ThesisAsked) -> Desk:
 
 
 def rows(count: int, sizes: tuple[int, int], params: FlightParams) -> FlightRows:
-    """Makes rows to be filled in.
+    """Allocates the log rows of a flight, one per sample.
 
     Args:
         count: of rows.
@@ -198,7 +198,7 @@ def initial_state(vehicle: VehicleState) -> FlightState:
 
 @kernel
 def fly(holder: Any, block: Any, reached: NDArray[np.int_], params: Any) -> int:
-    """Flies to the next readings, or until Python has to act, and returns the reason.
+    """Runs the flight to the next readings, or until Python has to act; returns `ON`, `SELECT` or `JUMP`.
 
     Args:
         holder: of `FlightState`.
@@ -217,7 +217,7 @@ def fly(holder: Any, block: Any, reached: NDArray[np.int_], params: Any) -> int:
 
 @kernel
 def _flown(holder: Any, block: FlightBlock, reached: NDArray[np.int_], given: FlightParams) -> int:
-    """Runs `fly` with the contents of holders."""
+    """Runs `fly` on the contents of the holders of block and parameters."""
     state = holder.value
     rows, coming, desk = block.rows, block.coming, block.desk
     row = reached[ROW]
@@ -272,7 +272,7 @@ def onward(holder: Any, known: Any, block: Any, reached: NDArray[np.int_], param
 
 @kernel
 def _sensed(state: FlightState, row: int, rows: FlightRows, coming: Ahead, params: FlightParams) -> FlightState:
-    """Computes the readings of a sample, as they are and as the estimators see them."""
+    """Logs the readings of a sample, raw and as the estimators see them; returns the state after it."""
     vehicle, truth = state.vehicle, params.truth
     readings, memories = vehicle_cycle.sense(vehicle, row, coming, truth)
     rows.body_state[row] = vehicle.body
@@ -303,7 +303,7 @@ def _sensed(state: FlightState, row: int, rows: FlightRows, coming: Ahead, param
 def _piloted(
     state: FlightState, row: int, rows: FlightRows, desk: Desk, params: FlightParams
 ) -> tuple[FlightState, bool]:
-    """Computes the autopilot's request, and whether jets are to be selected for it."""
+    """Computes the autopilot's request; returns the state, and whether jets must be selected."""
     pilot, asked = params.pilot, desk.asked
     rate = rows.readings[row, params.gyros[0]]
     request, error, memory = piloted(state.pilot, rate, rows.hand_controllers[row], state.delivered, pilot.settings)

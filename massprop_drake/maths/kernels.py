@@ -131,12 +131,12 @@ def _itself(vector):  # type: ignore[no-untyped-def] # compiled alone
 
 @idiom(_itself)
 def listed(vector: NDArray[Any]) -> Any:
-    """Returns a vector of any length in a form to iterate over."""
+    """Converts a vector to a list for iteration; compiled code iterates over the vector itself."""
     return vector.tolist()
 
 
 def _element(values: Any, index: int) -> Any:
-    """Returns one of a vector's numbers, or the number."""
+    """Returns an element of a vector; of a plain number, that number."""
     return values[index] if np.ndim(values) else values
 
 
@@ -164,7 +164,7 @@ def _real(number):  # type: ignore[no-untyped-def] # compiled alone
 
 @idiom(_real)
 def value_of(number: Any) -> float:
-    """Returns the value of a number; of an AutoDiffXd without derivatives, of an Expression that is constant.
+    """Converts a float, an AutoDiffXd or a constant Expression to a float, without derivatives.
 
     Raises:
         ValueError: when it is an Expression that has variables.
@@ -193,7 +193,7 @@ def fill(row: Array, values: Any) -> None:
 
 
 def taken(vector: Array, like: Any) -> Any:
-    """Reads a bundle like another from the beginning of a vector, its arrays views of it: the inverse of `fill`.
+    """Unpacks the beginning of a vector into a bundle shaped like another, its arrays views: the inverse of `fill`.
 
     Args:
         vector: with the fields in their order.
@@ -233,7 +233,7 @@ class Compiler(NamedTuple):
 
 
 def _gathered() -> None:
-    """Loads every module of mathematics, so that all kernels are known."""
+    """Imports every module of `maths`, which registers all kernels."""
     folder = Path(__file__).parent
     for path in sorted(folder.rglob("*.py")):
         if not path.name.startswith("_"):
@@ -333,7 +333,7 @@ def _folder() -> Path | None:
 
 
 def _timer(event: Any, kept: str) -> Any:
-    """Times all compilation, and logs when the first begins; `kept`: appended to that message."""
+    """Makes the listener that times compilation and logs its first start; `kept`: appended to that message."""
 
     class Timer(event.TimingListener):  # type: ignore[misc] # what numba has
         said = False
@@ -450,12 +450,12 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def chosen(function: F, compile_it: bool) -> F:
-    """Returns a kernel, or its compiled form."""
+    """Returns a kernel's compiled form where it is asked for, else the kernel itself."""
     return compiled(function) if compile_it else function  # type: ignore[return-value]
 
 
 def held(value: Any, compile_it: bool) -> Any:
-    """Makes a `Holder`, or compiled code's own, of a bundle."""
+    """Puts a bundle into a holder: a `Holder`, or that of compiled code."""
     return shared(_own(plain(value)), compile_it) if compile_it else Holder(value)
 
 

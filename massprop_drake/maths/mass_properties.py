@@ -56,7 +56,7 @@ def parallel_axis(arm: Array) -> Array:
 
 
 def joined(body: MassProperties, mass: float, position: Array, inertia: Array) -> MassProperties:
-    """Computes a body with another one fixed to it, or, with a negative mass, taken from it.
+    """Computes mass properties of a body after another one is attached or, with negative mass, released.
 
     By the parallel-axis theorem, I_total = I_1 + m_1 (d_1^2 1 - d_1 d_1^T) + the same of the other, about
     the new center of mass.
@@ -80,7 +80,7 @@ def joined(body: MassProperties, mass: float, position: Array, inertia: Array) -
 def perturbed(
     body: MassProperties, *, mass_factor: float, shift: Array, second_moment_factors: Array, rotation: Array
 ) -> MassProperties:
-    r"""Computes a body near another one, which is possible whatever the numbers are.
+    r"""Perturbs a body's mass properties such that they stay physically possible.
 
     The second moments of the mass distribution, E = (tr I / 2) 1 - I, are positive semidefinite for every body, and
     every such matrix belongs to one. They are scaled along their principal axes, which are then turned.
@@ -116,7 +116,7 @@ class Spread(NamedTuple):
 
 
 def drawn_body(body: MassProperties, spread: Spread, z: Array) -> MassProperties:
-    """Computes a possible body near another one, for ten standard normal numbers, shape (10,); see `perturbed`."""
+    """Perturbs mass properties by ten standard normal numbers, shape (10,), scaled by a spread; see `perturbed`."""
     return perturbed(
         body,
         mass_factor=(1.0 + spread.mass) ** float(z[0]),
@@ -250,7 +250,7 @@ def percent_error(estimate: Array, truth: Array) -> Array:
 
 @kernel
 def all_ten(of_rotation: Array, of_mass: float) -> Array:
-    """Joins a quantity of the rotational nine parameters and that of the mass reciprocal to one of all ten."""
+    """Joins values of the nine rotational parameters and of the mass reciprocal to a vector, shape (10,)."""
     result = np.empty(N_ROTATION + 1)
     result[:N_ROTATION] = of_rotation
     result[MASS_RECIPROCAL] = of_mass
@@ -280,7 +280,7 @@ def converged_rows(
 
 @kernel
 def converged(standard_deviation: Array, estimate: Array, limits: Array) -> bool:
-    r"""Tests whether estimates are good enough to act on.
+    r"""Tests whether estimates have converged: every 1-sigma tested is below its limit.
 
     Three tests, each 1-sigma against its limit: the diagonal of the inverse inertia and the mass
     reciprocal relative to their estimates, which must be positive, and the center of mass in length.

@@ -20,7 +20,7 @@ Seed = int | tuple[int, int]  # of a run; and what was drawn to vary it
 
 
 def varied(seed: int, draw: float) -> Seed:
-    """Returns the seed of a run that a random number varies; the run's own where that is zero."""
+    """Combines a run's seed with a random draw; a draw of zero leaves the seed as it is."""
     return seed if draw == 0.0 else (seed, int(np.float64(draw).view(np.uint64)))
 
 

@@ -69,7 +69,7 @@ def nearest_possible(estimate: Array, covariance: Array) -> Array | None:
 
 
 def _nearest(six: Array, whitener: Array) -> Array | None:
-    """Computes the nearest six elements of an inverse inertia; None where the search does not settle."""
+    """Computes the nearest six elements of a possible inverse inertia; None where the search does not converge."""
     inertia = symmetrized(inverse(symmetric(six)))
     moments, axes = np.linalg.eigh(0.5 * np.trace(inertia) * np.eye(3) - inertia)
     inside = np.maximum(moments, _INSIDE * np.trace(inertia))

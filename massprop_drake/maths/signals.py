@@ -204,7 +204,7 @@ def is_own(name: str) -> bool:
 
 
 def own_signal(name: str, size: int) -> Signal:
-    """Describes an output port of a system that is not ours."""
+    """Describes an output port of a user's own system as a signal."""
     return Signal(
         name, f"output {name.rpartition('.')[2]} of {name.rpartition('.')[0]}", "-", tuple(map(str, range(size)))
     )

@@ -9,7 +9,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 
 def vector(name: str, value: ArrayLike, size: int) -> Array:
-    """Makes a vector of a size.
+    """Converts an argument to a finite vector of a size.
 
     Raises:
         ValueError: when it is anything else, naming it.
@@ -23,7 +23,7 @@ def vector(name: str, value: ArrayLike, size: int) -> Array:
 
 
 def rows(name: str, value: ArrayLike, size: int) -> Array:
-    """Makes a matrix of rows of a size, one for each jet.
+    """Converts an argument to a matrix with rows of a size, one for each jet.
 
     Raises:
         ValueError: when it is anything else, naming it.

@@ -103,7 +103,7 @@ class _Workspace(Generic[T]):
 
 
 def declare_outputs(system: LeafSystem, entry: Cached, ports: Iterable[tuple[str, int, Part]]) -> None:
-    """Declares output ports that say parts of a cached result: name, size and part of each."""
+    """Declares output ports of parts of a cached result: name, size and part of each."""
     for name, size, part in ports:
         read = _reader(part)
 
@@ -114,7 +114,7 @@ def declare_outputs(system: LeafSystem, entry: Cached, ports: Iterable[tuple[str
 
 
 def declare_update(system: LeafSystem, entry: Cached, period_s: float, part: Part) -> None:
-    """Declares that at every sample a part of a cached result becomes the discrete state, which is one group."""
+    """Declares a periodic update of the discrete state, one group, from a part of a cached result."""
     after = _reader(part)
 
     def update(context: Any, state: Any) -> None:

@@ -79,7 +79,7 @@ def _named(kind: str, given: Iterable[str], there: Sequence[Any]) -> list[str]:
 
 
 def _state(context: Context, groups: int) -> Array:
-    """Returns all state of one kind, shape (n,)."""
+    """Stacks continuous and discrete state of a context, shape (n,)."""
     discrete = [context.get_discrete_state(group).CopyToVector() for group in range(groups)]
     return np.concatenate([context.get_continuous_state_vector().CopyToVector(), *discrete])
 

@@ -131,7 +131,7 @@ def elements(port: str) -> dict[str, list[Names]]:
 
 
 def _along(field: str, shape: Iterable[int | str]) -> list[Names]:
-    """Returns components along each dimension of a field."""
+    """Returns names of the components along each dimension of a field."""
     return [_OF_FIELDS.get(field, _BY_SIZE[size]) for size in shape]
 
 

@@ -39,7 +39,7 @@ _KNOWN_WRENCH = RECONFIGURATION.sized(jets=0).slice("known_wrench")
 
 
 class Reference(NamedTuple):
-    """Parameters by which the attitude to hold is found.
+    """Parameters of the attitude reference.
 
     Attributes:
         period_s: sample period, s.
@@ -54,7 +54,7 @@ class Reference(NamedTuple):
 
 @kernel
 def attitude(memory: Array, rate: Array, controllers: Array, held: Any) -> Array:
-    """Computes the attitude error, rad, shape (3,), then the memory.
+    """Computes a row of the attitude error, rad (3), and the memory after the sample.
 
     Args:
         memory: packed as `ATTITUDE_MEMORY`.
@@ -84,7 +84,7 @@ class Control(NamedTuple):
 
 @kernel
 def request(memory: Array, controllers: Array, error: Array, rate: Array, delivered: Array, held: Any) -> Array:
-    """Computes the request, packed as `REQUEST`, then the memory.
+    """Computes a row of the request, packed as `REQUEST`, and the memory after the sample.
 
     Args:
         memory: packed as `TRANSLATION_MEMORY`.
@@ -104,7 +104,7 @@ def request(memory: Array, controllers: Array, error: Array, rate: Array, delive
 
 
 class Burning(NamedTuple):
-    """Parameters by which a burst goes on.
+    """Parameters of a burst in progress.
 
     Attributes:
         forces: of the jets, shape (3, n_jets).
@@ -121,7 +121,7 @@ class Burning(NamedTuple):
 
 @kernel
 def going_on(remaining: Array, asked: Array, refused: Array, told: Array, mass_reciprocal: float, held: Any) -> Array:
-    """Tests whether jets are to be selected at a sample, 1 or 0, and appends the output of `fired` if not.
+    """Computes a row of 1 where jets must be selected, else 0, and the output of `fired`, valid where it is 0.
 
     Args:
         remaining, mass_reciprocal, held: as in `fired`.

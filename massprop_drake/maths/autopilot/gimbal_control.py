@@ -31,7 +31,7 @@ class GimbalControl(NamedTuple):
 
 
 def by_angles(levels: Array, control: GimbalControl) -> Array:
-    """Computes the angular acceleration of the vehicle by each gimbal's angles, 1/s^2, shape (3, 2 n).
+    """Computes derivatives of the vehicle's angular acceleration by the gimbal angles, 1/s^2, shape (3, 2 n).
 
     Args:
         levels: of the engines, shape (n,).
@@ -46,7 +46,7 @@ def by_angles(levels: Array, control: GimbalControl) -> Array:
 
 
 def steered(scheduled: Array, rate: Array, turned: Array, control: GimbalControl) -> tuple[Array, Array]:
-    """Computes commands of the engines, and the vehicle's turn since they burn.
+    """Computes engine commands, shape (n, 3), and the integral of the rate since the burn began, rad, shape (3,).
 
     Args:
         scheduled: level and two angles of each, rad, shape (n, 3).

@@ -39,7 +39,7 @@ def forces_of(wrenches: Array) -> Array:
 
 
 def least_cycles(minimum_s: Array, period_s: float) -> Array:
-    """Returns least on-times, s, as whole cycles, shape (n_jets,)."""
+    """Rounds least on-times, s, up to whole cycles, shape (n_jets,)."""
     cycles: Array = np.ceil(minimum_s / period_s - 1e-9)
     return cycles
 

@@ -164,7 +164,7 @@ def _keeps(command: float, held: float, rate: float, capture_rate: float) -> flo
 
 @kernel
 def commanded_rate(rotation_command: Array, attitude_error: Array, params: PhaseSpaceParams) -> Array:
-    """Computes the rate that each axis should have, rad/s: the discrete rate, or the way back to the held attitude."""
+    """Computes the commanded rate of each axis, rad/s: the discrete rate, or the return to the held attitude."""
     x, y, z = numbers(rotation_command, 3)
     error_x, error_y, error_z = numbers(attitude_error, 3)
     return np.array([_turning(x, error_x, params), _turning(y, error_y, params), _turning(z, error_z, params)])
@@ -172,7 +172,7 @@ def commanded_rate(rotation_command: Array, attitude_error: Array, params: Phase
 
 @kernel
 def _turning(command: float, error: float, params: PhaseSpaceParams) -> float:
-    """Computes the rate that an axis should have, rad/s."""
+    """Computes the commanded rate of one axis, rad/s."""
     if command != 0.0:
         return command * params.discrete_rate
     return min(max(-params.hold_gain * error, -params.hold_rate_limit), params.hold_rate_limit)
@@ -280,7 +280,7 @@ class PilotMemory(NamedTuple):
 def piloted(
     memory: PilotMemory, rate: Array, controllers: Array, delivered: Array, params: PhaseSpaceParams
 ) -> tuple[Request, Array, PilotMemory]:
-    """Computes the attitude by the gyro, then the request.
+    """Runs the autopilot for a sample: attitude by the gyro, then the request to jet selection.
 
     Args:
         memory: of the sample before.

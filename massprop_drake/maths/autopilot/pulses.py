@@ -37,12 +37,12 @@ class Pulses(NamedTuple):
 
 
 def whole_cycles(n_jets: int) -> Pulses:
-    """Returns valves that open and close with cycles."""
+    """Makes `Pulses` of valves that open and close only at cycle boundaries."""
     return Pulses(within=False, place=0.0, quanta=np.zeros(n_jets), least=np.zeros(n_jets), accumulates=False)
 
 
 def valve_pulses(minimum_s: Array, quanta_s: Array, period_s: float, place: float, accumulates: bool) -> Pulses:
-    """Returns valves that open and close within a cycle.
+    """Makes `Pulses` of valves that open and close within a cycle.
 
     Args:
         minimum_s: shortest on-time of each, raised to whole steps of its clock, s, shape (n_jets,).
@@ -65,7 +65,7 @@ def clocked(on_times: Array, pulses: Pulses) -> Array:
 
 
 def burst_pulses(on_times: Array, owed: Array, pulses: Pulses) -> tuple[Array, Array]:
-    """Returns on-times as they are flown, and the remainders that are owed, cycles, shape (n_jets,) each.
+    """Rounds on-times to those flown; returns these and the remainders owed, cycles, shape (n_jets,) each.
 
     Below the shortest an on-time is not flown. It is dropped or, where such accumulate, owed: once what a jet owes by
     selections that all ask for it reaches the shortest, this is flown, and the rest stays owed.

@@ -53,7 +53,7 @@ class WheelControlParams(NamedTuple):
 
 
 def shares_of(axes: Array) -> Array:
-    """Computes the torque of each motor per torque of all wheels, shape (n, 3).
+    """Computes the matrix from the wheels' total torque to each motor's, shape (n, 3).
 
     Args:
         axes: of the wheels, unit vectors that span space, shape (n, 3).
@@ -100,7 +100,7 @@ def next_unloading(unloading: bool, speeds: Array, params: WheelControlParams) -
 
 
 def rate_for_jets(rate: Array, unloading: bool, speeds: Array, params: WheelControlParams) -> Array:
-    """Computes the rate for the jets' controller, rad/s, shape (3,).
+    """Computes the rate given to the jets' controller, biased while jets unload the wheels, rad/s, shape (3,).
 
     Args:
         rate: as it is read, rad/s, shape (3,).

@@ -47,7 +47,7 @@ class Craft(NamedTuple):
 
 
 class FiringAction(NamedTuple):
-    """Short firing.
+    """Short firing of jets and wheel motors, then a coast.
 
     Attributes:
         jets: that fire, integers.
@@ -119,7 +119,7 @@ class FlownAction(NamedTuple):
 def fly(
     before: tuple[FollowedCourse, int], action: FiringAction, craft: Craft, known: Known | None = None
 ) -> FlownAction:
-    """Follows a course through an action.
+    """Propagates a course, its information and motion, through an action.
 
     Args:
         before: the course, and the number of its samples.
@@ -136,7 +136,7 @@ def fly(
 def stepped(
     before: FlownAction, action: FiringAction, craft: Craft, known: Known | None = None, *, fires: bool
 ) -> FlownAction:
-    """Follows a course for one more sample of an action, firing or coasting; arguments as `fly`."""
+    """Propagates a course by one sample of an action, firing or coasting; arguments as `fly`."""
     places, row = craft.params.places, before.row + 1
     command, torques = np.zeros(places.jets), np.zeros(places.wheels)
     if fires:

@@ -36,7 +36,7 @@ _NOTHING = 1e-9  # nats: two that nothing tells apart; so that their ratio is a 
 
 
 class Aims(NamedTuple):
-    """Quantities and differences that are to be known.
+    """Targets of a maneuver: 1-sigmas of parameters, and failures to be told apart.
 
     Attributes:
         combinations: e of each, of all parameters without forces, shape (n, n_known).
@@ -61,7 +61,7 @@ class Aims(NamedTuple):
 
 
 class Known(NamedTuple):
-    """Knowledge before a maneuver.
+    """Information on the parameters before a maneuver.
 
     Attributes:
         information: M of the parameters that are not known exactly, shape (n, n).
@@ -73,7 +73,7 @@ class Known(NamedTuple):
 
 
 class Reached(NamedTuple):
-    """Distance from aims.
+    """Precision that a course reaches, compared with the aims.
 
     Attributes:
         deviations: 1-sigma of each combination, shape (n,).
@@ -120,7 +120,7 @@ def reached(shown: Array, known: Known, aims: Aims) -> Reached:
 
 
 def from_another(own: Array, cross: Array, other: Array, force: Array | float) -> Array:
-    """Computes the expected log likelihood ratio of a force and of the one of another jet that suits best, nats.
+    """Computes the expected log likelihood ratio of a jet's force to the best-fitting force of another jet, nats.
 
     No jet gives less than nothing: where the other would have to, no force at all suits best.
 
@@ -132,12 +132,12 @@ def from_another(own: Array, cross: Array, other: Array, force: Array | float) -
 
 
 def from_nothing(own: Array, force: Array | float, most: Array | float) -> Array:
-    """Computes the expected log likelihood ratio of an unknown force against none, nats; arguments as above."""
+    """Computes the expected log likelihood ratio of an unknown force to none, nats; arguments as `from_another`."""
     return 0.5 * force**2 * own - 0.5 * np.log1p(most**2 * np.maximum(own, 0.0))
 
 
 def of_jump(left: Array, own: np.ndarray, force: Array, variances: Array) -> Array:
-    """Computes the expected lead over nothing, where a jet fails, of jumps of each size together, nats, shape (p,).
+    """Computes log likelihood ratios of jumps, summed over sizes, to no fault, where a jet fails, nats, shape (p,).
 
     Args:
         left: S, jumps last, in units of the largest, shape (f, f).

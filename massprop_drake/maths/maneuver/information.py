@@ -85,7 +85,7 @@ def n_known(params: JointParams) -> int:
 
 
 def start(properties: Array, rate: Array, speeds: Array, params: JointParams) -> FollowedCourse:
-    """Returns the course before its first step: nothing is known of the motion.
+    """Makes the course before its first step, with no information on the motion.
 
     Args:
         properties: the ten parameters, shape (10,).
@@ -113,7 +113,7 @@ def start(properties: Array, rate: Array, speeds: Array, params: JointParams) ->
 
 
 def failing_from_now(course: FollowedCourse, params: JointParams) -> FollowedCourse:
-    """Returns the course with failures or jumps of mass properties at its end, of which nothing is known yet."""
+    """Starts failures and mass-property jumps at the end of a course, with no information on them yet."""
     first = n_known(params)
     carried, shown = course.carried.copy(), course.shown.copy()
     carried[:, first:], shown[first:], shown[:, first:] = 0.0, 0.0, 0.0

@@ -51,7 +51,7 @@ class FiringTest(NamedTuple):
 
 
 def suspects(probability: Array, settings: FiringTest) -> tuple[int, ...]:
-    """Returns jets of which it is open which one has failed, or whether any has; none: no question.
+    """Returns indices of the jets among which a failure is not yet isolated; empty: no test is needed.
 
     Args:
         probability: of each jet, then of nothing and of something unknown, shape (n_jets + 2,).
@@ -66,7 +66,7 @@ def suspects(probability: Array, settings: FiringTest) -> tuple[int, ...]:
 
 
 def missed(covariance: Array, settings: FiringTest) -> bool:
-    """Tests whether a target is not known well enough.
+    """Tests whether the 1-sigma of any target exceeds its aim.
 
     Args:
         covariance: of the ten estimates, shape (10, 10).
@@ -115,7 +115,7 @@ def commands(
 
 
 def _apart(among: tuple[int, ...], settings: FiringTest) -> Aims:
-    """Makes aims that tell suspects apart, and from no failure, whether they leak or lack thrust."""
+    """Makes aims that separate suspects from each other and from no failure, for leaks and for losses of thrust."""
     n = settings.craft.params.places.jets
     pairs = [
         (one + kind, other + kind if other >= 0 else -1)
@@ -131,7 +131,7 @@ def _apart(among: tuple[int, ...], settings: FiringTest) -> Aims:
 
 
 def _known(covariance: Array, craft: Craft) -> Known:
-    """Returns the estimators' knowledge of the ten parameters, and of the rest as it is stated."""
+    """Computes information: the estimators' on the ten parameters, the prior one on the rest."""
     information, of = prior_information(initial(craft.params), craft.params)
     ten = of[of < N_PROPERTIES]
     ten = ten[np.isfinite(np.diagonal(covariance)[ten])]

@@ -48,7 +48,7 @@ class Cost(NamedTuple):
 
 
 class Task(NamedTuple):
-    """Task of a search.
+    """Task of a search for a maneuver: vehicle, aims, limits and cost.
 
     Attributes:
         craft: see `Craft`.
@@ -99,7 +99,7 @@ class Plan(NamedTuple):
 
 
 def begun(task: Task) -> Plan:
-    """Begins a plan with nothing but its lead, at whose end suspects fail."""
+    """Begins a plan with its lead alone, a coast at whose end the suspects fail."""
     craft = task.craft
     course = start(craft.properties, craft.rate, craft.speeds, craft.params)
     lead = coasting(LEAD, craft)
@@ -118,7 +118,7 @@ def _price(action: FiringAction, task: Task) -> float:
 
 
 def with_action(plan: Plan, action: FiringAction, task: Task) -> Plan | None:
-    """Adds an action to the plan; None: that exceeds a limit."""
+    """Adds an action to the plan; returns None where that exceeds a limit."""
     if not _affords(plan, action, task):
         return None
     last = plan.flown[-1]
@@ -161,7 +161,7 @@ def characterized(actions: Sequence[FiringAction], task: Task) -> Choice:
 def _together(
     known: dict[tuple[int, int], FlownAction], at: tuple[int, int], action: FiringAction, craft: Craft
 ) -> FlownAction:
-    """Follows a course through so many samples of firing and of coasting, reusing shorter ones."""
+    """Propagates a course through numbers ``at`` of firing and coasting samples, reusing shorter ones in ``known``."""
     if at not in known:
         firing, coasting_for = at
         fewer = (firing, coasting_for - 1) if coasting_for else (firing - 1, 0)
@@ -203,7 +203,7 @@ def extended(plan: Plan, choice: Choice, thrift: float, task: Task) -> Plan:
 
 
 def rebuilt(actions: Sequence[FiringAction], upto: int, plan: Plan, task: Task) -> Plan | None:
-    """Builds a plan of these actions, reusing the first ones of another; None: that exceeds a limit."""
+    """Builds a plan of actions, reusing the first ones of another plan; returns None where that exceeds a limit."""
     made: Plan | None = Plan(plan.actions[:upto], plan.flown[:upto], plan.reached[:upto])
     for action in actions[upto:]:
         if made is None:
@@ -228,7 +228,7 @@ def trimmed(plan: Plan, task: Task) -> Plan:
 
 
 def _lesser(actions: tuple[FiringAction, ...], place: int) -> list[tuple[FiringAction, ...]]:
-    """Returns the actions without one, with it half as long, and with it without its coast."""
+    """Lists variants of the actions: with one left out, halved, or its coast cut to a sample."""
     before, one, after = actions[:place], actions[place], actions[place + 1 :]
     found = [before + after]
     if one.samples > 1:
@@ -267,7 +267,7 @@ def best(choice: Choice, task: Task) -> SearchResult:
 
 
 def floor_of(shown: Sequence[Array], task: Task) -> Reached:
-    """Computes floors of all aims: everything that can be fired is fired for ever.
+    """Computes the best precision that any firing can reach: every action is repeated without end.
 
     Args:
         shown: what each action shows, shape (k, k) each.
@@ -277,7 +277,7 @@ def floor_of(shown: Sequence[Array], task: Task) -> Reached:
 
 
 def unseen(shown: Sequence[Array], task: Task, row: int) -> Array:
-    """Computes the direction that no firing shows, along a combination's error, of all parameters, shape (n_known,).
+    """Computes the parameter direction of a combination's error that no firing observes, shape (n_known,).
 
     Args:
         shown: what each action shows, shape (k, k) each.
@@ -292,5 +292,5 @@ def unseen(shown: Sequence[Array], task: Task, row: int) -> Array:
 
 
 def _for_ever(shown: Sequence[Array]) -> Array:
-    """Computes the information when everything is fired for ever, shape (k, k)."""
+    """Computes the information of all actions repeated without end, shape (k, k)."""
     return _FOREVER * np.sum(shown, axis=0)

@@ -34,7 +34,7 @@ class DisturbanceModel(NamedTuple):
 
 
 def kept_share(correlation_time_s: float, period_s: float) -> float:
-    """Computes the share of a deviation that is left after a period."""
+    """Computes the factor by which a deviation decays in a period."""
     return math.exp(-period_s / correlation_time_s)
 
 
@@ -81,7 +81,7 @@ def disturbed(wrench: Array, disturbance: Array, center_of_mass: Array, pieces: 
 
 
 def pushed_by(wrench: Array, other: Array, pieces: int = 1) -> Array:
-    """Adds a wrench that acts all the time to a wrench, or a profile.
+    """Adds a wrench that is constant over the sample to another wrench, or to a profile.
 
     Args:
         wrench: see `disturbed`.

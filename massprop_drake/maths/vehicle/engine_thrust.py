@@ -75,7 +75,7 @@ NO_ENGINES = EngineParams(
 
 
 def channels(engines: EngineParams) -> np.ndarray:
-    """Returns the channels that each engine has: one that is fixed has no angles, shape (n, 3)."""
+    """Returns a mask of the channels that each engine has, shape (n, 3): a fixed engine has no angles."""
     turns = engines.stops[:, 1:] > 0.0
     return np.hstack((np.ones((turns.shape[0], 1), dtype=np.bool_), turns))
 

@@ -57,7 +57,7 @@ def mounting(wrenches: Array, positions: Array, sigmas: Array) -> Mounting:
 
 @kernel
 def displaced(wrenches: Array, errors: Array, errors_of: Mounting) -> Array:
-    """Computes wrenches of jets whose mounting is off, to first order, shape (n_jets, 6).
+    """Computes jet wrenches with mounting errors, to first order, shape (n_jets, 6).
 
     Args:
         wrenches: as stated, shape (n_jets, 6).
@@ -73,7 +73,7 @@ def displaced(wrenches: Array, errors: Array, errors_of: Mounting) -> Array:
 
 
 def true_mounting(wrenches: Array, positions: Array, errors: Array) -> Array:
-    """Computes wrenches of jets that are mounted with errors, exact, shape (n_jets, 6 or more).
+    """Computes jet wrenches with mounting errors, exactly, shape (n_jets, 6 or more).
 
     Args:
         wrenches: torque about the vehicle origin and force as stated, and anything more, shape (n_jets, 6 or more).

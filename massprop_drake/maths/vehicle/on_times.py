@@ -34,12 +34,12 @@ def onsets(fractions: Array, place: Place, period_s: float) -> Array:
 
 @kernel
 def levels_alone(shape: int | tuple[int, ...]) -> Array:
-    """Returns onsets of commands that are levels, in the shape given."""
+    """Returns onsets of commands that are levels, all NaN, in the shape given."""
     return np.full(shape, np.nan)
 
 
 def told_onsets(command: Array, told_s: Array | None, place: Place | None, period_s: float) -> Array:
-    """Returns onsets of a command, s, shape (n_jets,).
+    """Returns onsets of a command, s, shape (n_jets,): those given, else those that its place implies.
 
     Args:
         command: fraction of each jet, shape (n_jets,).
@@ -53,7 +53,7 @@ def told_onsets(command: Array, told_s: Array | None, place: Place | None, perio
 
 
 def samples_of(start_s: float, end_s: float, period_s: float) -> tuple[int, int]:
-    """Returns the first sample in which a pulse is on, and the one after the last; within a billionth it is not."""
+    """Returns the first sample in which a pulse is on, and the one after the last, to a billionth of a sample."""
     return int(start_s / period_s + _SAME), math.ceil(end_s / period_s - _SAME)
 
 
@@ -73,7 +73,7 @@ def shares(start_s: float, end_s: float, period_s: float, count: int) -> Iterato
 
 
 def continued(command: Array, onset_s: Array, since_s: Array, period_s: float) -> tuple[Array, Array]:
-    """Returns commands and onsets for the rest of a sample after some times, shape (n, n_jets) each.
+    """Computes commands and onsets of the rest of each sample, shape (n, n_jets) each.
 
     Args:
         command: f, NaN where not known, shape (n, n_jets).
@@ -92,19 +92,19 @@ def continued(command: Array, onset_s: Array, since_s: Array, period_s: float) -
 
 @kernel
 def within(command: Any, onset_s: Any) -> Any:
-    """Tests whether jets open or close within a sample, of numbers or arrays of one shape, in that shape."""
+    """Tests for each command and onset whether the jet opens or closes within the sample; returns their shape."""
     return (onset_s >= 0.0) & (command > 0.0) & (command < 1.0)
 
 
 @kernel
 def opens_within(command: Array, onset_s: Array) -> bool:
-    """Tests whether any jet opens or closes within a sample, of arrays of one shape."""
+    """Tests whether any jet opens or closes within the sample."""
     return bool(within(command, onset_s).any())
 
 
 @kernel
 def pieces(command: Array, onset_s: Array, period_s: float, span_s: tuple[float, float]) -> tuple[Array, Array]:
-    """Computes lengths of the pieces of a sample, s, shape (k,), and the level commanded in each, shape (k, n_jets).
+    """Splits a sample where jets open or close: lengths, s, shape (k,), and commanded levels, shape (k, n_jets).
 
     Args:
         command: f of each jet, NaN where not known, shape (n_jets,).

@@ -182,7 +182,7 @@ def mean_force(level: Array, coming: Array, jets: JetThrusts) -> Array:
 
 @kernel
 def wrench_profile(level: Array, coming: Array, jets: JetThrusts) -> Array:
-    """Computes the wrench that the coming sample tends to, then for each time constant the decaying part.
+    """Computes the wrench profile of the coming sample: steady wrench, then each time constant's decaying part.
 
     Arguments as `mean_force`; shape (1 + n_classes, 7), see `maths.vehicle.rigid_body.step`.
     """

@@ -142,7 +142,7 @@ def body_of(properties: MassProperties) -> Body:
 
 @kernel
 def carrying(body: Body, wheels: Array, since_s: float = 0.0) -> Body:
-    """Computes the constants of a body whose wheels have some momentum.
+    """Returns the constants of a body's motion with the angular momentum of its wheels set.
 
     Args:
         body: without them.
@@ -167,7 +167,7 @@ def body_of_structure(structure: Array) -> Body:
 
 @kernel
 def body_with(structure: Array) -> Body:
-    """Runs `body_of_structure` on numbers alone."""
+    """Computes `body_of_structure` of plain floats, in compiled code too."""
     inverted = np.linalg.inv(symmetric(structure[:6]))
     jxx, jyy, jzz = inverted[0, 0], inverted[1, 1], inverted[2, 2]
     off = inverted[1, 2], inverted[0, 2], inverted[0, 1]
@@ -224,12 +224,12 @@ def jumped(state: Array, structure: Array, jumps: tuple[Jump, ...]) -> tuple[Arr
 
 @kernel
 def since_start(value: Any, start: Any) -> Any:
-    """Rounds a value as `RigidBodyPlant` holds it: by its start, a parameter, and the change since, which is state."""
+    """Rounds a value as `RigidBodyPlant` stores it: a start, which is a parameter, plus the change since, a state."""
     return start + (value - start)
 
 
 def initial_state(mass: float) -> Array:
-    """Returns the state at rest at the origin of N, body axes along N's, no velocity gathered."""
+    """Returns the state at rest at the origin of N, body axes along N's, its velocity integrals zero."""
     state = np.zeros(N_STATE)
     state[0] = 1.0
     state[MASS] = mass
@@ -255,7 +255,7 @@ def derivative(state: Array, wrench: Array, body: Body) -> Array:
 
 @kernel
 def _derivative(state: Array, wrench: Array, gathered: Array, body: Body, since_s: float) -> Array:
-    """Computes the derivative of the state less its transient part, so long after the wheels' momentum was set.
+    """Computes the derivative of the state less its transient part, ``since_s`` after the wheels' momentum was set.
 
     ``gathered`` is the impulse (torque about the vehicle origin, force, mass) that decaying thrust has
     given since the step began, and its mass flow now, shape (8,); empty: there is none. Its effect on rate,
@@ -415,7 +415,7 @@ def _longest_substep(state: Array, steady: Array, lagging: list[_Decay], duratio
 
 @kernel
 def _substep(state: Array, target: Array, amplitudes: list[_Decay], during_s: tuple[float, float], body: Body) -> Array:
-    """Computes the state after a substep, given its begin after the step's beginning, and its length."""
+    """Computes the state after a Runge-Kutta substep; ``during_s``: its start within the step, and its length, s."""
     since, length = during_s
     start = middle = end = _NOTHING
     if len(amplitudes) > 0:
@@ -459,7 +459,7 @@ def _add_transient(state: Array, gathered: Array, body: Body) -> None:
 
 
 def with_properties(state: Array, before: MassProperties, after: MassProperties) -> Array:
-    """Returns the state when the mass properties change at once, by a payload that moves with the structure.
+    """Computes the state after a sudden change of mass properties by a payload that moves with the structure.
 
     Rate, attitude and the motion of every point of the structure go on as they were; the new center of
     mass has that structure's motion where it lies, so what leaves takes its momentum along.

@@ -46,7 +46,7 @@ def unsaturated(reading: Array, limit: float) -> Array:
 
 @kernel
 def marked(value: Array, quantum: Any, phase: Array) -> Array:
-    """Computes the nearest mark of a quantizer, its marks ``phase`` quanta (within 1/2) off the multiples.
+    """Rounds a value to the nearest mark of a quantizer; marks lie ``phase`` quanta (within 1/2) off the multiples.
 
     The error lies within half a quantum either way, with a mean of zero over random phases.
 
@@ -127,7 +127,7 @@ class Vibration(NamedTuple):
 
 
 def vibration(tones: Sequence[Tone], scale: Array, bandwidth_hz: float | None, *, integrates: bool) -> Vibration:
-    """Computes the readings of steady tones: scale, integral and low-pass at each one's frequency.
+    """Makes the `Vibration` in readings from tones: scale, integral and low-pass at each one's frequency.
 
     Args:
         tones: at the sensors.
@@ -288,7 +288,7 @@ def vibrating(model: SensorModel, time_s: float) -> Array:
 def remembering(
     signal: Array, memory: Array, noise: Array, shaking: Array, errors: PackageErrors
 ) -> tuple[Array, Array]:
-    """Runs `sense` where vibration, ``shaking``, is known, shape (3,), or empty."""
+    """Computes `sense` with the vibration given, ``shaking``, shape (3,) or empty."""
     started = memory[0] != 0.0
     value = (1.0 + errors.scale_factor) * signal
     after = memory.copy()

@@ -75,7 +75,7 @@ def _lasts(failure: EngineFailure, time_s: float) -> bool:
 
 
 def told_to(now: Array, told: Array, time_s: float, model: EnginesModel) -> Array:
-    """Returns the command that the engines follow: of one that is stuck its present place, shape (n, 3).
+    """Returns the command that the engines follow, shape (n, 3): a stuck channel stays where it is.
 
     Args:
         now: levels and angles, shape (n, 3).
@@ -126,7 +126,7 @@ def mean_wrench(now: Array, told: Array, errors: Array, during: tuple[float, flo
 
 
 def read(now: Array, told: Array, noise: Any, engines: EngineParams) -> Array:
-    """Returns levels and angles as telemetry has them, shape (n, 3).
+    """Computes measured levels and angles, shape (n, 3): a channel without a sensor reads its command.
 
     Args:
         now: as they are, shape (n, 3).
@@ -139,5 +139,5 @@ def read(now: Array, told: Array, noise: Any, engines: EngineParams) -> Array:
 
 
 def settings(vector: Array) -> Array:
-    """Returns levels and angles by engine, shape (n, 3)."""
+    """Reshapes a vector of levels and angles to a row per engine, shape (n, 3)."""
     return np.asarray(vector).reshape(-1, N_CHANNELS)

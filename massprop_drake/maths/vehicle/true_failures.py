@@ -64,7 +64,7 @@ class FailureTable(NamedTuple):
 
 
 def as_levels(failures: tuple[Failure, ...], thrusts: Array) -> tuple[Failure, ...]:
-    """Returns failures with the force of a leak, lbf or N, as a level of its jet.
+    """Converts forces of leaks, lbf or N, to levels of their jets.
 
     Args:
         failures: amount of a leak: its force.
@@ -120,7 +120,7 @@ def struck(failures: tuple[Failure, ...], sample: int, period_s: float, seed: Se
 def failed(
     command: Array, begins_s: float, period_s: float, strikes: NDArray[np.bool_], failures: FailureTable
 ) -> Array:
-    """Computes `delivered` by failures of which is known whether they strike.
+    """Computes `delivered` with the draws of intermittent failures given.
 
     Args:
         command: fraction commanded over the sample, 0 to 1, shape (n_jets,).

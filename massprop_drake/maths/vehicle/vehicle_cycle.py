@@ -162,7 +162,7 @@ class VehicleParams(NamedTuple):
 
 
 def truth(params: VehicleParams) -> Truth:
-    """Packs a vehicle into arrays."""
+    """Packs the true vehicle's parameters into arrays."""
     push = DisturbanceModel(_QUIET, _QUIET, 0.0, _QUIET) if params.disturbance is None else params.disturbance
     return Truth(
         params.period_s,
@@ -441,7 +441,7 @@ def _pushed(state: VehicleState, luck: tuple[Ahead, int], params: Truth) -> tupl
 
 
 def jumped(state: VehicleState, sample: int, params: VehicleParams) -> VehicleState:
-    """Returns the vehicle after the jumps of its mass properties at a sample."""
+    """Applies the mass-property jumps of a sample to the vehicle's state."""
     body, structure = rigid_body.jumped(state.body, state.structure, params.jumps[sample])
     body[MASS] = since_start(body[MASS], float(params.body[MASS]))
     structure = since_start(structure, params.structure)
@@ -449,7 +449,7 @@ def jumped(state: VehicleState, sample: int, params: VehicleParams) -> VehicleSt
 
 
 def on_floor(truth: Truth, structure: Array, params: VehicleParams) -> Truth:
-    """Returns the arrays of a vehicle after a jump: a floor carries it about its new center of mass."""
+    """Updates the jet wrenches of a vehicle on a floor for its center of mass after a jump."""
     jets = params.jets
     wrenches = reaction_jets.true_wrenches(jets.wrenches, np.ones(jets.forces.size), structure[_CENTER])
     classes = reaction_jets.lag_classes(wrenches, jets.time_constants_s)

@@ -68,7 +68,7 @@ class JetSchedule(LeafSystem):
 
 
 def played(table: Array, period_s: float, beyond: Array) -> Callable[[Any], Array]:
-    """Returns a function that gives the row of a table for a context's time, and something else after the last."""
+    """Makes a function from a context to the table's row at its time, or ``beyond`` after the last row."""
 
     def row(context: Any) -> Array:
         sample = round(context.get_time() / period_s)
@@ -79,5 +79,5 @@ def played(table: Array, period_s: float, beyond: Array) -> Callable[[Any], Arra
 
 
 def served(row: Callable[[Any], Array]) -> Callable[[Any, Any], None]:
-    """Returns the callback of an output port that says what a function gives for a context."""
+    """Makes the callback of an output port from a function of the context."""
     return lambda context, output: output.SetFromVector(row(context))

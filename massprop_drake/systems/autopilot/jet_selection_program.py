@@ -68,7 +68,7 @@ class _Program(NamedTuple):
 
 
 def _made(most: Array, cost: Array) -> _Program:
-    """Makes a program of least cost with six rows, and variables from zero on.
+    """Makes a linear program of least cost with six equality rows, and variables from zero to their limits.
 
     Args:
         most: of each variable, shape (n,).
@@ -227,7 +227,7 @@ class JetSelectionProgram:
         return _within(result.get_x_val() * scale, limits_s)
 
     def _largest_share(self, request: Array, limits_s: Array) -> tuple[Array, Array] | None:
-        """Computes the largest part [dw; s dv] of a request, and on-times that give it; None without dw."""
+        """Computes the largest part [dw; s dv] of a request, and on-times that give it; None where dw cannot be met."""
         rows, target, scale = self._scaled(request)
         column = np.concatenate([np.zeros(3), -target[VELOCITY]])
         self._share.rows.UpdateCoefficients(
@@ -269,7 +269,7 @@ def _row_sizes(activity: Array) -> Array:
 
 
 def _target(request: Array, size: Array) -> tuple[Array, float]:
-    """Scales a request by scaled rows to a largest element 1; also returns the factor of the on-times."""
+    """Scales a request by row sizes, then to a largest element of 1; also returns the latter factor, of on-times."""
     target = request / size
     scale = max(map(abs, target.tolist()))
     return target / scale if scale > 0.0 else target, scale

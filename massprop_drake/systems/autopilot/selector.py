@@ -220,7 +220,7 @@ class Selector:
         return self._by_nominal
 
     def _reduced(self, properties: Array | None, out_of_use: Array, proposed: Array) -> Array:
-        """Updates `out_of_use` when jets are proposed: those that control about every axis can spare go."""
+        """Puts proposed jets out of use (1) if control about every axis remains without them, else marks them -1."""
         activity = self._activity(properties)
         needed = [_LEAST_CONTROL * reach for reach in self._reaches(activity, np.zeros_like(proposed))]
 

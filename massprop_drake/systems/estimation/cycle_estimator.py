@@ -234,7 +234,7 @@ def _weighed(now: Memory) -> Array:
 
 
 def _judged_outputs(jets: KnownJets, detector: Detector) -> list[tuple[str, int, Any]]:
-    """Returns ports of what a detector says, as `declare_outputs` takes them."""
+    """Lists a detector's output ports, name, size and function each, as `declare_outputs` takes them."""
     n_jets, said = jets.thrusts.size, detector.report
     reconfiguration, logged = (layout.sized(jets=n_jets) for layout in (RECONFIGURATION, DETECTOR_REPORT))
 

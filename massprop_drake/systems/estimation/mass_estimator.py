@@ -143,7 +143,7 @@ class MassEstimator(FilterSystem):
         output.SetFromVector(all_ten(self._prediction.Eval(context), state.mass_reciprocal))
 
     def _evidence(self, measured: Any) -> Array:
-        """Returns what the detector judges by, packed as `EVIDENCE`."""
+        """Packs the detector's evidence of the sample as `EVIDENCE`."""
         if self._compiled:
             row: Array = measured[: EVIDENCE.size]
             return row

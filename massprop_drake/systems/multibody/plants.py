@@ -81,7 +81,7 @@ def require_continuous(plant: MultibodyPlant) -> None:
 
 
 def body_of(plant: MultibodyPlant, body: str | RigidBody | BodyIndex) -> RigidBody:
-    """Returns the body of a plant that a name, an index or the body itself means.
+    """Finds the body of a plant by its name, its index or the body itself.
 
     Raises:
         ValueError: when there is none, or more than one, of that name; or the body is of another plant, or the world.
@@ -163,7 +163,7 @@ def floating_base(plant: MultibodyPlant, body: RigidBody) -> RigidBody:
 
 
 def joint_named(plant: MultibodyPlant, name: str) -> Joint:
-    """Returns the joint of a name, of one degree of freedom.
+    """Finds the joint of one degree of freedom that has a name.
 
     Raises:
         ValueError: when there is none such.
@@ -239,7 +239,7 @@ def _places(plant: MultibodyPlant, context: Any, bodies: tuple[RigidBody, ...]) 
 
 
 def places(poses: Sequence[RigidTransform]) -> BodyPlaces:
-    """Returns poses as arrays."""
+    """Packs poses into arrays of rotations and origins."""
     return BodyPlaces(
         np.array([pose.rotation().matrix() for pose in poses]), np.array([pose.translation() for pose in poses])
     )

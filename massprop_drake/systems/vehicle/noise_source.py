@@ -49,7 +49,7 @@ def SeedLatch_(T: Any) -> Any:  # noqa: N802 (Drake's name of a template)
 
 
 def noise_seed() -> Diagram:
-    """Returns a number in the context that varies the seed of all draws: zero, until `SetRandomContext` draws it.
+    """Makes a source of the number that varies the seed of all draws: zero, until `SetRandomContext` draws it.
 
     It is the parameter of a perceptron with one weight. Of a system made in Python, Drake draws neither state nor
     parameters, and a perceptron is its one system that draws a parameter, so that no state is added to a diagram.
@@ -70,7 +70,7 @@ def noise_seed() -> Diagram:
 
 
 def seed_in(context: Any, port: InputPort, seed: int) -> Seed:
-    """Returns the seed of a run as a context has it.
+    """Returns the run's seed, varied by the number at a port.
 
     Args:
         context: of the system that has the port.

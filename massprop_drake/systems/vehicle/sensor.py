@@ -50,7 +50,7 @@ class StatedPackage(Protocol):
 
 
 def stated(package: StatedPackage) -> SensorModel:
-    """Returns the errors of a package that its vehicle states, and no others."""
+    """Makes the error model of a package from the noise, quantum and range that its vehicle states."""
     nothing, limit = np.zeros(3), math.inf if package.range is None else package.range
     return SensorModel(
         period_s=1.0,  # of no effect without memory
@@ -222,7 +222,7 @@ Sensor: Any = float_class(Sensor_, "Sensor")
 
 
 def _refuse_jumps(scalar: Any, name: str, model: SensorModel) -> None:
-    """Refuses readings without derivatives for scalars that want them."""
+    """Raises an error where readings have no derivatives and the scalar type needs them."""
     reasons = []
     if model.quantum > 0.0:
         reasons.append("quantizes its readings")
