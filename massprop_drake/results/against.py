@@ -121,7 +121,7 @@ class Against(NamedTuple):
 
 
 def residuals(scenario: Scenario, signals: Spool) -> tuple[Residual, ...]:
-    """Sums up what a record read minus what the simulation reads.
+    """Computes residual statistics of each sensor component: readings of a record minus simulated readings.
 
     Args:
         scenario: of the record.
@@ -305,7 +305,7 @@ def _fitted(
     places: list[int],
     possible: Callable[[Array], bool],
 ) -> tuple[Array, Equations]:
-    """Fits some unknowns, by Gauss-Newton iterations from where they are; the others stay."""
+    """Fits some unknowns by Gauss-Newton iterations, the others held; returns the point and the equations about it."""
     at, normal = begin
     for _ in range(_PASSES):
         move = np.zeros_like(at)
@@ -342,7 +342,7 @@ def called_mass_property(symbol: str, unit: str, value: float) -> Called:
 
 
 def _called(scenario: Scenario, made: FlightModel, at: Array) -> list[Called | None]:
-    """Returns the name of each unknown; None: it is left as it is."""
+    """Returns the name of each unknown of the model; None: it is not fitted."""
     names: Names = names_of(scenario)
     places = columns(made)
     torque, drag = (names.torque, f"{names.torque}-s/rad")

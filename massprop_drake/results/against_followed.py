@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 
 def residuals(scenario: Scenario, signals: Spool) -> tuple[Residual, ...]:
-    """Sums up what a record read minus what the simulation reads, of an attitude as a rotation vector.
+    """Computes residual statistics of each sensor component; those of an attitude are of a rotation vector.
 
     Args:
         scenario: of the record.
@@ -97,7 +97,7 @@ def explained(
 
 
 def _called(scenario: Scenario, made: PoseParams, at: Array) -> list[Called | None]:
-    """Returns the name of each unknown; None: it is none."""
+    """Returns the name of each unknown of the estimator's state; None: it is not fitted."""
     vehicle, parts = scenario.vehicle_data, made.parts
     length = vehicle.unit_names["length"]
     found: list[Called | None] = [None] * parts.size
@@ -134,5 +134,5 @@ def _called(scenario: Scenario, made: PoseParams, at: Array) -> list[Called | No
 
 
 def _half(part: slice, which: int) -> slice:
-    """Returns three of six elements."""
+    """Returns the slice of the first (0) or last (1) three of six elements."""
     return slice(part.start + 3 * which, part.start + 3 * which + 3)

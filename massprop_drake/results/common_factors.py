@@ -40,7 +40,7 @@ class _Rescaled(NamedTuple):
 
 
 def rescaled(parts: Sequence[Stretch], begin: Array, made: FlightModel, scenario: Scenario) -> _Rescaled | None:
-    """Tries readings of gyros, of accelerometers and of both without a common factor; takes the best if it explains.
+    """Finds common factors of gyro and accelerometer readings whose removal explains the record; None without any.
 
     Args:
         parts: of the whole record, since a failure that was declared may be the factor's doing.

@@ -255,7 +255,7 @@ class Tally:
 
 
 def used_nis(name: str, signals: Mapping[str, Array]) -> tuple[Array, Array]:
-    """Computes the NIS of the samples that a filter used, scaled to three components, and of how many each is.
+    """Computes the NIS of used samples, scaled to three components, and the components of each, shape (n,) each.
 
     Args:
         name: "rotation" or "mass".
@@ -276,19 +276,19 @@ def innovations(name: str, signals: Mapping[str, Array]) -> Innovations:
 
 
 def fork_signals(name: str) -> tuple[str, str, str]:
-    """Returns signals of when another history became the likeliest, and how it explains a filter's innovations."""
+    """Returns names of the signals of a fork: its time, and NIS and components of a filter in the new history."""
     return "history_since", f"history_{name}_nis", f"history_{name}_components"
 
 
 def forks(name: str, signals: Mapping[str, Array]) -> Forks:
-    """Finds forks that a detector has logged, with the sums of a filter; arguments as of `used_nis`."""
+    """Finds the samples at which another history became the likeliest; arguments as of `used_nis`."""
     rows = np.flatnonzero(np.isfinite(signals["history_since"][:, 0]))
     since_s, nis, components = (signals[column][rows, 0] for column in fork_signals(name))
     return Forks(rows, since_s, nis, components)
 
 
 def of_likeliest_history(seen: Innovations, time_s: Array, found: Forks) -> Innovations:
-    """Computes innovations of the likeliest history, from those reported and the sums of those that replaced it.
+    """Replaces reported innovations by those of the likeliest history, as mean NIS over each fork's samples.
 
     A fork replaces all samples after it, up to the one at which it is told, by the means of the new history over
     those that were used. Where two overlap the later one counts, and of the earlier one its mean elsewhere.
@@ -313,7 +313,7 @@ def of_likeliest_history(seen: Innovations, time_s: Array, found: Forks) -> Inno
 
 
 def _certainly_more(count: float, n: int, allowed: float) -> bool:
-    """Tests whether so many of n would be chance with less than a thousandth if the share were the allowed one."""
+    """Tests whether a count of n exceeds an allowed share with significance, by the binomial distribution."""
     from scipy.special import bdtrc  # noqa: PLC0415 (slow to load, and what runs in real time needs none)
 
     return count > 0.0 and float(bdtrc(count - 1.0, n, allowed)) < _DOUBT  # of a fraction the whole part

@@ -116,7 +116,7 @@ def detection_entries(
 def followed(
     vehicle: Vehicle, events: Sequence[EventRecord], earlier: Sequence[DetectionRecord] = ()
 ) -> list[DetectionRecord]:
-    """Updates the records of failures and jumps with some events.
+    """Updates the records of failures and jumps with further events, and returns all of them.
 
     Args:
         vehicle: for its jets.
@@ -148,7 +148,7 @@ def followed(
 def _changed(
     records: list[DetectionRecord], event: EventRecord, *, again: bool = False, **change: Any
 ) -> list[DetectionRecord]:
-    """Updates those records of the event's jet that stand, or if it has failed again the newest."""
+    """Changes fields in the standing records of the event's jet, or in its newest record (`again`)."""
     own = [index for index, record in enumerate(records) if record.jet_index == event.jet_index]
     chosen = own[-1:] if again else [index for index in own if records[index].withdrawn_s is None]
     return [record._replace(**change) if index in chosen else record for index, record in enumerate(records)]
@@ -157,7 +157,7 @@ def _changed(
 def weighed_before(
     records: Sequence[DetectionRecord], time_s: Array, reciprocal: Array, deviation: Array
 ) -> list[DetectionRecord]:
-    """Notes the mass before each jump whose method measures none.
+    """Notes the estimate of 1/m before each jump whose size the detector has not measured.
 
     Args:
         records: as `followed` gives them.
@@ -182,7 +182,7 @@ def settled(
     mass_reciprocal: float = np.nan,
     deviation: float = np.nan,
 ) -> tuple[DetectionRecord, ...]:
-    """Updates detections at the end of a run: followed quantities are given as they are known now.
+    """Finalizes detections at the end of a run: sizes of jumps, and known forces as estimated at the end.
 
     What was withdrawn keeps the size that it had while it stood.
 
@@ -205,7 +205,7 @@ def settled(
 def placed(
     records: Sequence[DetectionRecord], blocks: Iterable[Mapping[str, Array]], steps: Mapping[str, float]
 ) -> list[DetectionRecord]:
-    """Notes the earliest and latest time of each jump that the detector by hypotheses has found.
+    """Bounds the onset of each jump that the detector by hypotheses has found: earliest and latest time.
 
     It had not happened where the comparison begins, and had when the first alarm after that was raised. While nothing
     fires and no reading moves nothing tells its moment, so that it may have been there already since that began.
@@ -248,7 +248,7 @@ def _acting(blocks: Iterable[Mapping[str, Array]], steps: Mapping[str, float]) -
 
 
 def _weighed(records: Sequence[DetectionRecord], at_the_end: tuple[float, float]) -> list[DetectionRecord]:
-    """Returns the records with the size of jumps from the estimates before and after, taken as independent."""
+    """Computes the mass of each jump from the estimates before and after it, taken as independent."""
     result, after = [], at_the_end
     for record in reversed(records):
         if record.before is not None:

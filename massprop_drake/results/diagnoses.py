@@ -48,7 +48,7 @@ class _Suspect(NamedTuple):
 def diagnosed(
     parts: Sequence[Stretch], begin: Array, made: FlightModel, names: Names
 ) -> tuple[list[Diagnosis], FlightFit]:
-    """Diagnoses what the readings contradict, the clearest first.
+    """Diagnoses model errors that the readings show, the clearest first; also returns the first fit.
 
     Args:
         parts: of the record.
@@ -96,7 +96,7 @@ class _Explanation(NamedTuple):
 
 
 def _explanations(parts: Sequence[Stretch], fit: FlightFit, made: FlightModel, names: Names) -> Iterator[_Explanation]:
-    """Yields causes that explain the readings once all is fitted again with them."""
+    """Yields causes with which a new fit explains the readings."""
     suspects = [one for one in _suspects(fit, made) if one.statistic > one.threshold]
     per_unknown = math.log(max(fit.normal.readings, 1.0))
     for one in sorted(suspects, key=lambda one: -one.statistic / one.threshold)[:_TRIED]:
@@ -127,14 +127,14 @@ def _explains(after: FlightFit, before: FlightFit) -> bool:
 
 
 def _commanded_later(part: Stretch, rows: int) -> Stretch:
-    """Returns a stretch whose commands act one row later (1), or earlier (-1), than its record says."""
+    """Shifts the commands of a stretch by one row, later (1) or earlier (-1)."""
     cut, told = rows_of(part, _kept_of(part, rows)), slice(0, -1) if rows > 0 else slice(1, None)
     opening = None if part.onsets_s is None else part.onsets_s[told]
     return preceded(cut._replace(commands=part.commands[told], onsets_s=opening), part, slice(0 if rows > 0 else 1))
 
 
 def _kept_of(part: Stretch, rows: int) -> slice:
-    """Returns rows of a stretch that are left when its commands act one row later (1), or earlier (-1)."""
+    """Returns the rows of a stretch that are left once its commands are shifted one row later (1), or earlier (-1)."""
     return slice(1, part.time_s.size) if rows > 0 else slice(0, part.time_s.size - 1)
 
 
@@ -183,7 +183,7 @@ def _covering(rate: float, velocity: float) -> str:
 
 
 def start_from(begin: Array, made: FlightModel) -> Array:
-    """Returns the start of a fit: these ten parameters, if they are a body's."""
+    """Returns the start of a fit: the prior, with the given ten parameters where a body can have them."""
     start = made.prior.copy()
     if flight_model.possible(begin):  # NaN is not
         start[:10] = begin
@@ -191,7 +191,7 @@ def start_from(begin: Array, made: FlightModel) -> Array:
 
 
 def _reaching(found: Array, made: FlightModel) -> FlightModel:
-    """Returns the model with a prior of the ten parameters as wide as their deviation from it turned out to be."""
+    """Widens the prior of those of the ten parameters that a fit puts far from it; else returns the model itself."""
     off = np.abs(found - made.prior[:10])
     far = off > _OFF * made.sigma[:10]
     if not far.any():
@@ -212,7 +212,7 @@ def switched(
         made: see `model`.
 
     Returns:
-        The fit, what it was made with, and what there is to say.
+        The fit, the model that it was made with, and the diagnoses, at most one.
     """
     if made.at_stamps is None or excess(fit) == 0.0 or not off_ticks_of(parts, made):
         return fit, made, []
@@ -233,7 +233,7 @@ def excess(fit: FlightFit) -> float:
 def _turned_right(
     parts: Sequence[Stretch], fit: FlightFit, made: FlightModel, names: Names
 ) -> tuple[FlightFit, list[Diagnosis]]:
-    """Tries each axis of the gyros with the other sign; takes one that explains the readings."""
+    """Tries gyro axes with reversed sign; returns the fit that explains the readings, or `fit`, and diagnoses."""
     for package in range(made.gyros):
         for axis in range(3):
             signs = np.ones((made.variances.shape[0], 3))
@@ -271,7 +271,7 @@ def _groups(made: FlightModel) -> dict[str, NDArray[np.int_]]:
 
 
 def _scaled(score: ScoreTest, fit: FlightFit, stated: float) -> float:
-    """Scales a statistic to the variance of the readings as it is, where that is larger than stated."""
+    """Scales a test's statistic by the readings' actual variance, where that is larger than stated."""
     left = fit.normal.misfit if stated > 0.0 else score.least
     return score.statistic / max(1.0, left / max(fit.normal.readings, 1.0))
 

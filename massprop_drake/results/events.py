@@ -126,7 +126,7 @@ def said(
 
 
 def reading_of(component: int, sensors: Sequence[str], vehicle: Vehicle) -> tuple[str, str | None]:
-    """Returns sensor and axis of a reading that is false, see `EventRecord`.
+    """Returns the names of sensor and axis of a reading's component, see `EventRecord`.
 
     Args:
         component: see `joint.hypotheses.Cause`.
@@ -147,7 +147,7 @@ def reading_of(component: int, sensors: Sequence[str], vehicle: Vehicle) -> tupl
 
 
 def kind_of(sensor: str, vehicle: Vehicle) -> Literal["false_reading", "engine_failed"]:
-    """Returns the kind of an event of a sensor, or of an engine."""
+    """Returns the kind of event that names a sensor or an engine."""
     return "engine_failed" if any(engine.name == sensor for engine in vehicle.engines) else "false_reading"
 
 
@@ -232,7 +232,7 @@ def _of_jets(vehicle: Vehicle, time_s: float, jets: list[int], row: Mapping[str,
 
 
 def _pattern(earlier: Sequence[EventRecord], now: EventRecord) -> Literal["intermittent", "drifting"]:
-    """Classifies the change of a jet's force: one way all the time, or to and fro."""
+    """Classifies a jet's changing force as drifting, if always in one direction, or as intermittent."""
     of_it = [one for one in (*earlier, now) if one.jet_index == now.jet_index and one.magnitude is not None]
     changes = np.diff([one.magnitude for one in of_it if one.magnitude is not None])
     return "drifting" if (changes > 0.0).all() or (changes < 0.0).all() else "intermittent"
@@ -314,7 +314,7 @@ def acting(event: EventRecord, units: Mapping[str, str]) -> str:
 
 
 def telling_apart(event: Any) -> str:
-    """Describes what would tell a group apart; of an `EventRecord` or a detection."""
+    """Describes which firing or wait would separate the jets of a group, of an `EventRecord` or a detection."""
     if event.told_apart_by is not None:
         return f"{event.told_apart_by} fired alone would tell them apart"
     if event.told_apart_s is not None:

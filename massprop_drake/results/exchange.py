@@ -132,7 +132,7 @@ def drop(old: Path, name: Path) -> Path | None:
 
 
 def _left_over(folder: Path) -> Iterator[Path]:
-    """Returns the stages in a folder, those of running processes included."""
+    """Yields the stages in a folder, those of running processes included."""
     if folder.is_dir():
         for path in sorted(folder.iterdir()):
             if _STAGE.fullmatch(path.name) and path.is_dir() and not path.is_symlink():

@@ -90,7 +90,7 @@ def gives_probabilities(signals: Spool) -> bool:
 
 
 def at_end(vehicle: Vehicle, signals: Spool) -> FaultProbabilities | None:
-    """Returns posterior probabilities at the end of a run; None of a detector that gives none.
+    """Returns posterior fault probabilities at the end of a run; None where the detector gives none.
 
     Args:
         vehicle: for its jets.

@@ -458,7 +458,7 @@ def _require_apart(target: Path, path: Path, *held: Iterable[Path]) -> None:
 
 
 def _within(path: Path) -> Iterator[Path]:
-    """Returns folders of work that can be interrupted in a folder, itself included, and of runs below it."""
+    """Yields folders of work that can be interrupted in a folder, itself included, and of runs below it."""
     for folder, below, names in os.walk(path):
         below.sort()
         here = Path(folder)
@@ -468,7 +468,7 @@ def _within(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def _told(target: Path) -> Iterator[None]:
-    """Adds the place to an error of the operating system."""
+    """Turns an error of the operating system into an `InputError` that names the target."""
     try:
         yield
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Remarks on a vehicle that is followed in a fixed frame, besides its mass properties."""
+"""Remarks on the command delay of a vehicle that is tracked in a fixed frame."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _SAMPLES = 0.5  # by which a delay is off that is worth a word
 
 
 def remarks(scenario: Scenario, signals: Spool) -> list[str]:
-    """Lists remarks at the end of a record of such a vehicle; none of others.
+    """Lists remarks on an estimated command delay that differs from the stated one; empty where none is estimated.
 
     Args:
         scenario: as run.

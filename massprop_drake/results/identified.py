@@ -86,7 +86,7 @@ def _hidden(wrenches: bytes, parameters: bytes, scale: bytes, free: bytes, accel
 def identified(
     scenario: Scenario, estimate: Array, covariance: Array, bound: Array | None = None
 ) -> tuple[Identifiability, ...]:
-    """Classifies each parameter at the end of a run.
+    """Classifies each parameter at the end of a run: identified, weak, not excited, not observable or fixed.
 
     Args:
         scenario: as run.
@@ -174,7 +174,7 @@ def _reason(flag: Flag, of_flight: _Told, jet: str | None, left: float | None) -
 
 
 def in_words(found: Sequence[Identifiability], symbols: Sequence[str]) -> list[tuple[str, str]]:
-    """Lists what is not identified, as parameter with its flag, and reason.
+    """Lists pairs of a parameter that is not identified, with its flag, and the reason.
 
     Args:
         found: of the ten parameters.

@@ -158,7 +158,7 @@ def _cause(injected: Sequence[InjectedRecord], time_s: float) -> Cause:
 
 
 def _right(vehicle: Vehicle, injected: Sequence[InjectedRecord], found: Sequence[DetectionRecord]) -> dict[int, int]:
-    """Returns for each injected event that was rightly declared, by its index, the index of its declaration.
+    """Matches injected events to the declarations that are right for them: index of the event to index of declaration.
 
     Each declaration is right for one; one that stands is so for whatever else its jet does.
     """
@@ -178,7 +178,7 @@ def _right(vehicle: Vehicle, injected: Sequence[InjectedRecord], found: Sequence
 
 
 def _stands(one: InjectedRecord, entry: DetectionRecord) -> bool:
-    """Tests whether the jet of a failure is known to have failed when it acts, or soon after by that declaration."""
+    """Tests whether a declaration names a failure's jet, and is not withdrawn before the failure acts."""
     acted = one.first_acted_s
     over = entry.withdrawn_s is not None and acted is not None and entry.withdrawn_s < acted
     return one.jet is not None and entry.jet == one.jet and not over
@@ -200,14 +200,14 @@ def _declared(record: InjectedRecord, entry: DetectionRecord) -> InjectedRecord:
 
 
 def _own_alarm(record: InjectedRecord) -> InjectedRecord:
-    """Returns the record without an alarm that came after the declaration: that is of something else."""
+    """Removes a first alarm that came after the declaration, since it is of something else."""
     alarm_s, declared_s = record.first_alarm_s, record.declared_s
     late = alarm_s is not None and declared_s is not None and alarm_s > declared_s + _ACTS
     return record._replace(first_alarm_s=None) if late else record
 
 
 def _name(entry: DetectionRecord) -> str:
-    """Returns the name of what a declaration declares."""
+    """Returns the jet, jump or cluster that a detection names."""
     return entry.jet or (entry.kind if entry.kind == JUMP else f"cluster {entry.cluster}")
 
 

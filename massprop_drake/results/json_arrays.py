@@ -23,7 +23,7 @@ def null_for_nan(values: Array) -> Any:
 
 
 def kept_onsets(onset_s: Array) -> dict[str, Any]:
-    """Writes the onsets of a command, shape (n_jets,), into a saved state; nothing where all are levels."""
+    """Makes a saved state's entry of a command's onsets, shape (n_jets,); empty where all are levels."""
     return {"command_onset": null_for_nan(onset_s)} if np.isfinite(onset_s).any() else {}
 
 

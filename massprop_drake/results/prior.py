@@ -187,7 +187,7 @@ class _Group(NamedTuple):
 
 
 def _groups(scenario: Scenario, start: _Start, estimate: Array) -> Iterator[_Group]:
-    """Yields the scales that may be off together, those that jets scale first."""
+    """Yields groups of parameters that may be off by a common factor, those by jets first."""
     units, period_s = scenario.vehicle_data.units, scenario.vehicle_data.sample_period_s
     usable = start.tested & _SCALES & (start.values > 0.0) & (estimate > 0.0)
     of_mass = np.arange(10) == MASS_RECIPROCAL
@@ -209,7 +209,7 @@ def _factor(start: _Start, estimate: Array, members: NDArray[np.bool_]) -> tuple
 
 
 def _scaled(estimate: Array, members: NDArray[np.bool_], factor: float) -> Array:
-    """Returns estimates without a factor in inertia, products included, in mass, or in both."""
+    """Divides the inverse inertia, 1/m, or both, as `members` name them, by a factor; returns all ten parameters."""
     result = estimate.copy()
     if members[_DIAGONAL].any():
         result[:6] /= factor

@@ -52,7 +52,7 @@ class Recent(NamedTuple):
 
 
 def nothing_seen(window: int) -> Recent:
-    """Returns the innovations before the first sample.
+    """Returns the record of innovations before the first sample.
 
     Args:
         window: number of samples that are kept.

@@ -37,7 +37,7 @@ np.empty(1 << 21)
 
 
 def stretches(scenario: Scenario, signals: Spool) -> Iterator[Stretch]:
-    """Returns the parts of a run's record for regression, in order; propellant is counted from the beginning.
+    """Yields the gapless stretches of a run's record in order; propellant is counted from the beginning.
 
     Args:
         scenario: as run.
@@ -126,27 +126,27 @@ def _burns(scenario: Scenario, block: dict[str, Array], before: EngineSettings |
 
 
 def _felt(scenario: Scenario) -> int:
-    """Returns for how many intervals unknown impulses act on: after a gap, and before a record."""
+    """Returns the number of intervals for which thrust of unknown commands lingers, after a gap or before a record."""
     vehicle = scenario.vehicle_data
     longest = float(vehicle.time_constants_s.max(initial=0.0)) / vehicle.sample_period_s
     return max(1, math.ceil(longest * params.rates(scenario).steps * math.log(1.0 / _LINGERS)))
 
 
 def _lengths(scenario: Scenario) -> Callable[[Array], Array | float]:
-    """Returns lengths of the intervals between rows, s: the sample period, or by their times."""
+    """Returns the function from row times to interval lengths, s: their differences, or the sample period."""
     if params.steps_by_readings(scenario):
         return np.diff
     return lambda _: scenario.vehicle_data.sample_period_s
 
 
 def _runs(there: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Returns where runs begin, and one past their ends."""
+    """Returns the first index, and one past the last, of each run of True."""
     edges = np.flatnonzero(np.diff(there, prepend=False, append=False))
     return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
 
 
 def _windows(signals: Spool, *names: str) -> Iterator[dict[str, Array]]:
-    """Yields the signals by so many intervals, independent of the spool's pieces: a last row is the next's first."""
+    """Yields signals in windows of `_ROWS` intervals, of which the last row is the next window's first."""
     waiting = {name: np.empty((0,)) for name in names}
     for block in signals.blocks(*names):
         for name, rows in block.items():
@@ -166,7 +166,7 @@ def whole_record(scenario: Scenario, signals: Spool) -> list[Stretch]:
 
 
 def _ended(parts: Sequence[Stretch], used: float) -> list[Stretch]:
-    """Returns stretches with all used propellant counted to another end."""
+    """Adds `used`, slug or kg, to the propellant used after each row of stretches; recounts seconds to the last end."""
     found = [part._replace(used_after=part.used_after + used) for part in parts]
     if not parts or parts[-1].seconds is None:
         return found
@@ -201,7 +201,7 @@ def short_enough(parts: Sequence[Stretch], until_s: float, made: FlightModel) ->
 
 
 def pieces(scenario: Scenario, signals: Spool, until_s: float, made: FlightModel) -> list[Stretch]:
-    """Returns the parts of a record up to a time for regression.
+    """Returns the stretches of a record up to a time, in pieces short enough for regression.
 
     Args:
         scenario: as run.
@@ -215,7 +215,7 @@ def pieces(scenario: Scenario, signals: Spool, until_s: float, made: FlightModel
 def believed(
     scenario: Scenario, signals: Spool, until_s: float, events: Iterable[EventRecord], made: FlightModel
 ) -> tuple[list[Stretch], bool]:
-    """Returns stretches of a record up to a time, without readings declared false; 1/m is that of then.
+    """Returns stretches of a record up to a time, without readings declared false; 1/m is that at its end.
 
     Args:
         scenario: as run.
@@ -239,13 +239,13 @@ def cut_at(part: Stretch, time_s: float) -> Stretch:
 
 
 def rows_of(part: Stretch, rows: slice) -> Stretch:
-    """Returns some rows of a stretch; those before them are felt."""
+    """Takes some rows of a stretch; commands before them still act by thrust lag."""
     own = {name: value for name, value in part._asdict().items() if name not in _BEFORE and value is not None}
     return preceded(part._replace(**{name: value[rows] for name, value in own.items()}), part, slice(rows.start))
 
 
 def preceded(cut: Stretch, part: Stretch, rows: slice) -> Stretch:
-    """Returns a cut stretch with further rows of its original before it."""
+    """Prepends rows of the original's commands to the commands before a cut stretch."""
     cut = cut._replace(before=_with_rows(part.before, part.commands[rows]))
     if part.onsets_s is None or part.before_onsets_s is None:
         return cut
@@ -259,7 +259,7 @@ def _with_rows(before: Array, later: Array) -> Array:
 
 
 def _seen(part: Stretch, made: FlightModel) -> Iterator[Stretch]:
-    """Yields a stretch in pieces over which the rate is known, which coupling takes as it is read."""
+    """Splits a stretch where the rate is not read for long; yields the pieces."""
     unread = np.asarray(np.isnan(part.readings[:, : made.gyros]).all(axis=1))
     lost, hole = np.asarray(unread.any(axis=1)), _HOLE
     if made.own_times:  # rows of other sensors have no rate
@@ -274,7 +274,7 @@ def _seen(part: Stretch, made: FlightModel) -> Iterator[Stretch]:
 
 
 def _slow_enough(part: Stretch, made: FlightModel) -> Iterator[Stretch]:
-    """Yields a stretch in pieces over which noise of the rates that enters by coupling does not add up."""
+    """Splits a stretch into pieces so short that rate noise does not accumulate by dynamic coupling; yields them."""
     n = part.time_s.size
     if n <= 2:
         return
@@ -288,5 +288,5 @@ def _slow_enough(part: Stretch, made: FlightModel) -> Iterator[Stretch]:
 
 
 def off_ticks_of(parts: Sequence[Stretch], made: FlightModel) -> bool:
-    """Tests whether stamps are off their ticks."""
+    """Tests whether the time stamps of any stretch are off the regular ticks."""
     return any(thrust_course.off_ticks(part, made) for part in parts)

@@ -42,7 +42,7 @@ class Names(NamedTuple):
 
 
 def names_of(scenario: Scenario) -> Names:
-    """Returns the names of a scenario's vehicle."""
+    """Returns the names of jets, sensors and units of a scenario's vehicle."""
     vehicle = scenario.vehicle_data
     units = vehicle.unit_names
     return Names(
@@ -59,7 +59,7 @@ def names_of(scenario: Scenario) -> Names:
 
 
 def model(scenario: Scenario) -> FlightModel:
-    """Makes the model of the vehicle that a scenario's filter has."""
+    """Makes the batch regression's model of the vehicle from a scenario's filter settings."""
     setup, vehicle = params.setup(scenario), scenario.vehicle_data
     thrust, gyros, accelerometers = setup.thrust, setup.gyros, setup.accelerometers
     joint = scenario.estimation.filter == "joint"
@@ -124,7 +124,7 @@ def model(scenario: Scenario) -> FlightModel:
 
 
 def _walks(scenario: Scenario, setup: Setup) -> tuple[float, float]:
-    """Computes walks of rate and velocity: those stated, and those by reading errors of engines at full thrust.
+    """Computes random walks of rate and velocity: those stated, and those by reading errors of engines at full thrust.
 
     By so much a flight with engines may drift all through, though it does so as long as they burn alone.
     """
@@ -160,7 +160,7 @@ def steady(made: FlightModel) -> FlightModel:
 
 
 def _steps(packages: Instruments) -> Array:
-    """Returns quanta, zero where noise dithers a reading."""
+    """Returns the quantum of each package, zero where its noise is large enough to dither the reading."""
     return np.where(packages.noise_std >= 0.25 * packages.quanta, 0.0, packages.quanta)
 
 

@@ -48,7 +48,7 @@ def looked_back(
     *,
     resumed: bool = False,
 ) -> Hindsight:
-    """Analyzes a run after its end.
+    """Analyzes a run after its end: least 1-sigma that it allows, and diagnoses of what its readings contradict.
 
     What comes after the first failure or jump that was declared, and still stands, is not put to the test: what is
     wrong then has been said.
@@ -83,7 +83,7 @@ def _looked_back(
     *,
     resumed: bool,
 ) -> Hindsight:
-    """Analyzes what readings contradict by themselves; `said` are the failures and jumps, and the events."""
+    """Runs the batch regression of `looked_back`; `said` are the detections (failures and jumps), and the events."""
     found, events = said
     standing = [one for one in found if one.withdrawn_s is None]
     jumped = any(one.kind == JUMP for one in standing)

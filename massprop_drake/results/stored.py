@@ -68,7 +68,7 @@ def _finite(text: str) -> float:
 
 
 def storable(content: Any, schema: type[BaseModel], parts: PartsMade) -> Any:
-    """Reduces content to what JSON can hold and what can be read back: numbers that are not finite become null.
+    """Replaces numbers that are not finite in content for JSON by null, so that it can be read back.
 
     A record in a list that cannot be without such a number is left out.
 
@@ -182,7 +182,7 @@ _ELSEWHERE: Any = {
 
 
 def made_with(scenario: Scenario) -> dict[str, Any]:
-    """Returns vehicle and settings that a state of a scenario's estimators belongs to, as files keep them."""
+    """Returns a saved filter state's entry on its origin: vehicle, its digest, and the scenario's settings."""
     vehicle = scenario.vehicle_data
     return {"vehicle": vehicle.name, "vehicle_sha256": digest(vehicle), "settings": _settings(scenario)}
 
@@ -192,7 +192,7 @@ def _settings(scenario: Scenario) -> dict[str, Any]:
 
 
 def require_made_with(state: EstimatorState, scenario: Scenario, source: str) -> None:
-    """Checks that a state is of a scenario's vehicle and of its settings.
+    """Checks that a saved state was made with a scenario's vehicle and settings.
 
     One of format 1 does not say; that is told in a warning, once more.
 
@@ -266,7 +266,7 @@ _AT_ONCE = 2**20  # bytes
 def read_history(
     path: Path, vehicle: Vehicle, *, joints: int = 0, whole: bool = True
 ) -> tuple[Array, dict[str, Array]]:
-    """Reads a run's signals.
+    """Reads a run's signals from `history.npz`, and checks them.
 
     Signals that are not known are passed over.
 

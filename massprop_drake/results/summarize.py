@@ -53,7 +53,7 @@ def summarize(
     timing: RunTiming,
     parts: PartsMade,
 ) -> Summary:
-    """Sums up a simulated run, but for what `looked_back_on` and the autopilot's authority add.
+    """Makes the summary of a simulated run, without batch analysis, see `looked_back_on`, and autopilot authority.
 
     Args:
         scenario: as run.
@@ -141,7 +141,7 @@ def not_summed_up(scenario: Scenario, signals: Spool, timing: RunTiming) -> Summ
 
 
 def looked_back_on(results: Summary, scenario: Scenario, signals: Spool) -> Summary:
-    """Adds the batch analysis of a simulated run to its summary: diagnoses, and what it has identified.
+    """Adds the batch analysis of a simulated run to its summary: diagnoses and identifiability.
 
     Args:
         results: see `summarize`.
@@ -190,7 +190,7 @@ def composed(
     injected: tuple[InjectedRecord, ...] | None = None,
     losses: Sequence[Loss] = (),
 ) -> Summary:
-    """Makes a summary from its parts, and adds what follows from them.
+    """Makes a summary from its parts, and adds derived mass and inertia, errors, identifiability and provenance.
 
     Args:
         scenario: as run.
@@ -255,7 +255,7 @@ def version(package: str) -> str:
 
 
 def _executed(scenario: Scenario, *, simulated: bool) -> str | None:
-    """Describes what ran the scenario; None for a record that was read without compiled kernels."""
+    """Describes engine and compiler of a run; None for a record that was read without compiled kernels."""
     words: list[str] = [scenario.execution.engine] if simulated else []
     if scenario.execution.compiled:
         words.append(f"compiled by numba {version('numba')}")
@@ -313,7 +313,7 @@ def _nis_signals(name: str, signals: Spool) -> list[str]:
 
 
 def explained(tally: Tally, signals: Spool, name: str, found: Sequence[DetectionRecord]) -> Tally:
-    """Returns a tally of a filter's samples as the verdict is to judge them, given later declarations.
+    """Excludes samples that later declarations explain from a filter's NIS tally.
 
     Where hypotheses are followed it is that of the likeliest history, see `of_likeliest_history`. Of other detectors
     those samples are no fault that lie between an onset and its declaration, of a payload or of a jet named alone.
@@ -365,7 +365,7 @@ def _jets_in_question(vehicle: Vehicle, signals: Spool) -> dict[str, Any]:
 
 
 def _selection(signals: Spool) -> dict[str, Any]:
-    """Counts requests that the jet selection solved, and those that it could not meet."""
+    """Counts jet selections solved, and those that could not meet the request; empty without an autopilot."""
     if "selection_counts" not in signals:
         return {}
     solved, reduced, closest, _ = signals.last("selection_counts").tolist()

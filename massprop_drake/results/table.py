@@ -66,7 +66,7 @@ class Sheet(NamedTuple):
 
 
 def parameter_sheets(results: Summary, units: Mapping[str, str], *, truth: bool = True) -> tuple[Sheet, Sheet]:
-    """Returns the sheets of `blocks`: columns of the truth where it is known, and of bounds in the second.
+    """Makes the sheets of `blocks`, with columns of truth and error where asked; the second with bounds where known.
 
     Args: as `parameters`.
     """
@@ -92,26 +92,26 @@ def _sheet(rows: list[Row], truth: bool, *, bounded: bool) -> Sheet:
 
 
 def interval_sheet(results: Summary, units: Mapping[str, str]) -> Sheet:
-    """Returns the sheet of `intervals`."""
+    """Makes the table of guaranteed intervals, see `intervals`."""
     inside = "estimate\ninside"
     headings = ("parameter", "unit", "low", "middle", "high", inside)
     return Sheet(headings, intervals(results, units), ("parameter", "unit", inside))
 
 
 def residual_sheet(found: Against) -> Sheet:
-    """Returns the sheet of `residuals`."""
+    """Makes the table of differences from a simulation, see `residuals`."""
     headings = ("signal", "unit", "RMS\ndifference", "largest", "at", "1-sigma of\na reading")
     return Sheet(headings, residuals(found), ("signal", "unit"))
 
 
 def cause_sheet(found: Against) -> Sheet:
-    """Returns the sheet of `causes`."""
+    """Makes the table of possible causes of differences, see `causes`."""
     headings = ("cause", "off by", "unit", "explains\nalone", "with those\nabove")
     return Sheet(headings, causes(found), ("cause", "unit"))
 
 
 def parameters(results: Summary, units: Mapping[str, str], *, truth: bool = True) -> list[Row]:
-    """Returns rows of the ten parameters.
+    """Makes the table rows of the ten parameters.
 
     Args:
         results: of a run.
@@ -141,7 +141,7 @@ def parameters(results: Summary, units: Mapping[str, str], *, truth: bool = True
 
 
 def derived(results: Summary, units: Mapping[str, str]) -> list[Row]:
-    """Returns rows of the mass and the inertia that follow from the estimates."""
+    """Makes the table rows of mass and inertia, derived from the estimates."""
     found, true = results.derived, mass_properties.derived(results.truth, np.zeros((10, 10)))
     rows = [_of_derived("m", units["mass"], found.mass, found.mass_std, true.mass)]
     if found.inertia is not None and found.inertia_std is not None:
@@ -153,7 +153,7 @@ def derived(results: Summary, units: Mapping[str, str]) -> list[Row]:
 
 
 def blocks(results: Summary, units: Mapping[str, str], *, truth: bool = True) -> tuple[list[Row], list[Row]]:
-    """Returns rows of mass, center of mass and inertia, and rows of the reciprocals that are estimated.
+    """Makes table rows of mass, center of mass and inertia, and others of inverse inertia and 1/m.
 
     Args: as `parameters`.
     """
@@ -242,7 +242,7 @@ def _larger(one: Parameter) -> float:
 
 
 def _power(*values: float) -> int:
-    """Returns the power of ten, a multiple of three, by which values are written, by the first nonzero one."""
+    """Returns the power of ten, a multiple of three, in which to write values, by the first nonzero one."""
     size = next((abs(value) for value in values if value and math.isfinite(value)), 1.0)
     return 0 if _PLAIN[0] <= size < _PLAIN[1] else 3 * math.floor(math.log10(size) / 3.0)
 

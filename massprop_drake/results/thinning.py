@@ -103,7 +103,7 @@ def _note_extremes(
 def picked(
     signals: Mapping[str, Array], rows: NDArray[np.int_], *, leaving_out: tuple[str, ...] = ()
 ) -> dict[str, Array]:
-    """Takes some rows of every signal, reading spooled signals once.
+    """Returns the chosen rows of every signal by name, reading spooled signals once.
 
     Args:
         signals: by name; those of a spool with its index.

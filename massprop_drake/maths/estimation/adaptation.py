@@ -58,7 +58,7 @@ def _left_alone(action, mass_jumped):  # type: ignore[no-untyped-def] # compiled
 
 @idiom(_left_alone)
 def left_alone(action: int, mass_jumped: bool) -> Adaptation:
-    """Returns an adaptation that takes nothing out of the innovations."""
+    """Makes an adaptation with an action that takes nothing out of the innovations."""
     if action == Action.NONE and not mass_jumped:
         return NO_ADAPTATION
     return NO_ADAPTATION._replace(action=Action(action), mass_jumped=mass_jumped)

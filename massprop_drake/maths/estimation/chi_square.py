@@ -1,4 +1,4 @@
-"""Limits of chi-square, whose tail is elementary for whole degrees of freedom."""
+"""Thresholds of chi-square at a false-alarm rate, for whole degrees of freedom."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def chi_square_limit(rate: float, degrees: int) -> float:
 
 
 def _tail(value: float, degrees: int) -> float:
-    """Computes the probability that chi-square is larger."""
+    """Computes the probability that chi-square of some degrees of freedom exceeds a value."""
     half = 0.5 * value
     odd = degrees % 2
     tail = math.erfc(math.sqrt(half)) if odd else 0.0

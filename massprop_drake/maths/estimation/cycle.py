@@ -136,7 +136,7 @@ def initial_state(params: EstimationParams) -> EstimationState:
 
 
 def measure(state: EstimationState, sample: Sample, params: EstimationParams) -> Measured:
-    """Computes the impulses that the commands should have given, and the filter's measurement of them."""
+    """Computes an interval's impulses from the commands, and the filter's measurement of the sample."""
     outside = None if sample.outside_wrench is None else sample.outside_wrench * params.period_s
     impulses = interval_impulses(
         sample.command, state.command, state.level, params.impulse_per_level, params.lag, outside
@@ -219,7 +219,7 @@ def step(
 
 
 def known(state: EstimationState, params: EstimationParams) -> tuple[Array, Array]:
-    """Returns estimate and covariance of the ten parameters from which a filter goes on, shapes (10,) and (10, 10)."""
+    """Returns estimate and covariance of the ten parameters in the filter's state, shapes (10,) and (10, 10)."""
     return params.filter.predicted(state.filter), params.filter.covariance(state.filter)
 
 
@@ -231,7 +231,7 @@ def reported(done: EstimationStep) -> tuple[Array, Array]:
 
 
 def saved(state: EstimationState, params: EstimationParams) -> Groups:
-    """Packs the state into vectors, by the part of the diagram that holds each."""
+    """Packs the state into a dictionary of vectors, by the part of the diagram that holds each."""
     memory = MEMORY.sized(jets=state.level.size).pack((state.command, state.level))
     groups = {"impulse_model": memory, **params.filter.saved(state.filter, params.filter_params)}
     if params.detector is not None:

@@ -106,7 +106,7 @@ NO_KNOWN_FORCE = KnownForce(np.zeros(6), _NO_SPREAD, _NO_SPREAD)
 
 
 def known_force_of(vector: Array) -> KnownForce:
-    """Returns the known force of a packed one, `NO_KNOWN_FORCE` itself where there is none."""
+    """Unpacks a known force from its vector; `NO_KNOWN_FORCE` itself where all is zero."""
     return KnownForce(*KNOWN_FORCE.read(vector)) if nonzero(vector) else NO_KNOWN_FORCE
 
 

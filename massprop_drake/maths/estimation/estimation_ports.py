@@ -113,7 +113,7 @@ class Heard(NamedTuple):
 
 
 def heard() -> Heard:
-    """Returns a template of each vector."""
+    """Makes a template of each vector that a filter gets: impulses, known force, adaptation."""
     return Heard(Acted(np.zeros(3), np.zeros(3), False, False), NO_KNOWN_FORCE, NO_ADAPTATION)
 
 
@@ -179,7 +179,7 @@ class Rotating(NamedTuple):
 
 
 def rotating(params: RotationParams, state: RotationVector) -> Rotating:
-    """Makes the rotation filter with some parameters, and its state at the start."""
+    """Makes the rotation filter with its parameters, its initial state, and templates of its vectors."""
     return Rotating(params, state, _turned(), _rotation_seen(state.rates), heard())
 
 
@@ -329,7 +329,7 @@ class Weighing(NamedTuple):
 
 
 def weighing(params: MassParams, state: MassVector) -> Weighing:
-    """Makes the mass filter with some parameters, and its state at the start."""
+    """Makes the mass filter with its parameters, its initial state, and templates of its vectors."""
     return Weighing(params, state, _turned(), _mass_seen(state.window, state.velocities), heard())
 
 
@@ -445,7 +445,7 @@ class Judging(NamedTuple):
 
 
 def judging(params: CglrParams) -> Judging:
-    """Makes the detector with some parameters."""
+    """Makes the detector with its parameters, its initial state, and templates of its vectors."""
     return Judging(params, cglr.DETECTOR.initial(params), NOT_MEASURED, heard().acted)
 
 
@@ -467,7 +467,7 @@ def known_force(vector: Array, predicted: Array, command: Array, held: Any) -> A
 
 @kernel
 def judged(vector: Array, time_s: float, command: Array, told: Array, seen: Array, held: Any) -> Array:
-    """Runs the detector on a sample.
+    """Runs one cycle of the detector, from packed vectors to a packed one.
 
     Args:
         vector: state, packed as `cglr.LAYOUT`.

@@ -207,7 +207,7 @@ def _not_measured():  # type: ignore[no-untyped-def] # compiled alone
 
 @idiom(_not_measured)
 def not_measured() -> Joint:
-    """Returns predictions and innovations of a sample that is not tested."""
+    """Returns the `Joint` of a sample that is not tested: NaN and zeros."""
     return NOT_MEASURED
 
 
@@ -294,17 +294,17 @@ class FilterStep(NamedTuple):
 
 
 def going_on_from(step: FilterStep, state: Any, _params: Any) -> FilterStep:
-    """Makes a cycle after which a filter goes on from another state than its own."""
+    """Replaces the filter's state after a cycle."""
     return step._replace(state=state)
 
 
 def publishing_its_own(step: FilterStep, _state: Any, _params: Any) -> FilterStep:
-    """Returns the cycle of a filter that publishes nothing but its own estimates."""
+    """Returns the step unchanged: a filter of this kind reports no estimates but its own."""
     return step
 
 
 def telling(step: FilterStep, estimate: Array, covariance: Array) -> FilterStep:
-    """Makes a cycle whose reports have other estimates; the innovations stay.
+    """Replaces the estimates in a cycle's reports; the innovations stay.
 
     Args:
         step: the cycle.

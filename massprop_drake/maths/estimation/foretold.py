@@ -44,7 +44,7 @@ class Foretelling(NamedTuple):
 
 
 def begun(properties: Array, params: JointFilterParams) -> tuple[Foretelling, JointFilterParams]:
-    """Begins a forecast before the first sample; also returns its parameters: at the truth no error is of second order.
+    """Begins a forecast before the first sample; returns it and its parameters, without second-order terms.
 
     Args:
         properties: the ten parameters, shape (10,).

@@ -1,4 +1,4 @@
-r"""Impulses a and lambda that the commanded jets gave over one sample, and whether to trust them.
+r"""Angular and linear impulse (a, lambda) of the commanded jets over a sample, and whether it is usable.
 
     lambda = sum_i T_i l_i dt                  (2-45)
     a      = sum_i r'_i x T_i l_i dt           (2-46), about the origin of the vehicle frame
@@ -58,7 +58,7 @@ def _steadiness(command, previous_command):  # type: ignore[no-untyped-def] # co
 
 @idiom(_steadiness)
 def steadiness(command: Array, previous_command: Array) -> tuple[bool, bool, bool]:
-    """Tests whether a combination of jets is steady, is known as a whole, and fires."""
+    """Returns whether a combination of jets is steady, whether all of it is known, and whether it fires."""
     told = set(command.tolist())
     # equal bytes are equal numbers, but for NaN, which the set does not let pass
     same = command.tobytes() == previous_command.tobytes() or bool((command == previous_command).all())

@@ -1,4 +1,4 @@
-"""Rows, memory and past of cycles that one kernel takes, written in place."""
+"""Buffers of the kernel that runs the joint filter's cycles: rows, memory and past states, written in place."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ class Besides(NamedTuple):
 
 
 def besides(count: int, places: Places, tracked: Array | None = None, onsets_s: Array | None = None) -> Besides:
-    """Returns the layout of quantities that rows hold besides.
+    """Makes the further readings and commands of some rows, as `Besides`; zeros where cycles fill them in.
 
     Args:
         count: number of rows.
@@ -162,12 +162,12 @@ class JointDesk(NamedTuple):
 
 @kernel
 def shut_engines(places: Places) -> Burn:
-    """Returns the burn of engines that are shut."""
+    """Returns the burn of engines that are off: zeros."""
     return Burn(np.zeros((places.engines, 3, N_CHANNELS)), np.zeros((places.engines, N_CHANNELS)))
 
 
 def no_sample(places: Places) -> JointSample:
-    """Returns a sample of no readings, of the types of one."""
+    """Returns a sample of zeros, a template of its types."""
     rates, velocities = np.zeros((places.gyros, 3)), np.zeros((places.accelerometers, 3))
     attitudes, command = np.zeros((places.trackers, 3)), np.zeros((1, places.jets))
     none = np.zeros(places.wheels)
@@ -176,7 +176,7 @@ def no_sample(places: Places) -> JointSample:
 
 
 def no_following(places: Places, sample: JointSample) -> Following:
-    """Returns inputs of `followed` of no onset, of their types."""
+    """Returns inputs of `followed` without an onset, a template of their types."""
     n, m = places.size, places.outputs
     rows, learned = np.zeros((3, n)), (np.zeros((0, 0)), np.zeros((n, 0)), np.zeros(n))
     told = (np.zeros((m, n)), np.zeros((m, n)), np.zeros(m), np.zeros(m, dtype=np.bool_), np.zeros(m))
@@ -201,14 +201,14 @@ def no_following(places: Places, sample: JointSample) -> Following:
 
 
 def no_memory(state: JointState, places: Places) -> JointMemory:
-    """Returns memory before the first cycle."""
+    """Returns the memory before the first cycle, from the filter's initial state."""
     clock, none, since = started(0.0, state.level), np.zeros(places.jets), Since(*empty(places)[1:])
     frame, speeds = np.zeros(4), np.zeros(places.wheels)
     return JointMemory(state, clock, np.zeros(10), np.zeros((10, 10)), since, none, none, 0.0, frame, speeds)
 
 
 def no_past(places: Places, links: int) -> Past:
-    """Returns states and cycles of no past, and room for a number of links."""
+    """Returns empty storage of past states, with room for a number of links."""
     states = np.zeros((ONSETS, state_layout(places).size))
     kept = np.zeros((links, link_layout(places).size))
     roots, order = np.zeros((ONSETS, places.size, places.size)), np.zeros(ONSETS, dtype=np.int_)
@@ -216,7 +216,7 @@ def no_past(places: Places, links: int) -> Past:
 
 
 def no_desk(places: Places) -> JointDesk:
-    """Returns a desk with one row of nothing."""
+    """Returns a desk with one row of zeros, a template of its types."""
     samples, nothing = one_sample(places.gyros, places.accelerometers, places.jets), np.zeros(1)
     rules = Rules(1.0, np.zeros((places.jets, 6)), lag_factors(np.zeros(places.jets), 1.0), nothing, nothing)
     rows, reached = JointRows(*[np.zeros((1, 1))] * len(JointRows._fields)), np.zeros(2, dtype=np.int_)

@@ -1,4 +1,4 @@
-r"""Observability of a vehicle: how well its jets push, show the mass properties, and differ from each other.
+r"""Observability of a vehicle's mass properties, and activity and isolability of its jets.
 
 Everything here is geometry and noise, with the mass properties given: no data and no filter.
 
@@ -69,7 +69,7 @@ def activity_rank(activity: Array, arm: float) -> Activity:
 
 
 def impulse_jacobian(wrenches: Array, mass_properties: Array, *, accelerometer: bool) -> Array:
-    """Computes rows that every jet's unit impulse gives for the ten parameters, shape (n_jets * 3 or 6, 10).
+    """Computes the Jacobian of each jet's unit-impulse increments by the ten parameters, shape (n_jets * 3 or 6, 10).
 
     Args:
         wrenches: torque about the vehicle origin and force of each jet, shape (n_jets, 6).
@@ -84,7 +84,7 @@ def impulse_jacobian(wrenches: Array, mass_properties: Array, *, accelerometer: 
 
 
 def unobservable(jacobian: Array, scale: Array) -> Array:
-    """Computes combinations of parameters that no row sees, a row each, shape (10 - rank, 10).
+    """Computes the null space of a Jacobian: unobservable parameter combinations, a row each, shape (10 - rank, 10).
 
     Reduced so that each names as few parameters as can be: the first that it names has weight 1 and
     appears in no other.
@@ -137,7 +137,7 @@ def whitened(signatures: Array, covariance: Array) -> Array:
 
 
 def _sizes_and_directions(signatures: Array) -> tuple[Array, Array]:
-    """Computes lengths, zero where rounding beside the longest, and unit vectors, zero there."""
+    """Computes lengths of signatures, shape (n,), and their unit vectors, shape (n, k), zero where negligibly short."""
     size = np.linalg.norm(signatures, axis=1)
     size = np.where(size > _RANK_TOLERANCE * size.max(), size, 0.0)
     return size, signatures * np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)[:, None]

@@ -182,7 +182,7 @@ class Quiet:
 
 
 def covers(made: EstimationParams) -> bool:
-    """Tests whether the kernel can make most cycles of these parameters."""
+    """Tests whether the compiled kernel can run most cycles of these parameters."""
     return (
         made.filter is joint.FILTER
         and made.detector is faults.DETECTOR

@@ -40,7 +40,7 @@ class Rule(IntEnum):
 
 
 def combined(measurements: Array, covariances: Array, rule: int, *, correlated: bool = False) -> tuple[Array, Array]:
-    """Combines packages into one measurement, shape (3,), and its covariance, shape (3, 3).
+    """Combines the measurements of several packages into one, shape (3,), with its covariance, shape (3, 3).
 
     Args:
         measurements: of the packages that are there, at least one, in order of preference, shape (s, 3).

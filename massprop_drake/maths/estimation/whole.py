@@ -76,7 +76,7 @@ class Samples(NamedTuple):
 
 
 def one_sample(gyros: int, accelerometers: int, n_jets: int) -> Samples:
-    """Makes room for a sample; arguments are numbers of each."""
+    """Allocates one sample of zeros for so many gyros, accelerometers and jets."""
     velocities = np.zeros((1, accelerometers, 3))
     return Samples(np.zeros(1), np.zeros((1, gyros, 3)), velocities, np.zeros((1, n_jets)), np.zeros((1, 6)))
 
@@ -96,7 +96,7 @@ class ThesisAsked(NamedTuple):
 
 
 def nothing_asked(n_jets: int) -> ThesisAsked:
-    """Returns empty requests, and room for later ones."""
+    """Allocates the detector's requests as zeros, to be written in place."""
     return ThesisAsked(np.zeros(1), np.zeros(n_jets), np.zeros(n_jets), np.zeros(n_jets))
 
 
@@ -137,7 +137,7 @@ def params_of(params: EstimationParams) -> WholeParams:
 
 @kernel
 def advance(holder: Any, rows: Any, reached: NDArray[np.int_], params: Any) -> None:
-    """Runs some cycles.
+    """Runs cycles from a row up to another, and writes their log rows and the requests after the last.
 
     Args:
         holder: of the state, see `cycle.EstimationState`.
@@ -158,7 +158,7 @@ def advance(holder: Any, rows: Any, reached: NDArray[np.int_], params: Any) -> N
 
 @kernel
 def cycled(state: EstimationState, block: ThesisBlock, row: int, params: WholeParams) -> EstimationState:
-    """Runs a single cycle, and returns the requests after it, and the row that is made.
+    """Runs a single cycle; fills in its row and the requests after it, and returns the state.
 
     Raises:
         NotPositiveDefiniteError: when a covariance loses definiteness.
@@ -172,7 +172,7 @@ def cycled(state: EstimationState, block: ThesisBlock, row: int, params: WholePa
 def one(
     state: EstimationState, samples: Samples, index: int, logged: tuple[ThesisRows, int], params: WholeParams
 ) -> EstimationState:
-    """Runs one cycle.
+    """Runs one cycle of both filters and the detector on a sample, and fills in its log rows.
 
     Args:
         samples, index: the sample among others.
@@ -231,7 +231,7 @@ def _evidence(usable: bool, told: Any, moved: Any, moving: Any, mass: Any) -> An
 
 @kernel
 def _known_force(state: Any, filters: Any, command: Array, params: CglrParams | None) -> tuple[bool, KnownForce]:
-    """Computes the effect of known forces of failed jets, and whether any acts."""
+    """Returns whether any known force of a failed jet acts, and the effect of all."""
     if params is None:
         return False, _no_force()
     return _acting(state, filters, command, params)

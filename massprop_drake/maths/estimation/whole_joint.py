@@ -63,7 +63,7 @@ class Asked(NamedTuple):
 
 @kernel
 def work(part: int, asked: Any, following: Any, memory: Any, desk: Any, holder: Any) -> Any:
-    """Runs a part of the joint filter's work.
+    """Runs the part of the joint filter's cycle that `part` names; a kernel compiled once for all parts.
 
     Args:
         part: GO_ON: see `watch`; CYCLE: see `joint_cycle.cycled`; FOLLOW: see `bank.followed`; GO_OVER: see
@@ -94,7 +94,7 @@ def work(part: int, asked: Any, following: Any, memory: Any, desk: Any, holder: 
 
 @kernel
 def watch(memory: Any, desk: JointDesk, params: JointParams) -> None:
-    """Runs cycles up to a row, or to the first in which something happens; that one has changed nothing.
+    """Runs cycles up to a row, or to the first with an alarm or other event, whose cycle is not kept.
 
     Args:
         memory: holder of a `JointMemory`.
@@ -110,7 +110,7 @@ def watch(memory: Any, desk: JointDesk, params: JointParams) -> None:
 
 @kernel
 def _watched(kept: JointMemory, desk: JointDesk, row: int, params: JointParams) -> tuple[JointMemory, bool]:
-    """Runs a cycle; returns the memory after it, and whether nothing has happened in it."""
+    """Runs a cycle; returns the memory after it, and whether the cycle was without alarm or other event."""
     samples, rules = desk.samples, desk.rules
     stamp_s, command = desk.stamps_s[row], samples.commands[row].copy()  # rows may be written to again
     duration_s = _passed(kept.clock, stamp_s, rules.period_s, params)
@@ -209,7 +209,7 @@ def _remember(past: Past, after: JointState, found: Followed, cycle: float) -> N
 
 @kernel
 def _usual(excess: Array, oldest: float, cycle: float, newest: float) -> float:
-    """Computes the mean of what cycles between the oldest onset and the newest added; without any, the newest's."""
+    """Computes the mean of half the excess NIS over cycles between oldest onset and newest; without any, `newest`."""
     total, count = 0.0, 0
     for number in range(int(oldest) + 1, int(cycle)):
         total += excess[number % excess.shape[0]]

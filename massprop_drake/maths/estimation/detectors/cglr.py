@@ -285,7 +285,7 @@ def judged(state: DetectorState, evidence: Evidence, params: CglrParams) -> Dete
 def _tested(
     state: DetectorState, evidence: Evidence, inverse: Array, params: CglrParams
 ) -> tuple[Array, JetTests, Isolation]:
-    """Tests every jet, with uncertain signatures where a first look is suspicious; returns signatures besides."""
+    """Tests every jet, suspicious ones again with uncertain signatures; returns signatures, tests and isolation."""
     coefficients = signatures(params.unit_wrenches, evidence.estimate, params.period_s)
     known, off = state.variance > 0.0, evidence.command == 0.0
     impossible_negative, impossible_positive = off & ~known, np.zeros(off.size, dtype=np.bool_)
@@ -324,7 +324,7 @@ def _rotation_nis(evidence: Evidence) -> float:
 
 @kernel
 def _suspecting(state: DetectorState, cluster: float, alarms: float, since: float) -> DetectorState:
-    """Returns the state with another suspicion."""
+    """Replaces the suspicion in the detector's state: cluster, alarms in a row, and samples since the last."""
     return DetectorState(
         cluster, alarms, since, state.onset_s, state.effect, state.force, state.variance, state.removed, state.closed
     )
@@ -332,7 +332,7 @@ def _suspecting(state: DetectorState, cluster: float, alarms: float, since: floa
 
 @kernel
 def _knowing(state: DetectorState, force: Array, variance: Array) -> DetectorState:
-    """Returns the state with other known forces."""
+    """Replaces the known forces of failed jets, and their variances, in the detector's state."""
     return DetectorState(
         state.cluster,
         state.alarms,
@@ -348,7 +348,7 @@ def _knowing(state: DetectorState, force: Array, variance: Array) -> DetectorSta
 
 @kernel
 def _aged(state: DetectorState) -> DetectorState:
-    """Ages the state by a cycle; a suspicion is dropped when no sample has borne on it for long."""
+    """Ages a suspicion by a cycle; drops it when no sample has borne on it for long."""
     if state.cluster == _QUIET:
         return state
     if state.since >= _LONGEST_GATE:
@@ -358,7 +358,7 @@ def _aged(state: DetectorState) -> DetectorState:
 
 @kernel
 def _unconfirmed(state: DetectorState, params: CglrParams) -> DetectorState:
-    """Ends a tested sample without an alarm; when any further alarm would come too late, the row is broken."""
+    """Drops the suspicion after a sample without an alarm, when any further alarm would come too late."""
     if state.cluster != _QUIET and state.since >= params.alarm_gap:
         return _suspecting(state, _QUIET, 0.0, 0.0)
     return state
@@ -366,7 +366,7 @@ def _unconfirmed(state: DetectorState, params: CglrParams) -> DetectorState:
 
 @kernel
 def _correction(signature: Array, tests: JetTests, jet: int, params: CglrParams) -> Adaptation:
-    """Takes the likeliest jet's signature out of the innovations (4-29) to (4-32)."""
+    """Makes the adaptation that takes the likeliest jet's signature out of the innovations (4-29) to (4-32)."""
     effect = float(tests.magnitude[jet]) * signature
     spread = float(tests.variance[jet]) * (signature[:, None] * signature)
     return Adaptation(params.action, effect[:3], effect[3:], spread[:3, :3].copy(), spread[3:, 3:].copy(), False)
@@ -376,7 +376,7 @@ def _correction(signature: Array, tests: JetTests, jet: int, params: CglrParams)
 def _counted(
     state: DetectorState, isolation: Isolation, effect: Array, inverse: Array, begun_s: float
 ) -> DetectorState:
-    """Counts an alarm; one of another cluster, or that pushes the other way, begins a row of its own."""
+    """Counts an alarm; starts a new count for another cluster, or a force in the opposite direction."""
     cluster = float(isolation.cluster)
     confirms = state.cluster == cluster and float(effect @ inverse @ state.effect) > 0.0
     onset_s, alarms = (state.onset_s, state.alarms + 1.0) if confirms else (begun_s, 1.0)
@@ -417,7 +417,7 @@ def _declared(
 
 @kernel
 def _corrected_force(state: DetectorState, tests: JetTests, jet: int, params: CglrParams) -> tuple[DetectorState, int]:
-    """Corrects a known force that an alarm shows to have changed; withdraws it when nothing is left."""
+    """Corrects a known force after an alarm, withdraws it when nothing is left; returns the state and the event."""
     force, variance = state.force.copy(), state.variance.copy()
     force[jet] += tests.magnitude[jet]
     variance[jet] = max(float(tests.variance[jet]), params.force_variance_floor)
@@ -477,7 +477,7 @@ def status_values(result: DetectorCycle) -> tuple[Any, ...]:
 
 
 def status(result: DetectorCycle) -> Any:
-    """Returns a cycle's finding as it is logged, see `detector.STATUS`."""
+    """Makes the log row of a cycle's finding, see `detector.STATUS`."""
     return STATUS.make(**dict(zip(STATUS, status_values(result), strict=True)))
 
 

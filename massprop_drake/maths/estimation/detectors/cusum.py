@@ -138,7 +138,7 @@ def judge(state: CusumState, evidence: Evidence, params: CusumParams) -> Judgmen
 
 
 def gathered(state: CusumState, evidence: Evidence, information: Array, params: CusumParams) -> CusumState:
-    """Adds one more sample to the sums; those that fall to zero begin again at its end."""
+    """Adds a sample to the cumulative sums; a sum that falls to zero restarts at the sample's end."""
     never = np.zeros(params.clusters.size, dtype=bool)
     coefficients = signatures(params.unit_wrenches, evidence.estimate, params.period_s)
     tests = jet_tests(coefficients, evidence.innovation, information, never, never)
@@ -159,7 +159,7 @@ def gathered(state: CusumState, evidence: Evidence, information: Array, params: 
 
 
 def _declared(state: CusumState, alike: NDArray[np.bool_], jet: int, force: float, variance: float) -> CusumState:
-    """Declares a failure: all sums begin again, the suspected jets go out of use; too much thrust is a known force."""
+    """Declares a failure: resets all sums, takes suspected jets out of use, keeps excess thrust as a known force."""
     anew = initial_state(alike.size)
     known, spread = state.force.copy(), state.variance.copy()
     if force > 0.0:

@@ -1,4 +1,4 @@
-"""The known forces of failed jets, as every detector that declares some gives them to the filters."""
+"""Wrench and covariance of the known forces of failed jets, which a detector gives to the filters."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def known_force(state: Any, mass_properties: Array, command: Array, params: Any)
 
 @kernel
 def acting_force(state: Any, mass_properties: Array, command: Array, params: Any) -> KnownForce:
-    """Computes `known_force` if the force of any jet is known."""
+    """Computes `known_force` of the jets whose force is known, of which there is at least one."""
     jets = np.flatnonzero(state.variance)
     wrenches = params.unit_wrenches[jets]
     c = signatures(wrenches, mass_properties, params.period_s)

@@ -1,4 +1,4 @@
-"""The detector by thrust factors as one of the registry: jets that are weak or stand open, also from the start.
+"""Detector of jets that are weak or stuck open, also from the start, by the pose filter's thrust factors.
 
 The mathematics is in `pose.hypotheses`; the filter carries the hypotheses, and this judges them. A jet that is named
 alone is put out of use.
@@ -68,7 +68,7 @@ def initial(params: FactorParams) -> ThrustFactorsState:
 
 
 def judge(state: ThrustFactorsState, evidence: PoseEvidence, params: FactorParams) -> Judgment:
-    """Judges a cycle of the filter: which jet has failed, if any."""
+    """Runs one cycle: declares the jet, or group of jets, that the filter's hypotheses show to have failed, if any."""
     jets = params.thrusts.size
     if not evidence.tested:
         nothing = np.full(jets, np.nan)

@@ -20,7 +20,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 @kernel
 def plus(noise: Array, extra: Array | None) -> Array:
-    """Adds further noise, where there is any."""
+    """Adds a further noise covariance to a noise covariance; None: the first is returned as it is."""
     if extra is None:
         return noise
     return noise + extra
@@ -28,7 +28,7 @@ def plus(noise: Array, extra: Array | None) -> Array:
 
 @kernel
 def with_effects(covariance: Array, effects: Array | None) -> Array:
-    """Adds L L^T, where thrust errors are considered."""
+    """Adds L L^T, the innovation covariance by thrust errors, to a covariance; L of None: they are not considered."""
     if effects is None:
         return covariance
     return covariance + effects @ effects.T
@@ -36,7 +36,7 @@ def with_effects(covariance: Array, effects: Array | None) -> Array:
 
 @kernel
 def less_sensitive(sensitivity: Array | None, gain: Array, effects: Array | None) -> Array | None:
-    """Computes Psi - K L, where thrust errors are considered."""
+    """Updates the sensitivity by a measurement, Psi - K L; Psi itself where thrust errors are not considered."""
     if effects is None or sensitivity is None:
         return sensitivity
     return sensitivity - gain @ effects

@@ -228,18 +228,18 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
 
 
 def _chosen(one: float | None, each: Array) -> Array:
-    """Returns one value in place of each, where it is given."""
+    """Replaces all stated sigmas, shape (n,), by one value where the scenario gives it."""
     return each if one is None else np.full_like(each, one)
 
 
 def _scaled(sigmas: Array) -> tuple[float, Array]:
-    """Returns the largest of some sigmas, and each in terms of it; none where all are zero."""
+    """Returns the largest of some sigmas, and each divided by it, shape (n,); 0 and shape (0,) where all are zero."""
     largest = float(sigmas.max(initial=0.0))
     return (largest, sigmas / largest) if largest > 0.0 else (0.0, np.empty(0))
 
 
 def _steps(packages: Instruments) -> Array:
-    """Returns quanta, zero where a reading dithers itself."""
+    """Returns the quantum of each package, zero where its noise is large enough to dither the reading."""
     return np.where(packages.noise_std >= _DITHERED * packages.quanta, 0.0, packages.quanta)
 
 
@@ -260,7 +260,7 @@ def initial(params: JointFilterParams) -> JointFilterState:
 
 
 def _reporting(joint: JointState, clock: Clock, params: JointFilterParams) -> JointFilterState:
-    """Returns a state with its reported estimate and covariance."""
+    """Makes the filter's state with its reported estimate and covariance from the joint state and the clock."""
     estimate, rows = reported(joint, params.joint)
     return _with_report(joint, clock, estimate, rows @ rows.T, params)
 
@@ -276,7 +276,7 @@ def _with_report(
 
 
 def acting(state: JointFilterState, params: JointFilterParams) -> tuple[Array, Array]:
-    """Returns the components of a disturbance in units of the stated 1-sigma, and their 1-sigma, shape (n,) each."""
+    """Returns estimates of a disturbance's components per stated 1-sigma, and their 1-sigma, shape (n,) each."""
     places = params.joint.places
     slow = slice(places.slow, places.unstated)
     return state.joint.mean[slow].copy(), np.sqrt(np.sum(state.joint.root[slow] ** 2, axis=1))
@@ -418,7 +418,7 @@ def _all_read(readings: tuple[np.ndarray, ...]) -> bool:
 
 
 def _bridged(clock: Clock, told: Told, params: JointFilterParams) -> Told:
-    """Fills in commands that are not known with those of both sides, where these are equal."""
+    """Fills in missing commands with those before and after, where these two are equal."""
     pace, onset_s = Pace(params.period_s, params.at_stamps), told.onset_s
     if onset_s is not None and told.coming_onset_s is not None:
         onset_s = np.where(np.isnan(told.command), told.coming_onset_s, onset_s)
@@ -427,7 +427,7 @@ def _bridged(clock: Clock, told: Told, params: JointFilterParams) -> Told:
 
 
 def _is_likelier(bridged: Cycle, unknown: Cycle) -> bool:
-    """Tests whether a command that both sides of a missing one have is likelier than that it was another."""
+    """Tests whether the command filled in for a missing one is likelier than another, by likelihood and prior."""
     if unknown.taken.anew:
         return False
     ahead = bridged.report.log_likelihood - unknown.report.log_likelihood
@@ -435,7 +435,7 @@ def _is_likelier(bridged: Cycle, unknown: Cycle) -> bool:
 
 
 def evidence(_state: JointFilterState, measurement: JointMeasurement, _interval: Interval) -> JointEvidence:
-    """Returns the evidence for the detector."""
+    """Returns the cycle's evidence for the detector: states, report and sample."""
     return measurement.evidence
 
 
@@ -446,12 +446,12 @@ def finish(
     _adaptation: Adaptation,
     params: JointFilterParams,
 ) -> FilterStep:
-    """Returns the cycle as it is; a detector replaces its state by `replaced`."""
+    """Returns the cycle's filter step as `measure` made it; a detector changes its state by `replaced`."""
     return done(measurement, params)
 
 
 def done(measurement: JointMeasurement, params: JointFilterParams) -> FilterStep:
-    """Returns the cycle's state, and its log rows."""
+    """Makes the filter step of a cycle: its state and its log rows."""
     after, report = measurement.state, measurement.evidence.report
     gyros = 3 * params.joint.places.gyros
     seen = Seen(*(getattr(report, name) for name in Seen._fields))
@@ -514,7 +514,7 @@ def mass_report(estimate: Array, covariance: Array, seen: Seen, gyros: int, acce
 
 
 def replaced(step: FilterStep, joint: JointState, params: JointFilterParams) -> FilterStep:
-    """Makes a cycle that goes on from another state: its estimates are reported; the innovations stay."""
+    """Replaces the filter's state after a cycle, and the estimates reported of it; the innovations stay."""
     before = step.state
     kept = {"frame": before.frame, "speeds": before.speeds, "setting": before.setting}
     after = _reporting(joint, before.clock, params)._replace(**kept)
@@ -526,7 +526,7 @@ def replaced(step: FilterStep, joint: JointState, params: JointFilterParams) -> 
 
 
 def published(step: FilterStep, joint: JointState, params: JointFilterParams) -> FilterStep:
-    """Makes a cycle that publishes the estimates of another state, and goes on from its own."""
+    """Replaces the reported estimates by those of another state; the filter keeps its own state."""
     other = _reporting(joint, step.state.clock, params)
     return telling(step, other.estimate, other.covariance)._replace(known=(other.estimate, other.covariance))
 
@@ -563,7 +563,7 @@ def unpacked(vector: Array, params: JointFilterParams) -> JointFilterState:
 
 
 def saved(state: JointFilterState, params: JointFilterParams) -> Groups:
-    """Packs a state into a vector, by the system that holds it in a diagram."""
+    """Packs a state into a dictionary of vectors, by the diagram's system that holds each."""
     return {GROUP: packed(state, params)}
 
 

@@ -1,4 +1,4 @@
-"""Rules that every state of the joint filter keeps, and by which a kept one is taken up again or refused."""
+"""Validity rules for a saved state of the joint filter, checked when it is restored."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _UNIT = 1e-6  # of the square of a quaternion's length
 
 
 def refusals(joint: JointState, clock: Clock, frame: Array, places: Places) -> Iterator[tuple[bool, str]]:
-    """Yields whether a state breaks a rule, and the message for it, rule by rule."""
+    """Yields for each rule whether a saved state breaks it, and the message for that."""
     told = joint._replace(read=joint.read[~np.isnan(joint.read)], assumed=joint.assumed[~np.isnan(joint.assumed)])
     yield abs(float(frame @ frame) - 1.0) > _UNIT, "the shared attitude must be a unit quaternion"
     finite = all(np.isfinite(part).all() for part in (*told, *clock[:-2]))

@@ -180,7 +180,7 @@ class MassState(NamedTuple):
 
 @kernel
 def independent_of(variance: float, sensitivity: Array | None) -> float:
-    """Computes S_0 of a state, see `MassState`."""
+    """Computes S_0, the part of a variance that is independent of thrust errors, S - Psi^T Psi."""
     if sensitivity is None:
         return variance
     return variance - float(sensitivity @ sensitivity)
@@ -319,7 +319,7 @@ def update_once(
 
 @kernel
 def _begun(state: MassState, adaptation: Adaptation, params: MassParams) -> MassState:
-    """Returns the state to update: the jump test's sums are of plain updates."""
+    """Clears the jump test's window where the sample's update is adapted to a jet's failure."""
     if adaptation.action == Action.NONE:
         return state
     return MassState(state.mass_reciprocal, state.variance, empty_window(params.jump_window), state.sensitivity)
@@ -333,7 +333,7 @@ def _tested(
     adaptation: Adaptation,
     params: MassParams,
 ) -> MassCycle:
-    """Tests for a jump and corrects one, then (3-82), after an update with a share kappa^T lambda."""
+    """Tests for a jump of 1/m after an update of share kappa^T lambda, corrects one, and updates in time (3-82)."""
     jumped = False
     reciprocal, variance, window = after.mass_reciprocal, after.variance, after.window
     if params.jump_threshold < math.inf and adaptation.action == Action.NONE:
@@ -459,7 +459,7 @@ class MassInterval(NamedTuple):
 
 
 def counts_one(params: MassParams) -> bool:
-    """Tests whether one accelerometer counts at a time."""
+    """Tests whether a measurement is of a single accelerometer, not a combination of several."""
     return params.rule == Rule.SINGLE or params.variances.size == 1
 
 
@@ -500,7 +500,7 @@ def measure(
 def measure_one(
     state: MassState, velocities: tuple[Array, Array], interval: MassInterval, rotation: Rotation, params: MassParams
 ) -> tuple[MassSample, MassInnovation]:
-    """Runs `measure` with the first accelerometer that reads, alone; readings before and now."""
+    """Runs `measure` with the first accelerometer that reads; `velocities` are readings before and now."""
     increments = velocities[1] - velocities[0]
     if params.compensation == Compensation.NONE or _is_there(rotation.increment):
         for index in range(increments.shape[0]):
@@ -573,7 +573,7 @@ def finish_one(
     adaptation: Adaptation,
     params: MassParams,
 ) -> MassCycle:
-    """Runs `finish` with one measurement; whether the interval is usable, and firing."""
+    """Runs `finish` with one measurement; `interval` says whether it is usable, and firing."""
     sample, innovation = measured
     usable, firing = interval
     there = not math.isnan(innovation.nis)
@@ -588,5 +588,5 @@ def finish_one(
 
 @kernel
 def _raised(state: MassState, params: MassParams) -> MassState:
-    """Returns the state after a jump beyond doubt, its variance raised."""
+    """Inflates the variance of 1/m after a jump of the mass properties that is beyond doubt."""
     return MassState(state.mass_reciprocal, state.variance + params.jump_variance, state.window, state.sensitivity)

@@ -71,7 +71,7 @@ def empty_window(length: int) -> Array:
 
 @kernel
 def jump_test(window: Array, linear_impulse: Array, information: Array, innovation: Array, share: float) -> JumpTest:
-    """Takes a used sample into the window, the oldest theta leaving it.
+    """Updates the jump test by a used sample, which replaces the oldest theta in the window.
 
     Args:
         window: of the sample before, shape (n, 3).

@@ -1,4 +1,4 @@
-"""The estimator in a fixed frame as a filter of the registry: commands kept as long as they act, and its log rows.
+"""The estimator in a fixed frame as a filter of the registry: its command history, its saved state and its log rows.
 
 The mathematics is in `massprop_drake.maths.estimation.pose`. With a detector the filter carries the bank of
 hypotheses, of which the first is its own estimate, and the detector judges them.
@@ -196,7 +196,7 @@ def measure(
 
 
 def _fresh(first: PoseBank, now_s: float, params: PoseFilterParams) -> Tried:
-    """Makes the filters of the first sample: one for every possible delay, with all of a detector's hypotheses."""
+    """Makes the filter banks at the first sample: one for every possible delay, with all of a detector's hypotheses."""
     none, banks = np.zeros(1 + 2 * params.pose.pushes.shape[0]), delays.split(first, params.pose)
     if params.hypotheses:
         return delays.gathered([pose_hypotheses.begun(bank, now_s, params.pose) for bank in banks], params.pose)
@@ -204,7 +204,7 @@ def _fresh(first: PoseBank, now_s: float, params: PoseFilterParams) -> Tried:
 
 
 def readings_of(tracked: Array | None, rates: Array, velocities: Array, params: PoseFilterParams) -> PoseReadings:
-    """Collects the readings of all sensors, those in a fixed frame from their columns; of a pose what is measured.
+    """Collects the readings of all sensors; those of poses and velocities come from the columns `tracked`.
 
     Args:
         rates, velocities: of gyros and accelerometers, shapes (n_gyros, 3) and (n_accelerometers, 3).
@@ -220,7 +220,7 @@ def readings_of(tracked: Array | None, rates: Array, velocities: Array, params: 
 
 
 def _before(commands: Commands, time_s: float) -> Commands:
-    """Returns commands up to a time, without those given at it."""
+    """Returns the part of a command history before a time."""
     until = int(np.searchsorted(commands.time_s, time_s))
     return Commands(commands.time_s[:until], commands.levels[:until])
 
@@ -228,10 +228,10 @@ def _before(commands: Commands, time_s: float) -> Commands:
 def _with(
     commands: Commands, time_s: float, told: tuple[Array | None, Array | None], params: PoseFilterParams
 ) -> Commands:
-    """Returns commands with those given at a time; where nothing changes they go on.
+    """Appends the commands given at a time to a command history; unchanged levels add no entry.
 
     Args:
-        commands: those before, and others from that time on, which fall away.
+        commands: the history; entries from that time on are dropped.
         time_s: when they are given.
         told: command, None: nothing is said, and its onsets, None: they are not told.
     """
@@ -248,13 +248,13 @@ def _with(
 
 
 def _trimmed(commands: Commands, since_s: float) -> Commands:
-    """Returns commands that still act after a time, and the one that was in force then."""
+    """Drops commands that act no more after a time from a command history; the one in force then stays."""
     begin = max(int(np.searchsorted(commands.time_s, since_s, side="right")) - 1, 0)
     return Commands(commands.time_s[begin:], commands.levels[begin:])
 
 
 def evidence(_state: PoseFilterState | None, measurement: PoseMeasurement, _interval: Interval | None) -> PoseEvidence:
-    """Returns the evidence for the detector."""
+    """Makes the detector's evidence from the hypotheses and times of a cycle."""
     state, told = measurement.state, measurement.told
     done = measurement.done
     return PoseEvidence(state.tried, state.time_s, told.time_s, told, done is not None and done.innovation.size > 0)
@@ -267,7 +267,7 @@ def finish(
     _adaptation: Adaptation,
     params: PoseFilterParams,
 ) -> FilterStep:
-    """Returns the cycle as it is; a detector replaces its state by `replaced`."""
+    """Makes the filter step of a cycle: its state and its log rows; a detector changes the state by `replaced`."""
     state, done, nothing = measurement.state, measurement.done, np.full(3, np.nan)
     (turning, n_turning), (moving, n_moving) = np.zeros((2, 2)) if done is None else done.of_first
     deviation = np.sqrt(state.covariance.diagonal())
@@ -317,13 +317,13 @@ def _own(state: PoseFilterState, done: PoseCycled | None, params: PoseFilterPara
 
 
 def replaced(step: FilterStep, tried: Tried, params: PoseFilterParams) -> FilterStep:
-    """Makes a cycle that goes on from the hypotheses as the detector has left them."""
+    """Replaces the filter's hypotheses after a cycle by the detector's, and the estimates reported."""
     state = _reporting(step.state._replace(tried=tried), params)
     return telling(step, state.estimate, state.covariance)._replace(state=state)
 
 
 def published(step: FilterStep, tried: Tried, params: PoseFilterParams) -> FilterStep:
-    """Makes a cycle that publishes the estimates of another filter, and goes on from its own."""
+    """Replaces the reported estimates by those of other hypotheses; the filter keeps its own state."""
     other = _reporting(step.state._replace(tried=tried), params)
     return telling(step, other.estimate, other.covariance)._replace(known=(other.estimate, other.covariance))
 

@@ -86,7 +86,7 @@ def rate_increment_jacobians(estimate: Array, impulses: Array) -> Array:
 
 @kernel
 def _moments(estimate: Array, impulses: Array) -> Array:
-    """Computes the angular impulse of each about the estimated center of mass, a + lambda x r_cm, shape (n, 3)."""
+    """Computes angular impulses about the estimated center of mass, a + lambda x r_cm, shape (n, 3)."""
     x, y, z = numbers(estimate[6:9], 3)
     arm = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # transpose of [r_cm x]
     return impulses[:, :3] - impulses[:, 3:] @ arm

@@ -169,7 +169,7 @@ class RotationState(NamedTuple):
 
 @kernel
 def independent_of(covariance: Array, sensitivity: Array | None) -> Array:
-    """Computes S_0 of a state, see `RotationState`, shape (9, 9)."""
+    """Computes S_0, the part of a covariance that is independent of thrust errors, S - Psi Psi^T, shape (9, 9)."""
     if sensitivity is None:
         return covariance
     return covariance - sensitivity @ sensitivity.T
@@ -253,7 +253,7 @@ def _considered(
     sensitivity: Array | None,
     thrust_errors: Array | None,
 ) -> tuple[Array, Array, Array | None]:
-    """Adds thrust errors to innovation and noise, `before`, and computes L; None where none is considered."""
+    """Adds thrust errors to innovation and noise, `before`, and returns both and L; None where none is considered."""
     if thrust_errors is None or sensitivity is None:
         return before[0], before[1], None
     effects = jacobian @ sensitivity + thrust_error_effects(state.estimate, thrust_errors)
@@ -295,7 +295,7 @@ def _joseph_update(
 
 @kernel
 def _shared(shared: Array, sensitivity: Array | None, effects: Array | None) -> Array:
-    """Computes S_0 H^T + Psi L^T."""
+    """Computes the covariance of state and innovation, S_0 H^T + Psi L^T, from its first term, shape (9, 3)."""
     if effects is None or sensitivity is None:
         return shared
     return shared + sensitivity @ effects.T
@@ -303,7 +303,7 @@ def _shared(shared: Array, sensitivity: Array | None, effects: Array | None) -> 
 
 @kernel
 def _with_sensitivity(covariance: Array, sensitivity: Array | None, effects: Array | None) -> Array:
-    """Computes S_0 + Psi Psi^T."""
+    """Computes the whole covariance of the state, S_0 + Psi Psi^T, shape (9, 9)."""
     if effects is None or sensitivity is None:
         return covariance
     return covariance + sensitivity @ sensitivity.T
@@ -358,7 +358,7 @@ def _after_jump(
     adaptation: Adaptation,
     params: RotationParams,
 ) -> tuple[RotationState, RotationInnovation, bool]:
-    """Increments the covariance where the sample asks for it (2-138), and says whether it did."""
+    """Inflates the covariance if the NIS exceeds the jump threshold (2-138); returns state, innovation and whether."""
     if not (adaptation.action == Action.NONE and innovation.nis > params.jump_threshold):
         return state, innovation, False
     wider = RotationState(state.estimate, state.covariance + params.jump_covariance, state.sensitivity)
@@ -461,7 +461,7 @@ class RotationInterval(NamedTuple):
 
 
 def counts_one(params: RotationParams) -> bool:
-    """Tests whether one gyro counts at a time."""
+    """Tests whether a measurement is of a single gyro, not a combination of several."""
     return params.rule == Rule.SINGLE or params.gyro_variances.size == 1
 
 
@@ -496,7 +496,7 @@ def measure(
 def measure_one(
     state: RotationState, memory: RotationMemory, rates: Array, interval: RotationInterval, params: RotationParams
 ) -> tuple[RotationSample, RotationInnovation]:
-    """Runs `measure` with the first gyro that reads, alone."""
+    """Runs `measure` with the first gyro that reads; returns its sample and innovation."""
     increments, means = rates - memory.rates, 0.5 * (rates + memory.rates)
     for index in range(rates.shape[0]):
         if _is_there(increments[index], means[index], params):

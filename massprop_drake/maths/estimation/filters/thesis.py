@@ -171,7 +171,7 @@ class ThesisMeasurement(NamedTuple):
 
 
 def rotation_interval(interval: Interval, thrust_errors: Array | None) -> RotationInterval:
-    """Returns an interval as the rotation filter takes it; thrust errors in proportion to the jets' mean level."""
+    """Makes the rotation filter's inputs of an interval; thrust errors are scaled by the jets' mean level."""
     impulses, known, _ = interval
     return RotationInterval(
         impulses.angular_impulse,
@@ -183,7 +183,7 @@ def rotation_interval(interval: Interval, thrust_errors: Array | None) -> Rotati
 
 
 def mass_interval(interval: Interval, linear_errors: Array | None) -> MassInterval:
-    """Returns an interval as the mass filter takes it; `linear_errors` are of the force alone, shape (3, n_jets)."""
+    """Makes the mass filter's inputs of an interval; `linear_errors` are of the force alone, shape (3, n_jets)."""
     impulses, known, _ = interval
     return MassInterval(
         impulses.linear_impulse,
@@ -193,7 +193,7 @@ def mass_interval(interval: Interval, linear_errors: Array | None) -> MassInterv
 
 
 def is_learning(interval: Interval) -> bool:
-    """Tests whether the rotation filter learns: a known force alone is no reason, since it may have ceased."""
+    """Tests whether the rotation filter updates: a usable interval with commanded firing, not a known force alone."""
     return interval.impulses.usable and interval.impulses.firing
 
 
@@ -203,7 +203,7 @@ def rotation_memory(measurement: RotationMeasurement, rates: Array) -> RotationM
 
 
 def linear_errors(thrust_errors: Array | None) -> Array | None:
-    """Returns the part of the force in thrust errors, shape (3, n_jets)."""
+    """Returns the linear part of thrust errors, of angular and linear ones, shape (3, n_jets)."""
     return None if thrust_errors is None else thrust_errors[:, 3:].T
 
 
@@ -247,7 +247,7 @@ def rotation_of(turning: Turning) -> Rotation:
 
 @kernel
 def joint_of(turning: Turning, sample: MassSample, innovation: MassInnovation, state: MassState) -> Joint:
-    """Puts both filters' predictions and innovations side by side, translation first."""
+    """Joins both filters' predictions and innovations, and their covariances, translation first."""
     impulse = sample.linear_impulse
     covariance = np.zeros((6, 6))
     covariance[:3, :3] = innovation.covariance
@@ -270,7 +270,7 @@ def joint_of(turning: Turning, sample: MassSample, innovation: MassInnovation, s
 
 @kernel
 def _couple(covariance: Array, coupled: Array | None) -> bool:
-    """Adds the cross-covariance of translation and rotation to their covariance; returns whether there is any."""
+    """Writes the cross-covariance of translation and rotation into their covariance; returns whether there is any."""
     if coupled is None:
         return False
     covariance[:3, 3:] = coupled
@@ -402,7 +402,7 @@ def make_params(setup: Setup, options: Any) -> ThesisParams:
 
 
 def initial_state(params: ThesisParams) -> ThesisState:
-    """Returns both filters at the start, with no reading yet."""
+    """Returns the initial state of both filters, before any reading."""
     estimate, covariance, n_errors = params.estimate, params.covariance, _n_errors(params)
     turning = rotation_start(estimate[:N_ROTATION], covariance[:N_ROTATION, :N_ROTATION], params.rotation, n_errors)
     if params.mass is None:
@@ -414,7 +414,7 @@ def initial_state(params: ThesisParams) -> ThesisState:
 def rotation_start(
     estimate: Array, covariance: Array, params: RotationParams, n_errors: int
 ) -> tuple[RotationState, RotationMemory]:
-    """Returns the rotation filter at the start, and no reading yet.
+    """Returns the initial state of the rotation filter, and its memory without readings.
 
     Args:
         estimate, covariance: shapes (9,) and (9, 9).
@@ -427,14 +427,14 @@ def rotation_start(
 
 
 def mass_start(mass_reciprocal: float, variance: float, params: MassParams, n_errors: int) -> tuple[MassState, Array]:
-    """Returns the mass filter at the start, and no reading yet; `n_errors` as in `rotation_start`."""
+    """Returns the mass filter's initial state, and readings of NaN, shape (s, 3); `n_errors` as in `rotation_start`."""
     sensitivity = np.zeros(n_errors) if n_errors else None
     readings = np.full((params.variances.size, 3), np.nan)
     return MassState(mass_reciprocal, variance, empty_window(params.jump_window), sensitivity), readings
 
 
 def predicted(state: ThesisState) -> Array:
-    """Returns the ten parameters, NaN for the mass reciprocal where it is not observed, shape (10,)."""
+    """Returns the predicted ten parameters, NaN for the mass reciprocal where it is not observed, shape (10,)."""
     return all_ten(state.rotation.estimate, math.nan if state.mass is None else state.mass.mass_reciprocal)
 
 
@@ -525,7 +525,7 @@ def read_mass(vector: Array, layout: Layout) -> tuple[MassState, Array]:
 
 
 def saved(state: ThesisState, params: ThesisParams) -> Groups:
-    """Packs both filters' states into vectors, by the systems that hold them in a diagram."""
+    """Packs both filters' states into a dictionary of vectors, by the diagram's system that holds each."""
     n_errors = _n_errors(params)
     layout = rotation_layout(params.rotation, n_errors)
     groups = {"rotation_estimator": pack_rotation(state.rotation, state.memory, layout)}
